@@ -1,0 +1,46 @@
+"""How a topic and a service are declared: key, types, rate and meaning, written once."""
+
+from typing import Generic, TypeVar
+
+from msgspec import Struct
+
+M = TypeVar("M", bound=Struct)
+Q = TypeVar("Q", bound=Struct)
+R = TypeVar("R", bound=Struct)
+
+
+class Topic(Generic[M]):
+    """A key that one process publishes on and any process may listen to.
+
+    `hz` is the declared rate, 0 where messages come only when something happens. A latched
+    topic answers `get` on its own key with the last message.
+    """
+
+    def __init__(
+        self, name: str, type_: type[M], *, node: str, hz: float, doc: str, latched: bool = False
+    ) -> None:
+        self.name, self.type, self.node = name, type_, node
+        self.hz, self.doc, self.latched = hz, doc, latched
+
+    def key(self, vehicle: str) -> str:
+        """The Zenoh key, as `uav/sensors/pressure`."""
+        return f"{vehicle}/{self.name}"
+
+
+class Service(Generic[Q, R]):
+    """A request and its response, on a key that one process answers."""
+
+    def __init__(
+        self, name: str, request: type[Q], response: type[R], *, node: str, doc: str
+    ) -> None:
+        self.name, self.request, self.response = name, request, response
+        self.node, self.doc = node, doc
+
+    @property
+    def type_name(self) -> str:
+        """The pair's name, as `Calibrate` for CalibrateRequest and CalibrateResponse."""
+        return self.request.__name__.removesuffix("Request")
+
+    def key(self, vehicle: str) -> str:
+        """The Zenoh key, as `uav/@srv/goto`; `@srv` is a chunk that wildcards do not match."""
+        return f"{vehicle}/@srv/{self.name}"

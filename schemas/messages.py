@@ -1,0 +1,96 @@
+"""What travels on the topics."""
+
+from typing import Literal
+
+from msgspec import Struct
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.units import Boot, Count, Hectopascals, Metres, Seconds, Spread, Text
+
+StateName = Literal["HOVERING", "VERIFYING", "MOVING"]
+
+
+class Pose(Struct, frozen=True):
+    """Where the vehicle truly is.
+
+    `boot` names the simulation's boot and `seq` counts its poses from 0; `stamp` is simulated
+    time, s. Position and velocity are ENU, the orientation turns body (FLU) into world, the
+    body rates are in the body frame.
+    """
+
+    boot: Boot
+    seq: Count
+    stamp: Seconds
+    position: Position
+    velocity: Velocity
+    orientation: Quaternion
+    body_rates: BodyRates
+
+
+class Waypoint(Struct, frozen=True, forbid_unknown_fields=True):
+    """The lab's fire-and-forget command: fly to this point, m, ENU."""
+
+    x: Metres
+    y: Metres
+    z: Metres
+
+
+class Setpoint(Struct, frozen=True):
+    """What safety wants of the vehicle now.
+
+    Fly to `position` (m, ENU), or, with `brake`, come to rest at the vehicle's own stopping
+    point. `for_seq` is the pose it answers; a setpoint of another `boot` is not followed.
+    """
+
+    boot: Boot
+    for_seq: Count
+    position: Position
+    brake: bool
+
+
+class Pressure(Struct, frozen=True):
+    """The barometer's reading: hPa, the baseline already subtracted.
+
+    `stamp` is simulated time, s. `samples` and `spread` (largest minus smallest, hPa) tell how
+    good the baseline is; all three are 0 while the sensor is not zeroed.
+    """
+
+    stamp: Seconds
+    pressure: Hectopascals
+    baseline: Hectopascals
+    samples: Count
+    spread: Spread
+
+
+class CageSize(Struct, frozen=True):
+    """The virtual cage: x in [-x, x], y in [-y, y], z in [0, z], m, closed intervals."""
+
+    x: Metres
+    y: Metres
+    z: Metres
+
+
+class SafetyState(Struct, frozen=True):
+    """The automaton as it is.
+
+    `request` counts the waypoints asked for, so that two equal refusals differ. `goal` is where
+    the vehicle is sent or holds, m. `reason` says why the last request was refused or the flight
+    stopped, and is empty otherwise. `stamp` is simulated time, s.
+    """
+
+    boot: Boot
+    stamp: Seconds
+    request: Count
+    state: StateName
+    goal: Position
+    cage_on: bool
+    cage: CageSize
+    reason: Text
+
+
+class Info(Struct, frozen=True):
+    """Who serves what: service name to node, topic name to node."""
+
+    vehicle: Text
+    services: dict[str, str]
+    topics: dict[str, str]

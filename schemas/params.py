@@ -1,0 +1,160 @@
+"""Every parameter: its default, bounds, unit and meaning, written once.
+
+`quadctl init`, `param describe`, the checks at launch and `param set` all read these classes.
+Values that a node reads at its next step change at once with `param set`.
+"""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct, field
+
+from schemas.units import Metres
+from schemas.vehicle import ControlParams, VehicleParams
+
+
+class PressureParams(Struct, forbid_unknown_fields=True):
+    """The barometer."""
+
+    rate: Annotated[
+        float,
+        Meta(gt=0, le=200, description="readings per second", extra={"unit": "Hz"}),
+    ] = 10.0
+    noise: Annotated[
+        float,
+        Meta(ge=0, le=10, description="half-width of the uniform noise", extra={"unit": "hPa"}),
+    ] = 1e-5
+    seed: Annotated[
+        int, Meta(ge=0, lt=2**31, description="of the noise", extra={"unit": ""})
+    ] = 0
+
+
+CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
+"""A cage smaller than the vehicle would hold nothing, so 0.2 m is the least."""
+
+
+class CageParams(Struct, forbid_unknown_fields=True):
+    """The virtual cage: x in [-x, x], y in [-y, y], z in [0, z]."""
+
+    x: CagePoint = 5.0
+    y: CagePoint = 5.0
+    z: CagePoint = 5.0
+
+
+class SafetyParams(Struct, forbid_unknown_fields=True):
+    """The safety automaton."""
+
+    acceptance_range: Annotated[
+        float,
+        Meta(gt=0, le=100, description="a goal nearer than this is reached", extra={"unit": "m"}),
+    ] = 0.5
+    cage_on: Annotated[
+        bool, Meta(description="whether the cage is on at launch", extra={"unit": ""})
+    ] = True
+    virtual_cage: Annotated[
+        CageParams,
+        Meta(description="x in [-x, x], y in [-y, y], z in [0, z]", extra={"unit": "m"}),
+    ] = field(default_factory=CageParams)
+    takeoff: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=10_000,
+            description="height of the first goal above the start; 0 stays on the ground",
+            extra={"unit": "m"},
+        ),
+    ] = 1.0
+    pose_timeout: Annotated[
+        float,
+        Meta(ge=0.05, le=10, description="a pose older than this stops the flight", extra={"unit": "s"}),
+    ] = 0.2
+
+
+class StartParams(Struct, forbid_unknown_fields=True):
+    """Where the vehicle stands at boot, ENU."""
+
+    x: Metres = 0.0
+    y: Metres = 0.0
+    z: Annotated[float, Meta(ge=0, le=10_000)] = 0.0
+
+
+class DynamicsParams(Struct, forbid_unknown_fields=True):
+    """The simulated vehicle."""
+
+    start: Annotated[
+        StartParams,
+        Meta(description="where the vehicle stands at boot, from the next reset", extra={"unit": "m"}),
+    ] = field(default_factory=StartParams)
+    rate: Annotated[
+        float,
+        Meta(
+            ge=20,
+            le=1000,
+            description="poses per second, so that a period is whole milliseconds",
+            extra={"unit": "Hz"},
+        ),
+    ] = 100.0
+    speed: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=1000,
+            description="simulated seconds per second; 0 is as fast as it goes",
+            extra={"unit": ""},
+        ),
+    ] = 1.0
+    seed: Annotated[
+        int, Meta(ge=0, lt=2**31, description="of everything random in the air", extra={"unit": ""})
+    ] = 0
+    setpoint_timeout: Annotated[
+        float,
+        Meta(
+            ge=0.05,
+            le=10,
+            description="a setpoint older than this makes the vehicle brake to a hover",
+            extra={"unit": "s"},
+        ),
+    ] = 0.15
+    vehicle: VehicleParams = field(default_factory=VehicleParams)
+    control: ControlParams = field(default_factory=ControlParams)
+
+    def __post_init__(self) -> None:
+        """Poses fall on steps of the 1 ms integration; raises ValueError where they cannot."""
+        if (1000 / self.rate) % 1:
+            raise ValueError(f"rate {self.rate} Hz: 1000 / rate must be a whole number")
+
+
+class HubParams(Struct, forbid_unknown_fields=True):
+    """The Zenoh router that everything else is a client of."""
+
+    transport: Annotated[
+        Literal["auto", "unix", "tcp"],
+        Meta(
+            description="unix: a socket in the realm's folder; tcp: a loopback port with a password;"
+            " auto: unix where there is such a thing",
+            extra={"unit": ""},
+        ),
+    ] = "auto"
+    listen: Annotated[
+        list[str],
+        Meta(description="further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447", extra={"unit": ""}),
+    ] = field(default_factory=list)
+
+
+class SuperviseParams(Struct, forbid_unknown_fields=True):
+    """How `quadctl up` looks after its processes."""
+
+    answer_timeout: Annotated[
+        float,
+        Meta(ge=0.5, le=60, description="a process silent for longer is restarted", extra={"unit": "s"}),
+    ] = 2.0
+
+
+class Params(Struct, forbid_unknown_fields=True):
+    """The whole file. `processes` names commands to run instead of or besides our nodes."""
+
+    pressure: PressureParams = field(default_factory=PressureParams)
+    safety: SafetyParams = field(default_factory=SafetyParams)
+    dynamics: DynamicsParams = field(default_factory=DynamicsParams)
+    hub: HubParams = field(default_factory=HubParams)
+    supervise: SuperviseParams = field(default_factory=SuperviseParams)
+    processes: dict[str, str | list[str]] = field(default_factory=dict)

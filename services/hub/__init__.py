@@ -1,0 +1,1 @@
+"""The Zenoh router, in a process of its own."""

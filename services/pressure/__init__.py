@@ -1,0 +1,1 @@
+"""The barometer: standard atmosphere, noise, calibration."""

@@ -1,0 +1,1 @@
+"""What every process shares: bus, parameters, entry point, supervisor. Alone imports zenoh."""

@@ -1,0 +1,1 @@
+"""The safety automaton and its virtual cage."""

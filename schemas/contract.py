@@ -1,5 +1,6 @@
 """How a topic and a service are declared: key, types, rate and meaning, written once."""
 
+import math
 from typing import Generic, TypeVar
 
 from msgspec import Struct
@@ -25,6 +26,13 @@ class Topic(Generic[M]):
     def key(self, vehicle: str) -> str:
         """The Zenoh key, as `uav/sensors/pressure`."""
         return f"{vehicle}/{self.name}"
+
+    def period(self, stamp: float) -> int:
+        """Which period of the declared rate a simulated time (s) falls in.
+
+        The slack of a microsecond takes up the rounding of stamps that meet a boundary.
+        """
+        return math.floor(stamp * self.hz + 1e-6)
 
 
 class Service(Generic[Q, R]):

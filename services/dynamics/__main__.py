@@ -1,0 +1,128 @@
+"""The vehicle's process: flies to the setpoint it hears, and brakes when it hears none."""
+
+import math
+import os
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import Pose, Setpoint
+from schemas.params import Params
+from schemas.requests import ResetRequest, ResetResponse
+from schemas.topics import POSE, RESET, SETPOINT
+from services.dynamics.vehicle import Vehicle
+from services.runtime.entry import start
+from services.runtime.node import Node
+from services.runtime.params import launch_lines
+
+_STEPS_PER_SECOND = 1000
+_SILENCE = 5.0
+"""In lock-step, a safety silent for longer (s) is complained of."""
+
+
+class Simulation:
+    """One boot after another of the vehicle, and the setpoint that each follows."""
+
+    def __init__(self, node: Node, params: Params) -> None:
+        self._node, self._params = node, params.dynamics
+        self.boot()
+        self.poses = node.publisher(POSE, params.dynamics.rate)
+        self.setpoints = node.listen(SETPOINT, self._follow)
+
+    def boot(self) -> None:
+        """Stand at the start, as a new boot that no old setpoint moves."""
+        self._vehicle = Vehicle(self._params)
+        self._boot, self._seq = os.urandom(4).hex(), 0
+        self._answered, self._braked = -1, True
+        self._node.log.info("boot %s", self._boot)
+
+    def configure(self) -> None:
+        """The parameters have new values; the start counts from the next boot."""
+        self._vehicle.configure(self._params)
+
+    def advance(self) -> None:
+        """Fly one pose's time, and publish the pose."""
+        self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
+        self._seq += 1
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish the pose as it is."""
+        vehicle = self._vehicle
+        self.poses.put(
+            Pose(
+                self._boot,
+                self._seq,
+                vehicle.steps / _STEPS_PER_SECOND,
+                Position(*vehicle.position),
+                Velocity(*vehicle.velocity),
+                Quaternion(*vehicle.orientation),
+                BodyRates(*vehicle.body_rates),
+            )
+        )
+
+    def brake(self) -> None:
+        """Come to a hover at the stopping point."""
+        if not self._braked:
+            self._braked = True
+            self._node.log.warning(
+                "no setpoint for %g s: braking to a hover", self._params.setpoint_timeout
+            )
+            self._vehicle.brake()
+
+    def wait_for_safety(self) -> None:
+        """In lock-step: stop the clock until the pose just published is answered, where one is due."""
+        period = 1 / self._params.rate
+        stamp = self._vehicle.steps / _STEPS_PER_SECOND
+        if SETPOINT.period(stamp) == SETPOINT.period(stamp - period):
+            return
+        said = False
+        while not self._node.wait_for(lambda: self._answered >= self._seq, _SILENCE):
+            if self._node.stopping:
+                return
+            if not said:
+                said = True
+                self._node.log.warning("no setpoint for %g s: the clock stands still", _SILENCE)
+        if said:
+            self._node.log.warning("setpoints again: the clock goes on")
+
+    def _follow(self, setpoint: Setpoint) -> None:
+        if setpoint.boot != self._boot:
+            return
+        self._answered = setpoint.for_seq
+        self._braked = setpoint.brake
+        if setpoint.brake:
+            self._vehicle.brake()
+        else:
+            self._vehicle.goto(*_xyz(setpoint.position))
+
+
+def run(node: Node, params: Params) -> None:
+    """Publish the pose at its rate; at speeds other than 1, in lock-step with safety."""
+    for line in launch_lines(params.dynamics):
+        node.log.info(line)
+    simulation = Simulation(node, params)
+
+    def reset(_request: ResetRequest) -> ResetResponse:
+        simulation.boot()
+        simulation.publish()
+        return ResetResponse(True)
+
+    node.serve(RESET, reset)
+    node.on_params = simulation.configure
+    dynamics, setpoints = params.dynamics, simulation.setpoints
+    last_tick = 0.0
+    for now in node.ticks(lambda: dynamics.rate * (dynamics.speed or math.inf)):
+        simulation.advance()
+        if dynamics.speed != 1:
+            simulation.wait_for_safety()
+        # A loop that was itself held up has not yet heard the setpoints that wait for it.
+        elif setpoints.age > dynamics.setpoint_timeout > now - last_tick:
+            simulation.brake()
+        last_tick = now
+
+
+def _xyz(position: Position) -> tuple[float, float, float]:
+    return position.x, position.y, position.z
+
+
+if __name__ == "__main__":
+    start("dynamics", run)

@@ -1,0 +1,148 @@
+"""Cascade control: position, velocity, attitude, body rates; yaw is held at 0.
+
+Every error is taken against a setpoint that is smooth up to its snap, and what the setpoint asks
+for is fed forward at each level: acceleration and drag as force, jerk as body rates, snap as
+torque. Feedback is then left with disturbances only.
+
+World frame ENU, body frame FLU, SI units. Straight-line text, as in rigidbody.py.
+"""
+
+from math import sqrt, tan
+
+from schemas.params import DynamicsParams
+from services.dynamics.rigidbody import STEP, State
+
+STEPS = 4
+"""Integration steps in one control period: 250 Hz."""
+
+PERIOD = STEPS * STEP
+"""Control period, s."""
+
+LEAST_LIFT = 0.2
+"""Vertical specific force that is always asked for, in g: with none there is nothing to tilt."""
+
+MOST_LIFT = 0.9
+"""Part of the full thrust that the vertical may take; the rest is for roll and pitch."""
+
+TINY = 1e-12
+"""Added under a root whose value is divided by; far below anything that matters, above 0."""
+
+Gains = tuple[float, ...]
+"""18 floats made by `control_constants`."""
+
+Setpoint = tuple[float, ...]
+"""15 floats: position, velocity, acceleration, jerk and led snap, each x, y, z, world frame."""
+
+
+def lead(params: DynamicsParams) -> float:
+    """Delay from a command to its effect, s: the motors' lag and half a control period."""
+    return params.vehicle.motor_lag + 0.5 * PERIOD
+
+
+def control_constants(params: DynamicsParams) -> Gains:
+    """What `control` needs of the parameters, in the order of use."""
+    vehicle = params.vehicle
+    gains = params.control
+    inertia = vehicle.inertia
+    full = 4.0 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2
+    return (
+        gains.position_gain,
+        gains.max_speed,
+        gains.velocity_gain,
+        vehicle.drag / vehicle.mass,
+        vehicle.gravity,
+        LEAST_LIFT * vehicle.gravity + TINY,
+        max(MOST_LIFT * full / vehicle.mass, LEAST_LIFT * vehicle.gravity + TINY),
+        tan(gains.max_tilt),
+        lead(params),
+        vehicle.mass,
+        gains.attitude_gain,
+        gains.rate_gain,
+        inertia.x,
+        inertia.y,
+        inertia.z,
+        inertia.z - inertia.y,
+        inertia.x - inertia.z,
+        inertia.y - inertia.x,
+    )
+
+
+# fmt: off
+def control(
+    state: State, setpoint: Setpoint, gains: Gains
+) -> tuple[float, float, float, float]:
+    """Thrust (N, along body z) and torques (N m, body frame) that follow the setpoint.
+
+    The attitude error is Lee, Leok and McClamroch's on SO(3) (CDC 2010), 0.5 (Rd^T R - R^T Rd);
+    body rates and angular acceleration from jerk and snap follow Mellinger and Kumar (ICRA 2011).
+    """
+    px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = state
+    rx, ry, rz, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz = setpoint
+    (kp, fastest, kv, drag, g, least, most, tilt, ahead, mass, ka, kr,
+     ix, iy, iz, gx, gy, gz) = gains
+    # Position to velocity: the correction, not the setpoint's own velocity, is what is limited.
+    ex = kp * (rx - px)
+    ey = kp * (ry - py)
+    ez = kp * (rz - pz)
+    n = sqrt(ex * ex + ey * ey + ez * ez + TINY)
+    k = fastest / n if n > fastest else 1.0
+    # Velocity to specific force; drag is that of the setpoint, so its sign cannot run away.
+    air = sqrt(sx * sx + sy * sy + sz * sz + TINY)
+    d = drag * air
+    fx = ax + kv * (k * ex + sx - vx) + d * sx
+    fy = ay + kv * (k * ey + sy - vy) + d * sy
+    fz = az + kv * (k * ez + sz - vz) + d * sz + g
+    fz = least if fz < least else fz
+    fz = most if fz > most else fz
+    h = sqrt(fx * fx + fy * fy + TINY)
+    widest = fz * tilt
+    k = widest / h if h > widest else 1.0
+    fx = fx * k
+    fy = fy * k
+    f = 1.0 / sqrt(fx * fx + fy * fy + fz * fz)
+    zx = fx * f
+    zy = fy * f
+    zz = fz * f
+    # Rate of the specific force, with that of the drag; a clamped tilt is not led further.
+    k = f if k == 1.0 else 0.0
+    e = drag * (sx * ax + sy * ay + sz * az) / air
+    jx = jx + d * ax + e * sx
+    jy = jy + d * ay + e * sy
+    jz = jz + d * az + e * sz
+    along = jx * zx + jy * zy + jz * zz
+    ox = (jx - along * zx) * k
+    oy = (jy - along * zy) * k
+    oz = (jz - along * zz) * k
+    along = 2.0 * along
+    nx = (nx - along * ox) * k
+    ny = (ny - along * oy) * k
+    nz = (nz - along * oz) * k
+    # Columns of the true attitude, then of the wanted one: z along the force, y level (yaw 0).
+    xx = 1.0 - 2.0 * (qy * qy + qz * qz)
+    xy = 2.0 * (qx * qy + qw * qz)
+    xz = 2.0 * (qx * qz - qw * qy)
+    yx = 2.0 * (qx * qy - qw * qz)
+    yy = 1.0 - 2.0 * (qx * qx + qz * qz)
+    yz = 2.0 * (qy * qz + qw * qx)
+    bx = 2.0 * (qx * qz + qw * qy)
+    by = 2.0 * (qy * qz - qw * qx)
+    bz = 1.0 - 2.0 * (qx * qx + qy * qy)
+    k = 1.0 / sqrt(zy * zy + zz * zz)
+    ly = zz * k
+    lz = -zy * k
+    mx = ly * zz - lz * zy
+    my = lz * zx
+    mz = -ly * zx
+    tx = 0.5 * ((zx * yx + zy * yy + zz * yz) - (by * ly + bz * lz))
+    ty = 0.5 * ((mx * bx + my * by + mz * bz) - (xx * zx + xy * zy + xz * zz))
+    tz = 0.5 * ((xy * ly + xz * lz) - (yx * mx + yy * my + yz * mz))
+    # Attitude to body rates to torque.
+    return (
+        mass * ((fx + ahead * jx) * bx + (fy + ahead * jy) * by + (fz + ahead * jz) * bz),
+        ix * (kr * (-ka * tx - (ox * yx + oy * yy + oz * yz) - wx) - (nx * yx + ny * yy + nz * yz))
+        + gx * wy * wz,
+        iy * (kr * (-ka * ty + (ox * xx + oy * xy + oz * xz) - wy) + (nx * xx + ny * xy + nz * xz))
+        + gy * wx * wz,
+        iz * kr * (-ka * tz - wz) + gz * wx * wy,
+    )
+# fmt: on

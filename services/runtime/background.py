@@ -1,0 +1,42 @@
+"""The supervisor's own process behind `quadctl up -d`.
+
+Reads a Launch from stdin, and writes one Settled to stdout when all are ready or one failed.
+"""
+
+import os
+import sys
+
+import msgspec
+
+from services.runtime import up
+from services.runtime.errors import QuadctlError
+from services.runtime.launch import Launch, Settled
+from services.runtime.supervise import Supervisor
+
+
+def main() -> int:
+    """Run a realm in the background."""
+    launch = msgspec.json.decode(sys.stdin.buffer.read(), type=Launch)
+
+    def on_settled(supervisor: Supervisor, failed: str) -> None:
+        _say(Settled(failed))
+        if failed:
+            supervisor.stop()
+
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere:
+            up.run(launch, nowhere, on_settled)
+    except QuadctlError as error:
+        _say(Settled(error.message, error.code, error.hint))
+        return error.exit_code
+    return 0
+
+
+def _say(settled: Settled) -> None:
+    # Closing stdout tells the reader that this was all.
+    os.write(1, msgspec.json.encode(settled))
+    os.close(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""One child process: started, listened to, ended."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from services.runtime.errors import Invalid
+from services.runtime.processes import Process
+
+# Out of the terminal's group: Ctrl-C is the supervisor's to hear, and to pass on in order.
+_OWN_GROUP: dict[str, Any] = {} if sys.platform == "win32" else {"process_group": 0}
+_LAST_WORDS = 0.2
+"""Seconds to wait for what an ended process wrote last; a grandchild may keep the pipe open."""
+
+
+class Child:
+    """A running process. `on_line` and `on_end` are called from a thread of its own."""
+
+    def __init__(
+        self,
+        process: Process,
+        environment: Mapping[str, str],
+        folder: Path,
+        on_line: Callable[[str], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        """Start it. Raises Invalid when its command cannot be run."""
+        self._on_line, self._on_end = on_line, on_end
+        try:
+            self._popen = subprocess.Popen(
+                process.command,
+                # The child watches this pipe: it ends when we do, however we do.
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **environment},
+                cwd=folder,
+                **_OWN_GROUP,
+            )
+        except OSError as error:
+            raise Invalid(
+                f"processes.{process.name}: {process.command[0]} cannot be run: {error.strerror}",
+                "give a command that this shell would find",
+            ) from error
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._popen.pid
+
+    def exit_code(self) -> int | None:
+        """How it ended, None while it runs."""
+        return self._popen.poll()
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self._signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it, and what it started, at once."""
+        self._signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
+
+    def wait(self, timeout: float) -> bool:
+        """Whether it has ended within so many seconds."""
+        try:
+            self._popen.wait(max(timeout, 0))
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def last_words(self) -> str:
+        """Read to the end of what it wrote; returns how it ended."""
+        self._reader.join(_LAST_WORDS)
+        code = self._popen.poll()
+        if code is None:
+            return "still running"
+        return f"exit {code}" if code >= 0 else signal.Signals(-code).name
+
+    def _signal(self, number: int) -> None:
+        if self._popen.poll() is not None:
+            return
+        if sys.platform == "win32":
+            self._popen.terminate()
+        else:
+            os.killpg(self._popen.pid, number)
+
+    def _read(self) -> None:
+        assert self._popen.stdout is not None  # noqa: S101 - a pipe, as asked for above
+        for raw in self._popen.stdout:
+            self._on_line(raw.decode(errors="replace").rstrip("\r\n"))
+        self._on_end()

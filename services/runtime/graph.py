@@ -1,0 +1,62 @@
+"""The live graph's grammar: who is there and what they offer, told by liveliness alone.
+
+    uav/@node/safety                                             the node is ready
+    uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/safety%state    it publishes that topic at 1 Hz
+    uav/@node/safety/@srv/Goto/1a2b3c4d/0/goto                   it answers that service
+
+The key is the topic's or service's name without the vehicle, `/` written `%`.
+"""
+
+from typing import Literal
+
+from msgspec import Struct
+
+Kind = Literal["@pub", "@srv"]
+
+
+class Offer(Struct, frozen=True):
+    """One topic or service that a live node offers. `key` is the full Zenoh key."""
+
+    kind: Kind
+    node: str
+    type: str
+    hash: str
+    hz: float
+    name: str
+    key: str
+
+
+def node_key(vehicle: str, node: str) -> str:
+    """The liveliness key of a ready node."""
+    return f"{vehicle}/@node/{node}"
+
+
+def offer_key(vehicle: str, offer: Offer) -> str:
+    """The liveliness key of an offer."""
+    name = offer.name.replace("/", "%")
+    offered = f"{offer.kind}/{offer.type}/{offer.hash}/{offer.hz:g}/{name}"
+    return f"{node_key(vehicle, offer.node)}/{offered}"
+
+
+def node_of(key: str) -> str | None:
+    """The node whose readiness a liveliness key tells, None where it tells something else."""
+    match key.split("/"):
+        case [_, "@node", node]:
+            return node
+    return None
+
+
+def offer_of(key: str) -> Offer | None:
+    """The offer that a liveliness key tells, None where it tells something else.
+
+    Strangers may declare what they like, so a key outside the grammar is no error.
+    """
+    match key.split("/"):
+        case [vehicle, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, name]:
+            plain = name.replace("%", "/")
+            full = f"{vehicle}/{plain}" if kind == "@pub" else f"{vehicle}/@srv/{plain}"
+            try:
+                return Offer(kind, node, type_, digest, float(hz), plain, full)
+            except ValueError:
+                return None
+    return None

@@ -1,0 +1,197 @@
+"""A node: one process on the bus, with one loop that alone touches its state.
+
+Zenoh's threads only post to the inbox. The loop serves it between ticks, so that a call is
+answered on arrival and a handler never runs beside another.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
+from typing import Any, Generic, TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from schemas.contract import Service, Topic
+from schemas.describe import schema_hash
+from services.runtime import graph, roster, wire
+from services.runtime.errors import AlreadyServed
+from services.runtime.serving import Server
+from services.runtime.subscription import Subscription
+
+M = TypeVar("M", bound=Struct)
+Q = TypeVar("Q", bound=Struct)
+R = TypeVar("R", bound=Struct)
+
+_DEPTH = 64
+_LATE = 0.1
+"""A loop that is later than this (s) drops the ticks it missed instead of hurrying after them."""
+
+
+class Publisher(Generic[M]):
+    """Publishes one topic. A latched one also answers `get` with the last message."""
+
+    def __init__(self, session: zenoh.Session, key: str, topic: Topic[M]) -> None:
+        self._key, self._encoding = key, wire.encoding(topic.type)
+        self._publisher = session.declare_publisher(key, encoding=self._encoding)
+        self._last = b""
+
+    def put(self, message: M) -> None:
+        """Publish a message; numbers must be Python's own, not numpy's."""
+        self._last = wire.encode(message)
+        self._publisher.put(self._last)
+
+    def answer(self, query: zenoh.Query) -> None:
+        """Reply with the last message, or with nothing before the first."""
+        with query:
+            if self._last:
+                query.reply(self._key, self._last, encoding=self._encoding)
+
+
+class Node:
+    """What a service sees of the world: topics, services, ticks."""
+
+    def __init__(
+        self, name: str, vehicle: str, session: zenoh.Session, *, restarted: bool = False
+    ) -> None:
+        """`restarted` says that the supervisor started this process in a dead one's place.
+
+        Raises AlreadyServed when another process is this node.
+        """
+        self.name, self.vehicle, self.restarted = name, vehicle, restarted
+        self._others = roster.offers(session, vehicle)
+        if name in roster.nodes(session, vehicle):
+            raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
+        self.log = logging.getLogger(name)
+        self._session = session
+        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._declared: list[Any] = []
+        self._offers: list[graph.Offer] = []
+        self._ready = False
+        self.stopping = False
+        self.on_params: Callable[[], None] | None = None
+
+    def publisher(self, topic: Topic[M], hz: float | None = None) -> Publisher[M]:
+        """Offer a topic, at its declared rate or at `hz`."""
+        key = topic.key(self.vehicle)
+        rate = topic.hz if hz is None else hz
+        self._offer("@pub", topic.type.__name__, schema_hash(topic.type), rate, topic.name, key)
+        publisher = Publisher(self._session, key, topic)
+        if topic.latched:
+            self._answer_queries(key, publisher.answer)
+        return publisher
+
+    def listen(
+        self, topic: Topic[M], handler: Callable[[M], None] | None = None, depth: int = _DEPTH
+    ) -> Subscription[M]:
+        """Hear a topic; the handler, where there is one, is called on the loop."""
+        subscription = Subscription(topic, self._inbox.put, handler, depth)
+        self._declared.append(
+            self._session.declare_subscriber(
+                topic.key(self.vehicle),
+                zenoh.handlers.Callback(subscription.on_sample, indirect=False),
+            )
+        )
+        return subscription
+
+    def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> None:
+        """Answer a service; the handler is called on the loop and may raise a QuadctlError.
+
+        Raises AlreadyServed when another node answers it.
+        """
+        server = Server(self.vehicle, service, handler)
+        for other in self._others:
+            if other.key == server.key:
+                raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
+        self._offer(
+            "@srv", service.type_name, schema_hash(service.request), 0.0, service.name, server.key
+        )
+        self._answer_queries(server.key, server.answer)
+
+    def params_changed(self) -> None:
+        """Tell the service, where it wants to know, that its parameters have new values."""
+        if self.on_params is not None:
+            self.on_params()
+
+    def ready(self) -> None:
+        """Announce the offers and then, last, the node: who sees it may already call it."""
+        if self._ready:
+            return
+        self._ready = True
+        liveliness = self._session.liveliness()
+        for offer in self._offers:
+            self._declared.append(liveliness.declare_token(graph.offer_key(self.vehicle, offer)))
+        self._declared.append(liveliness.declare_token(graph.node_key(self.vehicle, self.name)))
+
+    def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
+        """Yield monotonic seconds at a rate, serving the inbox in between, until stopped.
+
+        Ticks are counted, not added up, so none is lost to rounding. A callable rate is read
+        at every tick.
+        """
+        self.ready()
+        rate_now = hz if callable(hz) else lambda: hz
+        rate, start, count = rate_now(), time.monotonic(), 0
+        while self.serve_until(start + count / rate):
+            now = time.monotonic()
+            yield now
+            count += 1
+            late = time.monotonic() > start + count / rate + _LATE
+            if late or rate_now() != rate:
+                rate, start, count = rate_now(), time.monotonic(), 1
+
+    def spin(self) -> None:
+        """Serve the inbox until stopped, for a node with no rhythm of its own."""
+        self.ready()
+        self.serve_until(math.inf)
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if self.stopping or not self._serve_one(deadline):
+                return False
+        return True
+
+    def serve_until(self, deadline: float) -> bool:
+        """Serve the inbox until a time on the monotonic clock; False when the node is stopped.
+
+        What waits already is served even when the time has passed, and no more than that: a
+        loop that is late still answers, and a flood does not hold up its ticks.
+        """
+        for _ in range(self._inbox.qsize()):
+            self._inbox.get_nowait()()
+        while not self.stopping and self._serve_one(deadline):
+            pass
+        return not self.stopping
+
+    def stop(self) -> None:
+        """End the loop soon; safe to call from a signal handler and from other threads."""
+        self.stopping = True
+        self._inbox.put(lambda: None)
+
+    def _serve_one(self, deadline: float) -> bool:
+        left = deadline - time.monotonic()
+        if left <= 0:
+            return False
+        try:
+            # An untimed wait can miss a signal, so even an endless one looks up now and then.
+            item = self._inbox.get(timeout=min(left, 0.5))
+        except Empty:
+            return True
+        item()
+        return True
+
+    def _answer_queries(self, key: str, answer: Callable[[zenoh.Query], None]) -> None:
+        def on_query(query: zenoh.Query) -> None:
+            self._inbox.put(lambda: answer(query))
+
+        callback = zenoh.handlers.Callback(on_query, indirect=False)
+        self._declared.append(self._session.declare_queryable(key, callback, complete=True))
+
+    def _offer(
+        self, kind: graph.Kind, type_: str, digest: str, hz: float, name: str, key: str
+    ) -> None:
+        self._offers.append(graph.Offer(kind, self.name, type_, digest, hz, name, key))

@@ -1,0 +1,122 @@
+"""Parameters: from defaults, a TOML file and `--set`, to one checked object."""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from schemas.params import Params
+from services.runtime.errors import Invalid
+
+_AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
+_UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
+
+
+def load(
+    file: Path | None, settings: Iterable[str] = (), running: Params | None = None
+) -> Params:
+    """Defaults or a running system's values, below the file, below `name=value` settings.
+
+    Raises Invalid with the file, the path in it, what was expected and the nearest name.
+    """
+    table = msgspec.to_builtins(running or {}) if file is None else _read(file)
+    source = "the defaults" if file is None else str(file)
+    for setting in settings:
+        name, separator, text = setting.partition("=")
+        if not separator:
+            raise Invalid(f"--set {setting}: no '='", "write --set safety.virtual_cage.x=3")
+        put(table, name.strip(), value_of(text.strip()), f"--set {setting}")
+        source += f" with --set {setting}"
+    return check(table, source)
+
+
+def check(table: Mapping[str, Any], source: str) -> Params:
+    """Turn plain tables into Params; raises Invalid, naming the source."""
+    try:
+        return msgspec.convert(table, Params)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), source) from error
+
+
+def value_of(text: str) -> Any:
+    """A value as written on a command line: TOML's notation, ROS's True and False, or a word."""
+    if text in {"True", "False"}:
+        return text == "True"
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def normal_name(name: str) -> str:
+    """`/safety/virtual_cage/x`, as ROS users write, to `safety.virtual_cage.x`."""
+    return name.strip("/").replace("/", ".")
+
+
+def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
+    """Set a value in nested tables by its dotted name."""
+    *path, last = normal_name(name).split(".")
+    for part in path:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise Invalid(f"{source}: {part} is a value and has no {last}", _nearest(name))
+    table[last] = value
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every leaf of nested tables with its dotted name."""
+    for key, value in table.items():
+        name = f"{prefix}.{key}" if prefix else key
+        if isinstance(value, Mapping) and value:
+            yield from flatten(value, name)
+        else:
+            yield name, value
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise Invalid(
+            f"{file} cannot be read: {error.strerror}", "`quadctl init` writes one"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise Invalid(f"{file} is not TOML: {error}", "see the line and column named") from error
+
+
+def _explain(text: str, source: str) -> Invalid:
+    found = _AT.match(text)
+    what, where = (found["what"], found["where"] or "") if found else (text, "")
+    unknown = _UNKNOWN.search(what)
+    if unknown:
+        name = f"{where}.{unknown['name']}".lstrip(".")
+        return Invalid(f"{source}: unknown parameter {name}", _nearest(name))
+    return Invalid(
+        f"{source}: {where or 'the file'}: {what[:1].lower()}{what[1:]}",
+        "`quadctl init` writes a file with every parameter's default and meaning",
+    )
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """A hint that names the likeliest name meant."""
+    found = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
+    return f"did you mean {found[0]}?" if found else ""
+
+
+def _nearest(name: str) -> str:
+    defaults = msgspec.to_builtins(Params())
+    names = [leaf for leaf, _ in flatten(defaults)]
+    tables = {leaf.rpartition(".")[0] for leaf in names}
+    return nearest(name, [*names, *tables]) or "`quadctl init` writes a file with every parameter"
+
+
+def launch_lines(section: Struct) -> Iterator[str]:
+    """What a node logs at launch, in the lab's form: `Param: acceptance range - 0.5`."""
+    yield "Launching with the following parameters:"
+    for name, value in flatten(msgspec.to_builtins(section)):
+        yield f"Param: {name.replace('_', ' ').replace('.', ' ')} - {value}"

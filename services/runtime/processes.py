@@ -1,0 +1,118 @@
+"""The process table: what runs, and when a dead one is started again. Pure."""
+
+import shlex
+import sys
+from collections.abc import Collection, Mapping
+from typing import Literal, NamedTuple
+
+from services.runtime.errors import Invalid
+
+NODES = ("hub", "dynamics", "pressure", "safety")
+"""Our own nodes, in the order in which they start; a new service is one more name."""
+
+State = Literal["starting", "ready", "restarting", "down"]
+
+QUICK = 2.0
+"""A death before readiness, or within this many seconds of it, is a quick one."""
+HEALTHY = 10.0
+"""Seconds of health after which earlier quick deaths are forgotten."""
+MOST_QUICK_DEATHS = 5
+START_TIMEOUT = 10.0
+"""Seconds that a process may take to announce itself."""
+_DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
+"""Seconds before the restart after the first, second .. quick death in a row."""
+
+
+class Process(NamedTuple):
+    """A command to run under a name.
+
+    `must_announce` where it is a node of ours or in the place of one; another command counts as
+    ready as soon as it runs.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    must_announce: bool = True
+
+
+def table(
+    commands: Mapping[str, str | list[str]], without: Collection[str] = ()
+) -> tuple[Process, ...]:
+    """Our nodes and the file's `[processes]`, which replace ours by name or come besides.
+
+    Raises Invalid for a name to leave out that is not there.
+    """
+    names = [*NODES, *(name for name in commands if name not in NODES)]
+    for name in without:
+        if name not in names:
+            raise Invalid(f"--without {name}: there is no such process", f"one of {names}")
+    return tuple(
+        Process(name, _command(name, commands), name in NODES)
+        for name in names
+        if name not in without
+    )
+
+
+def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, ...]:
+    command = commands.get(name)
+    if command is None:
+        # -P: a stranger's `services` folder in the working directory must not be found first.
+        return (sys.executable, "-P", "-m", f"services.{name}")
+    words = shlex.split(command) if isinstance(command, str) else command
+    if not words:
+        raise Invalid(f"processes.{name}: the command is empty", "leave the line out instead")
+    return tuple(words)
+
+
+class Life:
+    """One process's ups and downs; time (s) is passed in."""
+
+    def __init__(self) -> None:
+        self.state: State = "starting"
+        self.restarts = 0
+        self._deaths = 0
+        self._started = 0.0
+        self._ready_since: float | None = None
+        self._answered: float | None = None
+
+    def started(self, now: float) -> None:
+        """It was started."""
+        self._started, self._ready_since, self._answered = now, None, None
+
+    def ready(self, now: float) -> None:
+        """It announced itself."""
+        if self.state != "ready":
+            self.state, self._ready_since = "ready", now
+
+    def answered(self, now: float) -> None:
+        """It replied to a ping; from then on its silence counts."""
+        self._answered = now
+
+    def excuse(self, now: float) -> None:
+        """It could not have been heard until now."""
+        if self._answered is not None:
+            self._answered = now
+        if self.state != "ready":
+            self._started = now
+
+    def complaint(self, now: float, answer_timeout: float) -> str:
+        """Why a running process has to be ended, empty when it does not."""
+        if self.state != "ready":
+            return "" if now - self._started < START_TIMEOUT else f"not ready in {START_TIMEOUT:g} s"
+        silent = self._answered is not None and now - self._answered > answer_timeout
+        return f"no answer for {answer_timeout:g} s" if silent else ""
+
+    def died(self, now: float) -> float | None:
+        """It ended; returns after how many seconds to start it again, None to leave it down."""
+        lived = 0.0 if self._ready_since is None else now - self._ready_since
+        self._ready_since = self._answered = None
+        if lived >= HEALTHY:
+            self._deaths = 0
+        if lived < QUICK:
+            self._deaths += 1
+        if self._deaths >= MOST_QUICK_DEATHS:
+            self.state = "down"
+            return None
+        self.state = "restarting"
+        self.restarts += 1
+        return _DELAYS[max(self._deaths - 1, 0)]

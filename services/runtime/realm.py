@@ -1,0 +1,83 @@
+"""A realm: one isolated run of the system, and the folder that everything of it lives in."""
+
+import contextlib
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+
+from services.runtime.errors import QuadctlError, UsageError
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
+_LONGEST_SOCKET_PATH = 100
+"""The kernel's sun_path holds 108 bytes, and Zenoh adds a suffix for its lock."""
+
+
+def default_name() -> str:
+    """The realm of this shell: `QUADCTL_REALM`, else `default`."""
+    return os.environ.get("QUADCTL_REALM") or "default"
+
+
+class Realm:
+    """Where one run keeps its socket, logs and record. Creating the object touches nothing."""
+
+    def __init__(self, name: str) -> None:
+        if not _NAME.fullmatch(name):
+            raise UsageError(
+                f"'{name}' is no name for a realm",
+                "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
+            )
+        self.name = name
+        self.folder = _root() / name
+        self.socket = self.folder / "hub.sock"
+        self.address = self.folder / "hub.json"
+        self.record = self.folder / "run.json"
+        self.lock = self.folder / "up.lock"
+        self.params = self.folder / "params"
+        self.logs = self.folder / "logs"
+        if len(os.fsencode(self.socket)) > _LONGEST_SOCKET_PATH:
+            raise UsageError(
+                f"the socket's path is too long for a Unix socket: {self.socket}",
+                "choose a shorter --realm, or set XDG_RUNTIME_DIR to a shorter folder",
+            )
+
+    def create(self) -> None:
+        """Make the folder, readable by its owner alone; raises where it is somebody else's."""
+        for folder in (self.folder.parent, self.folder):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if sys.platform != "win32" and folder.stat().st_uid != os.getuid():
+                raise QuadctlError(
+                    f"{folder} belongs to another user",
+                    "set XDG_RUNTIME_DIR to a folder of your own",
+                )
+            folder.chmod(0o700)
+
+    def remove(self) -> None:
+        """Remove the folder; the lock's file last, so that nobody takes the realm in between."""
+        for path in self.folder.iterdir():
+            if path.is_dir():
+                shutil.rmtree(path)
+            elif path != self.lock:
+                path.unlink()
+        self.lock.unlink()
+        # A new run may be creating its own files by now.
+        with contextlib.suppress(OSError):
+            self.folder.rmdir()
+
+
+def _root() -> Path:
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    if runtime:
+        return Path(runtime) / "quadctl"
+    if sys.platform == "win32":
+        return Path(os.environ["TEMP"]) / f"quadctl-{os.environ.get('USERNAME', 'user')}"
+    # What tempfile.gettempdir() answers, without its 15 ms of import in every command.
+    return Path(os.environ.get("TMPDIR") or "/tmp") / f"quadctl-{os.getuid()}"  # noqa: S108
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace a file so that a reader sees the old text or the new, never a part."""
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    fresh.write_bytes(data)
+    fresh.replace(path)

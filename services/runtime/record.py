@@ -1,0 +1,47 @@
+"""The run record: what `up` writes about its processes, and what commands read of it."""
+
+from typing import Literal
+
+import msgspec
+from msgspec import Struct
+
+from services.runtime.errors import Unreachable
+from services.runtime.lock import FileLock
+from services.runtime.realm import Realm, write_atomically
+
+State = Literal["starting", "ready", "restarting", "down"]
+
+
+class ProcessRecord(Struct, frozen=True):
+    """One process as it is; pid 0 while there is none."""
+
+    name: str
+    pid: int
+    state: State
+    restarts: int
+
+
+class RunRecord(Struct, frozen=True):
+    """A live run: the supervisor's pid, its vehicle and its processes, the hub among them."""
+
+    realm: str
+    pid: int
+    vehicle: str
+    nodes: list[ProcessRecord]
+
+
+def write(realm: Realm, record: RunRecord) -> None:
+    """Replace the record in the realm's folder."""
+    write_atomically(realm.record, msgspec.json.encode(record))
+
+
+def read(realm: Realm) -> RunRecord:
+    """The record of a live run; raises Unreachable where nothing runs in the realm."""
+    try:
+        if realm.lock.exists() and FileLock(realm.lock, "").held():
+            return msgspec.json.decode(realm.record.read_bytes(), type=RunRecord)
+    except FileNotFoundError:
+        pass
+    raise Unreachable(
+        f"nothing is running in the realm {realm.name}", "start it with `quadctl up`"
+    )

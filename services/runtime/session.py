@@ -1,0 +1,95 @@
+"""Zenoh sessions as we open them: the hub's router, and everybody else's client.
+
+Nothing listens on a network port and multicast is off. The settings were measured; the
+reason stands beside each.
+"""
+
+import json
+import os
+from typing import Any
+
+import msgspec
+import zenoh
+from msgspec import Struct
+
+from services.runtime.errors import Unreachable
+from services.runtime.realm import Realm, write_atomically
+
+os.environ.setdefault(
+    "ZENOH_RUNTIME",
+    # Three threads a process instead of seven, and a third off the time of a call.
+    "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
+    " app: (worker_threads: 2))",
+)
+
+_RETRY_MS = 10
+"""A client waits for a starting hub in steps of this; 10 ms costs nothing and delays nobody."""
+_LEASE_MS = 1000
+
+
+class Address(Struct, frozen=True):
+    """Where a realm's hub listens; user and password only where it does so on a port."""
+
+    endpoint: str
+    user: str = ""
+    password: str = ""
+
+
+def address_of(realm: Realm, connect: str = "") -> Address:
+    """`--connect`'s endpoint where one is given, else what the realm's folder says."""
+    if connect:
+        return Address(connect)
+    try:
+        return msgspec.json.decode(realm.address.read_bytes(), type=Address)
+    except FileNotFoundError:
+        return Address(f"unixsock-stream/{realm.socket}")
+
+
+def open_router(address: Address, listen: list[str], realm: Realm) -> zenoh.Session:
+    """Open the hub; where it has a password, that is kept in the realm's folder."""
+    config = _common(address)
+    config["mode"] = "router"
+    config["listen"] = {"endpoints": [address.endpoint, *listen]}
+    # Routers sleep this long before they answer; there is nobody to scout for.
+    config["scouting"]["delay"] = 0
+    if address.user:
+        users = realm.folder / "hub.users"
+        write_atomically(users, f"{address.user}:{address.password}\n".encode())
+        config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
+    return _open(config)
+
+
+def open_client(address: Address, *, wait: float = 0.0) -> zenoh.Session:
+    """Open a client of the hub, waiting up to `wait` seconds for it to come up.
+
+    With a wait the session also reconnects by itself for as long as it lives, and restores
+    what it declared. Raises Unreachable when no hub is there.
+    """
+    config = _common(address)
+    config["mode"] = "client"
+    config["connect"] = {"endpoints": [address.endpoint]}
+    if wait:
+        retry = {"period_init_ms": _RETRY_MS, "period_max_ms": _RETRY_MS, "period_increase_factor": 1}
+        config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry}
+        # Samples carry a time, which latched topics and `topic delay` need.
+        config["timestamping"] = {"enabled": True}
+    try:
+        return _open(config)
+    except zenoh.ZError as error:
+        raise Unreachable(
+            f"nothing answers at {address.endpoint}", "start the system with `quadctl up`"
+        ) from error
+
+
+def _common(address: Address) -> dict[str, Any]:
+    transport: dict[str, Any] = {
+        "shared_memory": {"enabled": False},
+        "link": {"tx": {"lease": _LEASE_MS}},
+    }
+    if address.user:
+        transport["auth"] = {"usrpwd": {"user": address.user, "password": address.password}}
+    return {"scouting": {"multicast": {"enabled": False}}, "transport": transport}
+
+
+def _open(config: dict[str, Any]) -> zenoh.Session:
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))

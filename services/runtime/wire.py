@@ -1,0 +1,78 @@
+"""Messages to bytes and back: MessagePack, with the type and its schema's digest beside it."""
+
+from functools import cache
+from typing import TypeVar
+
+import msgspec
+from msgspec import Struct
+
+from schemas.describe import schema_hash
+from schemas.requests import Call, Error
+from services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
+
+M = TypeVar("M", bound=Struct)
+
+ERROR_ENCODING = "application/json;quadctl.Error"
+_PREFIX = "application/msgpack;quadctl."
+
+encode = msgspec.msgpack.encode
+
+
+@cache
+def encoding(type_: type[Struct]) -> str:
+    """The Zenoh encoding of a type, as `application/msgpack;quadctl.Pose#0a1b2c3d`."""
+    return f"{_PREFIX}{type_.__name__}#{schema_hash(type_)}"
+
+
+@cache
+def _decoder(type_: type[M]) -> msgspec.msgpack.Decoder[M]:
+    return msgspec.msgpack.Decoder(type_)
+
+
+def decode(type_: type[M], payload: bytes, said: str) -> M:
+    """Check the sender's encoding and decode.
+
+    An encoding of `type_` with another digest is refused; one without a digest is decoded and
+    checked field by field. Raises SchemaMismatch or Invalid.
+    """
+    check_schema(type_, said)
+    try:
+        return _decoder(type_).decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise Invalid(
+            f"not a valid {type_.__name__}: {error}",
+            f"`quadctl type show {type_.__name__}` prints its fields",
+        ) from error
+
+
+def check_schema(type_: type[Struct], said: str) -> None:
+    """Raise SchemaMismatch where the sender's encoding names another type or digest."""
+    if not said.startswith(_PREFIX):
+        return
+    name, _, digest = said.removeprefix(_PREFIX).partition("#")
+    if name != type_.__name__ or (digest and digest != schema_hash(type_)):
+        ours = encoding(type_).removeprefix(_PREFIX)
+        raise SchemaMismatch(
+            f"schema mismatch: the sender has {name}#{digest}, this side has {ours}",
+            "install the same version of quadctl on both sides",
+        )
+
+
+def encode_error(error: QuadctlError) -> bytes:
+    """An error as the JSON payload of an error reply."""
+    code = error.code if error.code in WIRE_ERRORS else "internal"
+    return msgspec.json.encode(Error(code, error.message, error.hint))  # type: ignore[arg-type]
+
+
+def decode_error(payload: bytes) -> QuadctlError:
+    """The exception that an error reply stands for."""
+    try:
+        said = msgspec.json.decode(payload, type=Error)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        return Invalid(f"the error reply cannot be read: {error}")
+    return WIRE_ERRORS[said.code](said.message, said.hint)
+
+
+def decode_call(attachment: bytes | None) -> Call | None:
+    """The id and deadline of a command, None where it carries none; raises Invalid."""
+    return None if attachment is None else decode(Call, attachment, "")

@@ -1,0 +1,90 @@
+"""What a rule does: the next situation, all but its state."""
+
+from msgspec.structs import astuple, replace
+
+from services.safety.cage import why_outside
+from services.safety.model import Ask, Booted, Event, Hold, Lost, Situation, Toggle, World
+
+
+def keep(s: Situation, _e: Event, _w: World) -> Situation:
+    """Nothing changes."""
+    return s
+
+
+def consider(s: Situation, e: Event, _w: World) -> Situation:
+    """Take the request up for verification."""
+    assert isinstance(e, Ask)  # noqa: S101 - RULES pairs this action with Ask alone
+    # Until it is accepted, the flight under way is still the one it was.
+    return replace(s, request=s.request + 1, candidate=e, back=s.state, reason="")
+
+
+def take(s: Situation, _e: Event, _w: World) -> Situation:
+    """Fly to the candidate."""
+    goal, takeoff = s.candidate.goal, s.candidate.takeoff
+    return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
+
+
+def refuse(s: Situation, _e: Event, w: World) -> Situation:
+    """Outside: what was, stays."""
+    return replace(s, reason=why_outside(s.candidate.goal, w.cage))
+
+
+def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
+    """Another goal is being flown."""
+    x, y, z = astuple(s.goal)
+    reason = f"busy: flying to ({x:g}, {y:g}, {z:g}); ask with replace to change course"
+    return replace(s, request=s.request + 1, reason=reason)
+
+
+def refuse_blind(s: Situation, _e: Event, _w: World) -> Situation:
+    """No goal is taken without a pose."""
+    return replace(s, request=s.request + 1, reason="no pose: dynamics is silent")
+
+
+def arrive(s: Situation, _e: Event, _w: World) -> Situation:
+    """Hold the goal; ready for the next one."""
+    return replace(s, takeoff=False, reason="")
+
+
+def stop(s: Situation, e: Event, w: World) -> Situation:
+    """Brake to the stopping point, and say why."""
+    match e:
+        case Lost(limit):
+            reason = f"no pose for {limit:g} s: stopped"
+        case Hold():
+            reason = "hold: stopped on request"
+        case _:
+            reason = f"stopped, the goal is now {why_outside(s.goal, w.cage)}"
+    return replace(
+        s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason
+    )
+
+
+def settle(s: Situation, _e: Event, w: World) -> Situation:
+    """The stop is over: this is where it ended."""
+    return replace(s, goal=w.pose.position, settling=False)
+
+
+def toggle(s: Situation, e: Event, _w: World) -> Situation:
+    """Turn the cage on or off."""
+    assert isinstance(e, Toggle)  # noqa: S101 - RULES pairs this action with Toggle alone
+    return replace(s, cage_on=e.cage_on)
+
+
+def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
+    """Turn the cage on, and stop, because the goal now lies outside."""
+    return stop(toggle(s, e, w), e, w)
+
+
+def reboot(s: Situation, e: Event, w: World) -> Situation:
+    """Drop the goal: stay where the new boot stands."""
+    assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
+    return replace(
+        s,
+        boot=w.pose.boot,
+        goal=w.pose.position,
+        brake=True,
+        settling=False,
+        takeoff=False,
+        reason=e.reason,
+    )

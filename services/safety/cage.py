@@ -1,0 +1,23 @@
+"""The virtual cage: closed intervals x in [-cx, cx], y in [-cy, cy], z in [0, cz], metres."""
+
+from schemas.geometry import Position
+from schemas.messages import CageSize
+
+Interval = tuple[float, float]
+
+
+def bounds(cage: CageSize) -> dict[str, Interval]:
+    """The interval of each axis, m."""
+    return {"x": (-cage.x, cage.x), "y": (-cage.y, cage.y), "z": (0.0, cage.z)}
+
+
+def why_outside(point: Position, cage: CageSize) -> str:
+    """Which axis leaves the cage and by which bound; empty when the point is inside.
+
+    A point on the boundary is inside. Written so that NaN would be outside.
+    """
+    for axis, (low, high) in bounds(cage).items():
+        value = getattr(point, axis)
+        if not low <= value <= high:
+            return f"outside the cage: {axis} = {value:.12g} is beyond [{low:g}, {high:g}]"
+    return ""

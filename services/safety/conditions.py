@@ -1,0 +1,56 @@
+"""When a rule fits: no effect, no memory."""
+
+from math import dist
+
+from msgspec.structs import astuple
+
+from services.safety.cage import why_outside
+from services.safety.model import Ask, Event, Situation, State, Toggle, World
+
+AT_REST = 0.05
+"""A vehicle slower than this (m/s) has come to rest."""
+
+
+def always(_s: Situation, _e: Event, _w: World) -> bool:
+    """True."""
+    return True
+
+
+def blind(_s: Situation, _e: Event, w: World) -> bool:
+    """No pose to rely on."""
+    return not w.fresh
+
+
+def may_replace(s: Situation, e: Event, _w: World) -> bool:
+    """The flight under way gives way: it is the take-off, or the request says so."""
+    return s.takeoff or (isinstance(e, Ask) and e.replace)
+
+
+def permitted(s: Situation, _e: Event, w: World) -> bool:
+    """The candidate may be flown to: the cage is off or holds it.
+
+    The cage is convex, so the straight way there stays inside from inside, and comes nearer
+    at every step from outside.
+    """
+    return not s.cage_on or not why_outside(s.candidate.goal, w.cage)
+
+
+def from_flight(s: Situation, _e: Event, _w: World) -> bool:
+    """The request came while another goal was being flown."""
+    return s.back is State.MOVING
+
+
+def arrived(s: Situation, _e: Event, w: World) -> bool:
+    """The vehicle is nearer to the goal than the acceptance range."""
+    return dist(astuple(w.pose.position), astuple(s.goal)) < w.acceptance_range
+
+
+def barred(s: Situation, e: Event, w: World) -> bool:
+    """With the cage as it now is, the goal being flown to lies outside."""
+    cage_on = e.cage_on if isinstance(e, Toggle) else s.cage_on
+    return cage_on and bool(why_outside(s.goal, w.cage))
+
+
+def settled(s: Situation, _e: Event, w: World) -> bool:
+    """A stop was commanded and the vehicle has come to rest."""
+    return s.settling and dist(astuple(w.pose.velocity), (0, 0, 0)) < AT_REST

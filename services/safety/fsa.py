@@ -1,0 +1,115 @@
+"""The safety automaton: everything that moves it stands in RULES, and in nothing else.
+
+    HOVERING -> VERIFYING -> MOVING -> HOVERING
+
+`step` is pure: the pose, the cage and the clock's verdicts come in with the event and the world.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from services.safety.actions import (
+    arrive,
+    consider,
+    keep,
+    reboot,
+    refuse,
+    refuse_blind,
+    refuse_busy,
+    settle,
+    stop,
+    take,
+    toggle,
+    toggle_and_stop,
+)
+from services.safety.conditions import (
+    always,
+    arrived,
+    barred,
+    blind,
+    from_flight,
+    may_replace,
+    permitted,
+    settled,
+)
+from services.safety.model import (
+    Ask,
+    Booted,
+    Check,
+    Event,
+    Hold,
+    Lost,
+    Resized,
+    Seen,
+    Situation,
+    State,
+    Toggle,
+    World,
+)
+
+
+class Rule(NamedTuple):
+    """At a state, on an event, when a condition holds: to a state, by an action."""
+
+    at: State
+    on: type[Event]
+    when: Callable[[Situation, Event, World], bool]
+    to: State
+    do: Callable[[Situation, Event, World], Situation]
+
+
+HOVERING, VERIFYING, MOVING = State
+
+# The first rule that fits is taken. Every (state, event) has one that always does.
+# fmt: off
+RULES = (
+    #    at         on       when         to         do
+    Rule(HOVERING,  Ask,     blind,       HOVERING,  refuse_blind),
+    Rule(HOVERING,  Ask,     always,      VERIFYING, consider),
+    Rule(HOVERING,  Check,   always,      HOVERING,  keep),
+    Rule(HOVERING,  Seen,    settled,     HOVERING,  settle),
+    Rule(HOVERING,  Seen,    always,      HOVERING,  keep),
+    Rule(HOVERING,  Lost,    always,      HOVERING,  keep),
+    Rule(HOVERING,  Booted,  always,      HOVERING,  reboot),
+    Rule(HOVERING,  Hold,    always,      HOVERING,  stop),
+    Rule(HOVERING,  Toggle,  always,      HOVERING,  toggle),
+    Rule(HOVERING,  Resized, always,      HOVERING,  keep),
+    Rule(VERIFYING, Check,   permitted,   MOVING,    take),
+    Rule(VERIFYING, Check,   from_flight, MOVING,    refuse),
+    Rule(VERIFYING, Check,   always,      HOVERING,  refuse),
+    Rule(VERIFYING, Ask,     always,      VERIFYING, refuse_busy),
+    Rule(VERIFYING, Seen,    always,      VERIFYING, keep),
+    Rule(VERIFYING, Lost,    always,      HOVERING,  stop),
+    Rule(VERIFYING, Booted,  always,      HOVERING,  reboot),
+    Rule(VERIFYING, Hold,    always,      HOVERING,  stop),
+    Rule(VERIFYING, Toggle,  always,      VERIFYING, toggle),
+    Rule(VERIFYING, Resized, always,      VERIFYING, keep),
+    Rule(MOVING,    Ask,     blind,       MOVING,    refuse_blind),
+    Rule(MOVING,    Ask,     may_replace, VERIFYING, consider),
+    Rule(MOVING,    Ask,     always,      MOVING,    refuse_busy),
+    Rule(MOVING,    Check,   always,      MOVING,    keep),
+    Rule(MOVING,    Seen,    arrived,     HOVERING,  arrive),
+    Rule(MOVING,    Seen,    always,      MOVING,    keep),
+    Rule(MOVING,    Lost,    always,      HOVERING,  stop),
+    Rule(MOVING,    Booted,  always,      HOVERING,  reboot),
+    Rule(MOVING,    Hold,    always,      HOVERING,  stop),
+    Rule(MOVING,    Toggle,  barred,      HOVERING,  toggle_and_stop),
+    Rule(MOVING,    Toggle,  always,      MOVING,    toggle),
+    Rule(MOVING,    Resized, barred,      HOVERING,  stop),
+    Rule(MOVING,    Resized, always,      MOVING,    keep),
+)
+# fmt: on
+
+
+def step(situation: Situation, event: Event, world: World) -> Situation:
+    """The situation after an event; pure.
+
+    Raises LookupError where no rule fits, which the tests show never to be.
+    """
+    for rule in RULES:
+        fits = rule.at is situation.state and isinstance(event, rule.on)
+        if fits and rule.when(situation, event, world):
+            return replace(rule.do(situation, event, world), state=rule.to)
+    raise LookupError(f"no rule for {situation.state} and {event}")

@@ -1,0 +1,90 @@
+"""What the automaton is made of: its states, its events, what it sees and what it remembers."""
+
+from enum import Enum
+
+from msgspec import Struct
+
+from schemas.geometry import Position
+from schemas.messages import CageSize, Pose
+
+
+class State(Enum):
+    """The lab's three states, and its numbers for them."""
+
+    HOVERING = 1
+    VERIFYING = 2
+    MOVING = 3
+
+
+class Ask(Struct, frozen=True):
+    """Someone asks for a goal (m, ENU); the take-off is asked for like any other."""
+
+    goal: Position
+    replace: bool = False
+    takeoff: bool = False
+
+
+class Check(Struct, frozen=True):
+    """Verify the candidate now."""
+
+
+class Seen(Struct, frozen=True):
+    """A pose came."""
+
+
+class Lost(Struct, frozen=True):
+    """Poses stopped coming; says for how long (s) they are borne."""
+
+    limit: float
+
+
+class Booted(Struct, frozen=True):
+    """A pose of another boot came: what was asked of the old one is void."""
+
+    reason: str
+
+
+class Hold(Struct, frozen=True):
+    """Someone asks to stop."""
+
+
+class Toggle(Struct, frozen=True):
+    """Someone turns the cage on or off."""
+
+    cage_on: bool
+
+
+class Resized(Struct, frozen=True):
+    """The cage has other bounds now."""
+
+
+Event = Ask | Check | Seen | Lost | Booted | Hold | Toggle | Resized
+
+
+class World(Struct, frozen=True):
+    """What the automaton looks at. `fresh` says that the pose may be relied on."""
+
+    pose: Pose
+    fresh: bool
+    cage: CageSize
+    acceptance_range: float
+
+
+class Situation(Struct, frozen=True):
+    """What the automaton remembers.
+
+    `goal` is flown to or held, with `brake` the vehicle's own stopping point is; `candidate`
+    is being verified, and a refusal leads back to `back`. `settling` while a stop goes on.
+    """
+
+    state: State
+    goal: Position
+    cage_on: bool
+    candidate: Ask
+    back: State = State.HOVERING
+    boot: str = ""
+    request: int = 0
+    brake: bool = True
+    settling: bool = False
+    takeoff: bool = False
+    reason: str = ""

@@ -1,0 +1,130 @@
+"""The automaton at work: feeds it, and turns what it decides into messages. Pure of any bus."""
+
+from collections.abc import Callable
+
+from msgspec.structs import astuple, replace
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import CageSize, Pose, SafetyState, Setpoint
+from schemas.params import SafetyParams
+from services.safety.fsa import step
+from services.safety.model import (
+    Ask,
+    Booted,
+    Check,
+    Event,
+    Hold,
+    Lost,
+    Resized,
+    Seen,
+    Situation,
+    State,
+    Toggle,
+    World,
+)
+
+ON_THE_GROUND = 0.05
+"""A vehicle lower than this (m) stands on the ground."""
+_ORIGIN = Position(0.0, 0.0, 0.0)
+_NO_POSE = Pose(
+    "", 0, 0.0, _ORIGIN, Velocity(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0),
+    BodyRates(0.0, 0.0, 0.0),
+)  # fmt: skip
+
+
+class Monitor:
+    """Safety's decisions. `tell` hears of every new state, with a line for the log."""
+
+    def __init__(
+        self, params: SafetyParams, tell: Callable[[SafetyState, str], None], *, restarted: bool
+    ) -> None:
+        """After a restart the cage is on, and the vehicle is left where it hovers."""
+        self._params, self._tell, self._restarted = params, tell, restarted
+        self.pose = _NO_POSE
+        self.fresh = False
+        self.situation = Situation(
+            state=State.HOVERING,
+            goal=_ORIGIN,
+            cage_on=params.cage_on or restarted,
+            candidate=Ask(_ORIGIN),
+        )
+
+    def see(self, pose: Pose) -> None:
+        """Take a new pose; one of another boot voids the goal and takes off anew."""
+        if pose.boot == self.situation.boot and pose.stamp < self.pose.stamp:
+            return
+        self.pose, self.fresh = pose, True
+        if pose.boot != self.situation.boot:
+            self._boot()
+        self._feed(Seen())
+
+    def lose(self) -> None:
+        """Poses are older than allowed."""
+        if self.fresh:
+            self._feed(Lost(self._params.pose_timeout))
+            self.fresh = False
+
+    def ask(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
+        """Request a goal; returns why it is refused, empty when it is taken."""
+        self._feed(Ask(goal, replace, takeoff))
+        if self.situation.state is State.VERIFYING:
+            self._feed(Check())
+        return self.situation.reason
+
+    def hold(self) -> None:
+        """Stop at the stopping point."""
+        self._feed(Hold())
+
+    def toggle(self, *, cage_on: bool) -> None:
+        """Turn the cage on or off."""
+        self._feed(Toggle(cage_on))
+
+    def resize(self) -> None:
+        """The cage's parameters have changed."""
+        self._feed(Resized())
+
+    def setpoint(self) -> Setpoint:
+        """What the vehicle is to do now."""
+        s = self.situation
+        return Setpoint(s.boot, self.pose.seq, s.goal, s.brake)
+
+    def state(self) -> SafetyState:
+        """The automaton as others may know it."""
+        s, cage = self.situation, self._cage()
+        return SafetyState(
+            s.boot, self.pose.stamp, s.request, s.state.name, s.goal, s.cage_on, cage, s.reason
+        )  # fmt: skip
+
+    def _boot(self) -> None:
+        first = not self.situation.boot
+        stays = first and self._restarted
+        reason = "the simulation started anew: the goal is dropped"
+        if first:
+            reason = "safety restarted: hovering here, cage on" if stays else ""
+        self._feed(Booted(reason))
+        start = self.pose.position
+        if self._params.takeoff > 0 and not stays and start.z < ON_THE_GROUND:
+            self.ask(replace(start, z=start.z + self._params.takeoff), takeoff=True)
+
+    def _feed(self, event: Event) -> None:
+        before = self.situation
+        world = World(self.pose, self.fresh, self._cage(), self._params.acceptance_range)
+        self.situation = step(before, event, world)
+        if self.situation != before or isinstance(event, Resized):
+            self._tell(self.state(), _line(before, self.situation, event))
+
+    def _cage(self) -> CageSize:
+        return CageSize(*astuple(self._params.virtual_cage))
+
+
+def _line(before: Situation, after: Situation, event: Event) -> str:
+    parts = []
+    if isinstance(event, Ask):
+        parts.append("Requested position: ({:g}, {:g}, {:g})".format(*astuple(event.goal)))
+    if isinstance(event, Toggle | Resized):
+        parts.append(f"Cage: {'on' if after.cage_on else 'off'}")
+    if after.state is not before.state:
+        parts.append(f"Current State: {after.state.name}")
+    if after.reason != before.reason and after.reason:
+        parts.append(after.reason)
+    return ". ".join(parts)

@@ -1,0 +1,96 @@
+"""The house checks: file lengths, layers, lint, format and types.
+
+    python tests/checks/house.py [--root FOLDER] [CHECK...]
+
+With no CHECK, all. Prints what fails and why; exit 1 where any does. `make check` and the tests
+run this same script, the latter also on copies with a fault put in.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("schemas", "services", "cli")
+LONGEST = 250
+MEDIAN = 80
+
+
+def length(root: Path) -> str:
+    files = {
+        file.relative_to(root): len(file.read_text(encoding="utf-8").splitlines())
+        for package in PACKAGES
+        for file in sorted((root / package).rglob("*.py"))
+    }
+    found = [
+        f"{file.as_posix()}: {lines} lines, at most {LONGEST}: split it by what it is about"
+        for file, lines in files.items()
+        if lines > LONGEST
+    ]
+    median = statistics.median(files.values())
+    if median >= MEDIAN:
+        found.append(
+            f"half of the files have {median:g} lines or more, it should be under {MEDIAN}"
+        )
+    return "\n".join(found)
+
+
+def imports(root: Path) -> str:
+    return run(root, str(Path(sysconfig.get_path("scripts")) / "lint-imports"), "--no-cache")
+
+
+def lint(root: Path) -> str:
+    return run(
+        root, sys.executable, "-m", "ruff", "check", "--quiet", "--output-format=concise", "."
+    )
+
+
+def style(root: Path) -> str:
+    return run(root, sys.executable, "-m", "ruff", "format", "--check", "--quiet", ".")
+
+
+def types(root: Path) -> str:
+    return run(root, sys.executable, "-m", "mypy", "--no-error-summary")
+
+
+def run(root: Path, *command: str) -> str:
+    """What the command printed, if it failed; the root's packages go before installed ones."""
+    done = subprocess.run(
+        command,
+        cwd=root,
+        env=os.environ | {"PYTHONPATH": str(root)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        check=False,
+    )
+    return (done.stdout or f"exit {done.returncode}") if done.returncode else ""
+
+
+CHECKS: dict[str, Callable[[Path], str]] = {
+    check.__name__: check for check in (length, imports, lint, style, types)
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="The house checks.")
+    parser.add_argument("--root", type=Path, default=ROOT)
+    parser.add_argument("checks", nargs="*", metavar="CHECK", help=", ".join(CHECKS))
+    asked = parser.parse_args()
+    if unknown := set(asked.checks) - set(CHECKS):
+        parser.error(f"no such check: {', '.join(sorted(unknown))}; there are {', '.join(CHECKS)}")
+    failed = False
+    for name in asked.checks or CHECKS:
+        found = CHECKS[name](asked.root.resolve())
+        failed |= bool(found)
+        print(f"{name}: FAIL\n{found}" if found else f"{name}: ok", flush=True)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""Every house check sees its faults: all are put into one copy of the tree, each must be named."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from tests.checks import house
+
+IMPURE = ("time", "random", "os", "pathlib", "threading", "zenoh", "services.runtime.node")
+FORBIDDEN = {
+    "schemas": ("numpy", "typer", "services.runtime", "cli", *IMPURE),
+    "cli": ("zenoh", "services.dynamics", "services.hub", "services.pressure", "services.safety"),
+    "services.runtime": ("services.safety", "cli"),
+    "services.hub": ("services.dynamics", "zenoh", "cli"),
+    "services.dynamics": ("services.safety", *IMPURE),
+    "services.pressure": ("services.dynamics", *IMPURE),
+    "services.safety": ("services.pressure", *IMPURE),
+}
+IMPORTS = [(importer, module) for importer, modules in FORBIDDEN.items() for module in modules]
+LONG = "X = 0\n" * 251
+UNDOCUMENTED = "def double(x: int) -> int:\n    return 2 * x\n"
+UNFORMATTED = '"""A table."""\n\nX = {  }\n'
+UNTYPED = '"""Twice."""\n\n\ndef double(x):\n    """Twice x."""\n    return 2 * x\n'
+WRONG = '"""Twice."""\n\nX: int = "two"\n'
+
+
+def fault_name(module: str) -> str:
+    return "fault_" + module.replace(".", "_")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    """A copy of the tree."""
+    root = tmp_path_factory.mktemp("tree")
+    for name in (*house.PACKAGES, "tests"):
+        shutil.copytree(
+            house.ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    shutil.copy(house.ROOT / "pyproject.toml", root)
+    return root
+
+
+@pytest.fixture(scope="module")
+def seen(root):
+    """What each check says of the copy with all the faults in it."""
+    for importer, module in IMPORTS:
+        file = root / importer.replace(".", "/") / f"{fault_name(module)}.py"
+        file.write_text(f"import {module}\n", encoding="utf-8")
+    cli = root / "cli"
+    (cli / "fault_251.py").write_text(LONG, encoding="utf-8")
+    (cli / "no_fault_250.py").write_text(LONG.removesuffix("X = 0\n"), encoding="utf-8")
+    (cli / "fault_undocumented.py").write_text(UNDOCUMENTED, encoding="utf-8")
+    (cli / "fault_unformatted.py").write_text(UNFORMATTED, encoding="utf-8")
+    (cli / "fault_untyped.py").write_text(UNTYPED, encoding="utf-8")
+    (cli / "fault_wrong.py").write_text(WRONG, encoding="utf-8")
+    return {name: check(root) for name, check in house.CHECKS.items()}
+
+
+@pytest.mark.parametrize(("importer", "module"), IMPORTS)
+def test_a_forbidden_import_is_seen(seen, importer, module):
+    assert f"{importer}.{fault_name(module)} -> {module} (l.1)" in seen["imports"]
+
+
+@pytest.mark.parametrize(
+    ("check", "named"),
+    [
+        ("length", "cli/fault_251.py: 251 lines"),
+        ("lint", "cli/fault_undocumented.py:1:5: D103"),
+        ("lint", "cli/fault_zenoh.py:1:8: F401"),
+        ("style", "cli/fault_unformatted.py"),
+        ("types", "cli/fault_untyped.py:4: error: Function is missing a type annotation"),
+        ("types", "cli/fault_wrong.py:3: error: Incompatible types in assignment"),
+    ],
+)
+def test_a_fault_is_seen(seen, check, named):
+    assert named in seen[check]
+
+
+def test_250_lines_are_not_too_many(seen):
+    assert "no_fault_250" not in seen["length"]
+
+
+def test_many_middling_files_are_seen(tmp_path):
+    for package in house.PACKAGES:
+        (tmp_path / package).mkdir()
+        for name, lines in (("short.py", 79), ("middling.py", 80), ("long.py", 81)):
+            (tmp_path / package / name).write_text("X = 0\n" * lines, encoding="utf-8")
+    assert "half of the files have 80 lines or more" in house.length(tmp_path)
+    for package in house.PACKAGES[:2]:
+        (tmp_path / package / "long.py").unlink()
+        (tmp_path / package / "middling.py").unlink()
+    assert house.length(tmp_path) == ""
+
+
+@pytest.mark.parametrize(
+    ("lines", "status", "said"), [(250, 0, "length: ok"), (251, 1, "length: FAIL")]
+)
+def test_the_command_exits_with_the_fault(tmp_path, lines, status, said):
+    for package in house.PACKAGES:
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "short.py").write_text("X = 0\n", encoding="utf-8")
+    (tmp_path / "cli" / "long.py").write_text("X = 0\n" * lines, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, house.__file__, "--root", tmp_path, "length"],
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+        check=False,
+    )
+    assert (done.returncode, done.stdout.splitlines()[0]) == (status, said)

@@ -1,10 +1,10 @@
-"""One axis of the jerk-limited setpoint: how far a stop takes, and the jerk of the next step.
+"""One axis of the jerk-limited path: accelerate towards the goal, then stop on it exactly.
 
-The axis is a triple integrator (position, velocity, acceleration) under a jerk that is constant
-over each control period, integrated exactly. The rule needs no plan and no memory: of all
-accelerations that the next period may end with, take the one from which the time-minimal stop
-ends on the goal. Far from the goal that is the limit of jerk, acceleration or speed; near it,
-the stop itself. A goal moved in flight, or limits that change, are then nothing special.
+The axis is a triple integrator (position, velocity, acceleration) with limits of speed,
+acceleration and jerk. Each period it takes the highest acceleration the limits permit, for as
+long as the time-minimal stop would still end short of the goal; from then on it follows that
+stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
+moved in flight, or new limits, only ask anew on which side of the goal the stop would end.
 
 Straight-line text, as in rigidbody.py. SI units; all limits are positive.
 """
@@ -13,121 +13,98 @@ from math import sqrt
 
 from services.dynamics.controller import PERIOD
 
-LANDING = 5.0
-"""The last three periods begin nearer than this many times jerk x period^3."""
+HALVINGS = 40
+"""Steps of bisection for the moment to brake: to 4e-15 s."""
 
-NO_DISTANCE, NO_SPEED, NO_ACCELERATION = 1e-11, 1e-9, 1e-7
-"""Rounding left by the last three periods, m, m/s, m/s^2: below it the axis is put at rest."""
+Motion = tuple[float, float, float]
+"""Position (m), velocity (m/s) and acceleration (m/s^2)."""
 
 
-def stop(v: float, a: float, most_a: float, j: float) -> tuple[float, float, float]:
-    """Displacement (m) of the time-minimal stop, and its derivatives by v (s) and by a (s^2).
+def ramp(p: float, v: float, a: float, jerk: float, t: float) -> Motion:
+    """The motion after `t` seconds of constant jerk, m/s^3."""
+    half = 0.5 * jerk * t
+    return p + t * (v + t * (0.5 * a + half / 3.0)), v + t * (a + half), a + jerk * t
 
-    From v, a to rest with |jerk| <= j: towards the peak deceleration b at full jerk, hold it
-    where b is the limit, and back to 0. Holding is needed for the speed `held` that two ramps
-    do not take away. Integrating the three pieces and collecting terms gives the polynomial.
+
+def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, float]:
+    """Side, peak deceleration b >= 0 (m/s^2) and hold (m/s) of the time-minimal stop.
+
+    It goes to the peak at full jerk, holds it where that is the limit, for the speed `hold`
+    that two ramps do not take away, and goes back to 0 at full jerk. The side is that of the
+    speed once the acceleration is taken away; a stop on side -1 is the mirror image.
     """
-    # A negative stop is the mirror image of a positive one.
-    s = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
-    v = s * v
-    a = s * a
-    half = 0.5 * a * a
-    root = sqrt(j * v + half) if j * v + half > 0.0 else 0.0
-    b = root if root < most_a else most_a
-    held = v + (half - b * b) / j if root > most_a else 0.0
-    slope = held / most_a + (a + 1.5 * b) / j
-    return (
-        s * ((b * b * (a + b) - a * half / 3.0) / (j * j) + held * (slope - 0.5 * held / most_a)),
-        slope,
-        ((b * b - half) / j + a * slope + held) / j,
+    side = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
+    square = side * j * v + 0.5 * a * a
+    b = sqrt(square) if square > 0.0 else 0.0
+    return side, b if b < most_a else most_a, (square - most_a * most_a) / j if b > most_a else 0.0
+
+
+def stop(v: float, a: float, most_a: float, j: float) -> float:
+    """Displacement of the time-minimal stop, m: its three pieces integrated, terms collected."""
+    side, b, hold = peak(v, a, most_a, j)
+    a = side * a
+    return side * (
+        (b * b * (a + b) - a * a * a / 6.0) / (j * j)
+        + hold * (0.5 * hold / most_a + (a + 1.5 * b) / j)
     )
+
+
+def brake(p: float, v: float, a: float, goal: float, most_a: float, j: float, t: float) -> Motion:
+    """The motion after `t` seconds of the time-minimal stop, which ends on `goal`, m."""
+    side, b, hold = peak(v, a, most_a, j)
+    t1 = (side * a + b) / j
+    t2 = hold / most_a
+    t3 = b / j
+    rests = t1 + t2 + t3 <= t
+    t1 = t1 if t1 < t else t
+    t2 = t2 if t2 < t - t1 else t - t1
+    t3 = t3 if t3 < t - t1 - t2 else t - t1 - t2
+    p, v, a = ramp(*ramp(*ramp(p, v, a, -side * j, t1), 0.0, t2), side * j, t3)
+    return goal if rests else p, 0.0 if rests else v, 0.0 if rests else a
+
+
+def aim(v: float, a: float, gap: float, most_a: float, j: float) -> float:
+    """Heading for a goal `gap` m ahead: the side of the goal's that a stop would end on, +-1."""
+    return 1.0 if stop(v, a, widest(a, most_a), j) <= gap else -1.0
+
+
+def widest(a: float, most_a: float) -> float:
+    """Acceleration limit, m/s^2: where limits were lowered in flight, what there is is held."""
+    return abs(a) if abs(a) > most_a else most_a
 
 
 def advance(
-    p: float, v: float, a: float, goal: float, most_v: float, most_a: float, j: float
+    p: float, v: float, a: float, goal: float, heading: float,
+    most_v: float, most_a: float, j: float,
 ) -> tuple[float, float, float, float]:
-    """Position, velocity and acceleration one period on, and the jerk that leads there.
+    """The motion one period on and the heading from then: 0 while stopping, else as from `aim`.
 
-    From anywhere to rest on `goal` (m) within the limits of speed, acceleration and jerk; the
-    last three periods end on it exactly. Beyond a limit at first, it comes back within it.
+    Within the limits it stays within them; from beyond them it comes back at full jerk.
     """
     h = PERIOD
-    gap = goal - p
-    b = (
-        landing(gap, v, a, most_v, most_a, j)
-        if abs(gap) < LANDING * j * h * h * h
-        else towards(gap, v, a, most_v, most_a, j)
-    )
-    p1 = p + h * v + h * h / 6.0 * (a + a + b)
-    v1 = v + 0.5 * h * (a + b)
-    off = abs(goal - p1) / NO_DISTANCE + abs(v1) / NO_SPEED + abs(b) / NO_ACCELERATION
-    return (
-        goal if off < 1.0 else p1,
-        0.0 if off < 1.0 else v1,
-        0.0 if off < 1.0 else b,
-        (b - a) / h,
-    )
-
-
-def landing(
-    gap: float, v: float, a: float, most_v: float, most_a: float, j: float
-) -> float:
-    """Acceleration to end the period with, by the deadbeat law where its jerks are permitted.
-
-    Three periods of constant jerk take a triple integrator from any state to rest; these are
-    the first two of the three jerks, and the third undoes the acceleration that is left.
-    """
-    h = PERIOD
-    v2 = v / (h * h)
-    a1 = a / h
-    u1 = gap / (h * h * h) - 2.0 * v2 - 11.0 / 6.0 * a1
-    u2 = -v2 - 2.5 * a1 - 2.0 * u1
-    u3 = -a1 - u1 - u2
-    # Half the acceleration limit on each jerk keeps the acceleration between them within it.
-    most = j if j < 0.5 * most_a / h else 0.5 * most_a / h
-    fits = (abs(u1) <= most) & (abs(u2) <= most) & (abs(u3) <= most)
-    return a + u1 * h if fits else towards(gap, v, a, most_v, most_a, j)
-
-
-def towards(
-    gap: float, v: float, a: float, most_v: float, most_a: float, j: float
-) -> float:
-    """Acceleration (m/s^2) to end the next period with, for a goal `gap` m ahead.
-
-    The displacement of the next period and of a stop after it grows with that acceleration, so
-    its root in the permitted interval is what is wanted; two Newton steps from the upper end
-    find it to 1e-7 m, and what remains is mended by the next period.
-    """
-    h = PERIOD
-    change = j * h
-    s = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
-    # With the acceleration brought to 0 at once, the speed must not pass its limit.
-    over = s * (v + 0.5 * h * a) - most_v
-    ramp = j * (sqrt(0.25 * h * h + 2.0 * abs(over) / j) - 0.5 * h)
-    cap = -ramp if over > 0.0 else ramp
-    cap = most_a if cap > most_a else cap
-    high = cap if s > 0.0 else most_a
-    low = -most_a if s > 0.0 else -cap
-    high = a + change if high > a + change else high
-    high = a - change if high < a - change else high
-    low = a - change if low < a - change else low
-    low = a + change if low > a + change else low
-    gap = gap - h * v - h * h * a / 3.0
-    v = v + 0.5 * h * a
-    widest = abs(a) if abs(a) > most_a else most_a
-    d, dv, da = stop(v + 0.5 * h * high, high, widest, j)
-    miss = d + h * h / 6.0 * high - gap
-    return high if miss <= 0.0 else nearer(high, miss, dv, da, gap, v, low, widest, j)
-
-
-def nearer(
-    b: float, miss: float, dv: float, da: float,
-    gap: float, v: float, low: float, most_a: float, j: float,
-) -> float:
-    """Two more Newton steps down from acceleration b, kept above `low`; helper of `towards`."""
-    h = PERIOD
-    b = b - miss / (h * h / 6.0 + 0.5 * h * dv + da)
-    b = low if b < low else b
-    d, dv, da = stop(v + 0.5 * h * b, b, most_a, j)
-    b = b - (d + h * h / 6.0 * b - gap) / (h * h / 6.0 + 0.5 * h * dv + da)
-    return low if b < low else b
+    if heading == 0.0:
+        return *brake(p, v, a, goal, widest(a, most_a), j, h), 0.0
+    v0 = heading * v
+    a0 = heading * a
+    # With the acceleration then taken away at full jerk, though in whole periods (which may
+    # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
+    over = v0 + 0.5 * h * a0 - most_v
+    cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
+    high = -cap if over > 0.0 else cap
+    high = high if high > -most_a else -most_a
+    high = high if high < most_a else most_a
+    high = high if high < a0 + j * h else a0 + j * h
+    high = high if high > a0 - j * h else a0 - j * h
+    jerk = heading * (high - a0) / h
+    p1, v1, a1 = ramp(p, v, a, jerk, h)
+    if heading * (p1 + stop(v1, a1, widest(a1, most_a), j) - goal) <= 0.0:
+        return p1, v1, a1, heading
+    # The moment to brake lies within this period.
+    early, late = 0.0, h
+    for _ in range(HALVINGS):
+        t = 0.5 * (early + late)
+        p1, v1, a1 = ramp(p, v, a, jerk, t)
+        passes = heading * (p1 + stop(v1, a1, widest(a1, most_a), j) - goal) > 0.0
+        early = early if passes else t
+        late = t if passes else late
+    return *brake(*ramp(p, v, a, jerk, early), goal, widest(a, most_a), j, h - early), 0.0

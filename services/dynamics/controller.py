@@ -105,6 +105,10 @@ def control(
     zz = fz * f
     # Rate of the specific force, with that of the drag; a clamped tilt is not led further.
     k = f if k == 1.0 else 0.0
+    e = drag * (sx * jx + sy * jy + sz * jz) / air
+    nx = nx + d * jx + e * sx
+    ny = ny + d * jy + e * sy
+    nz = nz + d * jz + e * sz
     e = drag * (sx * ax + sy * ay + sz * az) / air
     jx = jx + d * ax + e * sx
     jy = jy + d * ay + e * sy
@@ -143,6 +147,7 @@ def control(
         + gx * wy * wz,
         iy * (kr * (-ka * ty + (ox * xx + oy * xy + oz * xz) - wy) + (nx * xx + ny * xy + nz * xz))
         + gy * wx * wz,
-        iz * kr * (-ka * tz - wz) + gz * wx * wy,
+        iz * (kr * (-ka * tz + k * (oy * mz - oz * my) - wz) + k * (ny * mz - nz * my))
+        + gz * wx * wy,
     )
 # fmt: on

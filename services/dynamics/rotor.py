@@ -1,16 +1,19 @@
-"""Mixing: collective thrust and body torques to four motor speed commands."""
+"""Mixing: collective thrust and body torques to four motor speed commands.
 
-from math import sqrt
+Straight-line text, as in rigidbody.py. SI units, body frame FLU.
+"""
+
+from math import exp, sqrt
 
 from schemas.vehicle import VehicleParams
-from services.dynamics.rigidbody import Motors
+from services.dynamics.rigidbody import Motors, State
 
 Mixer = tuple[float, ...]
-"""4 floats made by `mixer_constants`."""
+"""6 floats made by `mixer_constants`."""
 
 
-def mixer_constants(vehicle: VehicleParams) -> Mixer:
-    """What `mix` needs of the parameters, in the order of use.
+def mixer_constants(vehicle: VehicleParams, period: float) -> Mixer:
+    """What `mix` needs of the parameters and of the control period (s), in the order of use.
 
     The lever of a rotor about body x and y is arm / sqrt(2), because the arms stand at 45 degrees.
     """
@@ -19,6 +22,8 @@ def mixer_constants(vehicle: VehicleParams) -> Mixer:
         0.25 * vehicle.thrust_coefficient / vehicle.torque_coefficient,
         vehicle.thrust_coefficient * vehicle.max_motor_speed**2,
         1.0 / vehicle.thrust_coefficient,
+        vehicle.max_motor_speed,
+        exp(-period / vehicle.motor_lag),
     )
 
 
@@ -28,13 +33,21 @@ def hover_speed(vehicle: VehicleParams) -> float:
     return min(speed, vehicle.max_motor_speed)
 
 
-def mix(thrust: float, tx: float, ty: float, tz: float, mixer: Mixer) -> Motors:
-    """Motor speeds (rad/s) for a thrust (N, along body z) and torques (N m, body frame).
+# fmt: off
+def mix(
+    thrust: float, tx: float, ty: float, tz: float, state: State, mixer: Mixer
+) -> Motors:
+    """Motor speed commands (rad/s) for a thrust (N, along body z) and torques (N m).
 
     Where a rotor would pass its limits, roll and pitch are kept, thrust moves to make room for
     them and yaw gets what is left: a quadrotor that loses tilt falls, one that loses yaw turns.
+
+    Each command takes the rotor's thrust, rather than its speed, through one period of a
+    first-order lag: thrust goes with the square of the speed, so that with the speeds lagging
+    freely, the four together would lose lift whenever they part.
     """
-    per_lever, per_yaw, most, per_thrust = mixer
+    _, _, _, _, _, _, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
+    per_lever, per_yaw, most, per_thrust, fastest, decay = mixer
     roll = per_lever * tx
     pitch = per_lever * ty
     swing = abs(roll) + abs(pitch)
@@ -50,14 +63,23 @@ def mix(thrust: float, tx: float, ty: float, tz: float, mixer: Mixer) -> Motors:
     yaw = per_yaw * tz
     yaw = room if yaw > room else yaw
     yaw = -room if yaw < -room else yaw
-    f0 = base + roll - pitch + yaw
-    f1 = base + roll + pitch - yaw
-    f2 = base - roll + pitch + yaw
-    f3 = base - roll - pitch - yaw
-    # Rounding may leave a force a hair below zero, where there is no root.
+    # Squared speeds at the end of the period.
+    gain = (1.0 - decay) * per_thrust
+    s0 = (base + roll - pitch + yaw) * gain + m0 * m0 * decay
+    s1 = (base + roll + pitch - yaw) * gain + m1 * m1 * decay
+    s2 = (base - roll + pitch + yaw) * gain + m2 * m2 * decay
+    s3 = (base - roll - pitch - yaw) * gain + m3 * m3 * decay
+    # Rounding may leave a square a hair below zero, where there is no root.
+    gain = 1.0 / (1.0 - decay)
+    c0 = (sqrt(s0 if s0 > 0.0 else 0.0) - m0 * decay) * gain
+    c1 = (sqrt(s1 if s1 > 0.0 else 0.0) - m1 * decay) * gain
+    c2 = (sqrt(s2 if s2 > 0.0 else 0.0) - m2 * decay) * gain
+    c3 = (sqrt(s3 if s3 > 0.0 else 0.0) - m3 * decay) * gain
+    # A rotor that slows down is never told less than 0: the root is at least m sqrt(decay).
     return (
-        sqrt((f0 if f0 > 0.0 else 0.0) * per_thrust),
-        sqrt((f1 if f1 > 0.0 else 0.0) * per_thrust),
-        sqrt((f2 if f2 > 0.0 else 0.0) * per_thrust),
-        sqrt((f3 if f3 > 0.0 else 0.0) * per_thrust),
+        c0 if c0 < fastest else fastest,
+        c1 if c1 < fastest else fastest,
+        c2 if c2 < fastest else fastest,
+        c3 if c3 < fastest else fastest,
     )
+# fmt: on

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from services.runtime.errors import Invalid
@@ -25,7 +24,7 @@ class Child:
         self,
         process: Process,
         environment: Mapping[str, str],
-        folder: Path,
+        folder: str,
         on_line: Callable[[str], None],
         on_end: Callable[[], None],
     ) -> None:

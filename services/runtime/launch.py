@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import sysconfig
-from pathlib import Path
+import threading
 
 import msgspec
 from msgspec import Struct
@@ -14,6 +14,7 @@ from msgspec import Struct
 from schemas.params import Params
 from services.runtime.errors import AlreadyServed, QuadctlError
 from services.runtime.lock import FileLock
+from services.runtime.processes import START_TIMEOUT
 from services.runtime.realm import Realm
 from services.runtime.session import Address
 
@@ -25,7 +26,7 @@ class Launch(Struct, frozen=True):
     vehicle: str
     params: Params
     without: list[str]
-    folder: Path
+    folder: str
 
     def environment(self, restarts: int) -> dict[str, str]:
         """What a child finds in its environment beside ours."""
@@ -67,10 +68,11 @@ def choose_address(realm: Realm, transport: str) -> Address:
     return Address(f"tcp/127.0.0.1:{port}", secrets.token_hex(8), secrets.token_hex(16))
 
 
-def detach(launch: Launch, timeout: float) -> None:
+def detach(launch: Launch) -> None:
     """Start a supervisor in the background, and return when it says that all are ready.
 
-    Raises QuadctlError with the last lines of what did not come up.
+    Raises AlreadyServed where the realm is live, and QuadctlError with the last lines of what
+    did not come up; then nothing is left running.
     """
     supervisor = subprocess.Popen(
         [sys.executable, "-P", "-m", "services.runtime.background"],
@@ -78,9 +80,22 @@ def detach(launch: Launch, timeout: float) -> None:
         stdout=subprocess.PIPE,
         start_new_session=True,
     )
-    said, _ = supervisor.communicate(msgspec.json.encode(launch), timeout)
-    settled = msgspec.json.decode(said, type=Settled)
+    assert supervisor.stdin is not None and supervisor.stdout is not None  # noqa: S101 - pipes
+    patience = threading.Timer(2 * START_TIMEOUT, supervisor.kill)
+    patience.start()
+    try:
+        supervisor.stdin.write(msgspec.json.encode(launch))
+        supervisor.stdin.close()
+        said = supervisor.stdout.read()
+    except BaseException:
+        # Ctrl-C: what was begun is not left behind.
+        supervisor.terminate()
+        raise
+    finally:
+        patience.cancel()
+    settled = msgspec.json.decode(said or b"{}", type=Settled)
     if settled.code == AlreadyServed.code:
         raise AlreadyServed(settled.failed, settled.hint)
-    if settled.failed:
-        raise QuadctlError(settled.failed, settled.hint)
+    if settled.failed or not said:
+        supervisor.wait()
+        raise QuadctlError(settled.failed or "the supervisor ended at once", settled.hint)

@@ -35,12 +35,18 @@ def write(realm: Realm, record: RunRecord) -> None:
     write_atomically(realm.record, msgspec.json.encode(record))
 
 
+def is_live(realm: Realm) -> bool:
+    """Whether a supervisor holds the realm."""
+    return realm.lock.exists() and FileLock(realm.lock, "").held()
+
+
 def read(realm: Realm) -> RunRecord:
     """The record of a live run; raises Unreachable where nothing runs in the realm."""
     try:
-        if realm.lock.exists() and FileLock(realm.lock, "").held():
+        if is_live(realm):
             return msgspec.json.decode(realm.record.read_bytes(), type=RunRecord)
     except FileNotFoundError:
+        # It went down, or has not come up, between the two looks.
         pass
     raise Unreachable(
         f"nothing is running in the realm {realm.name}", "start it with `quadctl up`"

@@ -1,0 +1,59 @@
+# Everything from a bare checkout, with make and Python >= 3.11 alone; nothing outside it changes.
+# `make test PYTHON=python3.12` takes another Python, in an environment of its own, .venv-3.12.
+
+FITS = -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))'
+PYTHONS := python3 python3.13 python3.12 python3.11
+
+ifdef PYTHON
+VENV := .venv-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+else
+PYTHON := $(shell for p in $(PYTHONS); do $$p $(FITS) 2>/dev/null && echo $$p && break; done)
+VENV := .venv
+endif
+
+READY := $(VENV)/.ready
+RUN := $(VENV)/bin/python
+LOCK := .cache/lock/bin/uv pip compile pyproject.toml --quiet --universal --generate-hashes \
+	--no-config --no-header --no-annotate
+
+export PIP_CACHE_DIR := $(CURDIR)/.cache/pip
+export UV_CACHE_DIR := $(CURDIR)/.cache/uv
+export MPLCONFIGDIR := $(CURDIR)/.cache/matplotlib
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# A shell with ROS sourced would bring its packages and pytest plugins along.
+unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
+
+.PHONY: demo test check lock clean
+
+demo: $(READY)
+	$(VENV)/bin/quadctl demo
+
+test: $(READY)
+	$(RUN) -m pytest
+
+check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types.
+	$(RUN) tests/checks/house.py
+
+$(READY): requirements-dev.lock pyproject.toml $(RUN)
+	@$(or $(PYTHON),false) $(FITS) 2>/dev/null || { \
+	echo "quadctl needs Python 3.11 or newer with venv and ensurepip; tried $(or $(PYTHON),$(PYTHONS))."; \
+	echo "Install one (Debian, Ubuntu: apt install python3 python3-venv; macOS: brew install python)"; \
+	echo "or name one: make $(MAKECMDGOALS) PYTHON=/path/to/python3.12"; exit 1; } >&2
+	@echo "Setting up $(VENV), once: a minute or so."
+	$(PYTHON) -m venv --clear $(VENV)
+	$(RUN) -m pip install --quiet --require-hashes -r requirements-dev.lock
+	$(RUN) -m pip install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+# Missing, or a link to a Python that is gone: set up again.
+$(RUN): ;
+
+lock:  ## Pins what pyproject.toml asks for; UPGRADE=--upgrade takes the newest of everything.
+	$(PYTHON) -m venv --clear .cache/lock
+	.cache/lock/bin/python -m pip install --quiet uv==0.13.8
+	$(LOCK) --group dev $(UPGRADE) -o requirements-dev.lock
+	$(LOCK) --constraints requirements-dev.lock -o requirements.lock
+
+clean:
+	rm -rf .venv .venv-* .cache .*_cache .hypothesis build dist *.egg-info demo.png
+	find schemas services cli tests -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,55 @@
+"""`hold`, `reset`, `state`."""
+
+import typer
+
+from cli import bus, options, output
+
+
+def hold(ctx: typer.Context) -> None:
+    """Stop, and hover at the stopping point.
+
+    Example: quadctl hold
+    """
+    from schemas.requests import HoldRequest  # noqa: PLC0415 - see cli.bus
+    from schemas.topics import HOLD  # noqa: PLC0415
+
+    with bus.connect(ctx) as client:
+        reply = client.call(HOLD, HoldRequest())
+    if options.of(ctx).json:
+        output.document(reply)
+    else:
+        output.line("stopping: hovering at the stopping point")
+
+
+def reset(ctx: typer.Context) -> None:
+    """Put the vehicle back at its start, as a new boot of the simulation.
+
+    Example: quadctl reset
+    """
+    from schemas.requests import ResetRequest  # noqa: PLC0415 - see cli.bus
+    from schemas.topics import RESET  # noqa: PLC0415
+
+    with bus.connect(ctx) as client:
+        reply = client.call(RESET, ResetRequest())
+    if options.of(ctx).json:
+        output.document(reply)
+    else:
+        output.line("the vehicle is back at its start")
+
+
+def state(ctx: typer.Context) -> None:
+    """Show what the automaton is doing, and where the vehicle is.
+
+    Example: quadctl state --json
+    """
+    import msgspec  # noqa: PLC0415 - see cli.bus
+
+    from schemas.topics import POSE, STATE  # noqa: PLC0415
+
+    with bus.connect(ctx) as client:
+        now, pose = client.latest(STATE), client.first(POSE)
+    shown = msgspec.to_builtins(now) | {"pose": msgspec.to_builtins(pose)}
+    if options.of(ctx).json:
+        output.document(shown)
+    else:
+        output.fields(shown)

@@ -1,0 +1,48 @@
+"""`node list`."""
+
+import typer
+
+from cli import bus, options, output
+from cli.options import Command
+
+app = typer.Typer(help="The processes on the bus.")
+
+
+@app.command("list", cls=Command)
+def list_(ctx: typer.Context) -> None:
+    """List the nodes: those that `up` looks after, and any other that has announced itself."""
+    import msgspec  # noqa: PLC0415 - see cli.bus
+
+    from services.runtime import record  # noqa: PLC0415
+    from services.runtime.errors import Unreachable  # noqa: PLC0415
+    from services.runtime.realm import Realm  # noqa: PLC0415
+
+    chosen = options.of(ctx)
+    try:
+        nodes = msgspec.to_builtins(record.read(Realm(chosen.realm)).nodes)
+    except Unreachable:
+        if not chosen.connect:
+            raise
+        nodes = []
+    try:
+        with bus.connect(ctx) as client:
+            live, offers = client.nodes(), client.offers()
+    except Unreachable:
+        # The supervisor still knows what runs while its hub is being restarted.
+        live, offers = [], []
+    known = {node["name"] for node in nodes}
+    strangers = [name for name in live if name not in known]
+    nodes += [{"name": name, "pid": 0, "state": "ready", "restarts": 0} for name in strangers]
+    for node in nodes:
+        for kind, title in (("@pub", "topics"), ("@srv", "services")):
+            mine = (offer for offer in offers if offer.node == node["name"] and offer.kind == kind)
+            node[title] = [offer.key for offer in mine]
+    if chosen.json:
+        output.document(nodes)
+        return
+    rows = [
+        (node["name"], node["state"], node["pid"] or "-", node["restarts"],
+         len(node["topics"]), len(node["services"]))
+        for node in nodes
+    ]  # fmt: skip
+    output.table([("NAME", "STATE", "PID", "RESTARTS", "TOPICS", "SERVICES"), *rows])

@@ -1,0 +1,54 @@
+"""What commands print: documents on stdout, errors on stderr, both as text or as JSON."""
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import msgspec
+
+from services.runtime.errors import QuadctlError
+
+
+def document(value: Any) -> None:
+    """Print one JSON document, on one line, at once."""
+    sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
+    sys.stdout.flush()
+
+
+def line(text: str) -> None:
+    """Print one line of text, at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def table(rows: Iterable[Sequence[object]]) -> None:
+    """Print rows, one a line, in aligned columns."""
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    for row in texts:
+        cells = (f"{cell:{width}}" for cell, width in zip(row, widths, strict=True))
+        line("  ".join(cells).rstrip())
+
+
+def fields(value: Any, indent: str = "") -> None:
+    """Print data as `rostopic echo` does: a field a line, nested ones indented."""
+    if not isinstance(value, dict):
+        line(f"{indent}{value}")
+        return
+    for name, part in value.items():
+        if isinstance(part, dict) and part:
+            line(f"{indent}{name}:")
+            fields(part, indent + "  ")
+        else:
+            line(f"{indent}{name}: {part!r}" if isinstance(part, str) else f"{indent}{name}: {part}")
+
+
+def error(problem: QuadctlError, *, as_json: bool) -> None:
+    """Print what went wrong and what to do about it, on stderr."""
+    if as_json:
+        said = {"code": problem.code, "message": problem.message, "hint": problem.hint}
+        sys.stderr.write(msgspec.json.encode({"error": said}).decode() + "\n")
+        return
+    sys.stderr.write(f"error: {problem.message}\n")
+    if problem.hint:
+        sys.stderr.write(f"  try: {problem.hint}\n")

@@ -1,0 +1,39 @@
+"""A progress bar on a terminal, nothing elsewhere."""
+
+import sys
+from typing import Any, Self
+
+
+class Progress:
+    """Shows a fraction and a text, on stderr and only where somebody is looking."""
+
+    def __init__(self, title: str, *, quiet: bool) -> None:
+        self._title = title
+        self._bar: Any = None
+        if not quiet and sys.stderr.isatty() and sys.stdout.isatty():
+            from rich.console import Console  # noqa: PLC0415 - 60 ms, on a terminal alone
+            from rich.progress import BarColumn, TextColumn  # noqa: PLC0415
+            from rich.progress import Progress as Bar  # noqa: PLC0415
+
+            self._bar = Bar(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.fields[text]}"),
+                console=Console(stderr=True),
+                transient=True,
+            )
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+            self._task = self._bar.add_task(self._title, total=1.0, text="")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def update(self, fraction: float, text: str) -> None:
+        """Show how far it is, from 0 to 1."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=min(max(fraction, 0.0), 1.0), text=text)

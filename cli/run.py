@@ -1,0 +1,125 @@
+"""`up`, `down`, `status`, `init`: the run as a whole."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli import options, output
+from services.runtime.errors import Invalid, QuadctlError, TimedOut
+
+_DEFAULT_FILE = Path("quad.toml")
+_DOWN_WITHIN = 5.0
+
+File = Annotated[
+    Path | None, typer.Argument(help="Parameter file [default: ./quad.toml if it is there].")
+]
+
+
+def up(
+    ctx: typer.Context,
+    file: File = None,
+    detach: Annotated[
+        bool, typer.Option("--detach", "-d", help="Return when all processes are ready.")
+    ] = False,
+    without: Annotated[
+        list[str] | None, typer.Option(metavar="NODE", help="Leave a process out.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter of the file."),
+    ] = None,
+) -> None:
+    """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
+
+    Example: quadctl up -d --set safety.virtual_cage.x=3
+    """
+    from services.runtime import launch as launching  # noqa: PLC0415 - see cli.bus
+    from services.runtime import up as running  # noqa: PLC0415
+    from services.runtime.params import load  # noqa: PLC0415
+    from services.runtime.processes import table  # noqa: PLC0415
+
+    chosen = options.of(ctx)
+    source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
+    params = load(source, settings or ())
+    table(params.processes, without or ())
+    folder = source.resolve().parent if source else Path.cwd()
+    launch = launching.Launch(chosen.realm, chosen.vehicle, params, without or [], str(folder))
+    if detach:
+        launching.detach(launch)
+        if chosen.json:
+            status(ctx)
+        return
+    # Lines are the only output of a run in the foreground, so --json changes nothing there.
+    number = running.run(launch, sys.stdout, lambda _supervisor, _failed: None)
+    if number == signal.SIGINT:
+        raise typer.Exit(128 + number)
+
+
+def down(ctx: typer.Context) -> None:
+    """Stop the run of a realm and all of its processes.
+
+    Example: quadctl down
+    """
+    from services.runtime import record  # noqa: PLC0415 - see cli.bus
+    from services.runtime.realm import Realm  # noqa: PLC0415
+
+    chosen = options.of(ctx)
+    realm = Realm(chosen.realm)
+    run = record.read(realm)
+    os.kill(run.pid, signal.SIGTERM)
+    deadline = time.monotonic() + _DOWN_WITHIN
+    while record.is_live(realm):
+        if time.monotonic() > deadline:
+            raise TimedOut(
+                f"process {run.pid} has not ended within {_DOWN_WITHIN:g} s",
+                f"kill -9 {run.pid}: its children end by themselves",
+            )
+        time.sleep(0.005)
+    if chosen.json:
+        output.document({"realm": realm.name, "pid": run.pid})
+    else:
+        output.line(f"realm {realm.name} is down")
+
+
+def status(ctx: typer.Context) -> None:
+    """Show the processes of a run.
+
+    Example: quadctl status --json
+    """
+    from services.runtime import record  # noqa: PLC0415 - see cli.bus
+    from services.runtime.realm import Realm  # noqa: PLC0415
+
+    chosen = options.of(ctx)
+    run = record.read(Realm(chosen.realm))
+    if chosen.json:
+        output.document(run)
+        return
+    output.line(f"realm {run.realm}, vehicle {run.vehicle}, supervised by process {run.pid}")
+    rows = [(node.name, node.state, node.pid or "-", node.restarts) for node in run.nodes]
+    output.table([("NAME", "STATE", "PID", "RESTARTS"), *rows])
+
+
+def init(ctx: typer.Context, file: Annotated[Path, typer.Argument()] = _DEFAULT_FILE) -> None:
+    """Write the parameter file with every key, its unit, default and meaning.
+
+    Example: quadctl init my_lab.toml
+    """
+    from services.runtime.template import render  # noqa: PLC0415 - see cli.bus
+
+    chosen = options.of(ctx)
+    try:
+        with file.open("x", encoding="utf-8") as out:
+            out.write(render())
+    except FileExistsError as error:
+        raise Invalid(f"{file} is there already", "name another file, or remove it") from error
+    except OSError as error:
+        raise QuadctlError(f"{file} cannot be written: {error.strerror}") from error
+    if chosen.json:
+        output.document({"file": str(file)})
+    else:
+        output.line(f"wrote {file}")

@@ -1,0 +1,55 @@
+"""The locks pin what pyproject.toml asks for, on every Python it names, and name no host."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+RUNTIME = PROJECT["project"]["dependencies"]
+LOCKS = {
+    "requirements.lock": RUNTIME,
+    "requirements-dev.lock": RUNTIME + PROJECT["dependency-groups"]["dev"],
+}
+PIN = re.compile(r"[a-z0-9-]+==[0-9][0-9a-z.]*( ; [A-Za-z0-9_.'<>=! ]+)? \\")
+HASH = re.compile(r"    --hash=sha256:[0-9a-f]{64}( \\)?")
+
+
+def lines(lock: str) -> list[str]:
+    return (ROOT / lock).read_text(encoding="utf-8").splitlines()
+
+
+def pins(lock: str) -> list[Requirement]:
+    return [Requirement(line.removesuffix(" \\")) for line in lines(lock) if PIN.fullmatch(line)]
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_a_lock_holds_pins_and_hashes_alone(lock):
+    assert [
+        line for line in lines(lock) if not PIN.fullmatch(line) and not HASH.fullmatch(line)
+    ] == []
+
+
+@pytest.mark.parametrize("python", ["3.11.0", "3.12.0", "3.13.0"])
+@pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
+@pytest.mark.parametrize("lock", LOCKS)
+def test_what_is_asked_for_is_pinned_once(lock, platform, python):
+    here = {"python_full_version": python, "python_version": python[:4], "sys_platform": platform}
+    pinned: dict[str, str] = {}
+    for pin in pins(lock):
+        if pin.marker is None or pin.marker.evaluate(here):
+            assert pin.name not in pinned
+            pinned[pin.name] = str(pin.specifier).removeprefix("==")
+    for asked in map(Requirement, LOCKS[lock]):
+        assert asked.specifier.contains(pinned[canonicalize_name(asked.name)]), (
+            f"{asked}: `make lock`"
+        )
+
+
+def test_users_get_what_is_tested():
+    pinned, tested = ({(p.name, str(p.specifier)) for p in pins(lock)} for lock in LOCKS)
+    assert pinned <= tested

@@ -1,0 +1,98 @@
+"""The built wheel, in a fresh environment, from a folder that is not the checkout."""
+
+import os
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+PACKAGES = ("schemas", "services", "cli")
+SCRIPTS = "Scripts" if os.name == "nt" else "bin"
+
+pytestmark = pytest.mark.timeout(240)
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    """Stdout of a command that ends well, with nothing of this environment's Python in sight."""
+    env = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    done = subprocess.run(
+        command, cwd=cwd, env=env, capture_output=True, encoding="utf-8", timeout=200, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """A folder with the wheel and the sdist, both built from the checkout."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(
+        *(sys.executable, "-m", "build", "--no-isolation", "--wheel", "--sdist"),
+        *("--outdir", folder),
+        cwd=ROOT,
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built) -> Path:
+    [wheel] = built.glob("*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("elsewhere")
+
+
+@pytest.fixture(scope="module")
+def scripts(wheel, elsewhere, tmp_path_factory) -> Path:
+    """The commands of a fresh environment that holds the wheel and its pinned dependencies."""
+    venv = tmp_path_factory.mktemp("fresh") / "venv"
+    run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=elsewhere)
+    pip = (sys.executable, "-m", "pip", "--python", venv, "install", "--quiet", "--no-compile")
+    run(*pip, "--require-hashes", "-r", ROOT / "requirements.lock", cwd=elsewhere)
+    run(*pip, "--no-deps", wheel, cwd=elsewhere)
+    return venv / SCRIPTS
+
+
+def test_the_wheel_holds_the_three_packages_alone(wheel):
+    run(sys.executable, "-m", "check_wheel_contents", wheel, cwd=ROOT)
+    names = zipfile.ZipFile(wheel).namelist()
+    dist_info = f"quadctl-{VERSION}.dist-info"
+    assert {name.split("/")[0] for name in names} == {*PACKAGES, dist_info}
+    assert {f"{package}/py.typed" for package in PACKAGES} <= set(names)
+    assert f"{dist_info}/licenses/LICENSE" in names
+
+
+def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):
+    [sdist] = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    [source] = tmp_path.iterdir()
+    run(sys.executable, "-m", "build", "--no-isolation", "--wheel", cwd=source)
+    [again] = (source / "dist").glob("*.whl")
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+def test_the_packages_are_the_wheels(scripts, elsewhere):
+    code = "import schemas, services, cli; print(*(p.__file__ for p in (schemas, services, cli)), sep='\\n')"
+    files = run(scripts / "python", "-P", "-c", code, cwd=elsewhere).splitlines()
+    assert len(files) == len(PACKAGES)
+    assert all(Path(file).is_relative_to(scripts.parent) for file in files)
+
+
+def test_quadctl_runs_anywhere(scripts, elsewhere):
+    quadctl = scripts / "quadctl"
+    assert "calibrate" in run(quadctl, "--help", cwd=elsewhere)
+    assert VERSION in run(quadctl, "--version", cwd=elsewhere)
+    assert "Pose" in run(quadctl, "type", "list", cwd=elsewhere)
+    shown = run(quadctl, "type", "show", "calibrate_pressure", cwd=elsewhere)
+    assert shown == "bool zero\n---\nfloat64 baseline\n"
+    assert list(elsewhere.iterdir()) == []

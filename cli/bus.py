@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 
 def connect(ctx: typer.Context) -> Client:
     """Connect to the hub that the options name; raises Unreachable when there is none."""
-    from services.runtime.client import Client  # noqa: PLC0415 - Zenoh only where it is used
+    from services.runtime.client import Client
 
     chosen = options.of(ctx)
-    return Client(
-        chosen.realm, chosen.vehicle, connect=chosen.connect, timeout=chosen.timeout
-    )
+    return Client(chosen.realm, chosen.vehicle, connect=chosen.connect, timeout=chosen.timeout)

@@ -9,8 +9,8 @@ app = typer.Typer(help="The virtual cage.")
 
 
 def _toggle(ctx: typer.Context, *, cage_on: bool) -> None:
-    from schemas.requests import ToggleCageRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import STATE, TOGGLE_CAGE  # noqa: PLC0415
+    from schemas.requests import ToggleCageRequest
+    from schemas.topics import STATE, TOGGLE_CAGE
 
     with bus.connect(ctx) as client:
         reply = client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on))
@@ -38,7 +38,7 @@ def off(ctx: typer.Context) -> None:
 @app.command(cls=Command)
 def show(ctx: typer.Context) -> None:
     """Show the bounds, and whether the cage is on."""
-    from schemas.topics import STATE  # noqa: PLC0415 - see cli.bus
+    from schemas.topics import STATE
 
     with bus.connect(ctx) as client:
         state = client.latest(STATE)

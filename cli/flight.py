@@ -10,8 +10,8 @@ def hold(ctx: typer.Context) -> None:
 
     Example: quadctl hold
     """
-    from schemas.requests import HoldRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import HOLD  # noqa: PLC0415
+    from schemas.requests import HoldRequest
+    from schemas.topics import HOLD
 
     with bus.connect(ctx) as client:
         reply = client.call(HOLD, HoldRequest())
@@ -26,8 +26,8 @@ def reset(ctx: typer.Context) -> None:
 
     Example: quadctl reset
     """
-    from schemas.requests import ResetRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import RESET  # noqa: PLC0415
+    from schemas.requests import ResetRequest
+    from schemas.topics import RESET
 
     with bus.connect(ctx) as client:
         reply = client.call(RESET, ResetRequest())
@@ -42,9 +42,9 @@ def state(ctx: typer.Context) -> None:
 
     Example: quadctl state --json
     """
-    import msgspec  # noqa: PLC0415 - see cli.bus
+    import msgspec
 
-    from schemas.topics import POSE, STATE  # noqa: PLC0415
+    from schemas.topics import POSE, STATE
 
     with bus.connect(ctx) as client:
         now, pose = client.latest(STATE), client.first(POSE)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cli import bus, options, output
 from cli.progress import Progress
-from services.runtime.errors import Invalid, Refused, TimedOut
+from services.runtime.errors import Invalid, QuadctlError, Refused
 
 if TYPE_CHECKING:
-    from schemas.geometry import Position
-    from services.runtime.client import Client, Stream
-
-_SLACK = 5.0
-"""Seconds that a flight may take beyond twice the planned time."""
+    from cli.flying import Flight
+    from schemas.requests import GotoRequest
+    from services.runtime.client import Client
 
 
 def goto(
@@ -40,99 +37,70 @@ def goto(
 
     Example: quadctl goto 1 -2 1.5
     """
-    from schemas.geometry import Position  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import POSE, STATE  # noqa: PLC0415
+    from cli.flying import Flight
+    from schemas.geometry import Position
+    from schemas.topics import GOTO
 
-    request = _request(x, y, z, replace)
     if arrive is not None and not 0 < arrive < math.inf:
         raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
+    request = _request(x, y, z, replace)
     as_json = options.of(ctx).json
     with bus.connect(ctx) as client:
-        stream = client.listen(STATE.key(client.vehicle), POSE.key(client.vehicle))
-        pose = client.first(POSE) if not no_wait else None
-        reason = _ask(client, request)
-        report: dict[str, Any] = {"accepted": not reason, "reason": reason, "arrived": False}
-        if reason or pose is None:
-            _verdict(report, as_json=as_json)
-            return
+        flight = Flight(client, Position(request.x, request.y, request.z))
+        reply = client.call(GOTO, request)
         if not as_json:
-            output.line("accepted")
-        start = pose.position
-        limit = arrive or _planned(client, start, request) * 2 + _SLACK
-        flight = _Flight(client, stream, Position(request.x, request.y, request.z), limit)
-        flight.watch(start, quiet=as_json)
-    report |= {
-        "arrived": flight.arrived,
-        "distance": flight.distance,
-        "seconds": flight.seconds,
-        "reason": flight.reason,
-    }
+            output.line("accepted" if reply.accepted else "rejected")
+        problem: QuadctlError | None = None
+        if not reply.accepted:
+            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` say more")
+        elif not no_wait:
+            problem = _watch(client, flight, arrive, quiet=as_json)
     if as_json:
-        output.document(report)
+        output.document(_report(flight, reply.accepted, reply.reason or flight.reason))
     elif flight.arrived:
         output.line(f"arrived within {flight.distance:.2f} m after {flight.seconds:.2f} s")
-    flight.raise_unless_arrived()
+    if problem is not None:
+        raise problem
 
 
-class _Flight:
-    """One flight, as the state and pose topics tell it."""
+def _watch(
+    client: Client, flight: Flight, arrive: float | None, *, quiet: bool
+) -> QuadctlError | None:
+    """Show the flight until it ends; returns what kept it from its goal."""
+    from cli.flying import distance, patience
+    from schemas.topics import POSE
 
-    def __init__(self, client: Client, stream: Stream, goal: Position, limit: float) -> None:
-        self._client, self._stream, self._goal, self._limit = client, stream, goal, limit
-        self.arrived, self.reason = False, ""
-        self.distance, self.seconds = math.inf, 0.0
-        self._began: float | None = None
-        self._moving = False
-
-    def watch(self, start: Position, *, quiet: bool) -> None:
-        """Follow the flight until it ends in any way; raises TimedOut when all falls silent."""
-        whole = max(_distance(start, self._goal), 1e-6)
-        ends = time.monotonic() + self._limit
+    try:
+        start = client.first(POSE).position
+        whole = max(distance(start, flight.goal), 1e-6)
+        limit = arrive or patience(client, start, flight.goal)
         with Progress("flying", quiet=quiet) as progress:
-            while not (self.arrived or self.reason):
-                left = ends - time.monotonic()
-                if left <= 0:
-                    return
-                message = self._stream.next(min(left, self._client.timeout))
-                if message is None and left > self._client.timeout:
-                    raise self._client.silent(f"{self._client.vehicle}/safety/state")
-                if message is not None:
-                    self._read(message)
-                    progress.update(1 - self.distance / whole, f"{self.distance:.2f} m to go")
-
-    def raise_unless_arrived(self) -> None:
-        """Turn a flight that did not end at its goal into the error that it is."""
-        if self.reason:
-            raise Refused(f"the flight was stopped: {self.reason}", "`quadctl state` shows more")
-        if not self.arrived:
-            raise TimedOut(
-                f"not there after {self._limit:.1f} s: {self.distance:.2f} m to go",
-                "the flight goes on; `quadctl hold` stops it, --arrive waits longer",
+            flight.watch(
+                limit, lambda left: progress.update(1 - left / whole, f"{left:.2f} m to go")
             )
-
-    def _read(self, message: Any) -> None:
-        from schemas.messages import Pose, SafetyState  # noqa: PLC0415 - see cli.bus
-        from services.runtime import wire  # noqa: PLC0415
-
-        if message.key.endswith("/pose"):
-            pose = wire.decode(Pose, message.payload, message.encoding)
-            if self._began is None:
-                self._began = pose.stamp
-            self.distance = _distance(pose.position, self._goal)
-            self.seconds = pose.stamp - self._began
-            return
-        state = wire.decode(SafetyState, message.payload, message.encoding)
-        if state.goal == self._goal:
-            self._moving = self._moving or state.state == "MOVING"
-            self.arrived = self._moving and state.state == "HOVERING"
-        elif self._moving and state.state != "VERIFYING":
-            self.reason = state.reason or "another goal was accepted in its place"
+    except QuadctlError as problem:
+        return problem
+    except KeyboardInterrupt:
+        output.note("stopped waiting: the flight goes on; `quadctl hold` stops it")
+        raise
+    return None
 
 
-def _request(x: float, y: float, z: float, replace: bool) -> Any:
-    import msgspec  # noqa: PLC0415 - see cli.bus
+def _report(flight: Flight, accepted: bool, reason: str) -> dict[str, Any]:
+    known = math.isfinite(flight.distance)
+    return {
+        "accepted": accepted,
+        "reason": reason,
+        "arrived": flight.arrived,
+        "distance": flight.distance if known else None,
+        "seconds": flight.seconds if known else None,
+    }
 
-    from schemas.requests import GotoRequest  # noqa: PLC0415
+
+def _request(x: float, y: float, z: float, replace: bool) -> GotoRequest:
+    import msgspec
+
+    from schemas.requests import GotoRequest
 
     try:
         return msgspec.convert({"x": x, "y": y, "z": z, "replace": replace}, GotoRequest)
@@ -141,37 +109,3 @@ def _request(x: float, y: float, z: float, replace: bool) -> Any:
             f"({x}, {y}, {z}) is no point to fly to: {error}",
             "coordinates are metres, finite, and at most 10 km",
         ) from error
-
-
-def _ask(client: Client, request: Any) -> str:
-    from schemas.topics import GOTO  # noqa: PLC0415 - see cli.bus
-
-    reply = client.call(GOTO, request)
-    return "" if reply.accepted else reply.reason
-
-
-def _verdict(report: dict[str, Any], *, as_json: bool) -> None:
-    if as_json:
-        output.document(report | {"distance": None, "seconds": None})
-    elif report["accepted"]:
-        output.line("accepted")
-    else:
-        output.line("rejected")
-    if not report["accepted"]:
-        raise Refused(report["reason"], "`quadctl cage show` and `quadctl state` say more")
-
-
-def _planned(client: Client, start: Position, goal: Any) -> float:
-    """An upper bound of a flight's time (s) from rest to rest, by the setpoint's limits."""
-    from schemas.requests import GetParamsRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import get_params  # noqa: PLC0415
-
-    values = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"])).values
-    speed, acceleration, jerk = (
-        float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
-    )
-    return _distance(start, goal) / speed + speed / acceleration + acceleration / jerk
-
-
-def _distance(a: Any, b: Any) -> float:
-    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))

@@ -11,11 +11,11 @@ app = typer.Typer(help="The processes on the bus.")
 @app.command("list", cls=Command)
 def list_(ctx: typer.Context) -> None:
     """List the nodes: those that `up` looks after, and any other that has announced itself."""
-    import msgspec  # noqa: PLC0415 - see cli.bus
+    import msgspec
 
-    from services.runtime import record  # noqa: PLC0415
-    from services.runtime.errors import Unreachable  # noqa: PLC0415
-    from services.runtime.realm import Realm  # noqa: PLC0415
+    from services.runtime import record
+    from services.runtime.errors import Unreachable
+    from services.runtime.realm import Realm
 
     chosen = options.of(ctx)
     try:

@@ -57,9 +57,10 @@ class Group(TyperGroup):
 _KEY = "quadctl.options"
 
 
-def _said(ctx: typer.Context) -> dict[str, Any]:
+def _said(ctx: Any) -> dict[str, Any]:
     outer = _said(ctx.parent) if ctx.parent is not None else {}
-    return outer | ctx.meta.get(f"{_KEY}.{ctx.command_path}", {})
+    inner: dict[str, Any] = ctx.meta.get(f"{_KEY}.{ctx.command_path}", {})
+    return outer | inner
 
 
 def _store(ctx: typer.Context, param: Any, value: Any) -> None:

@@ -40,7 +40,14 @@ def fields(value: Any, indent: str = "") -> None:
             line(f"{indent}{name}:")
             fields(part, indent + "  ")
         else:
-            line(f"{indent}{name}: {part!r}" if isinstance(part, str) else f"{indent}{name}: {part}")
+            line(
+                f"{indent}{name}: {part!r}" if isinstance(part, str) else f"{indent}{name}: {part}"
+            )
+
+
+def note(text: str) -> None:
+    """Say something beside the output proper, on stderr."""
+    sys.stderr.write(f"{text}\n")
 
 
 def error(problem: QuadctlError, *, as_json: bool) -> None:

@@ -34,8 +34,8 @@ def get(
 
     Example: quadctl param get safety.virtual_cage.x
     """
-    from schemas.requests import GetParamsRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import get_params  # noqa: PLC0415
+    from schemas.requests import GetParamsRequest
+    from schemas.topics import get_params
 
     found: dict[str, Any] = {}
     with bus.connect(ctx) as client:
@@ -60,11 +60,11 @@ def set_(
 
     Example: quadctl param set safety.virtual_cage.x 3
     """
-    from schemas.requests import SetParamsRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import set_params  # noqa: PLC0415
-    from services.runtime.params import normal_name, value_of  # noqa: PLC0415
+    from schemas.requests import SetParamsRequest
+    from schemas.topics import set_params
+    from services.runtime.params import normal_name, value_of
 
-    if len(words) == 2 and "=" not in words[0]:  # noqa: PLR2004 - NAME VALUE
+    if len(words) == 2 and "=" not in words[0]:
         words = [f"{words[0]}={words[1]}"]
     if not all("=" in word for word in words):
         raise UsageError("param set takes NAME VALUE or NAME=VALUE...")
@@ -90,7 +90,7 @@ def set_(
 
 def _node_of(client: Any, name: str) -> str:
     """The live node that a parameter belongs to; raises Invalid with the nearest name."""
-    from services.runtime.params import nearest, normal_name  # noqa: PLC0415 - see cli.bus
+    from services.runtime.params import nearest, normal_name
 
     node = normal_name(name).partition(".")[0]
     live = {o.node for o in client.offers() if o.type == "GetParams"}
@@ -101,8 +101,8 @@ def _node_of(client: Any, name: str) -> str:
 
 
 def _all(ctx: typer.Context) -> dict[str, Any]:
-    from schemas.requests import GetParamsRequest  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import get_params  # noqa: PLC0415
+    from schemas.requests import GetParamsRequest
+    from schemas.topics import get_params
 
     values: dict[str, Any] = {}
     with bus.connect(ctx) as client:

@@ -15,10 +15,10 @@ def calibrate(
 
     Example: quadctl calibrate
     """
-    from schemas.messages import Pressure  # noqa: PLC0415 - see cli.bus
-    from schemas.requests import CalibrateRequest  # noqa: PLC0415
-    from schemas.topics import CALIBRATE, PRESSURE  # noqa: PLC0415
-    from services.runtime import wire  # noqa: PLC0415
+    from schemas.messages import Pressure
+    from schemas.requests import CalibrateRequest
+    from schemas.topics import CALIBRATE, PRESSURE
+    from services.runtime import wire
 
     with bus.connect(ctx) as client:
         readings = client.listen(PRESSURE.key(client.vehicle)) if not unset else None

@@ -11,9 +11,9 @@ class Progress:
         self._title = title
         self._bar: Any = None
         if not quiet and sys.stderr.isatty() and sys.stdout.isatty():
-            from rich.console import Console  # noqa: PLC0415 - 60 ms, on a terminal alone
-            from rich.progress import BarColumn, TextColumn  # noqa: PLC0415
-            from rich.progress import Progress as Bar  # noqa: PLC0415
+            from rich.console import Console
+            from rich.progress import BarColumn, TextColumn
+            from rich.progress import Progress as Bar
 
             self._bar = Bar(
                 TextColumn("{task.description}"),

@@ -1,19 +1,16 @@
 """`up`, `down`, `status`, `init`: the run as a whole."""
 
-import os
 import signal
 import sys
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cli import options, output
-from services.runtime.errors import Invalid, QuadctlError, TimedOut
+from services.runtime.errors import Invalid, QuadctlError
 
 _DEFAULT_FILE = Path("quad.toml")
-_DOWN_WITHIN = 5.0
 
 File = Annotated[
     Path | None, typer.Argument(help="Parameter file [default: ./quad.toml if it is there].")
@@ -38,10 +35,10 @@ def up(
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
-    from services.runtime import launch as launching  # noqa: PLC0415 - see cli.bus
-    from services.runtime import up as running  # noqa: PLC0415
-    from services.runtime.params import load  # noqa: PLC0415
-    from services.runtime.processes import table  # noqa: PLC0415
+    from services.runtime import launch as launching
+    from services.runtime import up as running
+    from services.runtime.params import load
+    from services.runtime.processes import table
 
     chosen = options.of(ctx)
     source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
@@ -65,21 +62,12 @@ def down(ctx: typer.Context) -> None:
 
     Example: quadctl down
     """
-    from services.runtime import record  # noqa: PLC0415 - see cli.bus
-    from services.runtime.realm import Realm  # noqa: PLC0415
+    from services.runtime import record
+    from services.runtime.realm import Realm
 
     chosen = options.of(ctx)
     realm = Realm(chosen.realm)
-    run = record.read(realm)
-    os.kill(run.pid, signal.SIGTERM)
-    deadline = time.monotonic() + _DOWN_WITHIN
-    while record.is_live(realm):
-        if time.monotonic() > deadline:
-            raise TimedOut(
-                f"process {run.pid} has not ended within {_DOWN_WITHIN:g} s",
-                f"kill -9 {run.pid}: its children end by themselves",
-            )
-        time.sleep(0.005)
+    run = record.stop(realm)
     if chosen.json:
         output.document({"realm": realm.name, "pid": run.pid})
     else:
@@ -91,8 +79,8 @@ def status(ctx: typer.Context) -> None:
 
     Example: quadctl status --json
     """
-    from services.runtime import record  # noqa: PLC0415 - see cli.bus
-    from services.runtime.realm import Realm  # noqa: PLC0415
+    from services.runtime import record
+    from services.runtime.realm import Realm
 
     chosen = options.of(ctx)
     run = record.read(Realm(chosen.realm))
@@ -109,7 +97,7 @@ def init(ctx: typer.Context, file: Annotated[Path, typer.Argument()] = _DEFAULT_
 
     Example: quadctl init my_lab.toml
     """
-    from services.runtime.template import render  # noqa: PLC0415 - see cli.bus
+    from services.runtime.template import render
 
     chosen = options.of(ctx)
     try:

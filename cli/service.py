@@ -30,9 +30,9 @@ def info(ctx: typer.Context, name: Annotated[str, typer.Argument()]) -> None:
 
     Example: quadctl service info calibrate_pressure
     """
-    from cli.names import find_service  # noqa: PLC0415 - see cli.bus
-    from schemas.describe import service_definition  # noqa: PLC0415
-    from services.runtime.errors import Unreachable  # noqa: PLC0415
+    from cli.names import find_service
+    from schemas.describe import service_definition
+    from services.runtime.errors import Unreachable
 
     with bus.connect(ctx) as client:
         service = find_service(name, client.vehicle)
@@ -65,9 +65,9 @@ def call(
 
     Example: quadctl service call toggle_cage cage_on=false
     """
-    import msgspec  # noqa: PLC0415 - see cli.bus
+    import msgspec
 
-    from cli.names import find_service  # noqa: PLC0415
+    from cli.names import find_service
 
     chosen = options.of(ctx)
     service = find_service(name, chosen.vehicle)
@@ -83,9 +83,9 @@ def call(
 
 
 def _request(service: Any, words: list[str]) -> Any:
-    import msgspec  # noqa: PLC0415 - see cli.bus
+    import msgspec
 
-    from services.runtime.params import value_of  # noqa: PLC0415
+    from services.runtime.params import value_of
 
     names = service.request.__struct_fields__
     if len(words) == 1 and words[0].startswith("{"):

@@ -36,15 +36,13 @@ def echo(
     count: Annotated[
         int | None, typer.Option("-n", min=1, help="End after so many messages.")
     ] = None,
-    field: Annotated[
-        str, typer.Option(help="Show one field of each message, as position.z.")
-    ] = "",
+    field: Annotated[str, typer.Option(help="Show one field of each message, as position.z.")] = "",
 ) -> None:
     """Print messages as they come; ends when none comes within the timeout.
 
     Example: quadctl topic echo sensors/pressure -n 3
     """
-    from cli.names import key_of  # noqa: PLC0415 - see cli.bus
+    from cli.names import key_of
 
     as_json = options.of(ctx).json
     with bus.connect(ctx) as client:
@@ -69,14 +67,15 @@ def echo(
 
 def _decode(message: Any) -> Any:
     """A typed message checked against its type, anything else as it can be shown."""
-    import msgspec  # noqa: PLC0415 - see cli.bus
+    import msgspec
 
-    from cli.names import topic_of  # noqa: PLC0415
-    from services.runtime import wire  # noqa: PLC0415
+    from cli.names import topic_of
+    from services.runtime import wire
+    from services.runtime.plain import plain
 
     declared = topic_of(message.key)
     if declared is None:
-        return wire.plain(message.payload, message.encoding)
+        return plain(message.payload, message.encoding)
     return msgspec.to_builtins(wire.decode(declared.type, message.payload, message.encoding))
 
 

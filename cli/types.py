@@ -12,8 +12,8 @@ app = typer.Typer(help="Messages and services, field by field.")
 
 
 def _definitions() -> dict[str, str]:
-    from schemas.describe import definition, service_definition  # noqa: PLC0415 - see cli.bus
-    from schemas.topics import SERVICES, TOPICS, get_params, set_params  # noqa: PLC0415
+    from schemas.describe import definition, service_definition
+    from schemas.topics import SERVICES, TOPICS, get_params, set_params
 
     services = (*SERVICES, get_params("NODE"), set_params("NODE"))
     return {topic.type.__name__: definition(topic.type) for topic in TOPICS} | {
@@ -24,7 +24,7 @@ def _definitions() -> dict[str, str]:
 
 def _spellings() -> dict[str, str]:
     """Every name that a type may be asked for by, to its own."""
-    from schemas.topics import SERVICES, TOPICS  # noqa: PLC0415 - see cli.bus
+    from schemas.topics import SERVICES, TOPICS
 
     known = {name: name for name in _definitions()}
     known |= {name.lower(): name for name in known}
@@ -49,7 +49,7 @@ def show(ctx: typer.Context, name: Annotated[str, typer.Argument()]) -> None:
 
     Example: quadctl type show calibrate_pressure
     """
-    from services.runtime.params import nearest  # noqa: PLC0415 - see cli.bus
+    from services.runtime.params import nearest
 
     spellings = _spellings()
     found = spellings.get(name.strip("/")) or spellings.get(name.strip("/").lower())

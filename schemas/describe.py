@@ -4,8 +4,7 @@ import zlib
 from collections.abc import Iterator
 from functools import cache
 
-import msgspec.inspect as inspect
-from msgspec import Struct
+from msgspec import Struct, inspect
 
 _INDENT = "  "
 

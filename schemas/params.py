@@ -23,9 +23,6 @@ class PressureParams(Struct, forbid_unknown_fields=True):
         float,
         Meta(ge=0, le=10, description="half-width of the uniform noise", extra={"unit": "hPa"}),
     ] = 1e-5
-    seed: Annotated[
-        int, Meta(ge=0, lt=2**31, description="of the noise", extra={"unit": ""})
-    ] = 0
 
 
 CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
@@ -65,7 +62,12 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
     ] = 1.0
     pose_timeout: Annotated[
         float,
-        Meta(ge=0.05, le=10, description="a pose older than this stops the flight", extra={"unit": "s"}),
+        Meta(
+            ge=0.05,
+            le=10,
+            description="a pose older than this stops the flight",
+            extra={"unit": "s"},
+        ),
     ] = 0.2
 
 
@@ -82,7 +84,9 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
 
     start: Annotated[
         StartParams,
-        Meta(description="where the vehicle stands at boot, from the next reset", extra={"unit": "m"}),
+        Meta(
+            description="where the vehicle stands at boot, from the next reset", extra={"unit": "m"}
+        ),
     ] = field(default_factory=StartParams)
     rate: Annotated[
         float,
@@ -103,7 +107,13 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
         ),
     ] = 1.0
     seed: Annotated[
-        int, Meta(ge=0, lt=2**31, description="of everything random in the air", extra={"unit": ""})
+        int,
+        Meta(
+            ge=0,
+            lt=2**31,
+            description="of all random numbers, the sensors' noise among them",
+            extra={"unit": ""},
+        ),
     ] = 0
     setpoint_timeout: Annotated[
         float,
@@ -136,7 +146,10 @@ class HubParams(Struct, forbid_unknown_fields=True):
     ] = "auto"
     listen: Annotated[
         list[str],
-        Meta(description="further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447", extra={"unit": ""}),
+        Meta(
+            description="further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447",
+            extra={"unit": ""},
+        ),
     ] = field(default_factory=list)
 
 
@@ -145,7 +158,12 @@ class SuperviseParams(Struct, forbid_unknown_fields=True):
 
     answer_timeout: Annotated[
         float,
-        Meta(ge=0.5, le=60, description="a process silent for longer is restarted", extra={"unit": "s"}),
+        Meta(
+            ge=0.5,
+            le=60,
+            description="a process silent for longer is restarted",
+            extra={"unit": "s"},
+        ),
     ] = 2.0
 
 
@@ -158,3 +176,7 @@ class Params(Struct, forbid_unknown_fields=True):
     hub: HubParams = field(default_factory=HubParams)
     supervise: SuperviseParams = field(default_factory=SuperviseParams)
     processes: dict[str, str | list[str]] = field(default_factory=dict)
+
+
+FIXED_AT_LAUNCH = frozenset({"dynamics.speed", "dynamics.seed", "hub.transport", "hub.listen"})
+"""What all processes must agree on, or what cannot be undone: `param set` refuses these."""

@@ -16,26 +16,30 @@ class InertiaParams(Struct, forbid_unknown_fields=True):
 class VehicleParams(Struct, forbid_unknown_fields=True):
     """Body and rotors of a quadrotor in X configuration."""
 
-    mass: Annotated[
-        float, Meta(gt=0, le=1000, description="mass", extra={"unit": "kg"})
-    ] = 1.0
+    mass: Annotated[float, Meta(gt=0, le=1000, description="mass", extra={"unit": "kg"})] = 1.0
     inertia: Annotated[
         InertiaParams, Meta(description="principal moments of inertia", extra={"unit": "kg m^2"})
     ] = field(default_factory=InertiaParams)
     arm: Annotated[
-        float, Meta(gt=0, le=10, description="rotor's distance from the centre", extra={"unit": "m"})
+        float,
+        Meta(gt=0, le=10, description="rotor's distance from the centre", extra={"unit": "m"}),
     ] = 0.08
     thrust_coefficient: Annotated[
-        float, Meta(gt=0, le=1, description="thrust per squared speed", extra={"unit": "N/(rad/s)^2"})
+        float,
+        Meta(gt=0, le=1, description="thrust per squared speed", extra={"unit": "N/(rad/s)^2"}),
     ] = 1.91e-6
     torque_coefficient: Annotated[
-        float, Meta(gt=0, le=1, description="drag torque per squared speed", extra={"unit": "N m/(rad/s)^2"})
+        float,
+        Meta(
+            gt=0, le=1, description="drag torque per squared speed", extra={"unit": "N m/(rad/s)^2"}
+        ),
     ] = 2.6e-7
     max_motor_speed: Annotated[
         float, Meta(gt=0, le=100_000, description="motor speed limit", extra={"unit": "rad/s"})
     ] = 2200.0
     motor_lag: Annotated[
-        float, Meta(gt=0, le=10, description="first-order time constant of a motor", extra={"unit": "s"})
+        float,
+        Meta(gt=0, le=10, description="first-order time constant of a motor", extra={"unit": "s"}),
     ] = 0.02
     gravity: Annotated[
         float, Meta(ge=0, le=100, description="gravity", extra={"unit": "m/s^2"})
@@ -52,13 +56,21 @@ class ControlParams(Struct, forbid_unknown_fields=True):
         float, Meta(gt=0, le=100, description="position error to velocity", extra={"unit": "1/s"})
     ] = 1.6
     velocity_gain: Annotated[
-        float, Meta(gt=0, le=100, description="velocity error to acceleration", extra={"unit": "1/s"})
+        float,
+        Meta(gt=0, le=100, description="velocity error to acceleration", extra={"unit": "1/s"}),
     ] = 4.0
     attitude_gain: Annotated[
-        float, Meta(gt=0, le=1000, description="attitude error to body rates", extra={"unit": "1/s"})
+        float,
+        Meta(gt=0, le=1000, description="attitude error to body rates", extra={"unit": "1/s"}),
     ] = 9.0
     rate_gain: Annotated[
-        float, Meta(gt=0, le=1000, description="body rate error to angular acceleration", extra={"unit": "1/s"})
+        float,
+        Meta(
+            gt=0,
+            le=1000,
+            description="body rate error to angular acceleration",
+            extra={"unit": "1/s"},
+        ),
     ] = 28.0
     max_tilt: Annotated[
         float, Meta(gt=0, le=1.4, description="tilt limit", extra={"unit": "rad"})
@@ -67,8 +79,12 @@ class ControlParams(Struct, forbid_unknown_fields=True):
         float, Meta(gt=0, le=100, description="speed limit of the setpoint", extra={"unit": "m/s"})
     ] = 5.0
     max_acceleration: Annotated[
-        float, Meta(gt=0, le=100, description="acceleration limit of the setpoint", extra={"unit": "m/s^2"})
+        float,
+        Meta(
+            gt=0, le=100, description="acceleration limit of the setpoint", extra={"unit": "m/s^2"}
+        ),
     ] = 5.0
     max_jerk: Annotated[
-        float, Meta(gt=0, le=10_000, description="jerk limit of the setpoint", extra={"unit": "m/s^3"})
+        float,
+        Meta(gt=0, le=10_000, description="jerk limit of the setpoint", extra={"unit": "m/s^3"}),
     ] = 40.0

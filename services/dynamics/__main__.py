@@ -24,7 +24,7 @@ class Simulation:
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params.dynamics
         self.boot()
-        self.poses = node.publisher(POSE, params.dynamics.rate)
+        self.poses = node.publisher(POSE, lambda: params.dynamics.rate)
         self.setpoints = node.listen(SETPOINT, self._follow)
 
     def boot(self) -> None:

@@ -6,7 +6,8 @@ long as the time-minimal stop would still end short of the goal; from then on it
 stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
 moved in flight, or new limits, only ask anew on which side of the goal the stop would end.
 
-Straight-line text, as in rigidbody.py. SI units; all limits are positive.
+Straight-line text, as in rigidbody.py, but that `advance` saves the work of a choice not taken.
+SI units; all limits are positive.
 """
 
 from math import sqrt
@@ -63,23 +64,26 @@ def brake(p: float, v: float, a: float, goal: float, most_a: float, j: float, t:
     return goal if rests else p, 0.0 if rests else v, 0.0 if rests else a
 
 
-def aim(v: float, a: float, gap: float, most_a: float, j: float) -> float:
-    """Heading for a goal `gap` m ahead: the side of the goal's that a stop would end on, +-1."""
-    return 1.0 if stop(v, a, widest(a, most_a), j) <= gap else -1.0
-
-
 def widest(a: float, most_a: float) -> float:
     """Acceleration limit, m/s^2: where limits were lowered in flight, what there is is held."""
     return abs(a) if abs(a) > most_a else most_a
 
 
 def advance(
-    p: float, v: float, a: float, goal: float, heading: float,
-    most_v: float, most_a: float, j: float,
+    p: float,
+    v: float,
+    a: float,
+    goal: float,
+    heading: float,
+    most_v: float,
+    most_a: float,
+    j: float,
 ) -> tuple[float, float, float, float]:
-    """The motion one period on and the heading from then: 0 while stopping, else as from `aim`.
+    """The motion one period on, and the heading from then.
 
-    Within the limits it stays within them; from beyond them it comes back at full jerk.
+    `heading` is the side of the stop's end that the goal is on, +1 or -1, or 0 while following
+    the stop that ends on the goal. Limits that are kept stay kept; speed beyond its limit comes
+    back within it.
     """
     h = PERIOD
     if heading == 0.0:

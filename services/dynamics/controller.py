@@ -68,6 +68,34 @@ def control_constants(params: DynamicsParams) -> Gains:
 
 
 # fmt: off
+def specific_force(
+    state: State, setpoint: Setpoint, gains: Gains
+) -> tuple[float, float, float, float]:
+    """Thrust per mass that is wanted (m/s^2, world), and 1, or 0 where its tilt is clamped.
+
+    Position to velocity to acceleration; drag is fed forward at the setpoint's velocity, not the
+    vehicle's, so that it cannot feed on itself.
+    """
+    px, py, pz, vx, vy, vz, _, _, _, _, _, _, _, _, _, _, _ = state
+    rx, ry, rz, sx, sy, sz, ax, ay, az, _, _, _, _, _, _ = setpoint
+    kp, fastest, kv, drag, g, least, most, tilt, _, _, _, _, _, _, _, _, _, _ = gains
+    # The correction is what is limited: the setpoint keeps its own limit of speed.
+    ex = kp * (rx - px)
+    ey = kp * (ry - py)
+    ez = kp * (rz - pz)
+    n = sqrt(ex * ex + ey * ey + ez * ez + TINY)
+    k = fastest / n if n > fastest else 1.0
+    d = drag * sqrt(sx * sx + sy * sy + sz * sz)
+    fx = ax + kv * (k * ex + sx - vx) + d * sx
+    fy = ay + kv * (k * ey + sy - vy) + d * sy
+    fz = az + kv * (k * ez + sz - vz) + d * sz + g
+    fz = least if fz < least else fz
+    fz = most if fz > most else fz
+    h = sqrt(fx * fx + fy * fy + TINY)
+    k = fz * tilt / h if h > fz * tilt else 1.0
+    return fx * k, fy * k, fz, 1.0 if k == 1.0 else 0.0
+
+
 def control(
     state: State, setpoint: Setpoint, gains: Gains
 ) -> tuple[float, float, float, float]:
@@ -76,43 +104,28 @@ def control(
     The attitude error is Lee, Leok and McClamroch's on SO(3) (CDC 2010), 0.5 (Rd^T R - R^T Rd);
     body rates and angular acceleration from jerk and snap follow Mellinger and Kumar (ICRA 2011).
     """
-    px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = state
-    rx, ry, rz, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz = setpoint
-    (kp, fastest, kv, drag, g, least, most, tilt, ahead, mass, ka, kr,
-     ix, iy, iz, gx, gy, gz) = gains
-    # Position to velocity: the correction, not the setpoint's own velocity, is what is limited.
-    ex = kp * (rx - px)
-    ey = kp * (ry - py)
-    ez = kp * (rz - pz)
-    n = sqrt(ex * ex + ey * ey + ez * ez + TINY)
-    k = fastest / n if n > fastest else 1.0
-    # Velocity to specific force; drag is that of the setpoint, so its sign cannot run away.
-    air = sqrt(sx * sx + sy * sy + sz * sz + TINY)
-    d = drag * air
-    fx = ax + kv * (k * ex + sx - vx) + d * sx
-    fy = ay + kv * (k * ey + sy - vy) + d * sy
-    fz = az + kv * (k * ez + sz - vz) + d * sz + g
-    fz = least if fz < least else fz
-    fz = most if fz > most else fz
-    h = sqrt(fx * fx + fy * fy + TINY)
-    widest = fz * tilt
-    k = widest / h if h > widest else 1.0
-    fx = fx * k
-    fy = fy * k
+    _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = state
+    _, _, _, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz = setpoint
+    _, _, _, drag, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz = gains
+    fx, fy, fz, free = specific_force(state, setpoint, gains)
     f = 1.0 / sqrt(fx * fx + fy * fy + fz * fz)
     zx = fx * f
     zy = fy * f
     zz = fz * f
-    # Rate of the specific force, with that of the drag; a clamped tilt is not led further.
-    k = f if k == 1.0 else 0.0
-    e = drag * (sx * jx + sy * jy + sz * jz) / air
+    # Snap and jerk of the specific force: the setpoint's and, without its lesser terms, drag's.
+    air = sqrt(sx * sx + sy * sy + sz * sz + TINY)
+    d = drag * air
+    k = drag / air
+    e = k * (sx * jx + sy * jy + sz * jz)
     nx = nx + d * jx + e * sx
     ny = ny + d * jy + e * sy
     nz = nz + d * jz + e * sz
-    e = drag * (sx * ax + sy * ay + sz * az) / air
+    e = k * (sx * ax + sy * ay + sz * az)
     jx = jx + d * ax + e * sx
     jy = jy + d * ay + e * sy
     jz = jz + d * az + e * sz
+    # First and second rate of the thrust's direction, across it; a clamped tilt is not led on.
+    k = f * free
     along = jx * zx + jy * zy + jz * zz
     ox = (jx - along * zx) * k
     oy = (jy - along * zy) * k

@@ -69,13 +69,16 @@ def mix(
     s1 = (base + roll + pitch - yaw) * gain + m1 * m1 * decay
     s2 = (base - roll + pitch + yaw) * gain + m2 * m2 * decay
     s3 = (base - roll - pitch - yaw) * gain + m3 * m3 * decay
-    # Rounding may leave a square a hair below zero, where there is no root.
     gain = 1.0 / (1.0 - decay)
     c0 = (sqrt(s0 if s0 > 0.0 else 0.0) - m0 * decay) * gain
     c1 = (sqrt(s1 if s1 > 0.0 else 0.0) - m1 * decay) * gain
     c2 = (sqrt(s2 if s2 > 0.0 else 0.0) - m2 * decay) * gain
     c3 = (sqrt(s3 if s3 > 0.0 else 0.0) - m3 * decay) * gain
-    # A rotor that slows down is never told less than 0: the root is at least m sqrt(decay).
+    # Below 0 only by rounding: without thrust the square falls by `decay`, its root by less.
+    c0 = c0 if c0 > 0.0 else 0.0
+    c1 = c1 if c1 > 0.0 else 0.0
+    c2 = c2 if c2 > 0.0 else 0.0
+    c3 = c3 if c3 > 0.0 else 0.0
     return (
         c0 if c0 < fastest else fastest,
         c1 if c1 < fastest else fastest,

@@ -24,6 +24,12 @@ LAGS_TO_SETTLE = 40.0
 LEAST_SHARE = 1e-3
 """Least share of the limits of an axis, so that none is zero."""
 
+TIGHT = 1e-9
+"""A stop that passes the goal by less than this, relatively, does so by rounding."""
+
+REDIVIDE = 25
+"""Control periods after which axes that were sent elsewhere in flight share the limits anew."""
+
 HALVINGS = 12
 """Steps of bisection for a share of the limits: to 1 in 4000."""
 
@@ -96,18 +102,23 @@ class Axis:
         return path.stop(self.v, self.a, most_a, share * most[2])
 
     def needed(self, most: Vector) -> float:
-        """Least share with which a stop still ends short of the goal; 0 if none of them does."""
+        """Least share of the limits that this axis can do with in its present motion.
+
+        Where a stop can end short of the goal, one that does; where none can, one that stops in
+        proportion to the speed. Never less than half of what speed and acceleration take up now:
+        then they are back within the share before the other axes have taken up what is freed.
+        """
         gap = self.goal - self.p
-        way = self.stop(most, self.share)
-        if way == 0.0 or way / gap > 1.0 if gap else True:
-            return 0.0
+        taken = max(abs(self.v) / most[0], abs(self.a) / most[1])
+        if gap == 0.0 or self.stop(most, self.share) / gap > 1.0 + TIGHT:
+            return min(taken, 1.0)
         low, high = 0.0, self.share
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             fits = self.stop(most, middle) / gap <= 1.0
             low = low if fits else middle
             high = middle if fits else high
-        return high
+        return max(high, min(0.5 * taken, 1.0))
 
 
 class Trajectory:
@@ -117,6 +128,9 @@ class Trajectory:
         """At rest on `position`, m."""
         self._axes = (Axis(position[0]), Axis(position[1]), Axis(position[2]))
         self._moving = 0
+        self._crowded = False
+        self._periods = 0
+        self._most = (0.0, 0.0, 0.0)
         self.configure(params)
         self._still = self._settled
         self.setpoint: Setpoint = (*position, *(0.0,) * 12)
@@ -125,16 +139,17 @@ class Trajectory:
     def configure(self, params: DynamicsParams) -> None:
         """Take new limits and a new motor lag; the path goes on from where it is."""
         limits = params.control
-        self._most = (limits.max_speed, limits.max_acceleration, limits.max_jerk)
+        most = (limits.max_speed, limits.max_acceleration, limits.max_jerk)
         self._lag = max(lead(params), LEAST_LAG)
         self._ratio = PERIOD / self._lag
         self._decay = exp(-self._ratio)
         self._led = lead(params) / self._lag
         self._settled = int(LAGS_TO_SETTLE / self._ratio)
-        self._still = 0
-        for axis in self._axes:
-            axis.heading = 0.0 if axis.at_rest else 1.0
-        self._divide()
+        if most != self._most:
+            self._most = most
+            for axis in self._axes:
+                axis.heading = 0.0 if axis.at_rest else 1.0
+            self._divide()
 
     @property
     def goal(self) -> Vector:
@@ -154,6 +169,7 @@ class Trajectory:
                 axis.goal = point
                 axis.heading = 1.0
         self._still = 0
+        self._crowded = self._moving > 0
         self._divide()
 
     def brake(self) -> None:
@@ -174,7 +190,8 @@ class Trajectory:
             + y.advance(most, lag, decay, ratio, led)
             + z.advance(most, lag, decay, ratio, led)
         )
-        if moving < self._moving:
+        self._periods += 1
+        if moving < self._moving or (self._crowded and self._periods % REDIVIDE == 0):
             self._divide()
         self._moving = moving
         self._still = 0 if moving else self._still + 1
@@ -189,9 +206,9 @@ class Trajectory:
     def _divide(self) -> None:
         """Share the limits among the axes so that the squares of the shares add up to 1.
 
-        An axis that is stopping keeps its share, and one on its way gets what it needs so as not
-        to pass its goal. What is left goes by the squares of the ways still to go, which from
-        rest makes all three profiles alike but for scale: a straight line.
+        An axis that is stopping keeps its share, one on its way gets what it needs. What is left
+        goes by the squares of the ways still to go, which from rest makes all three profiles
+        alike but for scale: a straight line.
         """
         most = self._most
         needs, ways = [], []
@@ -204,6 +221,5 @@ class Trajectory:
         for axis, need, way in zip(self._axes, needs, ways, strict=True):
             cosine = way / total if total > 0.0 else 0.0
             axis.share = max(sqrt(need * need + left * cosine * cosine), LEAST_SHARE)
-            if axis.heading:
-                gap = axis.goal - axis.p
-                axis.heading = path.aim(axis.v, axis.a, gap, axis.share * most[1], axis.share * most[2])
+            if axis.heading != 0.0:
+                axis.heading = 1.0 if axis.stop(most, axis.share) <= axis.goal - axis.p else -1.0

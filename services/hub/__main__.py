@@ -1,12 +1,9 @@
 """The hub: a Zenoh router that every other process is a client of."""
 
-import zenoh
-
 from schemas.params import Params
 from services.runtime.entry import start
 from services.runtime.node import Node
-from services.runtime.realm import Realm
-from services.runtime.session import Address, open_router
+from services.runtime.session import open_router
 
 
 def run(node: Node, params: Params) -> None:
@@ -16,10 +13,5 @@ def run(node: Node, params: Params) -> None:
     node.spin()
 
 
-def opening(address: Address, params: Params, realm: Realm) -> zenoh.Session:
-    """Open the router where the realm's folder says."""
-    return open_router(address, params.hub.listen, realm)
-
-
 if __name__ == "__main__":
-    start("hub", run, opening)
+    start("hub", run, open_router)

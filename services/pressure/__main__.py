@@ -1,7 +1,9 @@
 """The barometer's process: `sensors/pressure` and `calibrate_pressure`."""
 
+import math
 import random
 
+from schemas.messages import Pose
 from schemas.params import Params
 from schemas.requests import CalibrateRequest, CalibrateResponse
 from schemas.topics import CALIBRATE, POSE, PRESSURE
@@ -16,11 +18,13 @@ _FIRST_POSE = 1.0
 
 
 def run(node: Node, params: Params) -> None:
-    """Publish a reading at the vehicle's height, from the first pose on."""
-    pose = node.listen(POSE)
-    readings = node.publisher(PRESSURE, params.pressure.rate)
+    """Publish a reading at the vehicle's height, from the first pose on.
+
+    In real time the sensor has a rhythm of its own, else the poses' simulated time gives it.
+    """
+    readings = node.publisher(PRESSURE, lambda: params.pressure.rate)
     barometer = Barometer(params.pressure)
-    noise = random.Random(params.pressure.seed)  # noqa: S311 - a simulation's noise
+    noise = random.Random(params.dynamics.seed)
 
     def calibrate(request: CalibrateRequest) -> CalibrateResponse:
         try:
@@ -32,16 +36,29 @@ def run(node: Node, params: Params) -> None:
         node.log.info("baseline: %.4f hPa", baseline)
         return CalibrateResponse(baseline)
 
+    def read(now: float, pose: Pose) -> None:
+        height, uniform = pose.position.z, noise.uniform(-1, 1)
+        readings.put(barometer.sample(now, pose.stamp, height, uniform))
+
+    real_time, period = params.dynamics.speed == 1, -1
+
+    def on_pose(pose: Pose) -> None:
+        nonlocal period
+        now = math.floor(pose.stamp * params.pressure.rate + 1e-6)
+        if not real_time and now != period:
+            period = now
+            read(pose.stamp, pose)
+
+    poses = node.listen(POSE, on_pose)
     node.serve(CALIBRATE, calibrate)
     for line in launch_lines(params.pressure):
         node.log.info(line)
     if node.restarted:
         node.log.warning("restarted: the baseline is 0 again")
-    node.wait_for(lambda: pose.value is not None, _FIRST_POSE)
+    node.wait_for(lambda: poses.value is not None, _FIRST_POSE)
     for now in node.ticks(lambda: params.pressure.rate):
-        if pose.value is not None:
-            height = pose.value.position.z
-            readings.put(barometer.sample(now, pose.value.stamp, height, noise.uniform(-1, 1)))
+        if real_time and poses.value is not None:
+            read(now, poses.value)
 
 
 if __name__ == "__main__":

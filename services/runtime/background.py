@@ -5,6 +5,7 @@ Reads a Launch from stdin, and writes one Settled to stdout when all are ready o
 
 import os
 import sys
+from pathlib import Path
 
 import msgspec
 
@@ -24,7 +25,7 @@ def main() -> int:
             supervisor.stop()
 
     try:
-        with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
             up.run(launch, nowhere, on_settled)
     except QuadctlError as error:
         _say(Settled(error.message, error.code, error.hint))
@@ -33,9 +34,13 @@ def main() -> int:
 
 
 def _say(settled: Settled) -> None:
-    # Closing stdout tells the reader that this was all.
     os.write(1, msgspec.json.encode(settled))
-    os.close(1)
+    # Letting go of stdout tells the reader that this was all; stderr is the command's own, and
+    # who captures it would wait for its end as long as we run.
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (2, 1):
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -72,8 +72,12 @@ class Caller(Generic[Q, R]):
             )
         raise QuadctlError(f"{self._key} failed: {text}")
 
+    def _served(self) -> bool:
+        status: Any = self._querier.matching_status  # the stubs take it for a bool
+        return bool(status.matching)
+
     def _wait_for_server(self, deadline: float, timeout: float) -> None:
-        if self._querier.matching_status.matching:
+        if self._served():
             return
         arrived = threading.Event()
 
@@ -85,7 +89,7 @@ class Caller(Generic[Q, R]):
             zenoh.handlers.Callback(on_change, indirect=False)
         )
         try:
-            if self._querier.matching_status.matching:
+            if self._served():
                 return
             if not arrived.wait(max(deadline - time.monotonic(), 0)):
                 raise Unreachable(

@@ -56,7 +56,9 @@ class Stream:
 class Client:
     """One connection to a realm's hub, for as long as a `with` block lasts."""
 
-    def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3.0) -> None:
+    def __init__(
+        self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3.0
+    ) -> None:
         """`timeout` (s) bounds every reply. Raises Unreachable when no hub is there."""
         self.vehicle, self.timeout = vehicle, timeout
         self._session = open_client(address_of(Realm(realm), connect))
@@ -123,4 +125,3 @@ class Client:
     def offers(self) -> list[graph.Offer]:
         """The topics and services of the ready nodes."""
         return roster.offers(self._session, self.vehicle)
-

@@ -80,7 +80,8 @@ def detach(launch: Launch) -> None:
         stdout=subprocess.PIPE,
         start_new_session=True,
     )
-    assert supervisor.stdin is not None and supervisor.stdout is not None  # noqa: S101 - pipes
+    assert supervisor.stdin is not None  # noqa: S101 - pipes, as asked for above
+    assert supervisor.stdout is not None  # noqa: S101
     patience = threading.Timer(2 * START_TIMEOUT, supervisor.kill)
     patience.start()
     try:

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.params import Params
+from schemas.params import FIXED_AT_LAUNCH, Params
 from schemas.requests import (
     GetParamsRequest,
     GetParamsResponse,
@@ -55,7 +55,7 @@ class LiveParams:
         try:
             fresh = self._checked(request.values)
         except Invalid as error:
-            return SetParamsResponse(False, f"{error.message} {error.hint}".strip())
+            return SetParamsResponse(False, "; ".join(filter(None, (error.message, error.hint))))
         self._save(msgspec.to_builtins(fresh))
         _copy(fresh, getattr(self._params, self._name))
         self._changed()
@@ -67,6 +67,8 @@ class LiveParams:
             if parameters.normal_name(name).partition(".")[0] != self._name:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             parameters.put(tables, name, value, "param set")
+            if parameters.normal_name(name) in FIXED_AT_LAUNCH:
+                raise Invalid(f"{name} is fixed at launch", f"use `quadctl up --set {name}=...`")
         checked: Struct = getattr(parameters.check(tables, "param set"), self._name)
         return checked
 

@@ -22,7 +22,9 @@ class FileLock:
         if not _try_lock(fd) or not self._is_file(fd):
             os.close(fd)
             holder = self._path.read_text().strip() if self._path.exists() else ""
-            raise AlreadyServed(f"{self._what} is already held by process {holder or 'unknown'}", self._hint)
+            raise AlreadyServed(
+                f"{self._what} is already held by process {holder or 'unknown'}", self._hint
+            )
         os.ftruncate(fd, 0)
         os.lseek(fd, 0, os.SEEK_SET)
         os.write(fd, str(os.getpid()).encode())

@@ -68,16 +68,22 @@ class Node:
         self._session = session
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._declared: list[Any] = []
-        self._offers: list[graph.Offer] = []
+        self._offers: list[Callable[[], graph.Offer]] = []
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._ready = False
         self.stopping = False
         self.on_params: Callable[[], None] | None = None
 
-    def publisher(self, topic: Topic[M], hz: float | None = None) -> Publisher[M]:
-        """Offer a topic, at its declared rate or at `hz`."""
-        key = topic.key(self.vehicle)
-        rate = topic.hz if hz is None else hz
-        self._offer("@pub", topic.type.__name__, schema_hash(topic.type), rate, topic.name, key)
+    def publisher(self, topic: Topic[M], hz: Callable[[], float] | None = None) -> Publisher[M]:
+        """Offer a topic, at its declared rate or at what `hz` says now and after each change."""
+        key, digest = topic.key(self.vehicle), schema_hash(topic.type)
+
+        def offer() -> graph.Offer:
+            rate = topic.hz if hz is None else hz()
+            name = topic.type.__name__
+            return graph.Offer("@pub", self.name, name, digest, rate, topic.name, key)
+
+        self._offers.append(offer)
         publisher = Publisher(self._session, key, topic)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
@@ -105,25 +111,26 @@ class Node:
         for other in self._others:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
-        self._offer(
-            "@srv", service.type_name, schema_hash(service.request), 0.0, service.name, server.key
-        )
+        name, digest = service.type_name, schema_hash(service.request)
+        offer = graph.Offer("@srv", self.name, name, digest, 0.0, service.name, server.key)
+        self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer)
 
     def params_changed(self) -> None:
         """Tell the service, where it wants to know, that its parameters have new values."""
         if self.on_params is not None:
             self.on_params()
+        if self._ready:
+            self._announce()
 
     def ready(self) -> None:
         """Announce the offers and then, last, the node: who sees it may already call it."""
         if self._ready:
             return
         self._ready = True
-        liveliness = self._session.liveliness()
-        for offer in self._offers:
-            self._declared.append(liveliness.declare_token(graph.offer_key(self.vehicle, offer)))
-        self._declared.append(liveliness.declare_token(graph.node_key(self.vehicle, self.name)))
+        self._announce()
+        key = graph.node_key(self.vehicle, self.name)
+        self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
         """Yield monotonic seconds at a rate, serving the inbox in between, until stopped.
@@ -191,7 +198,10 @@ class Node:
         callback = zenoh.handlers.Callback(on_query, indirect=False)
         self._declared.append(self._session.declare_queryable(key, callback, complete=True))
 
-    def _offer(
-        self, kind: graph.Kind, type_: str, digest: str, hz: float, name: str, key: str
-    ) -> None:
-        self._offers.append(graph.Offer(kind, self.name, type_, digest, hz, name, key))
+    def _announce(self) -> None:
+        # A token is replaced only where it says something new, so that nobody blinks.
+        keys = {graph.offer_key(self.vehicle, offer()) for offer in self._offers}
+        for key in self._tokens.keys() - keys:
+            self._tokens.pop(key).undeclare()
+        for key in keys - self._tokens.keys():
+            self._tokens[key] = self._session.liveliness().declare_token(key)

@@ -17,9 +17,7 @@ _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL
 _UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
 
 
-def load(
-    file: Path | None, settings: Iterable[str] = (), running: Params | None = None
-) -> Params:
+def load(file: Path | None, settings: Iterable[str] = (), running: Params | None = None) -> Params:
     """Defaults or a running system's values, below the file, below `name=value` settings.
 
     Raises Invalid with the file, the path in it, what was expected and the nearest name.

@@ -98,7 +98,9 @@ class Life:
     def complaint(self, now: float, answer_timeout: float) -> str:
         """Why a running process has to be ended, empty when it does not."""
         if self.state != "ready":
-            return "" if now - self._started < START_TIMEOUT else f"not ready in {START_TIMEOUT:g} s"
+            return (
+                "" if now - self._started < START_TIMEOUT else f"not ready in {START_TIMEOUT:g} s"
+            )
         silent = self._answered is not None and now - self._answered > answer_timeout
         return f"no answer for {answer_timeout:g} s" if silent else ""
 

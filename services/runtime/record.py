@@ -1,13 +1,18 @@
 """The run record: what `up` writes about its processes, and what commands read of it."""
 
+import os
+import signal
+import time
 from typing import Literal
 
 import msgspec
 from msgspec import Struct
 
-from services.runtime.errors import Unreachable
+from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm, write_atomically
+
+_STOP_WITHIN = 5.0
 
 State = Literal["starting", "ready", "restarting", "down"]
 
@@ -40,6 +45,21 @@ def is_live(realm: Realm) -> bool:
     return realm.lock.exists() and FileLock(realm.lock, "").held()
 
 
+def stop(realm: Realm) -> RunRecord:
+    """End a run and wait until it has ended; raises Unreachable where nothing runs."""
+    run = read(realm)
+    os.kill(run.pid, signal.SIGTERM)
+    deadline = time.monotonic() + _STOP_WITHIN
+    while is_live(realm):
+        if time.monotonic() > deadline:
+            raise TimedOut(
+                f"process {run.pid} has not ended within {_STOP_WITHIN:g} s",
+                f"kill -9 {run.pid}: its children end by themselves",
+            )
+        time.sleep(0.005)
+    return run
+
+
 def read(realm: Realm) -> RunRecord:
     """The record of a live run; raises Unreachable where nothing runs in the realm."""
     try:
@@ -48,6 +68,4 @@ def read(realm: Realm) -> RunRecord:
     except FileNotFoundError:
         # It went down, or has not come up, between the two looks.
         pass
-    raise Unreachable(
-        f"nothing is running in the realm {realm.name}", "start it with `quadctl up`"
-    )
+    raise Unreachable(f"nothing is running in the realm {realm.name}", "start it with `quadctl up`")

@@ -31,9 +31,7 @@ class Server(Generic[Q, R]):
     `answer` runs on the node's loop. The handler may raise a QuadctlError to refuse.
     """
 
-    def __init__(
-        self, vehicle: str, service: Service[Q, R], handler: Callable[[Q], R]
-    ) -> None:
+    def __init__(self, vehicle: str, service: Service[Q, R], handler: Callable[[Q], R]) -> None:
         self.key = service.key(vehicle)
         self._service, self._handler = service, handler
         self._encoding = wire.encoding(service.response)
@@ -75,7 +73,7 @@ class Server(Generic[Q, R]):
             )
         except QuadctlError as error:
             return False, wire.encode_error(error)
-        except Exception:
+        except Exception:  # noqa: BLE001 - whatever a handler does wrong is answered
             # A fault in a handler must not end the process, nor leave its caller waiting.
             _log.exception("%s failed", self.key)
             return False, wire.encode_error(

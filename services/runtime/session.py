@@ -12,6 +12,7 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
+from schemas.params import Params
 from services.runtime.errors import Unreachable
 from services.runtime.realm import Realm, write_atomically
 
@@ -45,11 +46,11 @@ def address_of(realm: Realm, connect: str = "") -> Address:
         return Address(f"unixsock-stream/{realm.socket}")
 
 
-def open_router(address: Address, listen: list[str], realm: Realm) -> zenoh.Session:
+def open_router(address: Address, params: Params, realm: Realm) -> zenoh.Session:
     """Open the hub; where it has a password, that is kept in the realm's folder."""
     config = _common(address)
     config["mode"] = "router"
-    config["listen"] = {"endpoints": [address.endpoint, *listen]}
+    config["listen"] = {"endpoints": [address.endpoint, *params.hub.listen]}
     # Routers sleep this long before they answer; there is nobody to scout for.
     config["scouting"]["delay"] = 0
     if address.user:
@@ -69,7 +70,11 @@ def open_client(address: Address, *, wait: float = 0.0) -> zenoh.Session:
     config["mode"] = "client"
     config["connect"] = {"endpoints": [address.endpoint]}
     if wait:
-        retry = {"period_init_ms": _RETRY_MS, "period_max_ms": _RETRY_MS, "period_increase_factor": 1}
+        retry = {
+            "period_init_ms": _RETRY_MS,
+            "period_max_ms": _RETRY_MS,
+            "period_increase_factor": 1,
+        }
         config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry}
         # Samples carry a time, which latched topics and `topic delay` need.
         config["timestamping"] = {"enabled": True}

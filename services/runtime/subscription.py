@@ -46,9 +46,7 @@ class Subscription(Generic[M]):
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         """Zenoh's thread leaves a sample here, and posts to the inbox once until it is read."""
-        self._waiting.append(
-            (time.monotonic(), sample.payload.to_bytes(), str(sample.encoding))
-        )
+        self._waiting.append((time.monotonic(), sample.payload.to_bytes(), str(sample.encoding)))
         if not self._posted:
             self._posted = True
             self._post(self._drain)

@@ -1,13 +1,14 @@
 """The parameter file that `quadctl init` writes: every key with its unit, default and meaning."""
 
+import tomllib
 from collections.abc import Iterator
 from typing import Any
 
-import msgspec.inspect as inspect
-from msgspec import Struct, to_builtins
+from msgspec import Struct, inspect, to_builtins
 
 from schemas.describe import bounds_text
 from schemas.params import Params
+from services.runtime.params import check
 
 # What the lab's own launch file sets, where it differs from the defaults in code.
 _LAB: dict[str, Any] = {"safety.virtual_cage": {"x": 5.0, "y": 5.0, "z": 2.0}}
@@ -33,6 +34,11 @@ def render() -> str:
         if isinstance(_bare(field.type), inspect.StructType):
             lines += [*_table(field.encode_name, _bare(field.type)), ""]
     return "\n".join(lines).rstrip() + "\n" + _TAIL
+
+
+def lab_params() -> Params:
+    """The parameters of that file."""
+    return check(tomllib.loads(render()), "the lab's parameters")
 
 
 def _table(name: str, type_: Any) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Messages to bytes and back: MessagePack, with the type and its schema's digest beside it."""
 
 from functools import cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -37,12 +37,13 @@ def decode(type_: type[M], payload: bytes, said: str) -> M:
     """
     check_schema(type_, said)
     try:
-        return _decoder(type_).decode(payload)
+        message: M = _decoder(type_).decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise Invalid(
             f"not a valid {type_.__name__}: {error}",
             f"`quadctl type show {type_.__name__}` prints its fields",
         ) from error
+    return message
 
 
 def check_schema(type_: type[Struct], said: str) -> None:
@@ -76,30 +77,3 @@ def decode_error(payload: bytes) -> QuadctlError:
 def decode_call(attachment: bytes | None) -> Call | None:
     """The id and deadline of a command, None where it carries none; raises Invalid."""
     return None if attachment is None else decode(Call, attachment, "")
-
-
-def plain(payload: bytes, said: str) -> Any:
-    """A payload as it can be shown: MessagePack and JSON as data, text as text, else hex.
-
-    The encoding says which; where it says nothing, what can be read is taken.
-    """
-    kind = said.partition(";")[0]
-    attempts = {"application/msgpack": (_msgpack,), "application/json": (_json,)}
-    for attempt in attempts.get(kind, (_json, _text, _msgpack)):
-        try:
-            return attempt(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            continue
-    return payload.hex()
-
-
-def _text(payload: bytes) -> str:
-    """UTF-8 text without control characters; raises UnicodeDecodeError otherwise."""
-    text = payload.decode()
-    if any(ord(char) < ord(" ") and char not in "\t\r\n" for char in text):
-        raise UnicodeDecodeError("utf-8", payload, 0, 1, "control character")
-    return text
-
-
-_msgpack = msgspec.msgpack.decode
-_json = msgspec.json.decode

@@ -55,9 +55,7 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
             reason = "hold: stopped on request"
         case _:
             reason = f"stopped, the goal is now {why_outside(s.goal, w.cage)}"
-    return replace(
-        s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason
-    )
+    return replace(s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason)
 
 
 def settle(s: Situation, _e: Event, w: World) -> Situation:

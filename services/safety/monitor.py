@@ -1,11 +1,12 @@
 """The automaton at work: feeds it, and turns what it decides into messages. Pure of any bus."""
 
 from collections.abc import Callable
+from typing import cast
 
 from msgspec.structs import astuple, replace
 
 from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import CageSize, Pose, SafetyState, Setpoint
+from schemas.messages import CageSize, Pose, SafetyState, Setpoint, StateName
 from schemas.params import SafetyParams
 from services.safety.fsa import step
 from services.safety.model import (
@@ -92,7 +93,7 @@ class Monitor:
         """The automaton as others may know it."""
         s, cage = self.situation, self._cage()
         return SafetyState(
-            s.boot, self.pose.stamp, s.request, s.state.name, s.goal, s.cage_on, cage, s.reason
+            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.goal, s.cage_on, cage, s.reason
         )  # fmt: skip
 
     def _boot(self) -> None:

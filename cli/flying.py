@@ -1,0 +1,85 @@
+"""Watching a flight to its end, as the state and pose topics tell it."""
+
+import math
+import time
+from typing import Any
+
+from schemas.geometry import Position
+from schemas.messages import Pose, SafetyState
+from schemas.requests import GetParamsRequest
+from schemas.topics import POSE, STATE, get_params
+from services.runtime import wire
+from services.runtime.client import Client, Message, Stream
+from services.runtime.errors import Refused, TimedOut
+
+_SLACK = 5.0
+"""Seconds that a flight may take beyond twice the planned time."""
+
+
+def distance(a: Position, b: Position) -> float:
+    """Metres between two points."""
+    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+
+
+def patience(client: Client, start: Position, goal: Position) -> float:
+    """How long (s) to wait for an arrival: twice the planned time, and 5.
+
+    The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
+    """
+    values = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"])).values
+    speed, acceleration, jerk = (
+        float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
+    )
+    planned = distance(start, goal) / speed + speed / acceleration + acceleration / jerk
+    return 2 * planned + _SLACK
+
+
+class Flight:
+    """One flight to a goal. Make it before asking for the goal, so that nothing is missed."""
+
+    def __init__(self, client: Client, goal: Position) -> None:
+        self.arrived, self.reason = False, ""
+        self.distance, self.seconds = math.inf, 0.0
+        self.goal, self._client = goal, client
+        self._stream: Stream = client.listen(STATE.key(client.vehicle), POSE.key(client.vehicle))
+        self._began: float | None = None
+        self._moving = False
+
+    def watch(self, limit: float, on_progress: Any = None) -> None:
+        """Follow the flight for up to `limit` s, telling `on_progress` the metres to go.
+
+        Raises Refused where it was stopped, TimedOut where it is not there in time, and what
+        Client.silent says where nothing is heard any more.
+        """
+        ends = time.monotonic() + limit
+        while not (self.arrived or self.reason):
+            left = ends - time.monotonic()
+            if left <= 0:
+                raise TimedOut(
+                    f"not there after {limit:.1f} s: {self.distance:.2f} m to go",
+                    "the flight goes on; `quadctl hold` stops it, --arrive waits longer",
+                )
+            message = self._stream.next(min(left, self._client.timeout))
+            if message is not None:
+                self._read(message)
+                if on_progress is not None:
+                    on_progress(self.distance)
+            elif left > self._client.timeout:
+                raise self._client.silent(STATE.key(self._client.vehicle))
+        if self.reason:
+            raise Refused(f"the flight was stopped: {self.reason}", "`quadctl state` shows more")
+
+    def _read(self, message: Message) -> None:
+        if message.key == POSE.key(self._client.vehicle):
+            pose = wire.decode(Pose, message.payload, message.encoding)
+            if self._began is None:
+                self._began = pose.stamp
+            self.distance = distance(pose.position, self.goal)
+            self.seconds = pose.stamp - self._began
+            return
+        state = wire.decode(SafetyState, message.payload, message.encoding)
+        if state.goal == self.goal:
+            self._moving = self._moving or state.state == "MOVING"
+            self.arrived = self._moving and state.state == "HOVERING"
+        elif self._moving and state.state != "VERIFYING":
+            self.reason = state.reason or "another goal was accepted in its place"

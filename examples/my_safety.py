@@ -1,0 +1,44 @@
+"""Checkpoint 2 as a student writes it: a safety node of one's own, in place of ours.
+
+Put it there with two lines in quad.toml:
+
+    [processes]
+    safety = "python my_safety.py"
+"""
+
+from math import dist
+
+from schemas.geometry import Position
+from schemas.messages import CageSize, SafetyState, Setpoint
+from schemas.requests import GotoRequest, GotoResponse
+from schemas.topics import GOTO, POSE, SETPOINT, STATE
+from services.runtime.entry import Node, Params, start
+
+
+def run(node: Node, params: Params) -> None:
+    """Accept goals in the cage, and fly to them."""
+    size, reach = params.safety.virtual_cage, params.safety.acceptance_range
+    pose, setpoints, states = node.listen(POSE), node.publisher(SETPOINT), node.publisher(STATE)
+    goal, state, count, reason = Position(0, 0, params.safety.takeoff), "MOVING", 0, ""
+
+    def goto(ask: GotoRequest) -> GotoResponse:
+        nonlocal goal, state, count, reason
+        inside = abs(ask.x) <= size.x and abs(ask.y) <= size.y and 0 <= ask.z <= size.z
+        reason = "" if inside else "outside the cage"
+        if inside:
+            goal, state, count = Position(ask.x, ask.y, ask.z), "MOVING", count + 1
+        return GotoResponse(inside, reason)
+
+    node.serve(GOTO, goto)
+    for _ in node.ticks(SETPOINT.hz):
+        if (seen := pose.value) is None:
+            continue
+        here = (seen.position.x, seen.position.y, seen.position.z)
+        if dist(here, (goal.x, goal.y, goal.z)) < reach:
+            state = "HOVERING"
+        setpoints.put(Setpoint(seen.boot, seen.seq, goal, brake=False))
+        cage = CageSize(size.x, size.y, size.z)
+        states.put(SafetyState(seen.boot, seen.stamp, count, state, goal, True, cage, reason))
+
+
+start("safety", run)

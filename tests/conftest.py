@@ -1,0 +1,43 @@
+"""Real systems for the tests, each on a realm and in a folder of its own."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.processes.bare import Bare
+from tests.processes.lab import Lab, private_lab
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "prove: full counts, for `make prove`; left out otherwise")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.option.markexpr:
+        return
+    left_out = [item for item in items if item.get_closest_marker("prove")]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
+
+
+@pytest.fixture
+def lab() -> Iterator[Lab]:
+    """A realm in which nothing runs yet; what the test starts in it must be gone at the end."""
+    with private_lab() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def shared_lab() -> Iterator[Lab]:
+    """A running system that the tests of a module share; they leave no state behind."""
+    with private_lab() as made:
+        made.start()
+        yield made
+
+
+@pytest.fixture
+def bare(shared_lab: Lab) -> Iterator[Bare]:
+    """A stranger's session on the shared lab: Zenoh and MessagePack, none of our code."""
+    with shared_lab.bare() as session:
+        yield session

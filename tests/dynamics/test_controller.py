@@ -1,0 +1,104 @@
+"""The cascade: silent on its setpoint, right in sign off it, and within its limits."""
+
+from math import atan2, cos, sin
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from schemas.params import DynamicsParams
+from schemas.vehicle import VehicleParams
+from services.dynamics.controller import control, control_constants, specific_force
+from services.dynamics.rigidbody import State
+
+PARAMS = DynamicsParams()
+GAINS = control_constants(PARAMS)
+METRES = st.floats(-1000, 1000)
+VECTOR = st.tuples(METRES, METRES, METRES)
+
+
+def level(
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rates: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> State:
+    return (*position, *velocity, 1.0, 0.0, 0.0, 0.0, *rates, 0.0, 0.0, 0.0, 0.0)
+
+
+def setpoint(**given: tuple[float, float, float]) -> tuple[float, ...]:
+    zero = (0.0, 0.0, 0.0)
+    names = ("position", "velocity", "acceleration", "jerk", "snap")
+    return tuple(x for name in names for x in given.get(name, zero))
+
+
+def test_at_rest_on_the_setpoint_it_carries_the_weight_and_turns_nothing():
+    assert control(level(), setpoint(), GAINS) == (9.81, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "signs"),
+    [((1, 0, 0), (0, 1)), ((0, 1, 0), (-1, 0))],
+    ids=["ahead: nose down", "to the left: left side down"],
+)
+def test_it_tilts_towards_the_setpoint(target, signs):
+    _, tx, ty, tz = control(level(), setpoint(position=target), GAINS)
+    assert [(t > 1e-9) - (t < -1e-9) for t in (tx, ty)] == list(signs)
+    assert abs(tz) < 1e-9
+
+
+def test_it_thrusts_up_to_a_setpoint_above():
+    assert control(level(), setpoint(position=(0.0, 0.0, 0.1)), GAINS)[0] == pytest.approx(
+        9.81 + 0.64
+    )
+
+
+def test_body_rates_are_damped():
+    _, *torques = control(level(rates=(1.0, 1.0, 1.0)), setpoint(), GAINS)
+    inertia = PARAMS.vehicle.inertia
+    gyroscopic = (inertia.z - inertia.y, inertia.x - inertia.z, 0.0)
+    damping = [-28.0 * j for j in (inertia.x, inertia.y, inertia.z)]
+    assert torques == pytest.approx([d + g for d, g in zip(damping, gyroscopic, strict=True)])
+
+
+def test_yaw_is_turned_back_to_zero():
+    yawed = (*level()[:6], cos(0.2), 0.0, 0.0, sin(0.2), *level()[10:])
+    assert control(yawed, setpoint(), GAINS)[3] == pytest.approx(-28.0 * 9.0 * 0.0069 * sin(0.4))
+
+
+def test_jerk_and_snap_are_fed_forward():
+    inertia = PARAMS.vehicle.inertia
+    _, tx, ty, _ = control(level(), setpoint(jerk=(9.81, -19.62, 0.0)), GAINS)
+    assert (tx, ty) == pytest.approx((2.0 * 28.0 * inertia.x, 28.0 * inertia.y))
+    _, tx, ty, _ = control(level(), setpoint(snap=(9.81, -19.62, 0.0)), GAINS)
+    assert (tx, ty) == pytest.approx((2.0 * inertia.x, inertia.y))
+
+
+def test_drag_is_made_up_for():
+    fast = (4.0, 0.0, 0.0)
+    force = specific_force(level(velocity=fast), setpoint(velocity=fast), GAINS)
+    assert force == pytest.approx((1.6, 0.0, 9.81, 1.0))
+
+
+@given(VECTOR, VECTOR, VECTOR)
+def test_the_wanted_tilt_keeps_its_limit(position, velocity, acceleration):
+    wanted = setpoint(position=position, velocity=velocity, acceleration=acceleration)
+    fx, fy, fz, _ = specific_force(level(), wanted, GAINS)
+    assert fz >= 0.2 * 9.81
+    assert atan2((fx * fx + fy * fy) ** 0.5, fz) <= 0.7 + 1e-9
+
+
+def test_far_away_it_asks_for_no_more_than_the_speed_limit():
+    far = specific_force(level(), setpoint(position=(0.0, 0.0, 1000.0)), GAINS)
+    assert far == pytest.approx((0.0, 0.0, 9.81 + 4.0 * 5.0, 1.0))
+
+
+def test_without_gravity_there_is_still_a_direction():
+    gains = control_constants(DynamicsParams(vehicle=VehicleParams(gravity=0.0)))
+    assert all(abs(x) < 1e-6 for x in control(level(), setpoint(), gains))
+
+
+def test_a_clamped_tilt_is_not_led_on():
+    away = setpoint(position=(100.0, 0.0, 0.0), jerk=(40.0, 0.0, 0.0))
+    still = setpoint(position=(100.0, 0.0, 0.0))
+    assert specific_force(level(), away, GAINS)[3] == 0.0
+    assert control(level(), away, GAINS)[1:] == control(level(), still, GAINS)[1:]

@@ -1,0 +1,223 @@
+"""The whole vehicle: it flies where it is told, lands, brakes, and never passes a goal."""
+
+from math import acos, cos, dist, hypot, sin, sqrt
+from random import Random
+
+import pytest
+from schemas.params import DynamicsParams, StartParams
+from schemas.vehicle import ControlParams, VehicleParams
+from services.dynamics import vehicle as module
+from services.dynamics.rigidbody import body_constants, step
+from services.dynamics.vehicle import Vehicle
+
+DIAGONAL = 3 / sqrt(3)
+
+
+def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Vehicle:
+    return Vehicle(DynamicsParams(start=StartParams(x, y, z)))
+
+
+def tilt(vehicle: Vehicle) -> float:
+    _, x, y, _ = vehicle.orientation
+    return acos(1 - 2 * (x * x + y * y))
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ((0.0, 0.0, 1.0), (3.0, 0.0, 1.0)),
+        ((0.0, 0.0, 1.0), (0.0, -3.0, 1.0)),
+        ((0.0, 0.0, 1.0), (DIAGONAL, -DIAGONAL, 1.0 + DIAGONAL)),
+        ((0.0, 0.0, 4.0), (DIAGONAL, DIAGONAL, 4.0 - DIAGONAL)),
+        ((0.0, 0.0, 1.0), (0.0, 0.0, 4.0)),
+        ((0.0, 0.0, 4.0), (0.0, 0.0, 1.0)),
+    ],
+    ids=["ahead", "right", "up and aside", "down and aside", "up", "down"],
+)
+def test_three_metres_in_time_without_overshoot(start, goal):
+    vehicle = at(*start)
+    vehicle.goto(*goal)
+    distance = []
+    for _ in range(4000):
+        vehicle.advance(1)
+        distance.append(dist(vehicle.position, goal))
+        assert dist(vehicle.position, start) <= 3.0 + 1e-3
+    assert distance[1600] < 0.5
+    assert distance[1900] < 0.2
+    hover = distance[3000:]
+    assert sqrt(sum(d * d for d in hover) / len(hover)) < 1e-4
+
+
+def test_it_stays_close_to_its_setpoint_at_full_speed():
+    vehicle = at(z=10.0)
+    vehicle.goto(40.0, 20.0, 10.0)
+    fastest = 0.0
+    for _ in range(3000):
+        vehicle.advance(4)
+        assert dist(vehicle.position, vehicle.setpoint) < 0.01
+        fastest = max(fastest, hypot(*vehicle.velocity))
+    assert fastest == pytest.approx(5.0, abs=0.02)
+
+
+def test_it_stands_with_idle_motors_until_told_of_a_goal_above_the_floor():
+    vehicle = at()
+    vehicle.goto(1.0, 1.0, 0.0)
+    vehicle.advance(500)
+    assert (vehicle.position, vehicle.motors, vehicle.standing) == ((0, 0, 0), (0, 0, 0, 0), True)
+
+
+def test_it_takes_off_without_overshoot_or_sliding():
+    vehicle = at()
+    vehicle.goto(0.0, 0.0, 1.0)
+    for _ in range(4000):
+        vehicle.advance(1)
+        assert vehicle.position[2] <= 1.0 + 1e-3
+        assert hypot(*vehicle.position[:2]) < 1e-9
+        assert dist(vehicle.position, vehicle.setpoint) < 0.02
+    assert vehicle.position[2] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_it_lands_and_its_motors_stop_and_it_takes_off_again():
+    vehicle = at(z=2.0)
+    vehicle.goto(2.0, 0.0, 0.0)
+    vehicle.advance(4000)
+    assert vehicle.standing
+    assert vehicle.position == pytest.approx((2.0, 0.0, 0.0), abs=0.005)
+    assert max(vehicle.motors) < 1e-3
+    vehicle.goto(0.0, 0.0, 1.0)
+    vehicle.advance(4000)
+    assert vehicle.position == pytest.approx((0.0, 0.0, 1.0), abs=1e-3)
+
+
+def test_a_goal_below_the_floor_is_a_soft_landing():
+    vehicle = at(z=2.0)
+    vehicle.goto(0.0, 0.0, -5.0)
+    impact = 0.0
+    for _ in range(4000):
+        before = vehicle.velocity[2]
+        vehicle.advance(1)
+        if vehicle.position[2] == 0.0:
+            impact = max(impact, -before)
+    assert vehicle.standing
+    assert impact < 0.1
+
+
+def test_in_the_air_it_starts_hovering():
+    vehicle = at(1.0, 2.0, 3.0)
+    vehicle.advance(60_000)
+    assert vehicle.time == 60.0
+    assert vehicle.position == pytest.approx((1.0, 2.0, 3.0), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "goal", [(100.0, 0.0, 20.0), (60.0, -60.0, 40.0)], ids=["level", "diagonal"]
+)
+def test_braking_at_full_speed_stops_where_predicted_without_turning_back(goal):
+    start = (0.0, 0.0, 20.0)
+    vehicle = at(*start)
+    vehicle.goto(*goal)
+    vehicle.advance(2500)
+    vehicle.brake()
+    stops = vehicle.goal
+    way = dist(stops, start)
+    for _ in range(4000):
+        vehicle.advance(1)
+        assert dist(vehicle.position, start) <= way + 1e-3
+        assert (
+            sum(v * (g - s) for v, g, s in zip(vehicle.velocity, goal, start, strict=True)) > -0.05
+        )
+    assert dist(vehicle.position, stops) < 1e-3
+
+
+def test_commands_repeated_change_nothing():
+    once, often = at(z=10.0), at(z=10.0)
+    for k in range(300):
+        if k == 0:
+            once.goto(9.0, -4.0, 12.0)
+        if k == 120:
+            once.brake()
+        if k == 200:
+            once.goto(9.0, -4.0, 12.0)
+        if 120 <= k < 200:
+            often.brake()
+        else:
+            often.goto(9.0, -4.0, 12.0)
+        once.advance(10)
+        often.advance(10)
+    assert once.position == often.position
+    assert once.goal == (9.0, -4.0, 12.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_goals_that_jump_about_keep_it_upright_and_fast_enough(seed):
+    random, vehicle = Random(seed), at(z=20.0)
+    for _ in range(100):
+        vehicle.goto(random.uniform(-10, 10), random.uniform(-10, 10), random.uniform(10, 30))
+        for _ in range(30):
+            vehicle.advance(10)
+            assert tilt(vehicle) < 0.7
+            assert hypot(*vehicle.velocity) < 5.5
+            assert dist(vehicle.position, vehicle.setpoint) < 0.5
+    vehicle.goto(0.0, 0.0, 20.0)
+    vehicle.advance(10_000)
+    assert dist(vehicle.position, (0.0, 0.0, 20.0)) < 1e-3
+
+
+def test_it_chases_a_goal_on_a_circle():
+    vehicle = at(5.0, 0.0, 10.0)
+    for k in range(100):
+        vehicle.goto(5.0 * cos(0.24 * k), 5.0 * sin(0.24 * k), 10.0)
+        for _ in range(75):
+            vehicle.advance(4)
+            assert dist(vehicle.position, vehicle.setpoint) < 0.05
+            assert tilt(vehicle) < 0.7
+
+
+def test_steps_of_any_size_give_the_same_bits():
+    def state(sizes: list[int]) -> tuple[float, ...]:
+        vehicle = at()
+        vehicle.goto(2.0, 1.0, 1.5)
+        for size in sizes:
+            vehicle.advance(size)
+        return (
+            vehicle.position
+            + vehicle.velocity
+            + vehicle.orientation
+            + vehicle.body_rates
+            + vehicle.motors
+        )
+
+    assert state([3000]) == state([1] * 3000) == state([7] * 428 + [4]) == state([10] * 300)
+
+
+def test_closed_loop_with_four_times_finer_steps_ends_in_the_same_place():
+    """The integration error of a 5 s flight; a step's error falls with the fourth power."""
+    coarse, fine = at(z=1.0), at(z=1.0)
+    body = body_constants(VehicleParams(), 0.00025)
+
+    def four_steps(state, command, wind, _):
+        for _ in range(4):
+            state = step(state, command, wind, body)
+        return state
+
+    coarse.goto(2.0, -1.0, 2.0)
+    coarse.advance(5000)
+    fine.goto(2.0, -1.0, 2.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "step", four_steps)
+        fine.advance(5000)
+    assert dist(coarse.position, fine.position) < 1e-8
+
+
+def test_parameters_change_in_flight_without_a_jump():
+    vehicle = at(z=10.0)
+    vehicle.goto(20.0, 0.0, 10.0)
+    vehicle.advance(1000)
+    position, velocity, setpoint = vehicle.position, vehicle.velocity, vehicle.setpoint
+    vehicle.configure(DynamicsParams(control=ControlParams(max_speed=1.0)))
+    assert (vehicle.position, vehicle.velocity, vehicle.setpoint) == (position, velocity, setpoint)
+    vehicle.advance(3000)
+    assert vehicle.velocity[0] == pytest.approx(1.0, abs=0.01)
+    vehicle.configure(DynamicsParams(vehicle=VehicleParams(mass=1.2)))
+    vehicle.advance(10_000)
+    assert vehicle.position == pytest.approx((20.0, 0.0, 10.0), abs=1e-3)

@@ -1,0 +1,170 @@
+"""A stranger on the bus: Zenoh and MessagePack alone, no import from schemas, services or cli."""
+
+import json
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import msgspec
+import zenoh
+
+pack = msgspec.msgpack.encode
+unpack = msgspec.msgpack.decode
+
+
+class Answer(NamedTuple):
+    """A reply or an error reply: which, its contents, its encoding."""
+
+    ok: bool
+    value: Any
+    encoding: str
+
+    @property
+    def code(self) -> str:
+        """The error's code, empty where it is a reply."""
+        return "" if self.ok else str(self.value["code"])
+
+
+class Watch:
+    """The messages of a key as they came, decoded."""
+
+    def __init__(self) -> None:
+        self.messages: list[Any] = []
+        self.encodings: list[str] = []
+        self._changed = threading.Condition()
+
+    def on_sample(self, sample: zenoh.Sample) -> None:
+        value = unpack(sample.payload.to_bytes())
+        with self._changed:
+            self.encodings.append(str(sample.encoding))
+            self.messages.append(value)
+            self._changed.notify_all()
+
+    def until(self, condition: Callable[[Any], bool], within: float = 10.0) -> Any:
+        """The next message from now on for which the condition holds."""
+        deadline = time.monotonic() + within
+        with self._changed:
+            seen = len(self.messages)
+            while True:
+                while seen < len(self.messages):
+                    if condition(message := self.messages[seen]):
+                        return message
+                    seen += 1
+                left = deadline - time.monotonic()
+                last = self.messages[-1:] or "nothing"
+                assert left > 0, f"not in {within:g} s; the last was {last}"
+                self._changed.wait(left)
+
+    def next(self, count: int = 1, within: float = 10.0) -> list[Any]:
+        """So many messages, from now on."""
+        with self._changed:
+            first = len(self.messages)
+            enough = self._changed.wait_for(lambda: len(self.messages) >= first + count, within)
+            assert enough, f"{len(self.messages) - first} of {count} came in {within:g} s"
+            return self.messages[first : first + count]
+
+
+class Bare:
+    """A client session of a hub."""
+
+    def __init__(self, endpoint: str, user: str = "", password: str = "") -> None:
+        config: dict[str, Any] = {
+            "mode": "client",
+            "connect": {"endpoints": [endpoint]},
+            "scouting": {"multicast": {"enabled": False}},
+        }
+        if user:
+            auth = {"usrpwd": {"user": user, "password": password}}
+            config["transport"] = {"auth": auth}
+        self.session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+        self._declared: list[Any] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.session.close()
+
+    def call(self, service: str, timeout: float = 5.0, **fields: Any) -> Answer:
+        """Call a service with a map of fields; there must be exactly one answer."""
+        return self.query(f"uav/@srv/{service}", pack(fields), timeout=timeout)
+
+    def query(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> Answer:
+        """Query a key with any bytes; there must be exactly one answer."""
+        answers = self.answers(key, payload, timeout=timeout, **more)
+        assert len(answers) == 1, f"{key}: {len(answers)} answers"
+        return answers[0]
+
+    def answers(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> list[Answer]:
+        """All answers to a query."""
+        replies = self.session.get(key, payload=payload, timeout=timeout, **more)
+        return [_answer(reply) for reply in replies]
+
+    def latest(self, key: str) -> Any:
+        """What a latched topic holds."""
+        return self.query(key, b"").value
+
+    def watch(self, key: str) -> Watch:
+        """Listen to a key until the session closes."""
+        watch = Watch()
+        self._declared.append(self.session.declare_subscriber(key, watch.on_sample))
+        return watch
+
+    def put(self, key: str, value: Any) -> None:
+        """Publish a map without saying its type."""
+        self.session.put(key, pack(value))
+
+    def nodes(self) -> list[str]:
+        """The nodes that have announced themselves."""
+        replies = self.session.liveliness().get("uav/@node/*", timeout=3.0)
+        keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        return sorted(key.rpartition("/")[2] for key in keys)
+
+    def state(self) -> dict[str, Any]:
+        """Safety's state now."""
+        state: dict[str, Any] = self.latest("uav/safety/state")
+        return state
+
+    def fly(self, x: float, y: float, z: float) -> dict[str, Any]:
+        """Fly to a point, whatever goes on; returns the state on arrival."""
+        states, poses = self.watch("uav/safety/state"), self.watch("uav/pose")
+        goal = {"x": x, "y": y, "z": z}
+        assert self.call("goto", **goal, replace=True).value == {"accepted": True, "reason": ""}
+        arrived: dict[str, Any] = states.until(
+            lambda s: s["goal"] == goal and s["state"] == "HOVERING"
+        )
+        poses.until(lambda pose: gap(pose["position"], goal) < 0.05 and speed(pose) < 0.05)
+        return arrived
+
+
+def ticket(seconds: float, call_id: str = "") -> bytes:
+    """A command's attachment: an id, and a deadline that many seconds from now."""
+    return pack({"id": call_id or uuid.uuid4().hex, "deadline": time.time() + seconds})
+
+
+def gap(a: dict[str, float], b: dict[str, float]) -> float:
+    """The distance between two points, m."""
+    return float(sum((a[axis] - b[axis]) ** 2 for axis in "xyz") ** 0.5)
+
+
+def speed(pose: dict[str, Any]) -> float:
+    """How fast the vehicle is, m/s."""
+    return gap(pose["velocity"], {"x": 0.0, "y": 0.0, "z": 0.0})
+
+
+def _answer(reply: zenoh.Reply) -> Answer:
+    if reply.ok is not None:
+        sample = reply.ok
+        return Answer(True, unpack(sample.payload.to_bytes()), str(sample.encoding))
+    assert reply.err is not None
+    said, encoding = reply.err.payload.to_bytes(), str(reply.err.encoding)
+    is_json = encoding.startswith("application/json")
+    return Answer(False, json.loads(said) if is_json else said, encoding)

@@ -1,0 +1,238 @@
+"""A real system under test: started, asked and ended as a user would, and nothing of it left."""
+
+import itertools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from tests.processes.bare import Bare
+
+T = TypeVar("T")
+
+NODES = ["hub", "dynamics", "pressure", "safety"]
+QUADCTL = [sys.executable, "-P", "-m", "cli.main"]
+_PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHONPATH", "NO_COLOR")
+_numbers = itertools.count()
+
+
+class Done(NamedTuple):
+    """What a command left: its exit code and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """The one document on stdout; anything else there makes this fail."""
+        return json.loads(self.out)
+
+    @property
+    def rows(self) -> list[Any]:
+        """The documents of a stream, one a line."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
+    @property
+    def error(self) -> dict[str, str]:
+        """The error document, the last line on stderr."""
+        error: dict[str, str] = json.loads(self.err.splitlines()[-1])["error"]
+        return error
+
+
+def eventually(condition: Callable[[], T], within: float = 10.0) -> T:
+    """Ask until the answer is true; returns it, or fails with the last one."""
+    deadline = time.monotonic() + within
+    while not (answer := condition()):
+        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s"
+        time.sleep(0.01)
+    return answer
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that has ended and is not yet waited for does not."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return stat.rpartition(")")[2].split()[0] not in "ZX"
+
+
+class Foreground:
+    """`quadctl up` without -d, its log in a file; or any other process of the system."""
+
+    def __init__(self, command: list[str], environment: dict[str, str], folder: Path) -> None:
+        self._log = folder / f"foreground-{next(_numbers)}.log"
+        with self._log.open("wb") as out:
+            self._popen = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                cwd=folder,
+            )
+        self.pid = self._popen.pid
+
+    @property
+    def log(self) -> str:
+        """All that it has printed."""
+        return self._log.read_text(encoding="utf-8")
+
+    def send(self, number: int) -> None:
+        self._popen.send_signal(number)
+
+    def wait(self, within: float = 10.0) -> int:
+        """Its exit code, once it has ended."""
+        return self._popen.wait(within)
+
+    def end(self) -> None:
+        if self._popen.poll() is None:
+            self._popen.kill()
+        self._popen.wait()
+
+
+class Lab:
+    """One realm in a folder of its own; `folder` is also where its commands run."""
+
+    def __init__(self, folder: Path) -> None:
+        self.realm, self.folder = f"lab{next(_numbers)}", folder
+        self.runtime = folder / "run"
+        self.runtime.mkdir(mode=0o700)
+        inherited = {k: v for k, v in os.environ.items() if not k.startswith(_PRIVATE)}
+        self.environment = inherited | {
+            "XDG_RUNTIME_DIR": str(self.runtime),
+            "QUADCTL_REALM": self.realm,
+        }
+        self._foreground: list[Foreground] = []
+
+    @property
+    def home(self) -> Path:
+        """The realm's folder, as the contract names it."""
+        return self.runtime / "quadctl" / self.realm
+
+    def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
+        """Run one command to its end."""
+        done = subprocess.run(
+            [*QUADCTL, *map(str, words)],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            env=self.environment | environment,
+            cwd=self.folder,
+            check=False,
+        )
+        return Done(done.returncode, done.stdout, done.stderr)
+
+    def start(self, *words: object) -> Done:
+        """`quadctl up -d`, which must work."""
+        done = self.quadctl("up", "-d", *words)
+        assert done == (0, "", "")
+        return done
+
+    def foreground(self, *words: object) -> Foreground:
+        """`quadctl up` in the foreground, all of it ready."""
+        run = self.spawn(*QUADCTL, "up", *map(str, words))
+        eventually(self.is_ready)
+        return run
+
+    def spawn(self, *command: str) -> Foreground:
+        """Any process beside the test, in the realm's environment."""
+        process = Foreground(list(command), self.environment, self.folder)
+        self._foreground.append(process)
+        return process
+
+    def file(self, text: str, name: str = "lab.toml") -> Path:
+        """Write a parameter file."""
+        path = self.folder / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def status(self) -> dict[str, Any]:
+        """The document of `quadctl status`; no nodes when nothing runs."""
+        done = self.quadctl("status", "--json")
+        return done.json if done.code == 0 else {"pid": 0, "nodes": []}
+
+    def nodes(self) -> dict[str, dict[str, Any]]:
+        """What `status` says of each node, by name."""
+        return {node["name"]: node for node in self.status()["nodes"]}
+
+    def is_ready(self) -> bool:
+        nodes = self.nodes().values()
+        return bool(nodes) and all(node["state"] == "ready" for node in nodes)
+
+    def pids(self) -> list[int]:
+        """The supervisor and its children, by the record."""
+        status = self.status()
+        return [status["pid"], *(node["pid"] for node in status["nodes"])]
+
+    def signal(self, node: str, number: int) -> int:
+        """Send a signal to a node; returns the pid that it had."""
+        pid: int = self.nodes()[node]["pid"]
+        os.kill(pid, number)
+        return pid
+
+    def revived(self, node: str, old: int, within: float = 10.0) -> None:
+        """Wait until the node is ready as another process."""
+
+        def is_back() -> bool:
+            now = self.nodes()[node]
+            return now["state"] == "ready" and now["pid"] not in {0, old}
+
+        eventually(is_back, within)
+
+    def bare(self) -> Bare:
+        """A session that shares no code with the system."""
+        return Bare(f"unixsock-stream/{self.home / 'hub.sock'}")
+
+    def processes(self) -> list[int]:
+        """Every live process that was started in this lab, recorded or not."""
+        mark = os.fsencode(f"XDG_RUNTIME_DIR={self.runtime}\0")
+        found = []
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                if mark in (folder / "environ").read_bytes():
+                    found.append(int(folder.name))
+            except OSError:
+                continue  # it ended while we looked, or is another user's
+        return [pid for pid in found if alive(pid)]
+
+    def is_gone(self) -> bool:
+        """Whether nothing is left, neither process nor folder."""
+        return not self.processes() and not self.home.exists()
+
+    def finish(self) -> None:
+        """Stop what runs, and hold that nothing is left."""
+        try:
+            if self.processes():
+                self.quadctl("down")
+            eventually(lambda: not self.processes(), 3.0)
+            assert not self.home.exists(), sorted(self.home.iterdir())
+        finally:
+            for pid in self.processes():
+                os.kill(pid, signal.SIGKILL)
+            for process in self._foreground:
+                process.end()
+
+
+@contextmanager
+def private_lab() -> Iterator[Lab]:
+    """A lab in a fresh short-named folder; a Unix socket's path may have 100 characters."""
+    folder = Path(tempfile.mkdtemp(prefix="q", dir="/tmp"))
+    try:
+        made = Lab(folder)
+        try:
+            yield made
+        finally:
+            made.finish()
+    finally:
+        shutil.rmtree(folder)

@@ -1,0 +1,93 @@
+"""Checkpoint 1: parameters outside the code change what the system does, and what it says."""
+
+import signal
+
+import pytest
+
+from tests.processes.bare import gap
+from tests.processes.lab import Lab
+
+FILE = """
+[safety]
+acceptance_range = 0.25
+virtual_cage = { x = 3.0, y = 3.0, z = 3.0 }
+"""
+SETTINGS = [
+    word
+    for name in (
+        "virtual_cage.x=3",
+        "virtual_cage.y=3",
+        "virtual_cage.z=3",
+        "acceptance_range=0.25",
+    )
+    for word in ("--set", f"safety.{name}")
+]
+
+
+@pytest.mark.parametrize("way", ["file", "quad.toml", "settings"])
+def test_cage_and_range_from_outside_change_log_and_behaviour(lab: Lab, way: str):
+    if way == "file":
+        run = lab.foreground(lab.file(FILE))
+    elif way == "quad.toml":
+        lab.file(FILE, "quad.toml")
+        run = lab.foreground()
+    else:
+        run = lab.foreground(*SETTINGS)
+
+    assert "Launching with the following parameters:" in run.log
+    for line in (
+        "Param: cage x - [-3.0, 3.0]",
+        "Param: cage y - [-3.0, 3.0]",
+        "Param: cage z - [0.0, 3.0]",
+        "Param: acceptance range - 0.25",
+    ):
+        assert line in run.log
+
+    refused = lab.quadctl("goto", 4, 0, 1, "--json")
+    assert refused.code == 5
+    assert "x = 4 is beyond [-3, 3]" in refused.json["reason"]
+    flown = lab.quadctl("goto", 2, 0, 1, "--json")
+    assert flown.code == 0
+    assert flown.json["arrived"]
+    assert flown.json["distance"] < 0.25
+
+    with lab.bare() as bare:
+        assert bare.state()["cage"] == {"x": 3.0, "y": 3.0, "z": 3.0}
+        here = bare.watch("uav/pose").next()[0]["position"]
+        assert gap(here, {"x": 2, "y": 0, "z": 1}) < 0.25
+    run.send(signal.SIGINT)
+    assert run.wait() == 130
+
+
+def test_a_setting_goes_before_the_file(lab: Lab):
+    lab.start(lab.file(FILE), "--set", "safety.virtual_cage.x=1.5")
+    shown = lab.quadctl("cage", "show", "--json").json
+    assert shown == {"on": True, "x": [-1.5, 1.5], "y": [-3.0, 3.0], "z": [0.0, 3.0]}
+
+
+def test_without_file_or_setting_the_defaults_of_the_code_hold(lab: Lab):
+    lab.start()
+    names = ("safety.virtual_cage", "safety.acceptance_range", "pressure.rate")
+    assert lab.quadctl("param", "get", *names, "--json").json == {
+        "safety.virtual_cage.x": 5.0,
+        "safety.virtual_cage.y": 5.0,
+        "safety.virtual_cage.z": 5.0,
+        "safety.acceptance_range": 0.5,
+        "pressure.rate": 10.0,
+    }
+
+
+def test_transitions_and_requested_positions_are_logged(lab: Lab):
+    run = lab.foreground()
+    assert lab.quadctl("goto", 1, 2, 1).code == 0
+    assert lab.quadctl("goto", 9, 0, 1).code == 5
+    for line in (
+        "Requested position: (1, 2, 1)",
+        "Requested position: (9, 0, 1)",
+        "Current State: VERIFYING",
+        "Current State: MOVING",
+        "Current State: HOVERING",
+    ):
+        assert line in run.log
+    assert all(f" {name:8} | " in run.log for name in ("dynamics", "pressure", "safety"))
+    assert "\033" not in run.log

@@ -15,7 +15,8 @@ from services.runtime import wire
 from services.runtime.client import Client
 from services.runtime.errors import QuadctlError
 
-INSIDE = Position(1.0, 2.0, 1.0)
+TOUR = (Position(-3.0, -2.0, 1.5), Position(-2.0, 3.0, 0.8), Position(1.0, 2.0, 1.0))
+HOME = TOUR[-1]
 OUTSIDE = Position(9.0, 0.0, 1.0)
 _STILL = 0.05
 """A vehicle that moves less (m) has stayed."""
@@ -94,7 +95,8 @@ def parameters(lab: Lab) -> Iterator[Evidence]:
 
 def automaton(lab: Lab) -> Iterator[Evidence]:
     """A waypoint inside is flown to; one outside is refused and moves nothing."""
-    yield _flown(lab, INSIDE)
+    for goal in TOUR:
+        yield _flown(lab, goal)
     before = lab.hover()
     yield _refused(lab, OUTSIDE)
     moved = distance(before, lab.client.first(POSE).position)
@@ -122,7 +124,7 @@ def cage_service(lab: Lab) -> Iterator[Evidence]:
     reply = lab.client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on=True))
     on = reply.success and lab.client.latest(STATE).cage_on
     yield Evidence(on, "toggle_cage: the cage is on again, with the vehicle outside")
-    yield _flown(lab, INSIDE)
+    yield _flown(lab, HOME)
 
 
 CHECKPOINTS: tuple[tuple[str, Callable[[Lab], Iterator[Evidence]]], ...] = (

@@ -25,15 +25,20 @@ def draw(file: Path, lab: Lab, messages: list[Message]) -> None:
     poses, readings = _decode(messages)
     path = np.array([(p.stamp, p.position.x, p.position.y, p.position.z) for p in poses])
     air = np.array([(r.stamp, r.pressure, r.baseline) for r in readings])
-    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
     size = lab.params.safety.virtual_cage
-    _view(axes[0][0], lab, path[:, 1], path[:, 2], "y", (-size.y, 2 * size.y))
-    axes[0][0].set_title("from above")
-    _view(axes[0][1], lab, path[:, 1], path[:, 3], "z", (0.0, size.z))
-    axes[0][1].set_title("from the side")
-    _height(axes[1][0], path, size.z)
-    _pressure(axes[1][1], air)
-    figure.suptitle("quadctl demo: the lab's four checkpoints, flown")
+    figure, axes = plt.subplot_mosaic(
+        [["above", "height"], ["above", "pressure"], ["side", "pressure"]],
+        figsize=(12, 7.5),
+        width_ratios=(1.15, 1),
+        height_ratios=(1.6, 1, 0.7),
+        layout="constrained",
+    )
+    _view(axes["above"], lab, path[:, 1], path[:, 2], "y", (-size.y, 2 * size.y))
+    _view(axes["side"], lab, path[:, 1], path[:, 3], "z", (0.0, size.z))
+    axes["side"].legend(loc="upper center", bbox_to_anchor=(0.5, -0.55), ncols=4, frameon=False)
+    _height(axes["height"], path, size.z)
+    _pressure(axes["pressure"], air)
+    figure.suptitle("quadctl demo: the lab's four checkpoints, flown", fontsize=14)
     figure.savefig(file, dpi=120)
     plt.close(figure)
 
@@ -66,32 +71,39 @@ def _view(
     spots(lab.accepted, "o", _TAKEN, "accepted")
     spots(lab.rejected, "x", _REFUSED, "rejected")
     axes.margins(0.08)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel="x, m", ylabel=f"{axis}, m")
+    axes.set_aspect("equal", anchor="W")
+    title = "path from above" if axis == "y" else "path from the side"
+    axes.set(title=title, xlabel="x, m", ylabel=f"{axis}, m")
     axes.grid(alpha=0.3)
-    axes.legend(loc="best", fontsize=8)
 
 
 def _height(axes: Any, path: NDArray[Any], ceiling: float) -> None:
     axes.plot(path[:, 0], path[:, 3], color=_PATH)
-    axes.axhline(ceiling, color=_CAGE, linestyle="--", label="top of the cage")
+    axes.axhline(ceiling, color=_CAGE, linestyle="--")
+    axes.annotate(
+        "top of the cage",
+        (path[-1, 0], ceiling),
+        (0, -12),
+        ha="right",
+        fontsize=9,
+        color=_CAGE,
+        textcoords="offset points",
+    )
+    axes.set_ylim(0, 1.1 * max(ceiling, path[:, 3].max()))
     axes.set(title="height", xlabel="simulated time, s", ylabel="z, m")
     axes.grid(alpha=0.3)
-    axes.legend(loc="best", fontsize=8)
 
 
 def _pressure(axes: Any, air: NDArray[Any]) -> None:
-    """Raw pressure, and on an axis of its own what the topic shows once it is zeroed."""
+    """What the topic shows, the baseline given back before it and left off after it."""
     zeroed = air[:, 2] != 0
-    axes.plot(air[:, 0], air[:, 1] + air[:, 2], color=_AIR, label="raw (left)")
-    axes.set(title="pressure before and after calibration", xlabel="simulated time, s")
-    axes.set_ylabel("raw, hPa")
-    axes.ticklabel_format(useOffset=False)
-    axes.grid(alpha=0.3)
-    right = axes.twinx()
-    right.plot(air[zeroed, 0], air[zeroed, 1], color=_TAKEN, label="zeroed (right)")
-    right.set_ylabel("zeroed, hPa")
+    raw = air[:, 1] + air[:, 2]
+    axes.plot(air[:, 0], raw - raw[0], color=_CAGE, linewidth=1, label="raw, above its first value")
+    axes.plot(air[zeroed, 0], air[zeroed, 1], color=_AIR, label="sensors/pressure, zeroed")
     if zeroed.any():
-        axes.axvline(air[zeroed, 0][0], color=_CAGE, linestyle=":", label="calibrate")
-    lines = [*axes.get_lines(), *right.get_lines()]
-    axes.legend(lines, [line.get_label() for line in lines], loc="best", fontsize=8)
+        axes.axvline(air[zeroed, 0][0], color=_TAKEN, linestyle=":", label="calibrate")
+    axes.set(
+        title="pressure before and after calibration", xlabel="simulated time, s", ylabel="hPa"
+    )
+    axes.grid(alpha=0.3)
+    axes.legend(loc="best", fontsize=9)

@@ -28,16 +28,20 @@ def ramp(p: float, v: float, a: float, jerk: float, t: float) -> Motion:
 
 
 def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, float]:
-    """Side, peak deceleration b >= 0 (m/s^2) and hold (m/s) of the time-minimal stop.
+    """Side, peak deceleration (m/s^2) and time at the peak (s) of the time-minimal stop.
 
-    It goes to the peak at full jerk, holds it where that is the limit, for the speed `hold`
-    that two ramps do not take away, and goes back to 0 at full jerk. The side is that of the
-    speed once the acceleration is taken away; a stop on side -1 is the mirror image.
+    It goes to the peak at full jerk, holds it where that is the limit, for the speed that two
+    ramps do not take away, and goes back to 0 at full jerk. The side is that of the speed once
+    the acceleration is taken away; a stop on side -1 is the mirror image of one on side 1.
     """
     side = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
     square = side * j * v + 0.5 * a * a
-    b = sqrt(square) if square > 0.0 else 0.0
-    return side, b if b < most_a else most_a, (square - most_a * most_a) / j if b > most_a else 0.0
+    # A deceleration beyond the limit, where that was lowered in flight, is held, not raised.
+    most = -side * a if -side * a > most_a else most_a
+    held = square - most * most
+    if held > 0.0:
+        return side, most, held / (j * most)
+    return side, sqrt(square) if square > 0.0 else 0.0, 0.0
 
 
 def stop(v: float, a: float, most_a: float, j: float) -> float:
@@ -45,16 +49,14 @@ def stop(v: float, a: float, most_a: float, j: float) -> float:
     side, b, hold = peak(v, a, most_a, j)
     a = side * a
     return side * (
-        (b * b * (a + b) - a * a * a / 6.0) / (j * j)
-        + hold * (0.5 * hold / most_a + (a + 1.5 * b) / j)
+        (b * b * (a + b) - a * a * a / 6.0) / (j * j) + hold * b * (0.5 * hold + (a + 1.5 * b) / j)
     )
 
 
 def brake(p: float, v: float, a: float, goal: float, most_a: float, j: float, t: float) -> Motion:
     """The motion after `t` seconds of the time-minimal stop, which ends on `goal`, m."""
-    side, b, hold = peak(v, a, most_a, j)
+    side, b, t2 = peak(v, a, most_a, j)
     t1 = (side * a + b) / j
-    t2 = hold / most_a
     t3 = b / j
     rests = t1 + t2 + t3 <= t
     t1 = t1 if t1 < t else t
@@ -62,11 +64,6 @@ def brake(p: float, v: float, a: float, goal: float, most_a: float, j: float, t:
     t3 = t3 if t3 < t - t1 - t2 else t - t1 - t2
     p, v, a = ramp(*ramp(*ramp(p, v, a, -side * j, t1), 0.0, t2), side * j, t3)
     return goal if rests else p, 0.0 if rests else v, 0.0 if rests else a
-
-
-def widest(a: float, most_a: float) -> float:
-    """Acceleration limit, m/s^2: where limits were lowered in flight, what there is is held."""
-    return abs(a) if abs(a) > most_a else most_a
 
 
 def advance(
@@ -87,7 +84,7 @@ def advance(
     """
     h = PERIOD
     if heading == 0.0:
-        return *brake(p, v, a, goal, widest(a, most_a), j, h), 0.0
+        return *brake(p, v, a, goal, most_a, j, h), 0.0
     v0 = heading * v
     a0 = heading * a
     # With the acceleration then taken away at full jerk, though in whole periods (which may
@@ -101,14 +98,14 @@ def advance(
     high = high if high > a0 - j * h else a0 - j * h
     jerk = heading * (high - a0) / h
     p1, v1, a1 = ramp(p, v, a, jerk, h)
-    if heading * (p1 + stop(v1, a1, widest(a1, most_a), j) - goal) <= 0.0:
+    if heading * (p1 + stop(v1, a1, most_a, j) - goal) <= 0.0:
         return p1, v1, a1, heading
     # The moment to brake lies within this period.
     early, late = 0.0, h
     for _ in range(HALVINGS):
         t = 0.5 * (early + late)
         p1, v1, a1 = ramp(p, v, a, jerk, t)
-        passes = heading * (p1 + stop(v1, a1, widest(a1, most_a), j) - goal) > 0.0
+        passes = heading * (p1 + stop(v1, a1, most_a, j) - goal) > 0.0
         early = early if passes else t
         late = t if passes else late
-    return *brake(*ramp(p, v, a, jerk, early), goal, widest(a, most_a), j, h - early), 0.0
+    return *brake(*ramp(p, v, a, jerk, early), goal, most_a, j, h - early), 0.0

@@ -98,8 +98,7 @@ class Axis:
 
     def stop(self, most: Vector, share: float) -> float:
         """Displacement of a stop from now with this share of the limits, m."""
-        most_a = path.widest(self.a, share * most[1])
-        return path.stop(self.v, self.a, most_a, share * most[2])
+        return path.stop(self.v, self.a, share * most[1], share * most[2])
 
     def needed(self, most: Vector) -> float:
         """Least share of the limits that this axis can do with in its present motion.

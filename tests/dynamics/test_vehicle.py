@@ -4,6 +4,7 @@ from math import acos, cos, dist, hypot, sin, sqrt
 from random import Random
 
 import pytest
+
 from schemas.params import DynamicsParams, StartParams
 from schemas.vehicle import ControlParams, VehicleParams
 from services.dynamics import vehicle as module

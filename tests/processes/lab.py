@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import zenoh
+
 from tests.processes.bare import Bare
 
 T = TypeVar("T")
@@ -158,9 +160,12 @@ class Lab:
         return path
 
     def status(self) -> dict[str, Any]:
-        """The document of `quadctl status`; no nodes when nothing runs."""
-        done = self.quadctl("status", "--json")
-        return done.json if done.code == 0 else {"pid": 0, "nodes": []}
+        """The run record, which `quadctl status --json` prints; no nodes when nothing runs."""
+        try:
+            record: dict[str, Any] = json.loads((self.home / "run.json").read_bytes())
+        except FileNotFoundError:
+            return {"pid": 0, "nodes": []}
+        return record
 
     def nodes(self) -> dict[str, dict[str, Any]]:
         """What `status` says of each node, by name."""
@@ -189,6 +194,17 @@ class Lab:
             return now["state"] == "ready" and now["pid"] not in {0, old}
 
         eventually(is_back, within)
+
+    def command(self, *words: object) -> list[str]:
+        """The command line of `quadctl`, for a process beside the test."""
+        return [*QUADCTL, *map(str, words)]
+
+    def try_bare(self) -> Bare | None:
+        """A bare session, None while no hub listens."""
+        try:
+            return self.bare()
+        except zenoh.ZError:
+            return None
 
     def bare(self) -> Bare:
         """A session that shares no code with the system."""

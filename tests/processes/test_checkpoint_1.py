@@ -24,15 +24,9 @@ SETTINGS = [
 ]
 
 
-@pytest.mark.parametrize("way", ["file", "quad.toml", "settings"])
+@pytest.mark.parametrize("way", ["file", "settings"])
 def test_cage_and_range_from_outside_change_log_and_behaviour(lab: Lab, way: str):
-    if way == "file":
-        run = lab.foreground(lab.file(FILE))
-    elif way == "quad.toml":
-        lab.file(FILE, "quad.toml")
-        run = lab.foreground()
-    else:
-        run = lab.foreground(*SETTINGS)
+    run = lab.foreground(*([lab.file(FILE)] if way == "file" else SETTINGS))
 
     assert "Launching with the following parameters:" in run.log
     for line in (
@@ -55,12 +49,23 @@ def test_cage_and_range_from_outside_change_log_and_behaviour(lab: Lab, way: str
         assert bare.state()["cage"] == {"x": 3.0, "y": 3.0, "z": 3.0}
         here = bare.watch("uav/pose").next()[0]["position"]
         assert gap(here, {"x": 2, "y": 0, "z": 1}) < 0.25
+    for line in (
+        "Requested position: (4, 0, 1)",
+        "Requested position: (2, 0, 1)",
+        "Current State: VERIFYING",
+        "Current State: MOVING",
+        "Current State: HOVERING",
+    ):
+        assert line in run.log
+    assert all(f" {name:8} | " in run.log for name in ("dynamics", "pressure", "safety"))
+    assert "\033" not in run.log
     run.send(signal.SIGINT)
     assert run.wait() == 130
 
 
-def test_a_setting_goes_before_the_file(lab: Lab):
-    lab.start(lab.file(FILE), "--set", "safety.virtual_cage.x=1.5")
+def test_a_setting_goes_before_the_file_and_quad_toml_is_found(lab: Lab):
+    lab.file(FILE, "quad.toml")
+    lab.start("--set", "safety.virtual_cage.x=1.5")
     shown = lab.quadctl("cage", "show", "--json").json
     assert shown == {"on": True, "x": [-1.5, 1.5], "y": [-3.0, 3.0], "z": [0.0, 3.0]}
 
@@ -75,19 +80,3 @@ def test_without_file_or_setting_the_defaults_of_the_code_hold(lab: Lab):
         "safety.acceptance_range": 0.5,
         "pressure.rate": 10.0,
     }
-
-
-def test_transitions_and_requested_positions_are_logged(lab: Lab):
-    run = lab.foreground()
-    assert lab.quadctl("goto", 1, 2, 1).code == 0
-    assert lab.quadctl("goto", 9, 0, 1).code == 5
-    for line in (
-        "Requested position: (1, 2, 1)",
-        "Requested position: (9, 0, 1)",
-        "Current State: VERIFYING",
-        "Current State: MOVING",
-        "Current State: HOVERING",
-    ):
-        assert line in run.log
-    assert all(f" {name:8} | " in run.log for name in ("dynamics", "pressure", "safety"))
-    assert "\033" not in run.log

@@ -71,9 +71,10 @@ def test_a_goal_while_moving_is_busy_until_replaced(shared_lab: Lab, hover: Bare
     assert end["goal"] == {"x": 1.0, "y": 0.0, "z": 1.0}
 
 
-def test_busy_on_the_command_line_is_exit_5_and_replace_is_taken(lab: Lab):
+def test_a_goal_right_after_the_start_is_taken_the_next_is_busy_and_replace_is_taken(lab: Lab):
     # Slow, so that the second command finds the first one's flight under way on any machine.
     lab.start("--set", "dynamics.control.max_speed=0.5")
+    # The first thing after the start: taken, although the take-off is still under way.
     assert lab.quadctl("goto", *FAR, "--no-wait").code == 0
     busy = lab.quadctl("goto", 1, 0, 1)
     assert busy.code == 5
@@ -124,25 +125,11 @@ def test_hold_in_flight_ends_the_waiting_goto_and_the_vehicle_rests_where_it_sto
     assert "hold" in end["reason"]
 
 
-def test_a_goal_right_after_the_start_is_taken(lab: Lab):
-    lab.start()
-    first = lab.quadctl("goto", 1, 2, 1, "--json")
-    assert (first.code, first.json["arrived"]) == (0, True)
-
-
 def test_a_goal_is_taken_as_soon_as_safety_is_ready(lab: Lab):
     lab.spawn(*QUADCTL, "up")
-
-    def connected() -> Bare | None:
-        try:
-            return lab.bare()
-        except Exception:  # noqa: BLE001 - Zenoh's error: the hub does not listen yet
-            return None
-
-    with eventually(connected) as bare:
-        states = bare.watch("uav/safety/state")
+    with eventually(lab.try_bare) as bare:
         eventually(lambda: "safety" in bare.nodes())
         # The take-off is still under way, and gives way.
         assert bare.call("goto", **GOAL).value == {"accepted": True, "reason": ""}
-        assert states.until(lambda s: s["state"] == "HOVERING")["goal"] == GOAL
+        assert bare.state()["goal"] == GOAL
     eventually(lab.is_ready)

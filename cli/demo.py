@@ -30,8 +30,9 @@ def demo(
     from cli.checkpoints import CHECKPOINTS, Lab
     from cli.picture import draw
     from schemas.topics import POSE, PRESSURE
-    from services.runtime import launch as launching
     from services.runtime.client import Client
+    from services.runtime.detach import detach
+    from services.runtime.launch import Launch
     from services.runtime.realm import Realm
     from services.runtime.record import stop
     from services.runtime.template import lab_params
@@ -39,8 +40,8 @@ def demo(
     chosen = options.of(ctx)
     realm = Realm(f"demo-{os.getpid()}")
     params = lab_params()
-    launch = launching.Launch(realm.name, chosen.vehicle, params, [], str(Path.cwd()))
-    launching.detach(launch)
+    launch = Launch(realm.name, chosen.vehicle, params, [], str(Path.cwd()))
+    detach(launch)
     try:
         with Client(realm.name, chosen.vehicle, timeout=chosen.timeout) as client:
             flown = client.listen(POSE.key(client.vehicle), PRESSURE.key(client.vehicle))

@@ -6,7 +6,21 @@ from typing import Annotated
 
 import typer
 
-from cli import cage, demo, flight, goto, node, output, param, pressure, run, service, topic, types
+from cli import (
+    cage,
+    demo,
+    flight,
+    goto,
+    init,
+    node,
+    output,
+    param,
+    pressure,
+    run,
+    service,
+    topic,
+    types,
+)
 from cli.options import Command, Group
 from services.runtime.errors import QuadctlError
 
@@ -30,7 +44,7 @@ for name, function in {
     "up": run.up,
     "down": run.down,
     "status": run.status,
-    "init": run.init,
+    "init": init.init,
     "demo": demo.demo,
     "calibrate": pressure.calibrate,
     "hold": flight.hold,

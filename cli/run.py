@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from cli import options, output
-from services.runtime.errors import Invalid, QuadctlError
 
 _DEFAULT_FILE = Path("quad.toml")
 
@@ -35,8 +34,9 @@ def up(
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
-    from services.runtime import launch as launching
     from services.runtime import up as running
+    from services.runtime.detach import detach as in_background
+    from services.runtime.launch import Launch
     from services.runtime.params import load
     from services.runtime.processes import table
 
@@ -45,9 +45,9 @@ def up(
     params = load(source, settings or ())
     table(params.processes, without or ())
     folder = source.resolve().parent if source else Path.cwd()
-    launch = launching.Launch(chosen.realm, chosen.vehicle, params, without or [], str(folder))
+    launch = Launch(chosen.realm, chosen.vehicle, params, without or [], str(folder))
     if detach:
-        launching.detach(launch)
+        in_background(launch)
         if chosen.json:
             status(ctx)
         return
@@ -90,24 +90,3 @@ def status(ctx: typer.Context) -> None:
     output.line(f"realm {run.realm}, vehicle {run.vehicle}, supervised by process {run.pid}")
     rows = [(node.name, node.state, node.pid or "-", node.restarts) for node in run.nodes]
     output.table([("NAME", "STATE", "PID", "RESTARTS"), *rows])
-
-
-def init(ctx: typer.Context, file: Annotated[Path, typer.Argument()] = _DEFAULT_FILE) -> None:
-    """Write the parameter file with every key, its unit, default and meaning.
-
-    Example: quadctl init my_lab.toml
-    """
-    from services.runtime.template import render
-
-    chosen = options.of(ctx)
-    try:
-        with file.open("x", encoding="utf-8") as out:
-            out.write(render())
-    except FileExistsError as error:
-        raise Invalid(f"{file} is there already", "name another file, or remove it") from error
-    except OSError as error:
-        raise QuadctlError(f"{file} cannot be written: {error.strerror}") from error
-    if chosen.json:
-        output.document({"file": str(file)})
-    else:
-        output.line(f"wrote {file}")

@@ -28,11 +28,11 @@ def lab() -> Iterator[Lab]:
         yield made
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def shared_lab() -> Iterator[Lab]:
-    """A running system that the tests of a module share; they leave no state behind."""
+    """A running system that many tests share; the vehicle stands in the air at (0, 0, 1)."""
     with private_lab() as made:
-        made.start()
+        made.start("--set", "dynamics.start.z=1")
         yield made
 
 
@@ -41,3 +41,15 @@ def bare(shared_lab: Lab) -> Iterator[Bare]:
     """A stranger's session on the shared lab: Zenoh and MessagePack, none of our code."""
     with shared_lab.bare() as session:
         yield session
+
+
+@pytest.fixture
+def hover(bare: Bare) -> Bare:
+    """The same, with the vehicle at rest at (0, 0, 1), the cage on and the baseline 0."""
+    states = bare.watch("uav/safety/state")
+    for service, field in (("toggle_cage", "cage_on"), ("calibrate_pressure", "zero")):
+        assert bare.call(service, **{field: field == "cage_on"}).ok
+    boot = bare.state()["boot"]
+    assert bare.call("reset").value == {"success": True}
+    states.until(lambda s: s["boot"] != boot and s["state"] == "HOVERING" and s["goal"]["z"] == 1)
+    return bare

@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 
 from services.runtime import up
+from services.runtime.detach import Settled
 from services.runtime.errors import QuadctlError
-from services.runtime.launch import Launch, Settled
+from services.runtime.launch import Launch
 from services.runtime.supervise import Supervisor
 
 

@@ -3,10 +3,7 @@
 import argparse
 import logging
 import os
-import signal
 import sys
-import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
@@ -17,6 +14,7 @@ from schemas.params import Params
 from schemas.topics import get_params, set_params
 from services.runtime import params as parameters
 from services.runtime import session, snapshot
+from services.runtime.ending import stop_on_signals
 from services.runtime.errors import QuadctlError
 from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
@@ -26,8 +24,6 @@ from services.runtime.realm import Realm, default_name
 Run = Callable[[Node, Params], None]
 
 _HUB_WAIT = 5.0
-_LAST_WORDS = 1.0
-"""How long (s) an orphan may take to end by itself before it is ended."""
 
 
 def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = None) -> NoReturn:
@@ -61,7 +57,7 @@ def _run(
         with opening(address, params, realm) as opened:
             restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
             node = Node(name, options.vehicle, opened, restarted=restarted)
-            _stop_on_signals(node)
+            stop_on_signals(node.stop)
             _serve_params(node, params, realm)
             run(node, params)
     return 0
@@ -84,27 +80,6 @@ def _params(realm: Realm, options: argparse.Namespace) -> Params:
 
 def _open_client(address: session.Address, _params: Params, _realm: Realm) -> zenoh.Session:
     return session.open_client(address, wait=_HUB_WAIT)
-
-
-def _stop_on_signals(node: Node) -> None:
-    # Set explicitly: a shell's `&` leaves SIGINT ignored, and children inherit that.
-    def on_signal(_number: int, _frame: Any) -> None:
-        node.stop()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
-    if os.environ.get("QUADCTL_SUPERVISED"):
-        threading.Thread(target=_watch_parent, args=(node,), daemon=True).start()
-
-
-def _watch_parent(node: Node) -> None:
-    # The supervisor holds the other end of our stdin: it ends when the supervisor does,
-    # even by kill -9, on every platform.
-    while os.read(0, 1):
-        pass
-    node.stop()
-    time.sleep(_LAST_WORDS)
-    os._exit(1)
 
 
 def _serve_params(node: Node, params: Params, realm: Realm) -> None:

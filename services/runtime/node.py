@@ -9,15 +9,16 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service, Topic
 from schemas.describe import schema_hash
-from services.runtime import graph, roster, wire
+from services.runtime import graph, roster
 from services.runtime.errors import AlreadyServed
+from services.runtime.publisher import Publisher
 from services.runtime.serving import Server
 from services.runtime.subscription import Subscription
 
@@ -28,26 +29,6 @@ R = TypeVar("R", bound=Struct)
 _DEPTH = 64
 _LATE = 0.1
 """A loop that is later than this (s) drops the ticks it missed instead of hurrying after them."""
-
-
-class Publisher(Generic[M]):
-    """Publishes one topic. A latched one also answers `get` with the last message."""
-
-    def __init__(self, session: zenoh.Session, key: str, topic: Topic[M]) -> None:
-        self._key, self._encoding = key, wire.encoding(topic.type)
-        self._publisher = session.declare_publisher(key, encoding=self._encoding)
-        self._last = b""
-
-    def put(self, message: M) -> None:
-        """Publish a message; numbers must be Python's own, not numpy's."""
-        self._last = wire.encode(message)
-        self._publisher.put(self._last)
-
-    def answer(self, query: zenoh.Query) -> None:
-        """Reply with the last message, or with nothing before the first."""
-        with query:
-            if self._last:
-                query.reply(self._key, self._last, encoding=self._encoding)
 
 
 class Node:

@@ -1,7 +1,6 @@
 """Checkpoint 2: goals inside are flown to, goals outside are refused and change nothing."""
 
 import re
-from collections.abc import Iterator
 
 import pytest
 
@@ -10,13 +9,6 @@ from tests.processes.lab import QUADCTL, Lab, eventually
 
 GOAL = {"x": 1.0, "y": 2.0, "z": 1.0}
 FAR = (-4.5, -4.5, 4.0)
-
-
-@pytest.fixture
-def hover(shared_lab: Lab, bare: Bare) -> Iterator[Bare]:
-    """The vehicle at rest at (0, 0, 1)."""
-    bare.fly(0.0, 0.0, 1.0)
-    return bare
 
 
 def test_a_goal_inside_is_reached(shared_lab: Lab, hover: Bare):

@@ -15,21 +15,19 @@ def zeroed(bare: Bare) -> bool:
     return bare.watch("uav/sensors/pressure").next(2)[-1]["baseline"] != 0
 
 
-def test_the_topic_reads_the_air_at_height(shared_lab: Lab, bare: Bare):
-    bare.fly(0.0, 0.0, 0.4)
+def test_the_topic_reads_the_air_at_height(shared_lab: Lab, hover: Bare):
     echoed = shared_lab.quadctl("topic", "echo", "sensors/pressure", "-n", 3, "--json")
     assert echoed.code == 0
     assert len(echoed.rows) == 3
     for reading in echoed.rows:
-        assert reading["pressure"] == pytest.approx(1013.2, abs=0.01)
+        assert reading["pressure"] == pytest.approx(1013.13, abs=0.01)
         assert reading["baseline"] == 0
     text = shared_lab.quadctl("topic", "echo", "sensors/pressure", "-n", 1, "--field", "pressure")
-    assert float(text.out) == pytest.approx(1013.2, abs=0.01)
+    assert float(text.out) == pytest.approx(1013.13, abs=0.01)
 
 
-def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab, bare: Bare):
-    heights, readings = bare.watch("uav/pose"), bare.watch("uav/sensors/pressure")
-    bare.fly(0.0, 0.0, 1.0)
+def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab, hover: Bare):
+    heights, readings = hover.watch("uav/pose"), hover.watch("uav/sensors/pressure")
     readings.next(11)  # so that the whole second that is averaged was at rest
     done = shared_lab.quadctl("calibrate")
     assert done.code == 0
@@ -42,7 +40,7 @@ def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab
         drift = max(abs(p["position"]["z"] - rest) for p in heights.messages[-300:])
         assert abs(reading["pressure"]) <= 3 * NOISE + PER_METRE * drift
 
-    bare.fly(0.0, 0.0, 2.0)
+    hover.fly(0.0, 0.0, 2.0)
     above = readings.next(3)[-1]["pressure"]
     climbed = heights.next()[0]["position"]["z"] - rest
     assert above == pytest.approx(-PER_METRE * climbed, abs=0.005)
@@ -64,13 +62,13 @@ def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab
     ],
 )
 def test_service_call_calibrates_in_every_spelling(
-    shared_lab: Lab, bare: Bare, words: tuple[str, ...]
+    shared_lab: Lab, hover: Bare, words: tuple[str, ...]
 ):
     called = shared_lab.quadctl("service", "call", *words, "--json")
     assert called.code == 0
     assert called.json["baseline"] == pytest.approx(1013, abs=0.5)
-    assert zeroed(bare)
-    assert bare.call("calibrate_pressure", zero=False).value == {"baseline": 0}
+    assert zeroed(hover)
+    assert hover.call("calibrate_pressure", zero=False).value == {"baseline": 0}
 
 
 def test_the_first_message_is_a_reading_and_an_early_calibration_is_none_or_not_ready(lab: Lab):

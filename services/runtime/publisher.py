@@ -1,0 +1,31 @@
+"""The sending end of a topic."""
+
+from typing import Generic, TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from schemas.contract import Topic
+from services.runtime import wire
+
+M = TypeVar("M", bound=Struct)
+
+
+class Publisher(Generic[M]):
+    """Publishes one topic. A latched one also answers `get` with the last message."""
+
+    def __init__(self, session: zenoh.Session, key: str, topic: Topic[M]) -> None:
+        self._key, self._encoding = key, wire.encoding(topic.type)
+        self._publisher = session.declare_publisher(key, encoding=self._encoding)
+        self._last = b""
+
+    def put(self, message: M) -> None:
+        """Publish a message; numbers must be Python's own, not numpy's."""
+        self._last = wire.encode(message)
+        self._publisher.put(self._last)
+
+    def answer(self, query: zenoh.Query) -> None:
+        """Reply with the last message, or with nothing before the first."""
+        with query:
+            if self._last:
+                query.reply(self._key, self._last, encoding=self._encoding)

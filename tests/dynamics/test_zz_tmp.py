@@ -1,0 +1,237 @@
+"""The setpoint generator: time-optimal, within its limits, smooth, straight, and never past."""
+
+from collections.abc import Iterator
+from math import ceil, dist, hypot, sqrt
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from schemas.params import DynamicsParams
+from schemas.vehicle import ControlParams
+from services.dynamics.axis import Motion, advance, brake, stop
+from services.dynamics.controller import PERIOD
+from services.dynamics.trajectory import Trajectory
+
+SPEED, ACCELERATION, JERK = 5.0, 5.0, 40.0
+MICROMETRE = 1e-6
+ROUNDING = 1e-9
+LAG = 1e-4
+"""The lags take the jerk for constant over a period, also where it changes within: 1 part in 1e4."""
+LIMITS = st.tuples(st.floats(0.5, 10), st.floats(0.5, 20), st.floats(5, 200))
+GOALS = st.one_of(st.floats(-20, 20), st.floats(-1, 1), st.floats(-0.05, 0.05))
+UNIT = st.floats(-1, 1)
+POINT = st.tuples(st.floats(-10, 10), st.floats(-10, 10), st.floats(1, 20))
+
+
+def side(v: float, a: float, gap: float, most_a: float, j: float) -> float:
+    return 1.0 if stop(v, a, most_a, j) <= gap else -1.0
+
+
+def path(start: Motion, goal: float, limits: tuple[float, float, float]) -> Iterator[Motion]:
+    """Every state of an axis from after the start until it is at rest on the goal."""
+    (p, v, a), heading = start, side(start[1], start[2], goal - start[0], limits[1], limits[2])
+    for _ in range(100_000):
+        p, v, a, heading = advance(p, v, a, goal, heading, *limits)
+        yield p, v, a
+        if (p, v, a) == (goal, 0.0, 0.0):
+            return
+    pytest.fail("never came to rest on the goal")
+
+
+def scurve(way: float, most_v: float, most_a: float, j: float) -> float:
+    """Duration of the time-optimal move from rest to rest: the textbook's seven segments."""
+    if most_v * j < most_a**2:
+        most_a = sqrt(most_v * j)
+    if way < 2 * most_a**3 / j**2:
+        return 4 * (way / (2 * j)) ** (1 / 3)
+    peak = min(most_v, most_a / 2 * (sqrt((most_a / j) ** 2 + 4 * way / most_a) - most_a / j))
+    return way / peak + peak / most_a + most_a / j
+
+
+def started(limits: tuple[float, float, float], speed: float, part: float) -> Motion:
+    """A motion within the limits that can stay within them."""
+    most_v, most_a, j = limits
+    v, a = speed * most_v, part * most_a
+    for sign in (1.0, -1.0):
+        assume(sign * (v + a * abs(a) / (2 * j) + 0.5 * a * PERIOD) <= most_v)
+    return 0.0, v, a
+
+
+@given(LIMITS, UNIT, UNIT)
+def test_a_stop_ends_at_rest_where_it_was_said_to(limits, speed, part):
+    _, v, a = started(limits, speed, part)
+    end = stop(v, a, limits[1], limits[2])
+    p = 0.0
+    for _ in range(100_000):
+        p, v, a = brake(p, v, a, end + 1.0, limits[1], limits[2], PERIOD)
+        if v == 0.0 and a == 0.0:
+            break
+    assert p == end + 1.0  # snapped on to the goal it was given ...
+    p, v, a = 0.0, *started(limits, speed, part)[1:]
+    p, v, a = brake(p, v, a, end, limits[1], limits[2], 1e9)
+    assert p == end
+
+
+@given(LIMITS, UNIT, UNIT)
+def test_a_stop_is_continuous_up_to_its_end(limits, speed, part):
+    start = started(limits, speed, part)
+    end = stop(start[1], start[2], limits[1], limits[2])
+    p, v, a = start
+    while (v, a) != (0.0, 0.0):
+        before = p, v, a
+        p, v, a = brake(p, v, a, end, limits[1], limits[2], PERIOD)
+        predicted = before[0] + PERIOD * (before[1] + v) / 2
+        assert abs(p - predicted) < limits[2] * PERIOD**3 + limits[1] * PERIOD**2 / 4
+
+
+@settings(deadline=None, max_examples=1500)
+@given(LIMITS, UNIT, UNIT, GOALS)
+def test_an_axis_arrives_within_its_limits_and_smoothly(limits, speed, part, goal):
+    before = started(limits, speed, part)
+    for now in path(before, goal, limits):
+        assert abs(now[1]) <= limits[0] + ROUNDING
+        assert abs(now[2]) <= limits[1] + ROUNDING
+        assert abs(now[2] - before[2]) <= limits[2] * PERIOD + ROUNDING
+        assert (
+            abs(now[1] - before[1] - PERIOD * before[2]) <= 0.5 * limits[2] * PERIOD**2 + ROUNDING
+        )
+        drift = PERIOD * before[1] + 0.5 * PERIOD**2 * before[2]
+        assert abs(now[0] - before[0] - drift) <= limits[2] * PERIOD**3 / 6 + ROUNDING
+        before = now
+
+
+@settings(deadline=None, max_examples=1500)
+@given(LIMITS, UNIT, UNIT, GOALS)
+def test_a_goal_that_can_be_stopped_at_is_not_passed(limits, speed, part, goal):
+    start = started(limits, speed, part)
+    end = stop(start[1], start[2], limits[1], limits[2])
+    ahead = 1.0 if end > 0.0 else -1.0
+    assume(ahead * goal >= ahead * end)
+    assert max(ahead * (p - goal) for p, _, _ in path(start, goal, limits)) <= MICROMETRE
+
+
+@settings(deadline=None, max_examples=1500)
+@given(LIMITS, st.floats(1e-4, 20))
+def test_from_rest_to_rest_takes_the_least_time(limits, way):
+    periods = sum(1 for _ in path((0.0, 0.0, 0.0), way, limits))
+    assert abs(periods - ceil(scurve(way, *limits) / PERIOD)) <= 3
+
+
+@pytest.mark.parametrize(
+    ("v", "a", "goal", "seconds"),
+    [
+        (-4.0614, 1.1549, -9.43305, 2.484785942),
+        (1.61855, -1.48128, 0.6465, 0.617379385),
+        (4.74785, 0.32563, 5.38109, 1.642341583),
+        (-0.22, 4.4, 0.01, 0.251099539),
+        (3.0, -4.0, 0.95, 0.678621180),
+    ],
+)
+def test_from_motion_it_is_as_fast_as_ruckig(v, a, goal, seconds):
+    """Durations by ruckig 0.15, an independent solver of the same problem."""
+    periods = sum(1 for _ in path((0.0, v, a), goal, (SPEED, ACCELERATION, JERK)))
+    assert -1e-6 <= periods - seconds / PERIOD <= 2
+
+
+def fly(trajectory: Trajectory, most_seconds: float = 60.0) -> Iterator[tuple[float, ...]]:
+    """Every setpoint until the trajectory is at rest."""
+    for _ in range(round(most_seconds / PERIOD)):
+        trajectory.advance()
+        yield trajectory.setpoint
+        if trajectory.at_rest:
+            return
+    pytest.fail("never at rest")
+
+
+def off_line(point: tuple[float, ...], start: tuple[float, ...], goal: tuple[float, ...]) -> float:
+    way = [g - s for g, s in zip(goal, start, strict=True)]
+    from_start = [x - s for x, s in zip(point, start, strict=True)]
+    t = sum(a * b for a, b in zip(way, from_start, strict=True)) / sum(w * w for w in way)
+    return dist(from_start, [t * w for w in way])
+
+
+@settings(deadline=None, max_examples=400)
+@given(POINT, POINT)
+def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal):
+    assume(dist(start, goal) > 0.01)
+    trajectory = Trajectory(DynamicsParams(), start)
+    trajectory.goto(*goal)
+    for s in fly(trajectory):
+        assert off_line(s[:3], start, goal) < 1e-3
+        assert hypot(*s[3:6]) <= SPEED * (1 + LAG)
+        assert hypot(*s[6:9]) <= ACCELERATION * (1 + LAG)
+        assert hypot(*s[9:12]) <= JERK * (1 + LAG)
+        assert dist(s[:3], start) <= dist(goal, start) + MICROMETRE
+    assert trajectory.setpoint == (*goal, *(0.0,) * 12)
+
+
+@settings(deadline=None, max_examples=400)
+@given(st.lists(st.tuples(POINT, st.floats(0.02, 1)), min_size=2, max_size=6))
+def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
+    trajectory = Trajectory(DynamicsParams(), (0.0, 0.0, 10.0))
+    before = trajectory.setpoint
+    for goal, seconds in legs:
+        trajectory.goto(*goal)
+        for _ in range(ceil(seconds / PERIOD)):
+            trajectory.advance()
+            s = trajectory.setpoint
+            for k in range(3):
+                # Position and velocity go on as velocity and acceleration say.
+                mean = 0.5 * (s[k + 3] + before[k + 3])
+                assert abs(s[k] - before[k] - PERIOD * mean) < 10 * MICROMETRE
+                mean = 0.5 * (s[k + 6] + before[k + 6])
+                assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.1 * JERK * PERIOD**2
+            assert hypot(*s[3:6]) <= SPEED * 1.1
+            assert hypot(*s[6:9]) <= ACCELERATION * 1.25
+            assert hypot(*s[9:12]) <= JERK * 1.1
+            before = s
+    for s in fly(trajectory):
+        before = s
+    assert before == (*legs[-1][0], *(0.0,) * 12)
+
+
+@settings(deadline=None, max_examples=400)
+@given(POINT, POINT, st.floats(0.1, 2))
+def test_an_axis_whose_goal_stays_is_not_passed_when_another_axis_is_sent_off(first, then, seconds):
+    start = (0.0, 0.0, 10.0)
+    trajectory = Trajectory(DynamicsParams(), start)
+    trajectory.goto(*first)
+    for _ in range(ceil(seconds / PERIOD)):
+        trajectory.advance()
+    trajectory.goto(first[0], then[1], then[2])
+    sign = 1.0 if first[0] > 0.0 else -1.0
+    assert max(sign * (s[0] - first[0]) for s in fly(trajectory)) <= MICROMETRE
+
+
+@settings(deadline=None, max_examples=400)
+@given(POINT, st.floats(0.1, 3))
+def test_braking_ends_ahead_without_turning_back(goal, seconds):
+    start = (0.0, 0.0, 10.0)
+    trajectory = Trajectory(DynamicsParams(), start)
+    trajectory.goto(*goal)
+    for _ in range(ceil(seconds / PERIOD)):
+        trajectory.advance()
+    trajectory.brake()
+    stops = trajectory.goal
+    way = [g - s for g, s in zip(goal, start, strict=True)]
+    for s in fly(trajectory, 3.0):
+        assert sum(v * w for v, w in zip(s[3:6], way, strict=True)) >= -ROUNDING
+    assert trajectory.setpoint[:3] == stops
+
+
+def test_new_limits_in_flight_are_kept_from_then_on():
+    trajectory = Trajectory(DynamicsParams(), (0.0, 0.0, 10.0))
+    trajectory.goto(20.0, 0.0, 10.0)
+    for _ in range(250):
+        trajectory.advance()
+    before = trajectory.setpoint
+    trajectory.configure(DynamicsParams(control=ControlParams(max_speed=1.0)))
+    speeds = []
+    for s in fly(trajectory):
+        assert abs(s[3] - before[3]) < ACCELERATION * PERIOD * 1.01
+        before = s
+        speeds.append(s[3])
+    assert max(speeds[450:]) <= 1.0 + LAG
+    assert min(speeds) >= 0.0
+    assert trajectory.setpoint[:3] == (20.0, 0.0, 10.0)

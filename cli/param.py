@@ -91,10 +91,11 @@ def set_(
 def _node_of(client: Any, name: str) -> str:
     """The live node that a parameter belongs to; raises Invalid with the nearest name."""
     from services.runtime.params import nearest, normal_name
+    from services.runtime.processes import NODES
 
     node = normal_name(name).partition(".")[0]
     live = {o.node for o in client.offers() if o.type == "GetParams"}
-    if node in live or not live:
+    if node in live or node in NODES or not live:
         return node
     hint = nearest(node, live) or f"the nodes with parameters are {', '.join(sorted(live))}"
     raise Invalid(f"there is no parameter {name}: no node {node} is up", hint)

@@ -1,4 +1,7 @@
-"""The vehicle's own parameters: body, rotors, controller. Defaults are the lab's simulator's."""
+"""The vehicle's own parameters: body, rotors, controller. Defaults are the lab's simulator's.
+
+The lower bounds keep divisors away from 0 and motions within what 1 ms steps can follow.
+"""
 
 from typing import Annotated
 
@@ -8,38 +11,45 @@ from msgspec import Meta, Struct, field
 class InertiaParams(Struct, forbid_unknown_fields=True):
     """Principal moments of inertia in the body frame, kg m^2."""
 
-    x: Annotated[float, Meta(gt=0, le=100)] = 0.0049
-    y: Annotated[float, Meta(gt=0, le=100)] = 0.0049
-    z: Annotated[float, Meta(gt=0, le=100)] = 0.0069
+    x: Annotated[float, Meta(ge=1e-6, le=100)] = 0.0049
+    y: Annotated[float, Meta(ge=1e-6, le=100)] = 0.0049
+    z: Annotated[float, Meta(ge=1e-6, le=100)] = 0.0069
 
 
 class VehicleParams(Struct, forbid_unknown_fields=True):
     """Body and rotors of a quadrotor in X configuration."""
 
-    mass: Annotated[float, Meta(gt=0, le=1000, description="mass", extra={"unit": "kg"})] = 1.0
+    mass: Annotated[float, Meta(ge=0.01, le=1000, description="mass", extra={"unit": "kg"})] = 1.0
     inertia: Annotated[
         InertiaParams, Meta(description="principal moments of inertia", extra={"unit": "kg m^2"})
     ] = field(default_factory=InertiaParams)
     arm: Annotated[
         float,
-        Meta(gt=0, le=10, description="rotor's distance from the centre", extra={"unit": "m"}),
+        Meta(ge=0.01, le=10, description="rotor's distance from the centre", extra={"unit": "m"}),
     ] = 0.08
     thrust_coefficient: Annotated[
         float,
-        Meta(gt=0, le=1, description="thrust per squared speed", extra={"unit": "N/(rad/s)^2"}),
+        Meta(
+            ge=1e-9, le=0.01, description="thrust per squared speed", extra={"unit": "N/(rad/s)^2"}
+        ),
     ] = 1.91e-6
     torque_coefficient: Annotated[
         float,
         Meta(
-            gt=0, le=1, description="drag torque per squared speed", extra={"unit": "N m/(rad/s)^2"}
+            ge=1e-10,
+            le=1e-4,
+            description="drag torque per squared speed",
+            extra={"unit": "N m/(rad/s)^2"},
         ),
     ] = 2.6e-7
     max_motor_speed: Annotated[
-        float, Meta(gt=0, le=100_000, description="motor speed limit", extra={"unit": "rad/s"})
+        float, Meta(ge=100, le=100_000, description="motor speed limit", extra={"unit": "rad/s"})
     ] = 2200.0
     motor_lag: Annotated[
         float,
-        Meta(gt=0, le=10, description="first-order time constant of a motor", extra={"unit": "s"}),
+        Meta(
+            ge=0.001, le=10, description="first-order time constant of a motor", extra={"unit": "s"}
+        ),
     ] = 0.02
     gravity: Annotated[
         float, Meta(ge=0, le=100, description="gravity", extra={"unit": "m/s^2"})
@@ -53,38 +63,43 @@ class ControlParams(Struct, forbid_unknown_fields=True):
     """Cascade controller and the limits of the setpoint it follows."""
 
     position_gain: Annotated[
-        float, Meta(gt=0, le=100, description="position error to velocity", extra={"unit": "1/s"})
+        float,
+        Meta(ge=0.01, le=100, description="position error to velocity", extra={"unit": "1/s"}),
     ] = 1.6
     velocity_gain: Annotated[
         float,
-        Meta(gt=0, le=100, description="velocity error to acceleration", extra={"unit": "1/s"}),
+        Meta(ge=0.01, le=100, description="velocity error to acceleration", extra={"unit": "1/s"}),
     ] = 4.0
     attitude_gain: Annotated[
         float,
-        Meta(gt=0, le=1000, description="attitude error to body rates", extra={"unit": "1/s"}),
+        Meta(ge=0.01, le=1000, description="attitude error to body rates", extra={"unit": "1/s"}),
     ] = 9.0
     rate_gain: Annotated[
         float,
         Meta(
-            gt=0,
+            ge=0.01,
             le=1000,
             description="body rate error to angular acceleration",
             extra={"unit": "1/s"},
         ),
     ] = 28.0
     max_tilt: Annotated[
-        float, Meta(gt=0, le=1.4, description="tilt limit", extra={"unit": "rad"})
+        float, Meta(ge=0.05, le=1.4, description="tilt limit", extra={"unit": "rad"})
     ] = 0.7
     max_speed: Annotated[
-        float, Meta(gt=0, le=100, description="speed limit of the setpoint", extra={"unit": "m/s"})
+        float,
+        Meta(ge=0.01, le=100, description="speed limit of the setpoint", extra={"unit": "m/s"}),
     ] = 5.0
     max_acceleration: Annotated[
         float,
         Meta(
-            gt=0, le=100, description="acceleration limit of the setpoint", extra={"unit": "m/s^2"}
+            ge=0.01,
+            le=100,
+            description="acceleration limit of the setpoint",
+            extra={"unit": "m/s^2"},
         ),
     ] = 5.0
     max_jerk: Annotated[
         float,
-        Meta(gt=0, le=10_000, description="jerk limit of the setpoint", extra={"unit": "m/s^3"}),
+        Meta(ge=0.1, le=10_000, description="jerk limit of the setpoint", extra={"unit": "m/s^3"}),
     ] = 40.0

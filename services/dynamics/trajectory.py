@@ -21,7 +21,7 @@ LEAST_LAG = 0.03
 LAGS_TO_SETTLE = 40.0
 """Lags after which a decay is below the rounding of what it decays to: e^-40 is 4e-18."""
 
-LEAST_SHARE = 1e-3
+LEAST_SHARE = 1e-5
 """Least share of the limits of an axis, so that none is zero."""
 
 TIGHT = 1e-9
@@ -103,15 +103,17 @@ class Axis:
     def needed(self, most: Vector) -> float:
         """Least share of the limits that this axis can do with in its present motion.
 
-        Where a stop can end short of the goal, one that does; where none can, one that stops in
-        proportion to the speed. Never less than half of what speed and acceleration take up now:
-        then they are back within the share before the other axes have taken up what is freed.
+        Where a stop can end short of the goal, one that does. Where none can, or where the axis
+        moves away from the goal, the present one: with less, the stop would end beyond where it
+        was bound to when the goal was moved, and that could be outside the cage. Never less than
+        half of what speed and acceleration take up now: then they are back within the share
+        before the others take up what is freed.
         """
         gap = self.goal - self.p
+        if gap == 0.0 or not 0.0 <= self.stop(most, 1.0) / gap <= 1.0 + TIGHT:
+            return self.share
         taken = max(abs(self.v) / most[0], abs(self.a) / most[1])
-        if gap == 0.0 or self.stop(most, self.share) / gap > 1.0 + TIGHT:
-            return min(taken, 1.0)
-        low, high = 0.0, self.share
+        low, high = 0.0, 1.0
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             fits = self.stop(most, middle) / gap <= 1.0
@@ -203,7 +205,7 @@ class Trajectory:
         self.setpoint = (px, py, pz, vx, vy, vz, ax, ay, az, jx, jy, jz, sx, sy, sz)
 
     def _divide(self) -> None:
-        """Share the limits among the axes so that the squares of the shares add up to 1.
+        """Share the limits among the axes, so that the squares of the shares add up to 1.
 
         An axis that is stopping keeps its share, one on its way gets what it needs. What is left
         goes by the squares of the ways still to go, which from rest makes all three profiles
@@ -219,6 +221,7 @@ class Trajectory:
         left = max(0.0, 1.0 - sum(need * need for need in needs))
         for axis, need, way in zip(self._axes, needs, ways, strict=True):
             cosine = way / total if total > 0.0 else 0.0
-            axis.share = max(sqrt(need * need + left * cosine * cosine), LEAST_SHARE)
+            share = sqrt(need * need + left * cosine * cosine)
+            axis.share = min(max(share, LEAST_SHARE), 1.0)
             if axis.heading != 0.0:
                 axis.heading = 1.0 if axis.stop(most, axis.share) <= axis.goal - axis.p else -1.0

@@ -39,7 +39,8 @@ class Barometer:
         """
         raw = pressure_at(height) + self._params.noise * uniform
         self._recent.append((now, raw))
-        while self._recent[0][0] <= now - AVERAGED:
+        # Simulated time starts anew with a boot: what is dated later is of the old one.
+        while not now - AVERAGED < self._recent[0][0] <= now:
             self._recent.popleft()
         value, samples, spread = self.baseline
         return Pressure(stamp, raw - value, value, samples, spread)

@@ -61,7 +61,7 @@ class Client:
     ) -> None:
         """`timeout` (s) bounds every reply. Raises Unreachable when no hub is there."""
         self.vehicle, self.timeout = vehicle, timeout
-        self._session = open_client(address_of(Realm(realm), connect))
+        self._session = open_client(address_of(Realm(realm), connect), timeout=timeout)
 
     def __enter__(self) -> Self:
         return self

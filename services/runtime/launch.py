@@ -1,5 +1,6 @@
 """What a run is launched with: parameters, realm, and the hub's address."""
 
+import contextlib
 import os
 import secrets
 import socket
@@ -39,9 +40,13 @@ class Launch(Struct, frozen=True):
 
 def hold(realm: Realm) -> FileLock:
     """Take the realm for a supervisor; raises AlreadyServed, naming its holder's pid."""
-    realm.create()
     hint = f"`quadctl down --realm {realm.name}` ends it; another --realm runs beside it"
-    return FileLock(realm.lock, f"the realm {realm.name}", hint).acquire()
+    lock = FileLock(realm.lock, f"the realm {realm.name}", hint)
+    while True:
+        realm.create()
+        # A run that is just ending removes the folder under us.
+        with contextlib.suppress(FileNotFoundError):
+            return lock.acquire()
 
 
 def choose_address(realm: Realm, transport: str) -> Address:

@@ -1,11 +1,16 @@
 """A lock that the kernel releases when its holder dies, however it dies."""
 
+import contextlib
 import os
 import sys
+import time
 from pathlib import Path
 from typing import Self
 
 from services.runtime.errors import AlreadyServed
+
+_A_LOOK = 0.05
+"""Seconds: who looks whether the lock is held has it for a moment, which is no refusal."""
 
 
 class FileLock:
@@ -18,22 +23,36 @@ class FileLock:
 
     def acquire(self) -> Self:
         """Take the lock; raises AlreadyServed, naming the holder's pid, if it is taken."""
-        fd = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-        if not _try_lock(fd) or not self._is_file(fd):
-            os.close(fd)
-            holder = self._path.read_text().strip() if self._path.exists() else ""
-            raise AlreadyServed(
-                f"{self._what} is already held by process {holder or 'unknown'}", self._hint
-            )
+        deadline = time.monotonic() + _A_LOOK
+        while (fd := self._attempt()) is None:
+            if time.monotonic() > deadline:
+                raise AlreadyServed(
+                    f"{self._what} is already held by process {self._holder()}", self._hint
+                )
+            time.sleep(_A_LOOK / 10)
         os.ftruncate(fd, 0)
         os.lseek(fd, 0, os.SEEK_SET)
         os.write(fd, str(os.getpid()).encode())
         self._fd = fd
         return self
 
+    def _attempt(self) -> int | None:
+        fd = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+        if _try_lock(fd) and self._is_file(fd):
+            return fd
+        os.close(fd)
+        return None
+
     def _is_file(self, fd: int) -> bool:
         # A holder that ended may have removed the file while we opened it.
-        return self._path.exists() and os.fstat(fd).st_ino == self._path.stat().st_ino
+        with contextlib.suppress(FileNotFoundError):
+            return os.fstat(fd).st_ino == self._path.stat().st_ino
+        return False
+
+    def _holder(self) -> str:
+        with contextlib.suppress(FileNotFoundError):
+            return self._path.read_text().strip() or "unknown"
+        return "unknown"
 
     def __enter__(self) -> Self:
         return self.acquire()
@@ -42,12 +61,15 @@ class FileLock:
         self.release()
 
     def held(self) -> bool:
-        """Whether any process, this one included, holds the lock now."""
+        """Whether any process, this one included, holds the lock now; creates no file."""
         try:
-            self.acquire().release()
-        except AlreadyServed:
-            return True
-        return False
+            fd = os.open(self._path, os.O_RDWR)
+        except FileNotFoundError:
+            return False
+        try:
+            return not _try_lock(fd)
+        finally:
+            os.close(fd)
 
     def release(self) -> None:
         """Let go; does nothing when not held."""

@@ -1,8 +1,6 @@
 """Parameters: from defaults, a TOML file and `--set`, to one checked object."""
 
-import difflib
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -43,6 +41,8 @@ def check(table: Mapping[str, Any], source: str) -> Params:
 
 def value_of(text: str) -> Any:
     """A value as written on a command line: TOML's notation, ROS's True and False, or a word."""
+    import tomllib
+
     if text in {"True", "False"}:
         return text == "True"
     try:
@@ -77,6 +77,8 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def _read(file: Path) -> dict[str, Any]:
+    import tomllib
+
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
@@ -102,8 +104,11 @@ def _explain(text: str, source: str) -> Invalid:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """A hint that names the likeliest name meant."""
-    found = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f"did you mean {found[0]}?" if found else ""
+    import difflib
+
+    folded = {known.lower(): known for known in names}
+    found = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    return f"did you mean {folded[found[0]]}?" if found else ""
 
 
 def _nearest(name: str) -> str:

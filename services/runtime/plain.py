@@ -14,7 +14,7 @@ def plain(payload: bytes, said: str) -> Any:
     for attempt in _READERS.get(said.partition(";")[0], _ANY):
         try:
             return attempt(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
     return payload.hex()
 

@@ -58,7 +58,12 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
     if command is None:
         # -P: a stranger's `services` folder in the working directory must not be found first.
         return (sys.executable, "-P", "-m", f"services.{name}")
-    words = shlex.split(command) if isinstance(command, str) else command
+    try:
+        words = shlex.split(command) if isinstance(command, str) else command
+    except ValueError as error:
+        raise Invalid(
+            f"processes.{name}: {command} cannot be read: {error}", "quote it as for a shell"
+        ) from error
     if not words:
         raise Invalid(f"processes.{name}: the command is empty", "leave the line out instead")
     return tuple(words)

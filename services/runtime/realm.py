@@ -3,7 +3,6 @@
 import contextlib
 import os
 import re
-import shutil
 import sys
 from pathlib import Path
 
@@ -55,6 +54,8 @@ class Realm:
 
     def remove(self) -> None:
         """Remove the folder; the lock's file last, so that nobody takes the realm in between."""
+        import shutil
+
         for path in self.folder.iterdir():
             if path.is_dir():
                 shutil.rmtree(path)

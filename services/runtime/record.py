@@ -42,7 +42,7 @@ def write(realm: Realm, record: RunRecord) -> None:
 
 def is_live(realm: Realm) -> bool:
     """Whether a supervisor holds the realm."""
-    return realm.lock.exists() and FileLock(realm.lock, "").held()
+    return FileLock(realm.lock, "").held()
 
 
 def stop(realm: Realm) -> RunRecord:

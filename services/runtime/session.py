@@ -60,13 +60,15 @@ def open_router(address: Address, params: Params, realm: Realm) -> zenoh.Session
     return _open(config)
 
 
-def open_client(address: Address, *, wait: float = 0.0) -> zenoh.Session:
+def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) -> zenoh.Session:
     """Open a client of the hub, waiting up to `wait` seconds for it to come up.
 
     With a wait the session also reconnects by itself for as long as it lives, and restores
-    what it declared. Raises Unreachable when no hub is there.
+    what it declared. Raises Unreachable when no hub is there, and when one is there that has
+    not let us in within `timeout` seconds.
     """
     config = _common(address)
+    config["transport"]["unicast"] = {"open_timeout": max(int(timeout * 1000), 1)}
     config["mode"] = "client"
     config["connect"] = {"endpoints": [address.endpoint]}
     if wait:

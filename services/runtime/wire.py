@@ -38,7 +38,7 @@ def decode(type_: type[M], payload: bytes, said: str) -> M:
     check_schema(type_, said)
     try:
         message: M = _decoder(type_).decode(payload)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise Invalid(
             f"not a valid {type_.__name__}: {error}",
             f"`quadctl type show {type_.__name__}` prints its fields",
@@ -69,7 +69,7 @@ def decode_error(payload: bytes) -> QuadctlError:
     """The exception that an error reply stands for."""
     try:
         said = msgspec.json.decode(payload, type=Error)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return Invalid(f"the error reply cannot be read: {error}")
     return WIRE_ERRORS[said.code](said.message, said.hint)
 

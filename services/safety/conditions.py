@@ -1,6 +1,6 @@
 """When a rule fits: no effect, no memory."""
 
-from math import dist
+from math import dist, isfinite
 
 from msgspec.structs import astuple
 
@@ -27,12 +27,13 @@ def may_replace(s: Situation, e: Event, _w: World) -> bool:
 
 
 def permitted(s: Situation, _e: Event, w: World) -> bool:
-    """The candidate may be flown to: the cage is off or holds it.
+    """The candidate may be flown to: it is a place, and the cage is off or holds it.
 
     The cage is convex, so the straight way there stays inside from inside, and comes nearer
     at every step from outside.
     """
-    return not s.cage_on or not why_outside(s.candidate.goal, w.cage)
+    is_place = all(map(isfinite, astuple(s.candidate.goal)))
+    return is_place and not (s.cage_on and why_outside(s.candidate.goal, w.cage))
 
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:

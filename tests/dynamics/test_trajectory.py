@@ -59,30 +59,15 @@ def started(limits: tuple[float, float, float], speed: float, part: float) -> Mo
 
 
 @given(LIMITS, UNIT, UNIT)
-def test_a_stop_ends_at_rest_where_it_was_said_to(limits, speed, part):
-    _, v, a = started(limits, speed, part)
+def test_a_stop_ends_where_it_was_said_to_and_gets_there_smoothly(limits, speed, part):
+    p, v, a = started(limits, speed, part)
     end = stop(v, a, limits[1], limits[2])
-    p = 0.0
-    for _ in range(100_000):
-        p, v, a = brake(p, v, a, end + 1.0, limits[1], limits[2], PERIOD)
-        if v == 0.0 and a == 0.0:
-            break
-    assert p == end + 1.0  # snapped on to the goal it was given ...
-    p, v, a = 0.0, *started(limits, speed, part)[1:]
-    p, v, a = brake(p, v, a, end, limits[1], limits[2], 1e9)
-    assert p == end
-
-
-@given(LIMITS, UNIT, UNIT)
-def test_a_stop_is_continuous_up_to_its_end(limits, speed, part):
-    start = started(limits, speed, part)
-    end = stop(start[1], start[2], limits[1], limits[2])
-    p, v, a = start
     while (v, a) != (0.0, 0.0):
         before = p, v, a
         p, v, a = brake(p, v, a, end, limits[1], limits[2], PERIOD)
-        predicted = before[0] + PERIOD * (before[1] + v) / 2
-        assert abs(p - predicted) < limits[2] * PERIOD**3 + limits[1] * PERIOD**2 / 4
+        drift = PERIOD * before[1] + 0.5 * PERIOD**2 * before[2]
+        assert abs(p - before[0] - drift) <= limits[2] * PERIOD**3 / 6 + ROUNDING
+    assert p == end
 
 
 @settings(deadline=None)
@@ -179,29 +164,33 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
             for k in range(3):
                 # Position and velocity go on as velocity and acceleration say.
                 mean = 0.5 * (s[k + 3] + before[k + 3])
-                assert abs(s[k] - before[k] - PERIOD * mean) < 10 * MICROMETRE
+                assert abs(s[k] - before[k] - PERIOD * mean) < 30 * MICROMETRE
                 mean = 0.5 * (s[k + 6] + before[k + 6])
-                assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.1 * JERK * PERIOD**2
-            assert hypot(*s[3:6]) <= SPEED * 1.1
+                assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.5 * JERK * PERIOD**2
+            # An axis keeps the share that its stop was planned with, even where the others
+            # need more than what that leaves: not to pass a wall outranks the vector's limit.
+            assert hypot(*s[3:6]) <= SPEED * 1.25
             assert hypot(*s[6:9]) <= ACCELERATION * 1.25
-            assert hypot(*s[9:12]) <= JERK * 1.1
+            assert hypot(*s[9:12]) <= JERK * 1.25
             before = s
     for s in fly(trajectory):
         before = s
     assert before == (*legs[-1][0], *(0.0,) * 12)
 
 
-@settings(deadline=None, max_examples=20)
-@given(POINT, POINT, st.floats(0.1, 2))
-def test_an_axis_whose_goal_stays_is_not_passed_when_another_axis_is_sent_off(first, then, seconds):
-    start = (0.0, 0.0, 10.0)
-    trajectory = Trajectory(DynamicsParams(), start)
+@settings(deadline=None, max_examples=30)
+@given(POINT, POINT, st.floats(0.1, 2), st.one_of(st.floats(0, 1), st.just(1.0)))
+def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, then, seconds, part):
+    trajectory = Trajectory(DynamicsParams(), (0.0, 0.0, 10.0))
     trajectory.goto(*first)
     for _ in range(ceil(seconds / PERIOD)):
         trajectory.advance()
-    trajectory.goto(first[0], then[1], then[2])
+    x = trajectory._axes[0]
+    nearest = x.p + x.stop((SPEED, ACCELERATION, JERK), 1.0)
+    goal = first[0] if part == 1.0 else nearest + part * (first[0] - nearest)
+    trajectory.goto(goal, then[1], then[2])
     sign = 1.0 if first[0] > 0.0 else -1.0
-    assert max(sign * (s[0] - first[0]) for s in fly(trajectory)) <= MICROMETRE
+    assert max(sign * (s[0] - goal) for s in fly(trajectory)) <= 10 * MICROMETRE
 
 
 @settings(deadline=None, max_examples=20)

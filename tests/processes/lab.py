@@ -3,13 +3,15 @@
 import itertools
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -22,7 +24,8 @@ T = TypeVar("T")
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "cli.main"]
-_PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHONPATH", "NO_COLOR")
+_PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
+"""What a user's shell may have set and a lab does not inherit."""
 _numbers = itertools.count()
 
 
@@ -134,6 +137,16 @@ class Lab:
             check=False,
         )
         return Done(done.returncode, done.stdout, done.stderr)
+
+    def each(self, lines: Iterable[str], *more: str) -> dict[str, Done]:
+        """Run commands that do not touch one another side by side; what each left, by its line."""
+
+        def run(line: str) -> Done:
+            return self.quadctl(*shlex.split(line), *more)
+
+        lines = list(lines)
+        with ThreadPoolExecutor(4) as pool:
+            return dict(zip(lines, pool.map(run, lines), strict=True))
 
     def start(self, *words: object) -> Done:
         """`quadctl up -d`, which must work."""

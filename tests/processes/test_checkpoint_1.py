@@ -70,10 +70,9 @@ def test_a_setting_goes_before_the_file_and_quad_toml_is_found(lab: Lab):
     assert shown == {"on": True, "x": [-1.5, 1.5], "y": [-3.0, 3.0], "z": [0.0, 3.0]}
 
 
-def test_without_file_or_setting_the_defaults_of_the_code_hold(lab: Lab):
-    lab.start()
+def test_without_file_or_setting_the_defaults_of_the_code_hold(shared_lab: Lab):
     names = ("safety.virtual_cage", "safety.acceptance_range", "pressure.rate")
-    assert lab.quadctl("param", "get", *names, "--json").json == {
+    assert shared_lab.quadctl("param", "get", *names, "--json").json == {
         "safety.virtual_cage.x": 5.0,
         "safety.virtual_cage.y": 5.0,
         "safety.virtual_cage.z": 5.0,

@@ -75,5 +75,5 @@ def test_a_first_goal_outside_the_cage_leaves_the_vehicle_on_the_ground(lab: Lab
         assert (state["state"], state["request"]) == ("HOVERING", 1)
         assert "z = 1" in state["reason"]
         heights = [p["position"]["z"] for p in bare.watch("uav/pose").next(30)]
-    assert max(heights) < 0.01
-    assert lab.quadctl("goto", 0, 0, 0.4, "--no-wait").code == 0
+        assert max(heights) < 0.01
+        assert bare.call("goto", x=0.0, y=0.0, z=0.4).value["accepted"]

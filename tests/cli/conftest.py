@@ -1,0 +1,20 @@
+"""Commands without a running system: a folder of their own, and no realm of the user's."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.quadctl import Quadctl, runner
+
+
+@pytest.fixture
+def quadctl(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Quadctl:
+    """Runs a command where nothing runs; returns code, stdout and stderr."""
+    for name in ("QUADCTL_REALM", "QUADCTL_VEHICLE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.chdir(tmp_path)
+    return runner(monkeypatch, capsys)

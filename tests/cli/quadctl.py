@@ -1,0 +1,58 @@
+"""The command line in this process: what it printed and the code it would have left."""
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import msgspec
+import pytest
+
+from cli import main
+
+
+class Said(NamedTuple):
+    """What a command left."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """The one document on stdout."""
+        return msgspec.json.decode(self.out)
+
+    @property
+    def error(self) -> dict[str, str]:
+        """The one error document on stderr."""
+        document = msgspec.json.decode(self.err, type=dict[str, dict[str, str]])
+        assert list(document) == ["error"]
+        return document["error"]
+
+
+Quadctl = Callable[..., Said]
+
+
+class _Left(BaseException):
+    """In place of the process's end."""
+
+
+def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Quadctl:
+    def leave(code: int) -> None:
+        raise _Left(code)
+
+    monkeypatch.setattr(main, "_leave", leave)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*words: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["quadctl", *map(str, words)])
+        try:
+            main.main()
+        except _Left as left:
+            code = int(left.args[0])
+        else:
+            raise AssertionError(f"quadctl {words} did not leave, in {os.getpid()}")
+        return Said(code, *capsys.readouterr())
+
+    return run

@@ -1,0 +1,28 @@
+"""The hub's own loop, with a stand-in for the node: it says where it listens, and routes."""
+
+import logging
+from typing import Any
+
+import pytest
+
+from schemas.params import HubParams, Params
+from services.hub.__main__ import run
+
+
+class Spinning:
+    """A node that only counts how often it was left to spin."""
+
+    log = logging.getLogger("hub")
+    spun = 0
+
+    def spin(self) -> None:
+        self.spun += 1
+
+
+@pytest.mark.parametrize("listen", [[], ["tcp/127.0.0.1:7447", "tls/127.0.0.1:7448"]])
+def test_it_names_further_endpoints_and_spins(listen: list[str], caplog: pytest.LogCaptureFixture):
+    node: Any = Spinning()
+    with caplog.at_level(logging.INFO, "hub"):
+        run(node, Params(hub=HubParams(listen=listen)))
+    assert node.spun == 1
+    assert caplog.messages == [f"listening on {endpoint} as well" for endpoint in listen]

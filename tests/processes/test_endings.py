@@ -1,0 +1,108 @@
+"""However a run ends, nothing of it is left; and a realm or a name is held by one alone."""
+
+import os
+import signal
+import sys
+
+import pytest
+
+from tests.processes.lab import NODES, Lab, alive, eventually
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, code: int):
+    run = lab.foreground()
+    pids = lab.pids()
+    assert len(pids) == 5
+    assert all(map(alive, pids))
+    run.send(number)
+    assert run.wait(5) == code
+    assert not any(map(alive, pids))
+    assert lab.is_gone()
+    assert "Traceback" not in run.log
+
+
+@pytest.mark.parametrize("detached", [False, True], ids=["foreground", "detached"])
+def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
+    if detached:
+        lab.start()
+    else:
+        lab.foreground()
+    pids = lab.pids()
+    os.kill(pids[0], signal.SIGKILL)
+    eventually(lambda: not any(map(alive, pids)), 2)
+    assert not lab.processes()
+    # What is left of the folder hinders nobody.
+    lab.start()
+
+
+def test_a_second_up_is_refused_with_the_pid_that_holds_the_realm(shared_lab: Lab):
+    before = shared_lab.status()
+    for second in shared_lab.each(["up", "up -d"], "--json").values():
+        assert (second.code, second.out) == (7, "")
+        assert str(before["pid"]) in second.error["message"]
+    assert shared_lab.status() == before
+
+
+def test_two_realms_run_side_by_side_and_do_not_see_each_other(shared_lab: Lab):
+    other = ("--realm", "other")
+    assert shared_lab.quadctl("up", "-d", *other, "--set", "safety.virtual_cage.x=2").code == 0
+    try:
+        mine = shared_lab.quadctl("cage", "show", "--json").json
+        theirs = shared_lab.quadctl("cage", "show", "--json", *other).json
+        assert (mine["x"], theirs["x"]) == ([-5, 5], [-2, 2])
+        assert shared_lab.quadctl("goto", 3, 0, 1, *other).code == 5
+        with shared_lab.bare() as bare:
+            assert bare.nodes() == ["dynamics", "hub", "pressure", "safety"]
+    finally:
+        down = shared_lab.quadctl("down", *other)
+    assert down.code == 0
+    assert shared_lab.is_ready()
+
+
+def test_a_node_started_a_second_time_exits_7(shared_lab: Lab):
+    before = shared_lab.status()
+    command = (sys.executable, "-P", "-m")
+    seconds = {node: shared_lab.spawn(*command, f"services.{node}") for node in NODES}
+    assert {node: second.wait() for node, second in seconds.items()} == dict.fromkeys(NODES, 7)
+    assert all(node in second.log for node, second in seconds.items())
+    assert shared_lab.status() == before
+
+
+def test_a_process_runs_alone_beside_a_run_that_leaves_it_out(lab: Lab):
+    lab.start("--without", "pressure")
+    command = (sys.executable, "-P", "-m", "services.pressure", "--realm", lab.realm)
+    alone = lab.spawn(*command, "--set", "pressure.rate=20")
+    with lab.bare() as bare:
+        eventually(lambda: "pressure" in bare.nodes())
+        assert bare.watch("uav/sensors/pressure").next()[0]["pressure"] > 1000
+        rate = bare.call("pressure/get_params", names=["pressure.rate"])
+        assert rate.value == {"values": {"pressure.rate": 20}}
+    second = lab.spawn(*command)
+    assert second.wait() == 7
+    listed = lab.quadctl("node", "list", "--json").json
+    assert "pressure" in [node["name"] for node in listed]
+    alone.send(signal.SIGTERM)
+    assert alone.wait() == 0
+
+
+def run_and_end(lab: Lab, times: int) -> None:
+    for _ in range(times):
+        lab.start()
+        pids = lab.pids()
+        down = lab.quadctl("down", "--json")
+        assert (down.code, down.err) == (0, "")
+        assert down.json["pid"] == pids[0]
+        assert not any(map(alive, pids[1:]))
+        assert not lab.home.exists()
+        eventually(lambda: not lab.processes(), 1)
+
+
+def test_starts_and_stops_leave_nothing_behind(lab: Lab):
+    run_and_end(lab, 10)
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(600)
+def test_a_hundred_starts_and_stops_leave_nothing_behind(lab: Lab):
+    run_and_end(lab, 100)

@@ -1,0 +1,49 @@
+"""A user's own processes run in place of ours, or besides them."""
+
+from tests.processes.lab import NODES, Lab, eventually
+
+# A safety node by a student: Zenoh alone, nothing of ours.
+STUDENT = """
+import json, os, pathlib, zenoh
+home = pathlib.Path(os.environ["XDG_RUNTIME_DIR"]) / "quadctl" / os.environ["QUADCTL_REALM"]
+config = {"mode": "client", "connect": {"endpoints": [f"unixsock-stream/{home}/hub.sock"],
+          "timeout_ms": 5000, "retry": {"period_init_ms": 20, "period_max_ms": 20}},
+          "scouting": {"multicast": {"enabled": False}}}
+session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+
+def refuse(query):
+    with query:
+        query.reply(query.key_expr, b"\\x82\\xa8accepted\\xc2\\xa6reason\\xaba student's")
+
+goto = session.declare_queryable("uav/@srv/goto", refuse, complete=True)
+ready = session.liveliness().declare_token("uav/@node/safety")
+offer = session.liveliness().declare_token("uav/@node/safety/@srv/Goto/00000000/0/goto")
+print("a student's node is ready", flush=True)
+while os.read(0, 1):
+    pass
+"""
+HELPER = "import os, sys; print('in', os.getcwd()); print('said', file=sys.stderr); os.read(0, 1)"
+
+
+def test_a_students_node_takes_the_place_of_ours_and_a_helper_runs_beside_until_it_keeps_dying(
+    lab: Lab,
+):
+    (lab.folder / "student.py").write_text(STUDENT, encoding="utf-8")
+    (lab.folder / "helper.py").write_text(HELPER, encoding="utf-8")
+    commands = 'safety = "python student.py"\nhelper = ["python", "helper.py"]\n'
+    doomed = "doomed = \"python -c 'raise SystemExit(3)'\"\n"
+    run = lab.spawn(*lab.command("up", lab.file(f"[processes]\n{commands}{doomed}")))
+    states = dict.fromkeys([*NODES, "helper"], "ready") | {"doomed": "down"}
+    eventually(lambda: {name: node["state"] for name, node in lab.nodes().items()} == states)
+    assert "safety   | a student's node is ready" in run.log
+    eventually(lambda: f"helper   | in {lab.folder}" in run.log)
+    eventually(lambda: "helper   | said" in run.log)
+    refused = lab.quadctl("goto", 1, 2, 1, "--no-wait", "--json")
+    assert (refused.code, refused.json["reason"]) == (5, "a student's")
+    nodes = {node["name"]: node for node in lab.quadctl("node", "list", "--json").json}
+    assert nodes["safety"]["services"] == ["uav/@srv/goto"]
+    assert {name: node["state"] for name, node in nodes.items()} == states
+    assert "doomed   | " not in run.log
+    assert "doomed ended (exit 3): left down" in run.log
+    assert lab.quadctl("calibrate").code == 0
+    assert lab.quadctl("down").code == 0

@@ -1,0 +1,80 @@
+"""`param set`: at once, checked, all or nothing, and kept through a restart."""
+
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from tests.processes.bare import Bare, speed
+from tests.processes.lab import Lab, private_lab
+
+
+@pytest.fixture(scope="module")
+def tuned() -> Iterator[Lab]:
+    """A lab of its own, because parameters stay changed."""
+    with private_lab() as made:
+        made.start("--set", "dynamics.start.z=1")
+        yield made
+
+
+@pytest.fixture
+def session(tuned: Lab) -> Iterator[Bare]:
+    with tuned.bare() as bare:
+        yield bare
+        size = {f"safety.virtual_cage.{axis}": 5.0 for axis in "xyz"}
+        assert bare.call("safety/set_params", values=size).value["success"]
+
+
+def test_a_smaller_cage_holds_at_once(tuned: Lab, session: Bare):
+    assert session.call("goto", x=4.0, y=0.0, z=1.0).value["accepted"]
+    done = tuned.quadctl("param", "set", "safety.virtual_cage.x", 3, "--json")
+    assert (done.code, done.json) == (0, {"safety.virtual_cage.x": 3})
+    # The flight to a goal that is outside now has been stopped when the command returns.
+    state = session.state()
+    assert (state["state"], state["cage"]["x"]) == ("HOVERING", 3)
+    assert "x = 4" in state["reason"]
+    assert tuned.quadctl("cage", "show", "--json").json["x"] == [-3, 3]
+    refused = session.call("goto", x=4.0, y=0.0, z=1.0).value
+    assert "[-3, 3]" in refused["reason"]
+
+
+def test_a_bad_value_changes_nothing_even_beside_good_ones(tuned: Lab, session: Bare):
+    before = session.call("safety/get_params", names=[]).value
+    for words in (
+        ("safety.virtual_cage.x", "nan"),
+        ("safety.virtual_cage.x", "-3"),
+        ("safety.virtual_cage.y=3", "safety.virtual_cage.x=wide"),
+        ("safety.virtual_cage.y=3", "safety.virtual_cage.q=3"),
+    ):
+        done = tuned.quadctl("param", "set", *words, "--json")
+        assert (done.code, done.out, done.error["code"]) == (6, "", "invalid")
+    assert session.call("safety/get_params", names=[]).value == before
+
+
+def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):
+    words = ("safety.virtual_cage.x=3", "/safety/virtual_cage/y=2.5")
+    assert tuned.quadctl("param", "set", *words).code == 0
+    old = tuned.signal("safety", signal.SIGKILL)
+    tuned.revived("safety", old)
+    shown = tuned.quadctl("cage", "show", "--json").json
+    assert (shown["x"], shown["y"], shown["z"]) == ([-3, 3], [-2.5, 2.5], [0, 5])
+    got = tuned.quadctl("param", "get", "safety.virtual_cage").out
+    assert "safety.virtual_cage.y: 2.5" in got.splitlines()
+
+
+def test_rate_and_speed_limit_change_while_they_are_used(session: Bare):
+    assert session.call("pressure/set_params", values={"pressure.rate": 50}).value["success"]
+    stamps = [r["stamp"] for r in session.watch("uav/sensors/pressure").next(40)[10:]]
+    assert (stamps[-1] - stamps[0]) / (len(stamps) - 1) == pytest.approx(0.02, abs=0.01)
+    limit = {"dynamics.control.max_speed": 0.5}
+    assert session.call("dynamics/set_params", values=limit).value["success"]
+    poses = session.watch("uav/pose")
+    assert session.call("goto", x=-2.0, y=0.0, z=1.0, replace=True).value["accepted"]
+    poses.until(lambda p: speed(p) > 0.4)
+    assert max(speed(pose) for pose in poses.next(50)) < 0.7
+
+
+def test_a_node_without_such_a_parameter_says_so(tuned: Lab, session: Bare):
+    done = tuned.quadctl("param", "set", "safety.cage", "3", "--json")
+    assert done.code == 6
+    assert "safety.cage" in done.error["message"]

@@ -1,0 +1,92 @@
+"""Where a run's hub listens, and what a child finds in its environment."""
+
+import os
+import socket
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from schemas.params import Params
+from services.runtime.errors import AlreadyServed
+from services.runtime.launch import Launch, choose_address, hold
+from services.runtime.realm import Realm
+from services.runtime.session import Address, address_of
+
+
+@pytest.fixture
+def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    made = Realm("lab")
+    made.create()
+    return made
+
+
+@pytest.mark.parametrize("transport", ["auto", "unix"])
+def test_it_is_a_socket_in_the_realms_folder_without_a_password(realm: Realm, transport: str):
+    assert choose_address(realm, transport) == Address(f"unixsock-stream/{realm.socket}", "", "")
+
+
+def loopback(address: Address) -> int:
+    kind, _, port = address.endpoint.rpartition(":")
+    assert kind == "tcp/127.0.0.1"
+    assert len(address.user) >= 16
+    assert len(address.password) >= 32
+    return int(port)
+
+
+def test_by_tcp_it_is_a_free_loopback_port_with_a_secret(realm: Realm):
+    one, other = choose_address(realm, "tcp"), choose_address(realm, "tcp")
+    assert (one.user, one.password) != (other.user, other.password)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", loopback(one)))
+
+
+@pytest.mark.parametrize("lacking", ["platform", "family"])
+def test_where_there_are_no_unix_sockets_auto_is_tcp(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch, lacking: str
+):
+    if lacking == "platform":
+        monkeypatch.setattr(sys, "platform", "win32")
+    else:
+        monkeypatch.delattr(socket, "AF_UNIX")
+    assert loopback(choose_address(realm, "auto")) > 1023
+
+
+def test_the_realms_folder_says_where(realm: Realm):
+    said = Address("tcp/127.0.0.1:7447", "user", "password")
+    realm.address.write_bytes(msgspec.json.encode(said))
+    assert address_of(realm) == said
+    assert address_of(realm, "tls/host:7447") == Address("tls/host:7447")
+
+
+def test_before_it_says_so_it_is_the_socket(realm: Realm):
+    assert address_of(realm) == Address(f"unixsock-stream/{realm.socket}")
+
+
+def test_a_realm_is_held_once(realm: Realm):
+    lock = hold(realm)
+    with pytest.raises(
+        AlreadyServed, match=f"the realm lab is already held by process {os.getpid()}"
+    ) as caught:
+        hold(realm)
+    assert "--realm lab" in caught.value.hint
+    lock.release()
+    hold(realm).release()
+
+
+def test_a_child_finds_its_realm_and_its_python():
+    launch = Launch("lab", "drone", Params(), [], "/")
+    found = launch.environment(3)
+    assert (found["QUADCTL_REALM"], found["QUADCTL_VEHICLE"]) == ("lab", "drone")
+    assert (found["QUADCTL_RESTARTS"], found["QUADCTL_SUPERVISED"]) == ("3", "1")
+    assert found["PATH"].endswith(os.environ["PATH"])
+    first = Path(found["PATH"].split(os.pathsep)[0])
+    assert (first / "python").exists()
+
+
+def test_a_launch_reaches_the_background_as_it_is():
+    launch = Launch("lab", "uav", Params(processes={"mine": ["a", "b"]}), ["safety"], "/tmp")
+    assert msgspec.json.decode(msgspec.json.encode(launch), type=Launch) == launch

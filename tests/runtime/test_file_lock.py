@@ -1,0 +1,97 @@
+"""The lock: one holder, named to the second, and let go of by its death."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from services.runtime.errors import AlreadyServed
+from services.runtime.lock import FileLock
+
+HOLDER = """
+import sys
+from pathlib import Path
+from services.runtime.lock import FileLock
+with FileLock(Path(sys.argv[1]), "the realm lab"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "up.lock"
+
+
+@pytest.fixture
+def holder(path: Path) -> Iterator["subprocess.Popen[str]"]:
+    """Another process that holds the lock."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        yield process
+        process.kill()
+
+
+def test_a_second_is_refused_with_the_holders_pid(path: Path, holder: "subprocess.Popen[str]"):
+    with pytest.raises(AlreadyServed) as caught:
+        FileLock(path, "the realm lab", "try another").acquire()
+    assert caught.value.message == f"the realm lab is already held by process {holder.pid}"
+    assert caught.value.hint == "try another"
+    assert caught.value.exit_code == 7
+    assert FileLock(path, "").held()
+
+
+def test_death_by_kill_9_lets_go(path: Path, holder: "subprocess.Popen[str]"):
+    holder.kill()
+    holder.wait()
+    assert not FileLock(path, "").held()
+    with FileLock(path, "the realm lab"):
+        assert path.read_text() == str(os.getpid())
+
+
+def test_so_does_an_ordinary_end(path: Path, holder: "subprocess.Popen[str]"):
+    holder.communicate()
+    FileLock(path, "the realm lab").acquire().release()
+
+
+def test_it_is_held_within_the_block_and_free_after_it(path: Path):
+    lock, other = FileLock(path, "it"), FileLock(path, "it")
+    with lock:
+        assert other.held()
+        with pytest.raises(AlreadyServed, match=f"process {os.getpid()}"):
+            other.acquire()
+    assert not other.held()
+    lock.release()
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_holder_that_has_not_said_its_pid_yet_is_unknown(path: Path):
+    with FileLock(path, "it"):
+        path.write_text("")
+        with pytest.raises(AlreadyServed, match="held by process unknown"):
+            FileLock(path, "it").acquire()
+
+
+def test_a_file_removed_under_it_is_not_the_lock(path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A holder that ends may remove the file between our opening and our locking it."""
+    opened = os.open
+
+    def open_then_lose(*args: object) -> int:
+        fd = opened(*args)  # type: ignore[arg-type]
+        path.unlink()
+        return fd
+
+    monkeypatch.setattr(os, "open", open_then_lose)
+    with pytest.raises(AlreadyServed):
+        FileLock(path, "it").acquire()

@@ -1,0 +1,76 @@
+"""The grammar by which live nodes tell what they offer."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.runtime.graph import Offer, node_key, node_of, offer_key, offer_of
+
+CHUNK = st.text("abcXYZ019_-.", min_size=1, max_size=12)
+NAME = st.lists(CHUNK, min_size=1, max_size=4).map("/".join)
+HZ = st.integers(0, 10_000).map(float) | st.sampled_from([0.5, 0.1, 12.5, 33.3333])
+HASH = st.text("0123456789abcdef", min_size=8, max_size=8)
+OFFER = offer_of("uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/safety%state")
+
+
+@settings(max_examples=40)
+@given(CHUNK, CHUNK, CHUNK, HASH, HZ, NAME)
+def test_a_topic_comes_back_as_it_was(
+    vehicle: str, node: str, type_: str, digest: str, hz: float, name: str
+):
+    offer = Offer("@pub", node, type_, digest, hz, name, f"{vehicle}/{name}")
+    key = offer_key(vehicle, offer)
+    assert offer_of(key) == offer
+    assert key.count("/") == 7
+    assert node_of(key) is None
+
+
+@settings(max_examples=40)
+@given(CHUNK, CHUNK, CHUNK, HASH, NAME)
+def test_a_service_comes_back_as_it_was(
+    vehicle: str, node: str, type_: str, digest: str, name: str
+):
+    offer = Offer("@srv", node, type_, digest, 0.0, name, f"{vehicle}/@srv/{name}")
+    assert offer_of(offer_key(vehicle, offer)) == offer
+
+
+@settings(max_examples=40)
+@given(CHUNK, CHUNK)
+def test_a_node_comes_back_as_it_was(vehicle: str, node: str):
+    assert node_of(node_key(vehicle, node)) == node
+    assert offer_of(node_key(vehicle, node)) is None
+
+
+def test_the_keys_are_those_of_the_contract():
+    assert node_key("uav", "safety") == "uav/@node/safety"
+    assert (
+        Offer("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "safety/state", "uav/safety/state")
+        == OFFER
+    )
+    goto = Offer("@srv", "safety", "Goto", "1a2b3c4d", 0.0, "goto", "uav/@srv/goto")
+    assert offer_key("uav", goto) == "uav/@node/safety/@srv/Goto/1a2b3c4d/0/goto"
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "",
+        "uav/pose",
+        "uav/@node",
+        "uav/@node/a/b",
+        "uav/@node/a/@pub/T/00000000/1",
+        "uav/@node/a/@pub/T/00000000/often/pose",
+        "uav/@node/a/@sub/T/00000000/1/pose",
+        "uav/@node/a/@pub/T/00000000/1/pose/more",
+    ],
+)
+def test_what_a_stranger_declares_outside_the_grammar_is_nothing(key: str):
+    assert offer_of(key) is None
+    assert node_of(key) is None
+
+
+@settings(max_examples=40)
+@given(st.text("a1/@%$*#. nodepubsrv", max_size=60))
+def test_no_key_is_an_error(key: str):
+    offer_of(key)
+    node_of(key)

@@ -1,0 +1,140 @@
+"""One process's ups and downs: when it is started again, when it is ended, when it is left down."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.runtime.processes import HEALTHY, MOST_QUICK_DEATHS, QUICK, START_TIMEOUT, Life
+
+TIMEOUT = 2.0
+
+
+class Child:
+    """A process that is started, lives for so long and dies."""
+
+    def __init__(self) -> None:
+        self.life, self.now = Life(), 100.0
+
+    def lives(self, ready_for: float | None) -> float | None:
+        """Die so long after readiness, before it with None; returns the delay."""
+        self.life.started(self.now)
+        self.now += 0.5
+        if ready_for is not None:
+            self.life.ready(self.now)
+            self.now += ready_for
+        return self.life.died(self.now)
+
+
+@pytest.mark.parametrize("ready_for", [None, 0.0, 1.99])
+def test_five_quick_deaths_with_growing_delay_and_then_it_is_left_down(ready_for: float | None):
+    child = Child()
+    assert [child.lives(ready_for) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
+    assert child.life.state == "down"
+    assert child.life.restarts == 4
+
+
+def test_the_contracts_numbers():
+    assert (QUICK, HEALTHY, MOST_QUICK_DEATHS) == (2.0, 10.0, 5)
+
+
+def test_a_death_after_two_seconds_is_no_quick_one():
+    child = Child()
+    assert [child.lives(2.0) for _ in range(20)] == [0.0] * 20
+    assert child.life.restarts == 20
+
+
+def test_ten_seconds_of_health_clear_the_count():
+    child = Child()
+    assert [child.lives(None) for _ in range(4)][-1] == 0.4
+    assert child.lives(10.0) == 0.0
+    assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
+
+
+def test_less_health_does_not_clear_it():
+    child = Child()
+    assert [child.lives(None) for _ in range(4)][-1] == 0.4
+    assert child.lives(9.9) == 0.4
+    assert child.lives(None) is None
+
+
+@given(st.lists(st.none() | st.floats(0, 30), max_size=40))
+def test_it_is_down_after_five_quick_deaths_without_ten_good_seconds_between(
+    lives: list[float | None],
+):
+    child, quick = Child(), 0
+    for ready_for in lives:
+        lived = 0.0 if ready_for is None else ready_for
+        # Measured on the same clock, so that rounding falls on the same side.
+        start = child.now + 0.5
+        lived = (start + lived) - start
+        quick = 0 if lived >= HEALTHY else quick
+        quick += lived < QUICK
+        delay = child.lives(ready_for)
+        assert (delay is None) is (quick >= MOST_QUICK_DEATHS)
+        if delay is None:
+            return
+
+
+def test_it_is_starting_then_ready_then_restarting():
+    life = Life()
+    assert life.state == "starting"
+    life.started(0.0)
+    life.ready(1.0)
+    assert life.state == "ready"
+    life.died(5.0)
+    assert life.state == "restarting"
+    life.started(5.0)
+    life.ready(6.0)
+    assert (life.state, life.restarts) == ("ready", 1)
+
+
+def test_readiness_said_twice_counts_from_the_first():
+    life = Life()
+    life.started(0.0)
+    life.ready(1.0)
+    life.ready(11.5)
+    life.died(11.5)
+    for _ in range(4):
+        assert life.died(12.0) is not None
+    assert life.died(12.0) is None
+
+
+def test_one_that_does_not_become_ready_is_complained_of():
+    life = Life()
+    life.started(5.0)
+    assert life.complaint(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
+    assert life.complaint(5.0 + START_TIMEOUT, TIMEOUT) == "not ready in 10 s"
+    life.started(20.0)
+    assert life.complaint(21.0, TIMEOUT) == ""
+
+
+def test_silence_counts_from_the_first_answer_on():
+    life = Life()
+    life.started(0.0)
+    life.ready(1.0)
+    assert life.complaint(100.0, TIMEOUT) == ""
+    life.answered(100.0)
+    assert life.complaint(102.0, TIMEOUT) == ""
+    assert life.complaint(102.01, TIMEOUT) == "no answer for 2 s"
+    life.answered(102.01)
+    assert life.complaint(103.0, TIMEOUT) == ""
+    # The next process of that name has not answered yet, so is not silent either.
+    life.died(103.0)
+    life.started(103.0)
+    life.ready(104.0)
+    assert life.complaint(200.0, TIMEOUT) == ""
+
+
+def test_who_could_not_be_heard_is_excused():
+    life = Life()
+    life.started(0.0)
+    life.excuse(9.0)
+    assert life.complaint(15.0, TIMEOUT) == ""
+    assert life.complaint(19.0, TIMEOUT) == "not ready in 10 s"
+    life.ready(19.0)
+    life.excuse(30.0)
+    assert life.complaint(300.0, TIMEOUT) == ""
+    life.answered(300.0)
+    life.excuse(310.0)
+    assert life.complaint(311.0, TIMEOUT) == ""
+    assert life.complaint(312.5, TIMEOUT) == "no answer for 2 s"

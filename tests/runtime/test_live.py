@@ -1,0 +1,152 @@
+"""Reading and changing a running node's parameters: all of it or nothing, saved first."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from schemas.params import FIXED_AT_LAUNCH, Params
+from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
+from services.runtime.errors import Invalid
+from services.runtime.live import LiveParams
+from services.runtime.params import flatten
+
+TAKEN = SetParamsResponse(True, "")
+
+
+class Bench:
+    """Live parameters of one node, with what they did in order."""
+
+    def __init__(self, node: str = "safety") -> None:
+        self.params = Params()
+        self.did: list[tuple[str, Any]] = []
+        self.live = LiveParams(node, self.params, self._save, self._changed)
+
+    def _save(self, table: Any) -> None:
+        self.did.append(("saved", table.get("takeoff")))
+        self.did.append(("then", self.params.safety.takeoff))
+
+    def _changed(self) -> None:
+        self.did.append(("changed", self.params.safety.takeoff))
+
+    def get(self, *names: str) -> dict[str, Any]:
+        return self.live.get(GetParamsRequest(list(names))).values
+
+    def set(self, **values: Any) -> SetParamsResponse:
+        dotted = {name.replace("__", "."): value for name, value in values.items()}
+        return self.live.set(SetParamsRequest(dotted))
+
+    def refuses(self, *said: str, **values: Any) -> None:
+        before = msgspec.to_builtins(self.params)
+        reply = self.set(**values)
+        assert not reply.success
+        assert all(text in reply.reason for text in said), reply.reason
+        assert msgspec.to_builtins(self.params) == before
+        assert self.did == []
+
+
+def test_one_a_table_or_all_can_be_read():
+    bench = Bench()
+    assert bench.get("safety.virtual_cage.x") == {"safety.virtual_cage.x": 5.0}
+    assert bench.get("/safety/virtual_cage/x") == {"safety.virtual_cage.x": 5.0}
+    cage = {f"safety.virtual_cage.{axis}": 5.0 for axis in "xyz"}
+    assert bench.get("safety.virtual_cage") == cage
+    assert bench.get("safety.takeoff", "safety.virtual_cage") == cage | {"safety.takeoff": 1.0}
+    whole = dict(flatten(msgspec.to_builtins(Params().safety), "safety"))
+    assert bench.get() == bench.get("safety") == whole
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("safety.virtual_cage.w", "did you mean safety.virtual_cage."),
+        ("safety.virtual_cag", ""),
+        ("safety.takeof", "did you mean safety.takeoff?"),
+        ("pressure.rate", ""),
+    ],
+)
+def test_what_is_not_there_is_invalid_with_the_nearest_name(name: str, hint: str):
+    with pytest.raises(Invalid, match=f"safety has no parameter {name}") as caught:
+        Bench().get("safety.takeoff", name)
+    assert caught.value.hint.startswith(hint)
+
+
+def test_a_change_is_saved_then_made_then_told():
+    bench = Bench()
+    assert bench.set(safety__takeoff=2) == TAKEN
+    assert bench.did == [("saved", 2.0), ("then", 1.0), ("changed", 2.0)]
+    assert bench.get("safety.takeoff") == {"safety.takeoff": 2.0}
+
+
+def test_who_holds_a_table_sees_the_change():
+    bench = Bench()
+    cage, safety = bench.params.safety.virtual_cage, bench.params.safety
+    assert (
+        bench.live.set(SetParamsRequest({"/safety/virtual_cage/x": 3, "safety.cage_on": False}))
+        == TAKEN
+    )
+    assert (cage.x, cage.y, cage.z) == (3.0, 5.0, 5.0)
+    assert not safety.cage_on
+    assert bench.params.safety is safety
+    assert safety.virtual_cage is cage
+
+
+def test_what_is_not_named_stays_as_it_was_set_before():
+    bench = Bench()
+    bench.set(safety__virtual_cage__x=3)
+    bench.set(safety__virtual_cage__y=4)
+    cage = bench.params.safety.virtual_cage
+    assert (cage.x, cage.y, cage.z) == (3.0, 4.0, 5.0)
+
+
+def test_one_bad_value_and_nothing_is_changed():
+    Bench().refuses("safety.virtual_cage.x", safety__takeoff=2, safety__virtual_cage__x=-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"safety__takeoff": "high"}, "safety.takeoff: expected `float`"),
+        ({"safety__takeoff": float("nan")}, "safety.takeoff"),
+        ({"safety__takeoff": float("inf")}, "safety.takeoff"),
+        ({"safety__takeof": 2}, "did you mean safety.takeoff?"),
+        ({"safety__takeoff__x": 2}, "takeoff is a value and has no x"),
+        ({"safety": 2}, "expected `object`"),
+        ({"pressure__rate": 2}, "pressure.rate is not a parameter of safety"),
+        ({"nonsense": 2}, "nonsense is not a parameter of safety"),
+        ({"safety__cage_on": 1}, "expected `bool`"),
+    ],
+)
+def test_a_bad_change_is_refused_by_name(values: dict[str, Any], said: str):
+    Bench().refuses(said, **values)
+
+
+@pytest.mark.parametrize("name", sorted(FIXED_AT_LAUNCH))
+def test_what_is_fixed_at_launch_is_refused_with_the_way_to_set_it(name: str):
+    bench = Bench(name.partition(".")[0])
+    value = bench.get(name)[name]
+    said = (f"{name} is fixed at launch", f"quadctl up --set {name}=")
+    bench.refuses(*said, **{name.replace(".", "__"): value})
+
+
+def test_a_rule_between_values_holds_for_live_changes_too():
+    Bench("dynamics").refuses("1000 / rate", dynamics__rate=30)
+
+
+def test_a_failed_save_changes_nothing():
+    params = Params()
+
+    def full(_table: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    live = LiveParams("safety", params, full, lambda: pytest.fail("told of no change"))
+    with pytest.raises(OSError, match="No space"):
+        live.set(SetParamsRequest({"safety.takeoff": 2.0}))
+    assert params == Params()
+
+
+def test_a_node_of_ones_own_without_parameters_has_none():
+    bench = Bench("mine")
+    assert bench.get() == {}
+    bench.refuses("unknown parameter mine", mine__rate=2)
+    bench.refuses("safety.takeoff is not a parameter of mine", safety__takeoff=2)

@@ -1,0 +1,126 @@
+"""A realm's name and folder."""
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from services.runtime.errors import QuadctlError, UsageError
+from services.runtime.realm import Realm, default_name, write_atomically
+
+
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A short folder of its own in place of XDG_RUNTIME_DIR; pytest's own may be too long."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    return tmp_path
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+@pytest.mark.parametrize("name", ["default", "a", "lab-1", "A.b_c", "0", "x" * 40, "demo-4711"])
+def test_a_name_may_be(root: Path, name: str):
+    assert Realm(name).folder == root / "quadctl" / name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "../x", "a/b", "-x", ".x", "_x", "a b", "a\n", "\n", "ä", "x" * 41, "a\0", "*"],
+)
+def test_a_name_may_not_be(root: Path, name: str):
+    with pytest.raises(UsageError, match="is no name for a realm") as caught:
+        Realm(name)
+    assert caught.value.exit_code == 2
+    assert "letters" in caught.value.hint
+
+
+def test_the_folder_holds_what_the_contract_says(root: Path):
+    realm = Realm("lab")
+    assert realm.socket == root / "quadctl" / "lab" / "hub.sock"
+    assert {path.parent for path in (realm.address, realm.record, realm.lock)} == {realm.folder}
+    assert not realm.folder.exists()
+
+
+def test_the_folder_is_its_owners_alone(root: Path, monkeypatch: pytest.MonkeyPatch):
+    old = os.umask(0)
+    try:
+        realm = Realm("lab")
+        realm.create()
+    finally:
+        os.umask(old)
+    assert mode(realm.folder) == mode(realm.folder.parent) == 0o700
+
+
+def test_a_folder_that_was_open_is_closed(root: Path):
+    realm = Realm("lab")
+    realm.folder.mkdir(parents=True)
+    realm.folder.chmod(0o777)
+    realm.create()
+    assert mode(realm.folder) == 0o700
+
+
+def test_somebody_elses_folder_is_refused(root: Path, monkeypatch: pytest.MonkeyPatch):
+    realm = Realm("lab")
+    realm.create()
+    monkeypatch.setattr(os, "getuid", lambda: realm.folder.stat().st_uid + 1)
+    with pytest.raises(QuadctlError, match="belongs to another user") as caught:
+        realm.create()
+    assert "XDG_RUNTIME_DIR" in caught.value.hint
+
+
+@pytest.mark.parametrize("unset", [None, ""])
+def test_without_xdg_it_is_in_the_temporary_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unset: str | None
+):
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    if unset is not None:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", unset)
+    monkeypatch.setenv("TMPDIR", "/somewhere")
+    assert Realm("lab").folder == Path(f"/somewhere/quadctl-{os.getuid()}/lab")
+    monkeypatch.delenv("TMPDIR")
+    assert Realm("lab").folder == Path(f"/tmp/quadctl-{os.getuid()}/lab")
+
+
+def test_a_path_too_long_for_a_socket_is_refused_at_once(monkeypatch: pytest.MonkeyPatch):
+    # 100 bytes with "/quadctl/lab/hub.sock", which has 21.
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/" + "x" * 78)
+    assert len(os.fsencode(Realm("lab").socket)) == 100
+    with pytest.raises(UsageError, match="too long for a Unix socket") as caught:
+        Realm("labs")
+    assert "--realm" in caught.value.hint
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/" + "ä" * 40)
+    with pytest.raises(UsageError, match="too long"):
+        Realm("lab")
+
+
+@pytest.mark.parametrize(("value", "name"), [(None, "default"), ("", "default"), ("x", "x")])
+def test_the_realm_of_a_shell(monkeypatch: pytest.MonkeyPatch, value: str | None, name: str):
+    monkeypatch.delenv("QUADCTL_REALM", raising=False)
+    if value is not None:
+        monkeypatch.setenv("QUADCTL_REALM", value)
+    assert default_name() == name
+
+
+def test_removing_leaves_nothing(root: Path):
+    realm = Realm("lab")
+    realm.create()
+    for path in (realm.lock, realm.record, realm.address):
+        path.write_text("x")
+    realm.logs.mkdir()
+    (realm.logs / "hub.log").write_text("x")
+    realm.remove()
+    assert not realm.folder.exists()
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path):
+    path = tmp_path / "run.json"
+    path.write_bytes(b"old")
+    with path.open("rb") as reader:
+        write_atomically(path, b"new")
+        assert reader.read() == b"old"
+    assert path.read_bytes() == b"new"
+    assert list(tmp_path.iterdir()) == [path]

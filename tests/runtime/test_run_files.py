@@ -1,0 +1,92 @@
+"""What a run keeps in its folder: the parameters as they are now, and the record of processes."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from schemas.params import CageParams, Params, PressureParams, SafetyParams
+from services.runtime import record, snapshot
+from services.runtime.errors import Invalid, Unreachable
+from services.runtime.lock import FileLock
+from services.runtime.realm import Realm
+from services.runtime.record import ProcessRecord, RunRecord
+
+RUN = RunRecord("lab", 4711, "uav", [ProcessRecord("hub", 4712, "ready", 0)])
+
+
+@pytest.fixture
+def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    made = Realm("lab")
+    made.create()
+    return made
+
+
+def test_without_a_run_there_is_no_snapshot(realm: Realm):
+    assert snapshot.read(realm) is None
+
+
+def test_what_was_saved_is_read(realm: Realm):
+    params = Params(
+        safety=SafetyParams(virtual_cage=CageParams(1.0, 2.0, 3.0)),
+        pressure=PressureParams(noise=1e-300),
+        processes={"mine": ["sleep", "9"]},
+    )
+    snapshot.save_all(realm, params)
+    assert snapshot.read(realm) == params
+    snapshot.save_all(realm, Params())
+    assert snapshot.read(realm) == Params()
+
+
+def test_one_nodes_change_leaves_the_others_alone(realm: Realm):
+    snapshot.save_all(realm, Params())
+    snapshot.save(realm.params, "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+    assert snapshot.read(realm) == Params(pressure=PressureParams(rate=20.0))
+
+
+def test_half_a_file_that_is_being_written_is_not_read(realm: Realm):
+    snapshot.save_all(realm, Params())
+    (realm.params / ".safety.json.4711").write_text('{"takeo')
+    (realm.params / ".safety.json").write_text('{"takeo')
+    assert snapshot.read(realm) == Params()
+
+
+def test_a_snapshot_is_checked_like_a_file(realm: Realm):
+    snapshot.save_all(realm, Params())
+    snapshot.save(realm.params, "safety", {"takeoff": -1})
+    with pytest.raises(Invalid, match=r"safety\.takeoff") as caught:
+        snapshot.read(realm)
+    assert str(realm.params) in caught.value.message
+
+
+def test_a_record_is_read_while_its_run_is_live(realm: Realm):
+    with FileLock(realm.lock, "the realm"):
+        assert record.is_live(realm)
+        with pytest.raises(Unreachable):
+            record.read(realm)
+        record.write(realm, RUN)
+        assert record.read(realm) == RUN
+    assert not record.is_live(realm)
+    with pytest.raises(Unreachable, match="nothing is running in the realm lab") as caught:
+        record.read(realm)
+    assert caught.value.hint == "start it with `quadctl up`"
+
+
+def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm):
+    other = Realm("other")
+    assert not record.is_live(other)
+    with pytest.raises(Unreachable):
+        record.stop(other)
+    assert not other.folder.exists()
+
+
+def test_the_record_is_the_document_of_status(realm: Realm):
+    record.write(realm, RUN)
+    assert msgspec.json.decode(realm.record.read_bytes()) == {
+        "realm": "lab",
+        "pid": 4711,
+        "vehicle": "uav",
+        "nodes": [{"name": "hub", "pid": 4712, "state": "ready", "restarts": 0}],
+    }

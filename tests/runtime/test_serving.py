@@ -1,0 +1,210 @@
+"""A service's server, with stand-ins for the queries: each is answered, none is executed twice."""
+
+import time
+from typing import Any, Self
+
+import msgspec
+import pytest
+
+from schemas.requests import Call, GotoRequest, GotoResponse
+from schemas.topics import GOTO
+from services.runtime import serving, wire
+from services.runtime.errors import Invalid, NotReady, Refused
+from services.runtime.serving import Server
+
+KEY = "uav/@srv/goto"
+ASK = wire.encode(GotoRequest(1.0, 2.0, 3.0))
+LATER, LONG_AGO = time.time() + 1e6, 5.0
+
+
+class Bytes:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def to_bytes(self) -> bytes:
+        return self._data
+
+
+class Query:
+    """What Zenoh hands over: to be answered exactly once and then let go."""
+
+    def __init__(
+        self,
+        payload: bytes | None = ASK,
+        *,
+        key: str = KEY,
+        encoding: str | None = "",
+        call: Call | bytes | None = None,
+    ) -> None:
+        self.key_expr, self.encoding = key, encoding
+        self.payload = None if payload is None else Bytes(payload)
+        attached = wire.encode(call) if isinstance(call, Call) else call
+        self.attachment = None if attached is None else Bytes(attached)
+        self.replies: list[tuple[str, Any]] = []
+        self.open = False
+
+    def __enter__(self) -> Self:
+        self.open = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.open = False
+
+    def reply(self, key: str, payload: bytes, *, encoding: str) -> None:
+        assert (self.open, key, encoding) == (True, KEY, wire.encoding(GotoResponse))
+        self.replies.append(("ok", wire.decode(GotoResponse, payload, encoding)))
+
+    def reply_err(self, payload: bytes, *, encoding: str) -> None:
+        assert (self.open, encoding) == (True, "application/json;quadctl.Error")
+        self.replies.append(("error", msgspec.json.decode(payload)))
+
+
+class Bench:
+    """A goto service that counts what it executes."""
+
+    def __init__(self, fault: Exception | None = None) -> None:
+        self.executed: list[GotoRequest] = []
+        self.fault = fault
+        self.server = Server("uav", GOTO, self._goto)
+
+    def _goto(self, request: GotoRequest) -> GotoResponse:
+        self.executed.append(request)
+        if self.fault is not None:
+            raise self.fault
+        return GotoResponse(True, f"number {len(self.executed)}")
+
+    def ask(self, *args: Any, **kwargs: Any) -> tuple[str, Any]:
+        query: Any = Query(*args, **kwargs)
+        self.server.answer(query)
+        assert not query.open
+        (reply,) = query.replies
+        return reply
+
+    def fails(self, code: str, *args: Any, **kwargs: Any) -> dict[str, str]:
+        kind, error = self.ask(*args, **kwargs)
+        assert (kind, error["code"]) == ("error", code)
+        return dict(error)
+
+
+def number(count: int) -> tuple[str, GotoResponse]:
+    return "ok", GotoResponse(True, f"number {count}")
+
+
+def test_a_request_is_executed_and_answered():
+    bench = Bench()
+    assert bench.ask() == number(1)
+    assert bench.ask(encoding=wire.encoding(GotoRequest)) == number(2)
+    assert bench.ask(encoding=None) == number(3)
+    assert bench.executed == [GotoRequest(1.0, 2.0, 3.0)] * 3
+
+
+def test_a_repeated_id_gets_the_first_reply_and_is_not_executed():
+    bench = Bench()
+    first = Call("a", LATER)
+    assert bench.ask(call=first) == number(1)
+    assert bench.ask(call=Call("b", LATER)) == number(2)
+    assert bench.ask(call=first) == number(1)
+    # Also with other contents, and after its deadline: it is the id that counts.
+    assert bench.ask(b"", call=first) == number(1)
+    assert bench.ask(call=Call("a", LONG_AGO)) == number(1)
+    assert len(bench.executed) == 2
+
+
+def test_a_repeated_id_gets_the_first_error_too():
+    bench = Bench(Refused("no", "wait"))
+    call = Call("a", LATER)
+    assert bench.fails("refused", call=call) == {"code": "refused", "message": "no", "hint": "wait"}
+    bench.fault = None
+    assert bench.fails("refused", call=call)["message"] == "no"
+    assert len(bench.executed) == 1
+
+
+def test_what_comes_after_its_deadline_is_not_executed():
+    bench = Bench()
+    error = bench.fails("expired", call=Call("a", LONG_AGO))
+    assert "deadline" in error["message"]
+    assert bench.executed == []
+    assert bench.ask(call=Call("a", LATER)) == number(1)
+
+
+def test_the_oldest_ids_are_forgotten(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(serving, "_REMEMBERED", 3)
+    bench = Bench()
+    for name in "abcd":
+        bench.ask(call=Call(name, LATER))
+    assert bench.ask(call=Call("b", LATER)) == number(2)
+    assert bench.ask(call=Call("a", LATER)) == number(5)
+
+
+@pytest.mark.parametrize(
+    "key", ["uav/@srv/*", "*/@srv/goto", "uav/@srv/goto$*", "uav/**", "**", "uav/@srv/goto/x"]
+)
+def test_a_pattern_is_not_executed(key: str):
+    bench = Bench()
+    error = bench.fails("invalid", key=key)
+    assert key in error["message"]
+    assert error["hint"] == f"call {KEY}"
+    bench.fails("invalid", key=key, call=Call("a", LATER))
+    assert bench.executed == []
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "said"),
+    [
+        (None, "", "not a valid GotoRequest"),
+        (b"", "", "not a valid GotoRequest"),
+        (b"\xc1", "", "not a valid GotoRequest"),
+        (b"\x91" * 100_000, "", "not a valid GotoRequest"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2}), "", "missing required field `z`"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2, "z": 3, "w": 4}), "", "unknown field `w`"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2, "z": float("nan")}), "", "$.z"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2, "z": 10_001}), "", "<= 10000"),
+        (ASK, "application/msgpack;quadctl.GotoRequest#0badcafe", "#0badcafe"),
+        (ASK, "application/msgpack;quadctl.HoldRequest", "HoldRequest"),
+    ],
+    ids=["none", "empty", "no msgpack", "deep", "missing", "unknown", "nan", "far", "hash", "type"],
+)
+def test_what_cannot_be_decoded_is_invalid_and_not_executed(
+    payload: bytes | None, encoding: str, said: str
+):
+    bench = Bench()
+    assert said in bench.fails("invalid", payload, encoding=encoding)["message"]
+    assert bench.executed == []
+
+
+@pytest.mark.parametrize("attachment", [b"", b"\xc1", wire.encode({"id": "a"}), b"\x80"])
+def test_an_attachment_that_cannot_be_read_is_invalid(attachment: bytes):
+    bench = Bench()
+    bench.fails("invalid", call=attachment)
+    assert bench.executed == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [(NotReady("no sample yet", "wait"), "not_ready"), (Refused("no"), "refused"),
+     (Invalid("no such name"), "invalid")],
+)  # fmt: skip
+def test_a_handler_may_refuse(fault: Exception, code: str):
+    assert Bench(fault).fails(code)["message"] == str(fault)
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError("secret"), KeyError(1), RecursionError()])
+def test_a_fault_in_a_handler_is_answered_and_logged(
+    fault: Exception, caplog: pytest.LogCaptureFixture
+):
+    bench = Bench(fault)
+    error = bench.fails("internal")
+    assert KEY in error["message"]
+    assert "secret" not in error["message"]
+    assert caplog.records[0].exc_info is not None
+    bench.fault = None
+    assert bench.ask() == number(2)
+
+
+def test_a_handlers_answer_that_is_no_message_is_a_fault(caplog: pytest.LogCaptureFixture):
+    def wrong(_request: GotoRequest) -> Any:
+        return object()
+
+    query: Any = Query()
+    Server("uav", GOTO, wrong).answer(query)
+    assert query.replies[0][1]["code"] == "internal"

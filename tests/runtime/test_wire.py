@@ -1,0 +1,177 @@
+"""Messages to bytes and back, and whatever else comes along the wire."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec import Struct
+
+from schemas.messages import Info, Pose, SafetyState, Waypoint
+from schemas.requests import CalibrateRequest, Call, Error, GotoRequest, SetParamsRequest
+from services.runtime import wire
+from services.runtime.errors import (
+    WIRE_ERRORS,
+    AlreadyServed,
+    Expired,
+    Invalid,
+    NotReady,
+    QuadctlError,
+    Refused,
+    SchemaMismatch,
+    TimedOut,
+)
+from tests.schemas.declared import ON_THE_WIRE, numbers, valid, with_value
+
+METRES = st.floats(-10_000, 10_000)
+MSGPACK = "application/msgpack;quadctl."
+DEEP = b"\x91" * 100_000
+"""Arrays in arrays in arrays: more than any reader's stack holds."""
+ENCODINGS = st.one_of(
+    st.text("application/msgpack;quadctl.#0", max_size=40),
+    st.sampled_from([type_.__name__ for type_ in ON_THE_WIRE]).map(MSGPACK.__add__),
+)
+
+
+@given(st.sampled_from(ON_THE_WIRE), st.floats(0, 1))
+def test_a_message_comes_back_as_it_was(type_: type[Struct], number: float):
+    table = valid(type_)
+    for path in numbers(type_):
+        table = msgspec.msgpack.decode(with_value(table, path, number))
+    message = msgspec.convert(table, type_)
+    assert wire.decode(type_, wire.encode(message), wire.encoding(type_)) == message
+
+
+@given(METRES, METRES, METRES, st.booleans())
+def test_numbers_come_back_to_the_last_bit(x: float, y: float, z: float, replace: bool):
+    back = wire.decode(GotoRequest, wire.encode(GotoRequest(x, y, z, replace)), "")
+    assert [a.hex() for a in (back.x, back.y, back.z)] == [a.hex() for a in (x, y, z)]
+    assert back.replace is replace
+
+
+def test_the_encoding_names_the_type_and_its_hash():
+    assert wire.encoding(CalibrateRequest) == f"{MSGPACK}CalibrateRequest#d4c4fd3c"
+
+
+def test_the_payload_is_a_map_by_field_names():
+    assert msgspec.msgpack.decode(wire.encode(Waypoint(1.0, 2.0, 3.0))) == {
+        "x": 1.0,
+        "y": 2.0,
+        "z": 3.0,
+    }
+
+
+def test_another_hash_is_refused_and_both_are_named():
+    payload = wire.encode(CalibrateRequest(True))
+    with pytest.raises(SchemaMismatch) as caught:
+        wire.decode(CalibrateRequest, payload, f"{MSGPACK}CalibrateRequest#0badcafe")
+    assert "CalibrateRequest#0badcafe" in caught.value.message
+    assert "CalibrateRequest#d4c4fd3c" in caught.value.message
+    assert caught.value.hint
+
+
+def test_another_type_is_refused_even_with_the_same_fields():
+    payload = wire.encode(Waypoint(1.0, 2.0, 3.0))
+    for said in (wire.encoding(Waypoint), f"{MSGPACK}Waypoint"):
+        with pytest.raises(SchemaMismatch, match="Waypoint"):
+            wire.decode(GotoRequest, payload, said)
+
+
+@pytest.mark.parametrize(
+    "said", ["", "application/msgpack", f"{MSGPACK}Waypoint", f"{MSGPACK}Waypoint#", "zenoh/bytes"]
+)
+def test_without_a_hash_the_fields_decide(said: str):
+    assert wire.decode(Waypoint, b"\x83\xa1x\x01\xa1y\x02\xa1z\x03", said) == Waypoint(1, 2, 3)
+    with pytest.raises(Invalid) as caught:
+        wire.decode(Waypoint, b"\x82\xa1x\x01\xa1y\x02", said)
+    assert "missing required field `z`" in caught.value.message
+    assert caught.value.hint == "`quadctl type show Waypoint` prints its fields"
+
+
+@settings(max_examples=500)
+@given(st.sampled_from(ON_THE_WIRE), st.binary(max_size=64), ENCODINGS)
+def test_garbage_is_invalid_and_nothing_else(type_: type[Struct], payload: bytes, said: str):
+    try:
+        message = wire.decode(type_, payload, said)
+    except Invalid:
+        return
+    assert isinstance(message, type_)
+
+
+WORDS = st.text("xyz.0\0\n", max_size=4)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers(-(2**63), 2**64 - 1) | WORDS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@pytest.mark.parametrize("type_", [Pose, Info, SetParamsRequest, SafetyState, Call])
+@settings(max_examples=25)
+@given(data=st.data())
+def test_well_formed_nonsense_is_invalid_and_nothing_else(type_: type[Struct], data: st.DataObject):
+    names = st.sampled_from(type_.__struct_fields__)
+    table = valid(type_) | data.draw(st.dictionaries(names, JSON, max_size=3))
+    try:
+        message = wire.decode(type_, msgspec.msgpack.encode(table), "")
+    except Invalid:
+        return
+    assert isinstance(message, type_)
+
+
+@pytest.mark.parametrize(
+    ("type_", "payload"),
+    [
+        (Pose, b"\x81\xa7unknown" + DEEP),
+        (Pose, DEEP),
+        (SetParamsRequest, b"\x81\xa6values\x81\xa1a" + DEEP),
+        (SetParamsRequest, b"\x81\xa6values\x81\xa1a\x81\x81\xa1b\xc0\xc0"),
+        (SetParamsRequest, b"\x81\xa6values\xdf\xff\xff\xff\xff"),
+        (SetParamsRequest, b"\x81\xa6values\x81\xa1a\xdd\xff\xff\xff\xff"),
+        (SetParamsRequest, b"\x81\xa6values\x81\xa1a\xd7\xff" + b"\xff" * 8),
+        (SetParamsRequest, b"\x81\xa6values\x81\xa1\xff\x00"),
+    ],
+    ids=["deep unknown", "deep", "deep value", "map as key", "long map", "long", "time", "text"],
+)
+def test_malice_is_invalid_and_nothing_else(type_: type[Struct], payload: bytes):
+    with pytest.raises(Invalid, match="not a valid"):
+        wire.decode(type_, payload, "")
+
+
+@pytest.mark.parametrize("error", WIRE_ERRORS.values())
+def test_an_error_comes_back_as_it_was(error: type[QuadctlError]):
+    back = wire.decode_error(wire.encode_error(error("what and why", "what to do")))
+    assert type(back) is error
+    assert (back.message, back.hint) == ("what and why", "what to do")
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(SchemaMismatch, "invalid"), (TimedOut, "internal"), (AlreadyServed, "internal"),
+     (NotReady, "not_ready"), (Refused, "refused"), (Expired, "expired"), (Invalid, "invalid"),
+     (QuadctlError, "internal")],
+)  # fmt: skip
+def test_an_error_has_one_of_five_codes_on_the_wire(error: type[QuadctlError], code: str):
+    said = msgspec.json.decode(wire.encode_error(error("m", "h")))
+    assert said == {"code": code, "message": "m", "hint": "h"}
+    assert msgspec.convert(said, Error).code == code
+    assert wire.ERROR_ENCODING == "application/json;quadctl.Error"
+
+
+@given(st.one_of(st.binary(max_size=64), st.just(b"[" * 100_000)))
+def test_an_error_reply_that_cannot_be_read_is_an_error_all_the_same(payload: bytes):
+    assert isinstance(wire.decode_error(payload), QuadctlError)
+
+
+def test_a_call_is_decoded_checked_or_absent():
+    ticket = Call("a", 5.0)
+    assert wire.decode_call(None) is None
+    assert wire.decode_call(wire.encode(ticket)) == ticket
+    bad: list[Any] = [
+        {}, {"id": "a"}, {"id": "", "deadline": 5}, {"id": "a" * 65, "deadline": 5},
+        {"id": "a", "deadline": float("nan")}, {"id": "a", "deadline": -1}, {"id": 1, "deadline": 5},
+    ]  # fmt: skip
+    for attachment in bad:
+        with pytest.raises(Invalid):
+            wire.decode_call(msgspec.msgpack.encode(attachment))

@@ -1,0 +1,194 @@
+"""What every row of the automaton's table must do, written down apart from the table.
+
+A case is a situation, an event and a world, and the situation that must follow. `given` and
+`then` say what differs from what stands before it. In PLAIN no condition but `always` holds,
+so that a row with a wrong condition shows.
+"""
+
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import CageSize, Pose
+from services.safety.model import (
+    Ask,
+    Booted,
+    Check,
+    Event,
+    Hold,
+    Lost,
+    Resized,
+    Seen,
+    Situation,
+    State,
+    Toggle,
+    World,
+)
+
+HOVERING, VERIFYING, MOVING = State
+
+HERE = Position(0.0, 0.0, 1.0)
+GOAL = Position(3.0, 0.0, 1.0)
+INSIDE = Position(1.0, 2.0, 1.5)
+OUTSIDE = Position(9.0, 0.0, 1.0)
+CAGE = CageSize(5.0, 5.0, 2.0)
+
+FLYING, RESTING = Velocity(1.0, 0.0, 0.0), Velocity(0.0, 0.0, 0.049)
+POSE = Pose("b1", 0, 4.0, HERE, FLYING, Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0))
+SEEING = World(POSE, fresh=True, cage=CAGE, acceptance_range=0.5)
+BLIND = replace(SEEING, fresh=False)
+AT_REST = replace(SEEING, pose=replace(POSE, velocity=RESTING))
+REBOOTED = replace(SEEING, pose=replace(POSE, boot="b2"))
+NEAR = replace(SEEING, pose=replace(POSE, position=Position(2.501, 0.0, 1.0)))
+AT_RANGE = replace(SEEING, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
+
+PLAIN = Situation(
+    state=HOVERING,
+    goal=GOAL,
+    cage_on=True,
+    candidate=Ask(OUTSIDE),
+    back=HOVERING,
+    boot="b1",
+    request=7,
+    brake=False,
+    settling=False,
+    takeoff=False,
+    reason="before",
+)
+
+NO_POSE = "no pose: dynamics is silent"
+BUSY = "busy: flying to (3, 0, 1); ask with replace to change course"
+BEYOND = "outside the cage: x = 9 is beyond [-5, 5]"
+LOST = "no pose for 0.2 s: stopped"
+HELD = "hold: stopped on request"
+BARRED = "stopped, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
+
+
+class Case(NamedTuple):
+    """At a state, by the rule for an event whose condition has this name."""
+
+    at: State
+    when: str
+    event: Event
+    then: dict[str, Any]
+    world: World = SEEING
+    given: dict[str, Any] = {}  # noqa: RUF012 - never changed
+
+    @property
+    def rule(self) -> tuple[State, type[Event], str]:
+        """What names a row of the table."""
+        return self.at, type(self.event), self.when
+
+    @property
+    def situation(self) -> Situation:
+        """Where it begins."""
+        return replace(PLAIN, state=self.at, **self.given)
+
+    @property
+    def expected(self) -> Situation:
+        """Where it must lead."""
+        return replace(self.situation, **self.then)
+
+
+def stopped(reason: str) -> dict[str, Any]:
+    return {
+        "state": HOVERING, "goal": HERE, "brake": True, "settling": True, "takeoff": False,
+        "reason": reason,
+    }  # fmt: skip
+
+
+def considered(goal: Ask, back: State) -> dict[str, Any]:
+    return {"state": VERIFYING, "request": 8, "candidate": goal, "back": back, "reason": ""}
+
+
+def refused(state: State, reason: str) -> dict[str, Any]:
+    return {"state": state, "request": 8, "reason": reason}
+
+
+BOOT = {
+    "state": HOVERING, "boot": "b2", "goal": HERE, "brake": True, "settling": False,
+    "takeoff": False, "reason": "anew",
+}  # fmt: skip
+TAKEN = {"state": MOVING, "brake": False, "settling": False, "takeoff": False, "reason": ""}
+NOTHING: dict[str, Any] = {}
+STOPPING = {"brake": True, "settling": True}
+TAKING_OFF = {"takeoff": True}
+OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
+FROM_FLIGHT = {"back": MOVING}
+FOR_INSIDE = {"candidate": Ask(INSIDE)}
+ASK, REPLACE, BOOTED = Ask(INSIDE), Ask(INSIDE, replace=True), Booted("anew")
+
+# fmt: off
+CASES = (
+    Case(HOVERING, "blind", ASK, refused(HOVERING, NO_POSE), BLIND),
+    Case(HOVERING, "blind", REPLACE, refused(HOVERING, NO_POSE), BLIND),
+    Case(HOVERING, "always", ASK, considered(ASK, HOVERING)),
+    Case(HOVERING, "always", Ask(OUTSIDE), considered(Ask(OUTSIDE), HOVERING)),
+    Case(HOVERING, "always", ASK, considered(ASK, HOVERING), given=FROM_FLIGHT),
+    Case(HOVERING, "always", Check(), NOTHING),
+    Case(HOVERING, "settled", Seen(), {"goal": HERE, "settling": False}, AT_REST, STOPPING),
+    Case(HOVERING, "always", Seen(), NOTHING),
+    Case(HOVERING, "always", Seen(), NOTHING, given=STOPPING),
+    Case(HOVERING, "always", Seen(), NOTHING, AT_REST),
+    Case(HOVERING, "always", Seen(), NOTHING, NEAR),
+    Case(HOVERING, "always", Lost(0.2), NOTHING),
+    Case(HOVERING, "always", Lost(0.2), NOTHING, given=STOPPING),
+    Case(HOVERING, "always", BOOTED, BOOT, REBOOTED),
+    Case(HOVERING, "always", BOOTED, BOOT, REBOOTED, STOPPING),
+    Case(HOVERING, "always", Hold(), stopped(HELD)),
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF),
+    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True}, given=OFF),
+    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True}, given=OFF | FAR),
+    Case(HOVERING, "always", Resized(), NOTHING),
+    Case(HOVERING, "always", Resized(), NOTHING, given=FAR),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | STOPPING),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | FROM_FLIGHT),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | TAKING_OFF),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": OUTSIDE}, given=OFF),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, "takeoff": True},
+         given={"candidate": Ask(INSIDE, takeoff=True)}),
+    Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND}, given=FROM_FLIGHT),
+    Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND},
+         given=FROM_FLIGHT | TAKING_OFF),
+    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}),
+    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}, given=STOPPING),
+    Case(VERIFYING, "always", ASK, refused(VERIFYING, BUSY)),
+    Case(VERIFYING, "always", Seen(), NOTHING),
+    Case(VERIFYING, "always", Seen(), NOTHING, NEAR),
+    Case(VERIFYING, "always", Lost(0.2), stopped(LOST)),
+    Case(VERIFYING, "always", BOOTED, BOOT, REBOOTED),
+    Case(VERIFYING, "always", Hold(), stopped(HELD)),
+    Case(VERIFYING, "always", Toggle(cage_on=False), OFF),
+    Case(VERIFYING, "always", Resized(), NOTHING),
+    Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND),
+    Case(MOVING, "blind", REPLACE, refused(MOVING, NO_POSE), BLIND),
+    Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND, TAKING_OFF),
+    Case(MOVING, "may_replace", REPLACE, considered(REPLACE, MOVING)),
+    Case(MOVING, "may_replace", ASK, considered(ASK, MOVING), given=TAKING_OFF),
+    Case(MOVING, "always", ASK, refused(MOVING, BUSY)),
+    Case(MOVING, "always", Check(), NOTHING),
+    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, NEAR),
+    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", "takeoff": False}, NEAR,
+         TAKING_OFF),
+    Case(MOVING, "always", Seen(), NOTHING),
+    Case(MOVING, "always", Seen(), NOTHING, AT_RANGE),
+    Case(MOVING, "always", Seen(), NOTHING, AT_REST, STOPPING),
+    Case(MOVING, "always", Lost(0.2), stopped(LOST)),
+    Case(MOVING, "always", Lost(0.2), stopped(LOST), given=TAKING_OFF),
+    Case(MOVING, "always", BOOTED, BOOT, REBOOTED),
+    Case(MOVING, "always", BOOTED, BOOT, REBOOTED, TAKING_OFF),
+    Case(MOVING, "always", Hold(), stopped(HELD)),
+    Case(MOVING, "always", Hold(), stopped(HELD), given=TAKING_OFF),
+    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | {"cage_on": True},
+         given=OFF | FAR),
+    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED), given=FAR),
+    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True}, given=OFF),
+    Case(MOVING, "always", Toggle(cage_on=False), OFF),
+    Case(MOVING, "always", Toggle(cage_on=False), OFF, given=FAR),
+    Case(MOVING, "barred", Resized(), stopped(BARRED), given=FAR),
+    Case(MOVING, "always", Resized(), NOTHING),
+    Case(MOVING, "always", Resized(), NOTHING, given=OFF | FAR),
+)
+# fmt: on

@@ -1,0 +1,80 @@
+"""The cage: closed intervals, decided to the last bit, with a reason that names the wall."""
+
+from math import inf, nan, nextafter
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from schemas.geometry import Position
+from schemas.messages import CageSize
+from services.safety.cage import bounds, why_outside
+
+CAGE = CageSize(5.0, 4.0, 2.0)
+MIDDLE = Position(0.0, 0.0, 1.0)
+FACES = [("x", -5.0), ("x", 5.0), ("y", -4.0), ("y", 4.0), ("z", 0.0), ("z", 2.0)]
+SIZES = st.floats(0.2, 10_000)
+NUMBERS = st.floats(-10_000, 10_000)
+
+
+def moved(axis: str, value: float) -> Position:
+    change: dict[str, Any] = {axis: value}
+    return replace(MIDDLE, **change)
+
+
+def outwards(value: float) -> float:
+    return -inf if value <= 0 else inf
+
+
+def test_the_intervals_are_those_of_the_lab():
+    assert bounds(CAGE) == {"x": (-5.0, 5.0), "y": (-4.0, 4.0), "z": (0.0, 2.0)}
+
+
+@pytest.mark.parametrize(("axis", "face"), FACES)
+def test_a_face_belongs_to_the_cage_to_the_last_bit(axis: str, face: float):
+    out = outwards(face)
+    assert why_outside(moved(axis, face), CAGE) == ""
+    assert why_outside(moved(axis, nextafter(face, -out)), CAGE) == ""
+    assert why_outside(moved(axis, nextafter(face, out)), CAGE) != ""
+
+
+@pytest.mark.parametrize(("axis", "face"), FACES)
+@settings(max_examples=50)
+@given(size=SIZES)
+def test_so_it_does_for_every_size(axis: str, face: float, size: float):
+    cage = CageSize(size, size, size)
+    wall = 0.0 if face == 0 else size if face > 0 else -size
+    inside = replace(MIDDLE, z=0.1)
+    point = replace(inside, **{axis: wall})
+    beyond = replace(inside, **{axis: nextafter(wall, outwards(face))})
+    assert why_outside(point, cage) == ""
+    assert why_outside(beyond, cage).startswith(f"outside the cage: {axis} = ")
+
+
+@given(*[SIZES] * 3, *[NUMBERS] * 3)
+def test_inside_is_inside_on_every_axis(a: float, b: float, c: float, x: float, y: float, z: float):
+    inside = abs(x) <= a and abs(y) <= b and 0 <= z <= c
+    assert (why_outside(Position(x, y, z), CageSize(a, b, c)) == "") is inside
+
+
+def test_negative_zero_is_on_the_floor():
+    assert why_outside(moved("z", -0.0), CAGE) == ""
+
+
+@pytest.mark.parametrize("axis", "xyz")
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+def test_what_is_no_number_is_outside(axis: str, value: float):
+    assert f"{axis} = {value}" in why_outside(moved(axis, value), CAGE)
+
+
+def test_the_reason_names_the_axis_the_value_and_the_bounds():
+    assert why_outside(Position(0.0, -4.25, 1.0), CAGE) == (
+        "outside the cage: y = -4.25 is beyond [-4, 4]"
+    )
+    # The first axis that is outside; a hair's breadth is still told apart from the bound.
+    assert why_outside(Position(5.0000000001, 9.0, 9.0), CAGE) == (
+        "outside the cage: x = 5.0000000001 is beyond [-5, 5]"
+    )
+    assert why_outside(moved("z", -1.0), CAGE) == "outside the cage: z = -1 is beyond [0, 2]"

@@ -1,0 +1,91 @@
+"""The keys of the system, one by one as the contract names them."""
+
+import msgspec
+import pytest
+
+from schemas.contract import Topic
+from schemas.messages import Pose
+from schemas.topics import SERVICES, SETPOINT, TOPICS, get_params, set_params
+from services.runtime.processes import NODES
+
+TOPIC_TABLE = {
+    "uav/pose": ("Pose", "dynamics", 100, False),
+    "uav/sensors/pressure": ("Pressure", "pressure", 10, False),
+    "uav/safety/state": ("SafetyState", "safety", 1, True),
+    "uav/input/position_request": ("Waypoint", "", 0, False),
+    "uav/input/position": ("Setpoint", "safety", 20, False),
+    "uav/info": ("Info", "safety", 0, True),
+}
+SERVICE_TABLE = {
+    "uav/@srv/calibrate_pressure": ("Calibrate", "pressure", ["zero"], ["baseline"]),
+    "uav/@srv/toggle_cage": ("ToggleCage", "safety", ["cage_on"], ["success"]),
+    "uav/@srv/goto": ("Goto", "safety", ["x", "y", "z", "replace"], ["accepted", "reason"]),
+    "uav/@srv/hold": ("Hold", "safety", [], ["success"]),
+    "uav/@srv/reset": ("Reset", "dynamics", [], ["success"]),
+}
+
+
+def test_every_topic_of_the_contract_is_declared_so():
+    declared = {
+        topic.key("uav"): (topic.type.__name__, topic.node, topic.hz, topic.latched)
+        for topic in TOPICS
+    }
+    assert TOPIC_TABLE.items() <= declared.items()
+
+
+def test_every_service_of_the_contract_is_declared_so():
+    declared = {
+        service.key("uav"): (
+            service.type_name,
+            service.node,
+            list(service.request.__struct_fields__),
+            list(service.response.__struct_fields__),
+        )
+        for service in SERVICES
+    }
+    assert SERVICE_TABLE.items() <= declared.items()
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_every_node_has_the_two_services_of_its_parameters(node: str):
+    get, put = get_params(node), set_params(node)
+    assert (get.key("uav"), get.type_name) == (f"uav/@srv/{node}/get_params", "GetParams")
+    assert (put.key("uav"), put.type_name) == (f"uav/@srv/{node}/set_params", "SetParams")
+    assert get.node == put.node == node
+    assert get.request.__struct_fields__ == ("names",)
+    assert get.response.__struct_fields__ == ("values",)
+    assert put.request.__struct_fields__ == ("values",)
+    assert put.response.__struct_fields__ == ("success", "reason")
+
+
+def test_goto_does_not_replace_unless_asked():
+    (replace,) = [f for f in msgspec.structs.fields(SERVICES[2].request) if f.name == "replace"]
+    assert replace.default is False
+
+
+def test_names_are_unique_and_the_vehicle_is_the_first_chunk():
+    keys = [entry.key("drone-7") for entry in (*TOPICS, *SERVICES)]
+    assert len(set(keys)) == len(keys)
+    assert all(key.split("/")[0] == "drone-7" for key in keys)
+    # A percent sign stands for the slash in the live graph; a wildcard is no name.
+    assert not any(set(key) & set("%*$#?") for key in keys)
+    types = [topic.type.__name__ for topic in TOPICS]
+    assert len(set(types)) == len(types)
+
+
+def test_everything_declared_says_what_it_is_and_who_does_it():
+    assert all(entry.doc.endswith(".") for entry in (*TOPICS, *SERVICES))
+    assert {entry.node for entry in (*TOPICS, *SERVICES)} <= {*NODES, ""}
+
+
+@pytest.mark.parametrize("hz", [7.0, 10.0, 20.0, 100.0])
+def test_counted_stamps_fall_each_in_a_period_of_its_own(hz: float):
+    """Also where the stamp, a quotient, is a hair below the boundary it stands for."""
+    topic = Topic("t", Pose, node="n", hz=hz, doc="d")
+    assert [topic.period(count / hz) for count in range(10_000)] == list(range(10_000))
+    assert topic.period(1e6 - 0.5 / hz) == round(1e6 * hz) - 1
+
+
+def test_at_a_hundred_poses_a_second_every_fifth_begins_a_setpoint_period():
+    periods = [SETPOINT.period(count / 100) for count in range(1000)]
+    assert periods == [count // 5 for count in range(1000)]

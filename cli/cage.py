@@ -25,19 +25,28 @@ def _toggle(ctx: typer.Context, *, cage_on: bool) -> None:
 
 @app.command(cls=Command)
 def on(ctx: typer.Context) -> None:
-    """Turn the cage on; a goal outside is stopped from being flown to."""
+    """Turn the cage on; a goal outside is stopped from being flown to.
+
+    Example: quadctl cage on
+    """
     _toggle(ctx, cage_on=True)
 
 
 @app.command(cls=Command)
 def off(ctx: typer.Context) -> None:
-    """Turn the cage off: every goal is accepted."""
+    """Turn the cage off: every goal is accepted.
+
+    Example: quadctl cage off
+    """
     _toggle(ctx, cage_on=False)
 
 
 @app.command(cls=Command)
 def show(ctx: typer.Context) -> None:
-    """Show the bounds, and whether the cage is on."""
+    """Show the bounds, and whether the cage is on.
+
+    Example: quadctl cage show
+    """
     from schemas.topics import STATE
 
     with bus.connect(ctx) as client:

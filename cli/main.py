@@ -80,7 +80,7 @@ def main() -> None:
     """Run the command line and exit with the code that says how it went."""
     as_json = "--json" in sys.argv[1:]
     try:
-        code = app(standalone_mode=False) or 0
+        code = app(standalone_mode=False, prog_name="quadctl") or 0
     except QuadctlError as problem:
         output.error(problem, as_json=as_json)
         code = problem.exit_code

@@ -27,13 +27,15 @@ def topic_of(key: str) -> Topic[Any] | None:
 
 def find_service(name: str, vehicle: str) -> Service[Any, Any]:
     """A service by name or key; raises Invalid with the nearest name."""
-    bare = name.strip("/").removeprefix(f"{vehicle}/").removeprefix("@srv/")
-    for service in SERVICES:
-        if bare == service.name:
-            return service
-    node, _, verb = bare.rpartition("/")
-    if node and verb in {"get_params", "set_params"}:
-        return get_params(node) if verb == "get_params" else set_params(node)
+    bare = name.strip("/")
+    for prefix in ("", f"{vehicle}/@srv/", "@srv/", f"{vehicle}/"):
+        spelling = bare.removeprefix(prefix)
+        for service in SERVICES:
+            if spelling == service.name:
+                return service
+        node, _, verb = spelling.rpartition("/")
+        if verb in {"get_params", "set_params"} and node and "/" not in node:
+            return get_params(node) if verb == "get_params" else set_params(node)
     names = [service.name for service in SERVICES]
     hint = nearest(bare, names) or "`quadctl service list` shows what there is"
     raise Invalid(f"there is no service {name}", hint)

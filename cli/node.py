@@ -10,7 +10,10 @@ app = typer.Typer(help="The processes on the bus.")
 
 @app.command("list", cls=Command)
 def list_(ctx: typer.Context) -> None:
-    """List the nodes: those that `up` looks after, and any other that has announced itself."""
+    """List the nodes: those that `up` looks after, and any other that has announced itself.
+
+    Example: quadctl node list
+    """
     import msgspec
 
     from services.runtime import record

@@ -38,14 +38,13 @@ def up(
     from services.runtime.detach import detach as in_background
     from services.runtime.launch import Launch
     from services.runtime.params import load
-    from services.runtime.processes import table
 
     chosen = options.of(ctx)
     source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
     params = load(source, settings or ())
-    table(params.processes, without or ())
     folder = source.resolve().parent if source else Path.cwd()
     launch = Launch(chosen.realm, chosen.vehicle, params, without or [], str(folder))
+    launch.processes()
     if detach:
         in_background(launch)
         if chosen.json:

@@ -13,7 +13,10 @@ app = typer.Typer(help="What can be called.")
 
 @app.command("list", cls=Command)
 def list_(ctx: typer.Context) -> None:
-    """List the live services with their type and node."""
+    """List the live services with their type and node.
+
+    Example: quadctl service list
+    """
     with bus.connect(ctx) as client:
         offers = [offer for offer in client.offers() if offer.kind == "@srv"]
     if options.of(ctx).json:
@@ -34,8 +37,8 @@ def info(ctx: typer.Context, name: Annotated[str, typer.Argument()]) -> None:
     from schemas.describe import service_definition
     from services.runtime.errors import Unreachable
 
+    service = find_service(name, options.of(ctx).vehicle)
     with bus.connect(ctx) as client:
-        service = find_service(name, client.vehicle)
         key = service.key(client.vehicle)
         node = next((o.node for o in client.offers() if o.key == key), None)
     if node is None:

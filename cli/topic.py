@@ -14,7 +14,10 @@ app = typer.Typer(help="What is published.")
 
 @app.command("list", cls=Command)
 def list_(ctx: typer.Context) -> None:
-    """List the live topics with their type, node and declared rate."""
+    """List the live topics with their type, node and declared rate.
+
+    Example: quadctl topic list
+    """
     with bus.connect(ctx) as client:
         offers = [offer for offer in client.offers() if offer.kind == "@pub"]
     if options.of(ctx).json:

@@ -34,7 +34,10 @@ def _spellings() -> dict[str, str]:
 
 @app.command("list", cls=Command)
 def list_(ctx: typer.Context) -> None:
-    """List the types of the topics and services."""
+    """List the types of the topics and services.
+
+    Example: quadctl type list
+    """
     names = sorted(_definitions())
     if options.of(ctx).json:
         output.document(names)

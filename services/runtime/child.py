@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from services.runtime.errors import Invalid
 from services.runtime.processes import Process
 
 # Out of the terminal's group: Ctrl-C is the supervisor's to hear, and to pass on in order.
@@ -28,24 +27,19 @@ class Child:
         on_line: Callable[[str], None],
         on_end: Callable[[], None],
     ) -> None:
-        """Start it. Raises Invalid when its command cannot be run."""
+        """Start it."""
         self._on_line, self._on_end = on_line, on_end
-        try:
-            self._popen = subprocess.Popen(
-                process.command,
-                # The child watches this pipe: it ends when we do, however we do.
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, **environment},
-                cwd=folder,
-                **_OWN_GROUP,
-            )
-        except OSError as error:
-            raise Invalid(
-                f"processes.{process.name}: {process.command[0]} cannot be run: {error.strerror}",
-                "give a command that this shell would find",
-            ) from error
+        leash = (sys.executable, "-P", "-m", "services.runtime.leash", str(os.getpid()))
+        self._popen = subprocess.Popen(
+            (*leash, *process.command) if process.stranger else process.command,
+            # Our nodes watch this pipe: they end when we do, however we do.
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **environment},
+            cwd=folder,
+            **_OWN_GROUP,
+        )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 

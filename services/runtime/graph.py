@@ -1,10 +1,10 @@
 """The live graph's grammar: who is there and what they offer, told by liveliness alone.
 
-    uav/@node/safety                                             the node is ready
-    uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/safety%state    it publishes that topic at 1 Hz
-    uav/@node/safety/@srv/Goto/1a2b3c4d/0/goto                   it answers that service
+    uav/@node/safety                                               the node is ready
+    uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state  it publishes that at 1 Hz
+    uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto            it answers that service
 
-The key is the topic's or service's name without the vehicle, `/` written `%`.
+The last chunk is the full key of the topic or service, `/` written `%`.
 """
 
 from typing import Literal
@@ -15,15 +15,19 @@ Kind = Literal["@pub", "@srv"]
 
 
 class Offer(Struct, frozen=True):
-    """One topic or service that a live node offers. `key` is the full Zenoh key."""
+    """One topic or service that a live node offers, on a full Zenoh key."""
 
     kind: Kind
     node: str
     type: str
     hash: str
     hz: float
-    name: str
     key: str
+
+    @property
+    def name(self) -> str:
+        """The key without what every key of its vehicle and kind begins with."""
+        return self.key.partition("/")[2].removeprefix("@srv/")
 
 
 def node_key(vehicle: str, node: str) -> str:
@@ -33,8 +37,8 @@ def node_key(vehicle: str, node: str) -> str:
 
 def offer_key(vehicle: str, offer: Offer) -> str:
     """The liveliness key of an offer."""
-    name = offer.name.replace("/", "%")
-    offered = f"{offer.kind}/{offer.type}/{offer.hash}/{offer.hz:g}/{name}"
+    key = offer.key.replace("/", "%")
+    offered = f"{offer.kind}/{offer.type}/{offer.hash}/{offer.hz:g}/{key}"
     return f"{node_key(vehicle, offer.node)}/{offered}"
 
 
@@ -52,11 +56,9 @@ def offer_of(key: str) -> Offer | None:
     Strangers may declare what they like, so a key outside the grammar is no error.
     """
     match key.split("/"):
-        case [vehicle, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, name]:
-            plain = name.replace("%", "/")
-            full = f"{vehicle}/{plain}" if kind == "@pub" else f"{vehicle}/@srv/{plain}"
+        case [_, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, offered]:
             try:
-                return Offer(kind, node, type_, digest, float(hz), plain, full)
+                return Offer(kind, node, type_, digest, float(hz), offered.replace("%", "/"))
             except ValueError:
                 return None
     return None

@@ -3,14 +3,18 @@
 import contextlib
 import os
 import secrets
+import shutil
 import socket
 import sys
 import sysconfig
+from pathlib import Path
 
 from msgspec import Struct
 
 from schemas.params import Params
+from services.runtime.errors import Invalid
 from services.runtime.lock import FileLock
+from services.runtime.processes import Process, table
 from services.runtime.realm import Realm
 from services.runtime.session import Address
 
@@ -23,6 +27,21 @@ class Launch(Struct, frozen=True):
     params: Params
     without: list[str]
     folder: str
+
+    def processes(self) -> tuple[Process, ...]:
+        """What is to run; raises Invalid for a command that is not there."""
+        rows = table(self.params.processes, self.without)
+        path = self.environment(0)["PATH"]
+        for process in rows:
+            program = process.command[0]
+            # As the child will: a path is looked up from the file's folder, a word on PATH.
+            there = Path(self.folder) / program if Path(program).name != program else program
+            if process.stranger and shutil.which(there, path=path) is None:
+                raise Invalid(
+                    f"processes.{process.name}: {program} is not there, or cannot be run",
+                    "give a command that this shell would find",
+                )
+        return rows
 
     def environment(self, restarts: int) -> dict[str, str]:
         """What a child finds in its environment beside ours."""

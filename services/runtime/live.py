@@ -63,7 +63,7 @@ class LiveParams:
 
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}
-        for name, value in values.items():
+        for name, value in parameters.flatten(values):
             if parameters.normal_name(name).partition(".")[0] != self._name:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             parameters.put(tables, name, value, "param set")

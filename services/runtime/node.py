@@ -62,7 +62,7 @@ class Node:
         def offer() -> graph.Offer:
             rate = topic.hz if hz is None else hz()
             name = topic.type.__name__
-            return graph.Offer("@pub", self.name, name, digest, rate, topic.name, key)
+            return graph.Offer("@pub", self.name, name, digest, rate, key)
 
         self._offers.append(offer)
         publisher = Publisher(self._session, key, topic)
@@ -93,7 +93,7 @@ class Node:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
         name, digest = service.type_name, schema_hash(service.request)
-        offer = graph.Offer("@srv", self.name, name, digest, 0.0, service.name, server.key)
+        offer = graph.Offer("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer)
 

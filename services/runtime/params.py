@@ -47,7 +47,7 @@ def value_of(text: str) -> Any:
         return text == "True"
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
 
 
@@ -57,7 +57,11 @@ def normal_name(name: str) -> str:
 
 
 def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
-    """Set a value in nested tables by its dotted name."""
+    """Set a value in nested tables by its dotted name; of a table, only what it names."""
+    if isinstance(value, dict):
+        for part, inner in value.items():
+            put(table, f"{name}.{part}", inner, source)
+        return
     *path, last = normal_name(name).split(".")
     for part in path:
         table = table.setdefault(part, {})
@@ -85,7 +89,7 @@ def _read(file: Path) -> dict[str, Any]:
         raise Invalid(
             f"{file} cannot be read: {error.strerror}", "`quadctl init` writes one"
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise Invalid(f"{file} is not TOML: {error}", "see the line and column named") from error
 
 

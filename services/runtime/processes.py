@@ -1,5 +1,6 @@
 """The process table: what runs, and when a dead one is started again. Pure."""
 
+import re
 import shlex
 import sys
 from collections.abc import Collection, Mapping
@@ -9,6 +10,8 @@ from services.runtime.errors import Invalid
 
 NODES = ("hub", "dynamics", "pressure", "safety")
 """Our own nodes, in the order in which they start; a new service is one more name."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 State = Literal["starting", "ready", "restarting", "down"]
 
@@ -27,12 +30,13 @@ class Process(NamedTuple):
     """A command to run under a name.
 
     `must_announce` where it is a node of ours or in the place of one; another command counts as
-    ready as soon as it runs.
+    ready as soon as it runs. `stranger` where the file names the command.
     """
 
     name: str
     command: tuple[str, ...]
     must_announce: bool = True
+    stranger: bool = False
 
 
 def table(
@@ -45,9 +49,14 @@ def table(
     names = [*NODES, *(name for name in commands if name not in NODES)]
     for name in without:
         if name not in names:
-            raise Invalid(f"--without {name}: there is no such process", f"one of {names}")
+            known = ", ".join(names)
+            raise Invalid(f"--without {name}: there is no such process", f"one of {known}")
+    for name in names:
+        # `up` is the supervisor's own name in the log.
+        if not _NAME.fullmatch(name) or name == "up":
+            raise Invalid(f"processes.{name}: no name for a process", "use letters, digits, _, -")
     return tuple(
-        Process(name, _command(name, commands), name in NODES)
+        Process(name, _command(name, commands), name in NODES, name in commands)
         for name in names
         if name not in without
     )

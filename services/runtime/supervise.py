@@ -12,7 +12,7 @@ from services.runtime.child import Child
 from services.runtime.health import Health
 from services.runtime.launch import Launch
 from services.runtime.logs import Logs
-from services.runtime.processes import START_TIMEOUT, Life, Process, table
+from services.runtime.processes import START_TIMEOUT, Life, Process
 from services.runtime.realm import Realm
 from services.runtime.session import Address
 
@@ -42,8 +42,7 @@ class Supervisor:
     def __init__(self, launch: Launch, realm: Realm, address: Address, logs: Logs) -> None:
         self._launch, self._realm, self._logs = launch, realm, logs
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        rows = table(launch.params.processes, launch.without)
-        self._rows = {process.name: Row(process) for process in rows}
+        self._rows = {process.name: Row(process) for process in launch.processes()}
         self._health = Health(
             address, launch.vehicle, self._inbox.put, self._on_ready, self._on_answer
         )

@@ -74,6 +74,8 @@ def run(node: Node, params: Params) -> None:
 
     def toggle_cage(request: ToggleCageRequest) -> ToggleCageResponse:
         monitor.toggle(cage_on=request.cage_on)
+        if monitor.situation.boot:
+            setpoints.put(monitor.setpoint())
         return ToggleCageResponse(monitor.situation.cage_on is request.cage_on)
 
     poses = node.listen(POSE, on_pose)

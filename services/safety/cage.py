@@ -19,5 +19,10 @@ def why_outside(point: Position, cage: CageSize) -> str:
     for axis, (low, high) in bounds(cage).items():
         value = getattr(point, axis)
         if not low <= value <= high:
-            return f"outside the cage: {axis} = {value:.12g} is beyond [{low:g}, {high:g}]"
+            return f"outside the cage: {axis} = {_plain(value)} is beyond [{low:g}, {high:g}]"
     return ""
+
+
+def _plain(value: float) -> str:
+    """All digits, so that a value one rounding beyond a bound does not read as the bound."""
+    return repr(value).removesuffix(".0")

@@ -41,6 +41,11 @@ def from_flight(s: Situation, _e: Event, _w: World) -> bool:
     return s.back is State.MOVING
 
 
+def stranded(s: Situation, e: Event, w: World) -> bool:
+    """The request came in flight, and the goal of that flight now lies outside."""
+    return s.back is State.MOVING and barred(s, e, w)
+
+
 def arrived(s: Situation, _e: Event, w: World) -> bool:
     """The vehicle is nearer to the goal than the acceptance range."""
     return dist(astuple(w.pose.position), astuple(s.goal)) < w.acceptance_range

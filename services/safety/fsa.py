@@ -33,6 +33,7 @@ from services.safety.conditions import (
     may_replace,
     permitted,
     settled,
+    stranded,
 )
 from services.safety.model import (
     Ask,
@@ -77,6 +78,7 @@ RULES = (
     Rule(HOVERING,  Toggle,  always,      HOVERING,  toggle),
     Rule(HOVERING,  Resized, always,      HOVERING,  keep),
     Rule(VERIFYING, Check,   permitted,   MOVING,    take),
+    Rule(VERIFYING, Check,   stranded,    HOVERING,  stop),
     Rule(VERIFYING, Check,   from_flight, MOVING,    refuse),
     Rule(VERIFYING, Check,   always,      HOVERING,  refuse),
     Rule(VERIFYING, Ask,     always,      VERIFYING, refuse_busy),

@@ -8,6 +8,7 @@ from msgspec.structs import astuple, replace
 from schemas.geometry import BodyRates, Position, Quaternion, Velocity
 from schemas.messages import CageSize, Pose, SafetyState, Setpoint, StateName
 from schemas.params import SafetyParams
+from services.safety.cage import why_outside
 from services.safety.fsa import step
 from services.safety.model import (
     Ask,
@@ -43,6 +44,7 @@ class Monitor:
         self._params, self._tell, self._restarted = params, tell, restarted
         self.pose = _NO_POSE
         self.fresh = False
+        self._void: set[str] = set()
         self.situation = Situation(
             state=State.HOVERING,
             goal=_ORIGIN,
@@ -52,7 +54,8 @@ class Monitor:
 
     def see(self, pose: Pose) -> None:
         """Take a new pose; one of another boot voids the goal and takes off anew."""
-        if pose.boot == self.situation.boot and pose.stamp < self.pose.stamp:
+        late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
+        if late or pose.boot in self._void:
             return
         self.pose, self.fresh = pose, True
         if pose.boot != self.situation.boot:
@@ -99,13 +102,19 @@ class Monitor:
     def _boot(self) -> None:
         first = not self.situation.boot
         stays = first and self._restarted
-        reason = "the simulation started anew: the goal is dropped"
-        if first:
-            reason = "safety restarted: hovering here, cage on" if stays else ""
-        self._feed(Booted(reason))
+        self._void.add(self.situation.boot)
+        self._feed(Booted(self._greeting(first=first)))
         start = self.pose.position
         if self._params.takeoff > 0 and not stays and start.z < ON_THE_GROUND:
             self.ask(replace(start, z=start.z + self._params.takeoff), takeoff=True)
+
+    def _greeting(self, *, first: bool) -> str:
+        if not first:
+            return "the simulation started anew: the goal is dropped"
+        if self._restarted:
+            return "safety restarted: hovering here, cage on"
+        outside = why_outside(self.pose.position, self._cage())
+        return f"the start is {outside}" if self.situation.cage_on and outside else ""
 
     def _feed(self, event: Event) -> None:
         before = self.situation

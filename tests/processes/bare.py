@@ -34,6 +34,7 @@ class Watch:
     def __init__(self) -> None:
         self.messages: list[Any] = []
         self.encodings: list[str] = []
+        self._read = 0
         self._changed = threading.Condition()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
@@ -44,15 +45,17 @@ class Watch:
             self._changed.notify_all()
 
     def until(self, condition: Callable[[Any], bool], within: float = 10.0) -> Any:
-        """The next message from now on for which the condition holds."""
+        """The first message after the last one waited for, for which the condition holds.
+
+        It may have come before the call: what an action causes can be quicker than its reply.
+        """
         deadline = time.monotonic() + within
         with self._changed:
-            seen = len(self.messages)
             while True:
-                while seen < len(self.messages):
-                    if condition(message := self.messages[seen]):
+                while self._read < len(self.messages):
+                    self._read += 1
+                    if condition(message := self.messages[self._read - 1]):
                         return message
-                    seen += 1
                 left = deadline - time.monotonic()
                 last = self.messages[-1:] or "nothing"
                 assert left > 0, f"not in {within:g} s; the last was {last}"
@@ -64,6 +67,7 @@ class Watch:
             first = len(self.messages)
             enough = self._changed.wait_for(lambda: len(self.messages) >= first + count, within)
             assert enough, f"{len(self.messages) - first} of {count} came in {within:g} s"
+            self._read = first + count
             return self.messages[first : first + count]
 
 

@@ -9,100 +9,22 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import zenoh
 
 from tests.processes.bare import Bare
-
-T = TypeVar("T")
+from tests.processes.running import Done, Foreground, alive, eventually
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "cli.main"]
 _PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
 """What a user's shell may have set and a lab does not inherit."""
 _numbers = itertools.count()
-
-
-class Done(NamedTuple):
-    """What a command left: its exit code and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        """The one document on stdout; anything else there makes this fail."""
-        return json.loads(self.out)
-
-    @property
-    def rows(self) -> list[Any]:
-        """The documents of a stream, one a line."""
-        return [json.loads(line) for line in self.out.splitlines()]
-
-    @property
-    def error(self) -> dict[str, str]:
-        """The error document, the last line on stderr."""
-        error: dict[str, str] = json.loads(self.err.splitlines()[-1])["error"]
-        return error
-
-
-def eventually(condition: Callable[[], T], within: float = 10.0) -> T:
-    """Ask until the answer is true; returns it, or fails with the last one."""
-    deadline = time.monotonic() + within
-    while not (answer := condition()):
-        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s"
-        time.sleep(0.01)
-    return answer
-
-
-def alive(pid: int) -> bool:
-    """Whether a process runs; one that has ended and is not yet waited for does not."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return stat.rpartition(")")[2].split()[0] not in "ZX"
-
-
-class Foreground:
-    """`quadctl up` without -d, its log in a file; or any other process of the system."""
-
-    def __init__(self, command: list[str], environment: dict[str, str], folder: Path) -> None:
-        self._log = folder / f"foreground-{next(_numbers)}.log"
-        with self._log.open("wb") as out:
-            self._popen = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                env=environment,
-                cwd=folder,
-            )
-        self.pid = self._popen.pid
-
-    @property
-    def log(self) -> str:
-        """All that it has printed."""
-        return self._log.read_text(encoding="utf-8")
-
-    def send(self, number: int) -> None:
-        self._popen.send_signal(number)
-
-    def wait(self, within: float = 10.0) -> int:
-        """Its exit code, once it has ended."""
-        return self._popen.wait(within)
-
-    def end(self) -> None:
-        if self._popen.poll() is None:
-            self._popen.kill()
-        self._popen.wait()
 
 
 class Lab:
@@ -162,7 +84,8 @@ class Lab:
 
     def spawn(self, *command: str) -> Foreground:
         """Any process beside the test, in the realm's environment."""
-        process = Foreground(list(command), self.environment, self.folder)
+        log = self.folder / f"log{next(_numbers)}"
+        process = Foreground(list(command), self.environment, self.folder, log)
         self._foreground.append(process)
         return process
 
@@ -218,6 +141,12 @@ class Lab:
             return self.bare()
         except zenoh.ZError:
             return None
+
+    def first_bare(self) -> Bare:
+        """A bare session as soon as a hub listens."""
+        found = eventually(self.try_bare)
+        assert found is not None
+        return found
 
     def bare(self) -> Bare:
         """A session that shares no code with the system."""

@@ -10,7 +10,7 @@ from tests.processes.bare import Bare, pack
 from tests.processes.lab import Lab
 
 ERROR = "application/json;quadctl.Error"
-BAD = {
+BAD: dict[str, list[Any]] = {
     "goto": [
         *({"x": bad, "y": 0.0, "z": 1.0} for bad in (math.nan, math.inf, -math.inf, 1e300, 10_001)),
         {"x": 1.0, "y": math.nan, "z": 1.0},

@@ -5,7 +5,8 @@ import re
 import pytest
 
 from tests.processes.bare import Bare, gap, speed
-from tests.processes.lab import QUADCTL, Lab, eventually
+from tests.processes.lab import QUADCTL, Lab
+from tests.processes.running import eventually
 
 GOAL = {"x": 1.0, "y": 2.0, "z": 1.0}
 FAR = (-4.5, -4.5, 4.0)
@@ -59,8 +60,9 @@ def test_a_goal_while_moving_is_busy_until_replaced(shared_lab: Lab, hover: Bare
     assert "-4.5" in busy["reason"]
     assert hover.state()["goal"] == dict(zip("xyz", FAR, strict=True))
     assert hover.call("goto", x=1.0, y=0.0, z=1.0, replace=True).value["accepted"]
-    end = states.until(lambda s: s["state"] == "HOVERING")
-    assert end["goal"] == {"x": 1.0, "y": 0.0, "z": 1.0}
+    near = {"x": 1.0, "y": 0.0, "z": 1.0}
+    assert states.until(lambda s: s["goal"] == near)["state"] == "MOVING"
+    assert states.until(lambda s: s["state"] == "HOVERING")["goal"] == near
 
 
 def test_a_goal_right_after_the_start_is_taken_the_next_is_busy_and_replace_is_taken(lab: Lab):
@@ -77,12 +79,11 @@ def test_a_goal_right_after_the_start_is_taken_the_next_is_busy_and_replace_is_t
 
 
 def test_no_wait_returns_before_the_arrival(shared_lab: Lab, hover: Bare):
-    states = hover.watch("uav/safety/state")
     done = shared_lab.quadctl("goto", *FAR, "--no-wait", "--json")
     assert done.code == 0
     assert done.json["accepted"]
     assert not done.json["arrived"]
-    assert states.messages[-1]["state"] == "MOVING"
+    assert hover.state()["state"] == "MOVING"
 
 
 def test_too_little_time_to_arrive_is_exit_4_and_the_flight_goes_on(shared_lab: Lab, hover: Bare):
@@ -119,7 +120,7 @@ def test_hold_in_flight_ends_the_waiting_goto_and_the_vehicle_rests_where_it_sto
 
 def test_a_goal_is_taken_as_soon_as_safety_is_ready(lab: Lab):
     lab.spawn(*QUADCTL, "up")
-    with eventually(lab.try_bare) as bare:
+    with lab.first_bare() as bare:
         eventually(lambda: "safety" in bare.nodes())
         # The take-off is still under way, and gives way.
         assert bare.call("goto", **GOAL).value == {"accepted": True, "reason": ""}

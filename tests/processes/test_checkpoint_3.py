@@ -5,7 +5,8 @@ import re
 import pytest
 
 from tests.processes.bare import Bare
-from tests.processes.lab import Lab, eventually
+from tests.processes.lab import Lab
+from tests.processes.running import eventually
 
 NOISE = 1e-5
 PER_METRE = 0.12  # hPa, near the ground
@@ -73,7 +74,7 @@ def test_service_call_calibrates_in_every_spelling(
 
 def test_the_first_message_is_a_reading_and_an_early_calibration_is_none_or_not_ready(lab: Lab):
     lab.spawn(*lab.command("up"))
-    with eventually(lab.try_bare) as bare:
+    with lab.first_bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
         early = eventually(lambda: bare.answers("uav/@srv/calibrate_pressure", b"\x81\xa4zero\xc3"))
         answer = early[0]

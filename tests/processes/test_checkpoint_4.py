@@ -52,6 +52,7 @@ def test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on(hover: Bare):
     hover.call("toggle_cage", cage_on=False)
     assert hover.call("goto", x=-4.0, y=0.0, z=1.0).value["accepted"]
     assert hover.call("toggle_cage", cage_on=True).value == {"success": True}
+    states.until(lambda s: s["state"] == "MOVING" and s["cage_on"])
     end = states.until(lambda s: s["state"] == "HOVERING")
     assert (end["goal"]["x"], end["reason"]) == (-4.0, "")
 

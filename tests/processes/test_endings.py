@@ -1,12 +1,14 @@
 """However a run ends, nothing of it is left; and a realm or a name is held by one alone."""
 
 import os
+import shutil
 import signal
 import sys
 
 import pytest
 
-from tests.processes.lab import NODES, Lab, alive, eventually
+from tests.processes.lab import NODES, Lab
+from tests.processes.running import alive, eventually
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
@@ -32,8 +34,11 @@ def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
     os.kill(pids[0], signal.SIGKILL)
     eventually(lambda: not any(map(alive, pids)), 2)
     assert not lab.processes()
-    # What is left of the folder hinders nobody.
-    lab.start()
+    if detached:  # what is left of the folder hinders nobody, and is cleared away with the next
+        lab.start()
+    else:
+        assert lab.quadctl("status").code == 3
+        shutil.rmtree(lab.home)
 
 
 def test_a_second_up_is_refused_with_the_pid_that_holds_the_realm(shared_lab: Lab):

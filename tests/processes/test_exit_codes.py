@@ -3,12 +3,14 @@
 import os
 import signal
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 import zenoh
 
 from tests.processes.bare import Bare, pack
-from tests.processes.lab import Lab, eventually, private_lab
+from tests.processes.lab import Lab, private_lab
+from tests.processes.running import eventually
 
 NEEDS_A_RUN = [
     "status", "ps", "down", "state", "hold", "reset", "calibrate", "cage on", "cage off",
@@ -99,8 +101,8 @@ def test_a_frozen_node_ends_a_command_by_its_timeout(patient_lab: Lab, node: str
         os.kill(pid, signal.SIGCONT)
     with patient_lab.bare() as bare:
         for thawed in ("safety", "pressure", "dynamics"):
-            query = (f"uav/@srv/{thawed}/get_params", pack({"names": []}))
-            assert eventually(lambda query=query: bare.answers(*query))[0].ok
+            key = f"uav/@srv/{thawed}/get_params"
+            assert eventually(partial(bare.answers, key, pack({"names": []})))[0].ok
         assert bare.state()["request"] == 0, "a call was executed after its deadline"
 
 

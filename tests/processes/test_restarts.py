@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import pytest
 
 from tests.processes.bare import Bare, gap, speed
-from tests.processes.lab import NODES, Lab, eventually, private_lab
+from tests.processes.lab import NODES, Lab, private_lab
+from tests.processes.running import eventually
 
 GOAL = {"x": 7.0, "y": 0.0, "z": 1.0}
 

@@ -150,3 +150,19 @@ def test_a_node_of_ones_own_without_parameters_has_none():
     assert bench.get() == {}
     bench.refuses("unknown parameter mine", mine__rate=2)
     bench.refuses("safety.takeoff is not a parameter of mine", safety__takeoff=2)
+
+
+def test_of_a_table_only_what_it_names_is_changed():
+    params = Params()
+    live = LiveParams("safety", params, lambda table: None, lambda: None)
+    params.safety.virtual_cage.z = 2.0
+    assert live.set(SetParamsRequest({"safety.virtual_cage": {"x": 3.0}})).success
+    cage = params.safety.virtual_cage
+    assert (cage.x, cage.y, cage.z) == (3.0, 5.0, 2.0)
+
+
+def test_what_is_fixed_at_launch_is_fixed_inside_a_table_too():
+    live = LiveParams("dynamics", Params(), lambda table: None, lambda: None)
+    reply = live.set(SetParamsRequest({"dynamics": {"speed": 3.0}}))
+    assert not reply.success
+    assert "fixed at launch" in reply.reason

@@ -18,15 +18,15 @@ def test_our_nodes_in_the_order_in_which_they_start():
 
 def test_a_command_takes_a_nodes_place_and_must_announce_itself():
     processes = table({"safety": "python 'my safety.py' --x"})
-    assert processes[3] == Process("safety", ("python", "my safety.py", "--x"), True)
+    assert processes[3] == Process("safety", ("python", "my safety.py", "--x"), True, True)
     assert len(processes) == 4
 
 
 def test_other_commands_come_besides_in_the_files_order_and_need_not_announce():
     processes = table({"viewer": ["view", "a b"], "camera": "cam"})
     assert processes[4:] == (
-        Process("viewer", ("view", "a b"), False),
-        Process("camera", ("cam",), False),
+        Process("viewer", ("view", "a b"), False, True),
+        Process("camera", ("cam",), False, True),
     )
 
 

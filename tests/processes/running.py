@@ -1,0 +1,92 @@
+"""Processes of the tests, and how to wait for what they do."""
+
+import json
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+T = TypeVar("T")
+
+
+class Done(NamedTuple):
+    """What a command left: its exit code and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """The one document on stdout; anything else there makes this fail."""
+        return json.loads(self.out)
+
+    @property
+    def rows(self) -> list[Any]:
+        """The documents of a stream, one a line."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
+    @property
+    def error(self) -> dict[str, str]:
+        """The error document, the last line on stderr."""
+        error: dict[str, str] = json.loads(self.err.splitlines()[-1])["error"]
+        return error
+
+
+def eventually(condition: Callable[[], T], within: float = 10.0) -> T:
+    """Ask until the answer is true; returns it, or fails with the last one."""
+    deadline = time.monotonic() + within
+    while not (answer := condition()):
+        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s"
+        time.sleep(0.01)
+    return answer
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that has ended and is not yet waited for does not."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return stat.rpartition(")")[2].split()[0] not in "ZX"
+
+
+class Foreground:
+    """A process beside the test, `quadctl up` without -d or any other, its output in a file."""
+
+    def __init__(
+        self, command: list[str], environment: dict[str, str], folder: Path, log: Path
+    ) -> None:
+        self._log = log
+        with self._log.open("wb") as out:
+            self._popen = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                cwd=folder,
+            )
+        self.pid = self._popen.pid
+
+    @property
+    def log(self) -> str:
+        """All that it has printed."""
+        return self._log.read_text(encoding="utf-8")
+
+    @property
+    def ended(self) -> bool:
+        return self._popen.poll() is not None
+
+    def send(self, number: int) -> None:
+        self._popen.send_signal(number)
+
+    def wait(self, within: float = 10.0) -> int:
+        """Its exit code, once it has ended."""
+        return self._popen.wait(within)
+
+    def end(self) -> None:
+        if not self.ended:
+            self._popen.kill()
+        self._popen.wait()

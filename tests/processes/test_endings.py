@@ -10,12 +10,19 @@ import pytest
 from tests.processes.lab import NODES, Lab
 from tests.processes.running import alive, eventually
 
+# A user's processes that know nothing of us: one that hears no signal, one that reads no pipe.
+HELPERS = """
+[processes]
+deaf = ["python", "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(99)"]
+sleeper = "sleep 99"
+"""
+
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
 def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, code: int):
-    run = lab.foreground()
+    run = lab.foreground(lab.file(HELPERS))
     pids = lab.pids()
-    assert len(pids) == 5
+    assert len(pids) == 7
     assert all(map(alive, pids))
     run.send(number)
     assert run.wait(5) == code
@@ -26,14 +33,14 @@ def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, cod
 
 @pytest.mark.parametrize("detached", [False, True], ids=["foreground", "detached"])
 def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
+    file = lab.file(HELPERS)
     if detached:
-        lab.start()
+        lab.start(file)
     else:
-        lab.foreground()
+        lab.foreground(file)
     pids = lab.pids()
     os.kill(pids[0], signal.SIGKILL)
-    eventually(lambda: not any(map(alive, pids)), 2)
-    assert not lab.processes()
+    eventually(lambda: not any(map(alive, pids)) and not lab.processes(), 2)
     if detached:  # what is left of the folder hinders nobody, and is cleared away with the next
         lab.start()
     else:

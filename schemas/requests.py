@@ -1,12 +1,10 @@
 """What travels on the services: a request and a response each, in place of .srv files."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
 from schemas.units import Hectopascals, Metres, Text
-
-ErrorCode = Literal["invalid", "refused", "not_ready", "expired", "internal"]
 
 
 class CalibrateRequest(Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,18 +90,3 @@ class SetParamsResponse(Struct, frozen=True):
 
     success: bool
     reason: Text
-
-
-class Error(Struct, frozen=True):
-    """An error reply: what went wrong, and what to do."""
-
-    code: ErrorCode
-    message: str
-    hint: str = ""
-
-
-class Call(Struct, frozen=True):
-    """A query's attachment: executed once by `id`, and never after `deadline` (Unix time, s)."""
-
-    id: Annotated[str, Meta(min_length=1, max_length=64)]
-    deadline: Annotated[float, Meta(ge=0, le=1e12)]

@@ -106,8 +106,8 @@ class Axis:
         Where a stop can end short of the goal, one that does. Where none can, or where the axis
         moves away from the goal, the present one: with less, the stop would end beyond where it
         was bound to when the goal was moved, and that could be outside the cage. Never less than
-        half of what speed and acceleration take up now: then they are back within the share
-        before the others take up what is freed.
+        what speed and acceleration take up now: what an axis must first give up lengthens its
+        stop. The sum of the squares may thereby pass 1 for a while.
         """
         gap = self.goal - self.p
         if gap == 0.0 or not 0.0 <= self.stop(most, 1.0) / gap <= 1.0 + TIGHT:
@@ -119,7 +119,7 @@ class Axis:
             fits = self.stop(most, middle) / gap <= 1.0
             low = low if fits else middle
             high = middle if fits else high
-        return max(high, min(0.5 * taken, 1.0))
+        return max(high, min(taken, 1.0))
 
 
 class Trajectory:

@@ -9,7 +9,7 @@ import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service
-from schemas.requests import Call
+from schemas.envelope import Call
 from services.runtime import wire
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable
 

@@ -6,12 +6,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
 
+from services.runtime import forked
+from services.runtime.forked import Forked
 from services.runtime.processes import Process
 
-# Out of the terminal's group: Ctrl-C is the supervisor's to hear, and to pass on in order.
-_OWN_GROUP: dict[str, Any] = {} if sys.platform == "win32" else {"process_group": 0}
 _LAST_WORDS = 0.2
 """Seconds to wait for what an ended process wrote last; a grandchild may keep the pipe open."""
 
@@ -29,18 +28,26 @@ class Child:
     ) -> None:
         """Start it."""
         self._on_line, self._on_end = on_line, on_end
-        leash = (sys.executable, "-P", "-m", "services.runtime.leash", str(os.getpid()))
-        self._popen = subprocess.Popen(
-            (*leash, *process.command) if process.stranger else process.command,
-            # Our nodes watch this pipe: they end when we do, however we do.
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, **environment},
-            cwd=folder,
-            **_OWN_GROUP,
-        )
+        # In a session of its own: Ctrl-C is the supervisor's to hear, and to pass on in order.
+        # Our nodes watch their stdin: they end when we do, however we do.
+        self._popen: subprocess.Popen[bytes] | Forked
+        if not process.stranger and forked.possible():
+            self._popen = Forked(process.command[-1], environment, folder, both=True)
+        else:
+            leash = (sys.executable, "-P", "-m", "services.runtime.leash", str(os.getpid()))
+            self._popen = subprocess.Popen(
+                (*leash, *process.command) if process.stranger else process.command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **environment},
+                cwd=folder,
+                start_new_session=True,
+            )
         self._reader = threading.Thread(target=self._read, daemon=True)
+
+    def listen(self) -> None:
+        """Hear what it says, from now on; a thread more, after which nothing can be forked."""
         self._reader.start()
 
     @property
@@ -80,7 +87,7 @@ class Child:
         if self._popen.poll() is not None:
             return
         if sys.platform == "win32":
-            self._popen.terminate()
+            self._popen.send_signal(signal.SIGTERM)
         else:
             os.killpg(self._popen.pid, number)
 

@@ -1,5 +1,6 @@
 """Launching a run in the background, behind `quadctl up -d`."""
 
+import signal
 import subprocess
 import sys
 import threading
@@ -7,9 +8,13 @@ import threading
 import msgspec
 from msgspec import Struct
 
+from services.runtime import forked
 from services.runtime.errors import AlreadyServed, QuadctlError
 from services.runtime.launch import Launch
 from services.runtime.processes import START_TIMEOUT
+
+_MODULE = "services.runtime.background"
+_KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class Settled(Struct, frozen=True):
@@ -26,15 +31,10 @@ def detach(launch: Launch) -> None:
     Raises AlreadyServed where the realm is live, and QuadctlError with the last lines of what
     did not come up; then nothing is left running.
     """
-    supervisor = subprocess.Popen(
-        [sys.executable, "-P", "-m", "services.runtime.background"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    )
-    assert supervisor.stdin is not None  # noqa: S101 - pipes, as asked for above
+    supervisor = _start()
+    assert supervisor.stdin is not None  # noqa: S101 - pipes, as asked for below
     assert supervisor.stdout is not None  # noqa: S101
-    patience = threading.Timer(2 * START_TIMEOUT, supervisor.kill)
+    patience = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
     patience.start()
     try:
         supervisor.stdin.write(msgspec.json.encode(launch))
@@ -42,7 +42,7 @@ def detach(launch: Launch) -> None:
         said = supervisor.stdout.read()
     except BaseException:
         # Ctrl-C: what was begun is not left behind.
-        supervisor.terminate()
+        supervisor.send_signal(signal.SIGTERM)
         raise
     finally:
         patience.cancel()
@@ -50,5 +50,16 @@ def detach(launch: Launch) -> None:
     if settled.code == AlreadyServed.code:
         raise AlreadyServed(settled.failed, settled.hint)
     if settled.failed or not said:
-        supervisor.wait()
+        supervisor.wait(START_TIMEOUT)
         raise QuadctlError(settled.failed or "the supervisor ended at once", settled.hint)
+
+
+def _start() -> subprocess.Popen[bytes] | forked.Forked:
+    if forked.possible():
+        return forked.Forked(_MODULE, {}, ".", both=False)
+    return subprocess.Popen(
+        (sys.executable, "-P", "-m", _MODULE),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )

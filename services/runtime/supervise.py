@@ -12,28 +12,15 @@ from services.runtime.child import Child
 from services.runtime.health import Health
 from services.runtime.launch import Launch
 from services.runtime.logs import Logs
-from services.runtime.processes import START_TIMEOUT, Life, Process
+from services.runtime.processes import START_TIMEOUT
 from services.runtime.realm import Realm
+from services.runtime.row import Row
 from services.runtime.session import Address
 
 _PING_EVERY = 0.5
 _LOOK_EVERY = 0.05
 _GRACE = 0.3
 """Seconds that a process may take to end when asked, before it is killed."""
-
-
-class Row:
-    """One row of the process table at work."""
-
-    def __init__(self, process: Process) -> None:
-        self.process, self.life = process, Life()
-        self.child: Child | None = None
-        self.due: float | None = 0.0
-
-    def record(self) -> record.ProcessRecord:
-        """The row of the run record."""
-        pid = self.child.pid if self.child else 0
-        return record.ProcessRecord(self.process.name, pid, self.life.state, self.life.restarts)
 
 
 class Supervisor:
@@ -43,9 +30,8 @@ class Supervisor:
         self._launch, self._realm, self._logs = launch, realm, logs
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._rows = {process.name: Row(process) for process in launch.processes()}
-        self._health = Health(
-            address, launch.vehicle, self._inbox.put, self._on_ready, self._on_answer
-        )
+        self._address = address
+        self._health: Health | None = None
         self._launched = time.monotonic()
         self._stopped_by = 0
         self._next_ping = self._looked = 0.0
@@ -60,6 +46,9 @@ class Supervisor:
             signal.signal(number, self._on_signal)
         settled = False
         try:
+            # First all processes, which are forked, and then the threads that forbid forking.
+            self._look(time.monotonic())
+            self._listen()
             while not self._stopped_by:
                 self._look(time.monotonic())
                 if not settled and (verdict := self._verdict()) is not None:
@@ -69,6 +58,14 @@ class Supervisor:
         finally:
             self._stop_all()
         return self._stopped_by
+
+    def _listen(self) -> None:
+        for row in self._rows.values():
+            if row.child is not None:
+                row.child.listen()
+        self._health = Health(
+            self._address, self._launch.vehicle, self._inbox.put, self._on_ready, self._on_answer
+        )
 
     def stop(self) -> None:
         """End the run as SIGTERM would."""
@@ -121,7 +118,7 @@ class Supervisor:
 
     def _ping(self) -> None:
         for name, row in self._rows.items():
-            if row.life.state == "ready" and row.process.must_announce:
+            if self._health and row.life.state == "ready" and row.process.must_announce:
                 self._health.ping(name, self._launch.params.supervise.answer_timeout)
 
     def _start(self, row: Row, now: float) -> None:
@@ -135,6 +132,8 @@ class Supervisor:
             lambda line: self._inbox.put(lambda: self._logs.show(name, line)),
             lambda: self._inbox.put(_wake),
         )
+        if self._health is not None:
+            row.child.listen()
         if not row.process.must_announce:
             row.life.ready(now)
         self._write_record()
@@ -184,7 +183,8 @@ class Supervisor:
                     child.kill()
                     child.wait(_GRACE)
                 child.last_words()
-        self._health.close()
+        if self._health is not None:
+            self._health.close()
         self._serve_inbox(0)
 
 

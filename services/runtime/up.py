@@ -5,8 +5,11 @@ from typing import TextIO
 
 import msgspec
 
+from services.runtime import (
+    entry,  # noqa: F401 - what every node begins with, loaded once for all that are forked
+    snapshot,
+)
 from services.runtime import launch as launching
-from services.runtime import snapshot
 from services.runtime.launch import Launch
 from services.runtime.logs import Logs
 from services.runtime.realm import Realm, write_atomically

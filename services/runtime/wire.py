@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Struct
 
 from schemas.describe import schema_hash
-from schemas.requests import Call, Error
+from schemas.envelope import Call, Error
 from services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 
 M = TypeVar("M", bound=Struct)

@@ -32,7 +32,7 @@ def test_the_setpoint_stays_inside_wherever_the_goal_moves(moves):
         for _ in range(periods):
             setpoint.advance()
             worst = max(worst, excursion(setpoint.setpoint[:3]))
-    assert worst <= 0.002
+    assert worst <= 1e-6
 
 
 def wall(rng, size):

@@ -169,9 +169,9 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
                 assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.5 * JERK * PERIOD**2
             # An axis keeps the share that its stop was planned with, even where the others
             # need more than what that leaves: not to pass a wall outranks the vector's limit.
-            assert hypot(*s[3:6]) <= SPEED * 1.25
-            assert hypot(*s[6:9]) <= ACCELERATION * 1.25
-            assert hypot(*s[9:12]) <= JERK * 1.25
+            assert hypot(*s[3:6]) <= SPEED * 1.4
+            assert hypot(*s[6:9]) <= ACCELERATION * 1.4
+            assert hypot(*s[9:12]) <= JERK * 1.4
             before = s
     for s in fly(trajectory):
         before = s

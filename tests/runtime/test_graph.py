@@ -43,10 +43,7 @@ def test_a_node_comes_back_as_it_was(vehicle: str, node: str):
 
 def test_the_keys_are_those_of_the_contract():
     assert node_key("uav", "safety") == "uav/@node/safety"
-    assert (
-        Offer("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state")
-        == OFFER
-    )
+    assert Offer("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state") == OFFER
     goto = Offer("@srv", "safety", "Goto", "1a2b3c4d", 0.0, "uav/@srv/goto")
     assert offer_key("uav", goto) == "uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto"
 

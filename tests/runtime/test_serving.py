@@ -6,7 +6,8 @@ from typing import Any, Self
 import msgspec
 import pytest
 
-from schemas.requests import Call, GotoRequest, GotoResponse
+from schemas.envelope import Call
+from schemas.requests import GotoRequest, GotoResponse
 from schemas.topics import GOTO
 from services.runtime import serving, wire
 from services.runtime.errors import Invalid, NotReady, Refused

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import Struct
 
+from schemas.envelope import Call, Error
 from schemas.messages import Info, Pose, SafetyState, Waypoint
-from schemas.requests import CalibrateRequest, Call, Error, GotoRequest, SetParamsRequest
+from schemas.requests import CalibrateRequest, GotoRequest, SetParamsRequest
 from services.runtime import wire
 from services.runtime.errors import (
     WIRE_ERRORS,

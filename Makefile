@@ -23,13 +23,17 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # A shell with ROS sourced would bring its packages and pytest plugins along.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test check lock clean
+.PHONY: demo test prove check lock clean
 
 demo: $(READY)
 	$(VENV)/bin/quadctl demo
 
 test: $(READY)
 	$(RUN) -m pytest
+
+prove: $(READY)  ## The long counts; writes the figures of the README's table.
+	$(RUN) -m pytest -m prove
+	$(RUN) -m benchmarks.measure --write
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types.
 	$(RUN) tests/checks/house.py

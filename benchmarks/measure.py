@@ -1,6 +1,6 @@
 """Measures the running system from outside, through `quadctl`, and writes the figures.
 
-    python benchmarks/measure.py [--runs N] [--write]
+    python -m benchmarks.measure [--runs N] [--cycles N] [--write]
 
 Prints each figure beside its bar; `--write` puts them into benchmarks/figures.json and into the
 README's table. Exit 1 where a bar is missed.

@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import Struct, inspect, msgpack, to_builtins
 
-from schemas import geometry, messages, params, requests, vehicle
+from schemas import envelope, geometry, messages, params, requests, vehicle
 
 
 def _declared(module: ModuleType) -> tuple[type[Struct], ...]:
@@ -19,7 +19,12 @@ def _declared(module: ModuleType) -> tuple[type[Struct], ...]:
     )
 
 
-ON_THE_WIRE = (*_declared(geometry), *_declared(messages), *_declared(requests))
+ON_THE_WIRE = (
+    *_declared(geometry),
+    *_declared(messages),
+    *_declared(requests),
+    *_declared(envelope),
+)
 REQUESTS = tuple(type_ for type_ in ON_THE_WIRE if type_.__name__.endswith("Request"))
 IN_THE_FILE = (*_declared(params), *_declared(vehicle))
 EVERY = (*ON_THE_WIRE, *IN_THE_FILE)

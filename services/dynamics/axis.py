@@ -93,7 +93,9 @@ def advance(
     cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
     high = -cap if over > 0.0 else cap
     high = high if high > -most_a else -most_a
-    high = high if high < most_a else most_a
+    # While moving away, a pull back beyond the limit is held, as the stop holds it.
+    most = a0 if v0 < 0.0 and a0 > most_a else most_a
+    high = high if high < most else most
     high = high if high < a0 + j * h else a0 + j * h
     high = high if high > a0 - j * h else a0 - j * h
     jerk = heading * (high - a0) / h

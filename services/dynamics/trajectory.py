@@ -105,21 +105,19 @@ class Axis:
 
         Where a stop can end short of the goal, one that does. Where none can, or where the axis
         moves away from the goal, the present one: with less, the stop would end beyond where it
-        was bound to when the goal was moved, and that could be outside the cage. Never less than
-        what speed and acceleration take up now: what an axis must first give up lengthens its
-        stop. The sum of the squares may thereby pass 1 for a while.
+        was bound to when the goal was moved, and that could be outside the cage. The sum of
+        the squares may thereby pass 1 for a while.
         """
         gap = self.goal - self.p
         if gap == 0.0 or not 0.0 <= self.stop(most, 1.0) / gap <= 1.0 + TIGHT:
             return self.share
-        taken = max(abs(self.v) / most[0], abs(self.a) / most[1])
         low, high = 0.0, 1.0
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            fits = self.stop(most, middle) / gap <= 1.0
+            fits = 0.0 <= self.stop(most, middle) / gap <= 1.0
             low = low if fits else middle
             high = middle if fits else high
-        return max(high, min(taken, 1.0))
+        return high
 
 
 class Trajectory:

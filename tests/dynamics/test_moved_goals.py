@@ -35,8 +35,23 @@ def test_the_setpoint_stays_inside_wherever_the_goal_moves(moves):
     assert worst <= 1e-6
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_setpoint_stays_inside_on_random_missions(seed):
+    rng = random.Random(seed)
+    worst = -1.0
+    for _ in range(60):
+        setpoint = Trajectory(DynamicsParams(), (0.0, 0.0, 1.0))
+        for _ in range(8):
+            setpoint.goto(wall(rng, 5.0), wall(rng, 5.0), rng.choice((0.0, 2.0, rng.uniform(0, 2))))
+            for _ in range(rng.choice((1, rng.randint(1, 300)))):
+                setpoint.advance()
+                worst = max(worst, excursion(setpoint.setpoint[:3]))
+    assert worst <= 1e-6
+
+
 def wall(rng, size):
-    return rng.choice((-1.0, 1.0)) * size if rng.random() < 0.5 else rng.uniform(-size, size)
+    """A coordinate, often on a wall or in the middle."""
+    return rng.choice((-size, 0.0, size)) if rng.random() < 0.6 else rng.uniform(-size, size)
 
 
 @pytest.mark.parametrize("seed", range(3))

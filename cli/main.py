@@ -2,6 +2,7 @@
 
 import os
 import sys
+import traceback
 from typing import Annotated
 
 import typer
@@ -22,7 +23,7 @@ from cli import (
     types,
 )
 from cli.options import Command, Group
-from services.runtime.errors import QuadctlError
+from services.runtime.errors import QuadctlError, UsageError
 
 _CTRL_C = 130
 
@@ -80,6 +81,7 @@ def main() -> None:
     """Run the command line and exit with the code that says how it went."""
     as_json = "--json" in sys.argv[1:]
     try:
+        _check_encoding(sys.argv[1:])
         code = app(standalone_mode=False, prog_name="quadctl") or 0
     except QuadctlError as problem:
         output.error(problem, as_json=as_json)
@@ -91,13 +93,33 @@ def main() -> None:
     except BrokenPipeError:
         # The reader, such as `head`, has what it wanted.
         code = 0
+    except Exception as problem:  # noqa: BLE001 - the last place where it can be told
+        traceback.print_exc()
+        text = f"unexpected: {type(problem).__name__}: {problem}"
+        output.error(
+            QuadctlError(text, "please report this, with the lines above"), as_json=as_json
+        )
+        code = QuadctlError.exit_code
     _leave(code)
+
+
+def _check_encoding(words: list[str]) -> None:
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError as error:
+            shown = word.encode(errors="backslashreplace").decode()
+            raise UsageError(f"{shown} is not UTF-8", "write it in this terminal's own") from error
 
 
 def _usage(problem: typer.TyperException, *, as_json: bool) -> int:
     code: int = getattr(problem, "exit_code", 2)
     message = getattr(problem, "format_message", lambda: str(problem))()
     ctx = getattr(problem, "ctx", None)
+    if message.startswith("Usage:"):
+        # A group without a command: its help is the answer.
+        output.note(message)
+        return code
     hint = f"{ctx.command_path} --help" if ctx is not None else "quadctl --help"
     said = QuadctlError(message, hint)
     said.code = "usage"

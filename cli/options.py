@@ -10,7 +10,7 @@ from msgspec import Struct
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from services.runtime.errors import UsageError
-from services.runtime.realm import default_name
+from services.runtime.realm import default_name, vehicle_name
 
 DEFAULT_TIMEOUT = 3.0
 
@@ -34,7 +34,7 @@ def of(ctx: typer.Context) -> Options:
     return Options(
         realm=said.get("realm") or default_name(),
         connect=said.get("connect", ""),
-        vehicle=said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE") or "uav",
+        vehicle=vehicle_name(said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE") or "uav"),
         json=said.get("json", False),
         timeout=timeout,
     )

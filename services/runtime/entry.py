@@ -19,7 +19,7 @@ from services.runtime.errors import QuadctlError
 from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
 from services.runtime.node import Node
-from services.runtime.realm import Realm, default_name
+from services.runtime.realm import Realm, default_name, vehicle_name
 
 Run = Callable[[Node, Params], None]
 
@@ -56,7 +56,7 @@ def _run(
         address = session.address_of(realm, options.connect)
         with opening(address, params, realm) as opened:
             restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
-            node = Node(name, options.vehicle, opened, restarted=restarted)
+            node = Node(name, vehicle_name(options.vehicle), opened, restarted=restarted)
             stop_on_signals(node.stop)
             _serve_params(node, params, realm)
             run(node, params)

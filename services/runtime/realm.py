@@ -13,6 +13,16 @@ _LONGEST_SOCKET_PATH = 100
 """The kernel's sun_path holds 108 bytes, and Zenoh adds a suffix for its lock."""
 
 
+def vehicle_name(name: str) -> str:
+    """The name, when it can be the first chunk of a key; raises UsageError otherwise."""
+    if not _NAME.fullmatch(name):
+        raise UsageError(
+            f"'{name}' is no name for a vehicle",
+            "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
+        )
+    return name
+
+
 def default_name() -> str:
     """The realm of this shell: `QUADCTL_REALM`, else `default`."""
     return os.environ.get("QUADCTL_REALM") or "default"

@@ -26,7 +26,7 @@ def measure(runs: int, cycles: int) -> Iterator[Figure]:
             "Ctrl-C until nothing is left", "s", 0.5, [interrupt(environment) for _ in range(runs)]
         )
         yield figure(
-            "`kill -9` of `up` until nothing is left", "s", 2.0,
+            "`kill -9` of `up` until no process is left", "s", 2.0,
             [orphan(environment) for _ in range(runs)],
         )  # fmt: skip
         left = [leftovers(environment) for _ in range(cycles)]

@@ -25,7 +25,7 @@ def _toggle(ctx: typer.Context, *, cage_on: bool) -> None:
 
 @app.command(cls=Command)
 def on(ctx: typer.Context) -> None:
-    """Turn the cage on; a goal outside is stopped from being flown to.
+    """Turn the cage on; a flight to a goal outside is stopped.
 
     Example: quadctl cage on
     """

@@ -30,7 +30,7 @@ def goto(
     ] = False,
     arrive: Annotated[
         float | None,
-        typer.Option(help="Seconds to arrive in [default: twice the planned time and 5]."),
+        typer.Option(help="Seconds to arrive in (default: twice the planned time and 5)."),
     ] = None,
 ) -> None:
     """Fly to a point, if safety permits, and wait for the arrival.

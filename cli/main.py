@@ -116,9 +116,9 @@ def _usage(problem: typer.TyperException, *, as_json: bool) -> int:
     code: int = getattr(problem, "exit_code", 2)
     message = getattr(problem, "format_message", lambda: str(problem))()
     ctx = getattr(problem, "ctx", None)
-    if message.startswith("Usage:"):
-        # A group without a command: its help is the answer.
-        output.note(message)
+    if not message or message.startswith("Usage:"):
+        # A group without a command: its help is the answer, and may be printed already.
+        output.note(message) if message else None
         return code
     hint = f"{ctx.command_path} --help" if ctx is not None else "quadctl --help"
     said = QuadctlError(message, hint)

@@ -70,10 +70,10 @@ def _store(ctx: typer.Context, param: Any, value: Any) -> None:
 
 def _common() -> Iterator[TyperOption]:
     texts: dict[str, tuple[Any, str]] = {
-        "--realm": (str, "Name of the isolated run [env: QUADCTL_REALM; default: default]."),
+        "--realm": (str, "Name of the isolated run (env QUADCTL_REALM, default: default)."),
         "--connect": (str, "A hub's Zenoh endpoint, as tls/host:7447, instead of the realm's."),
-        "--vehicle": (str, "First chunk of every key [env: QUADCTL_VEHICLE; default: uav]."),
-        "--timeout": (float, f"Seconds to wait for a reply [default: {DEFAULT_TIMEOUT:g}]."),
+        "--vehicle": (str, "First chunk of every key (env QUADCTL_VEHICLE, default: uav)."),
+        "--timeout": (float, f"Seconds to wait for a reply (default: {DEFAULT_TIMEOUT:g})."),
     }
     for name, (type_, text) in texts.items():
         yield TyperOption(

@@ -9,6 +9,10 @@ import msgspec
 from services.runtime.errors import QuadctlError
 
 
+_WIDEST = 12
+"""Characters of a float that are shown as they are."""
+
+
 def document(value: Any) -> None:
     """Print one JSON document, on one line, at once."""
     sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
@@ -33,16 +37,14 @@ def table(rows: Iterable[Sequence[object]]) -> None:
 def fields(value: Any, indent: str = "") -> None:
     """Print data as `rostopic echo` does: a field a line, nested ones indented."""
     if not isinstance(value, dict):
-        line(f"{indent}{value}")
+        line(f"{indent}{_shown(value, quoted=False)}")
         return
     for name, part in value.items():
         if isinstance(part, dict) and part:
             line(f"{indent}{name}:")
             fields(part, indent + "  ")
         else:
-            line(
-                f"{indent}{name}: {part!r}" if isinstance(part, str) else f"{indent}{name}: {part}"
-            )
+            line(f"{indent}{name}: {_shown(part)}")
 
 
 def note(text: str) -> None:
@@ -59,3 +61,10 @@ def error(problem: QuadctlError, *, as_json: bool) -> None:
     sys.stderr.write(f"error: {problem.message}\n")
     if problem.hint:
         sys.stderr.write(f"  try: {problem.hint}\n")
+
+
+def _shown(value: Any, *, quoted: bool = True) -> str:
+    """Nine digits of a float tell a nanometre from a lab; --json has them all."""
+    if isinstance(value, float):
+        return repr(value) if len(repr(value)) <= _WIDEST else f"{value:.9g}"
+    return repr(value) if isinstance(value, str) and quoted else str(value)

@@ -12,7 +12,7 @@ from cli import options, output
 _DEFAULT_FILE = Path("quad.toml")
 
 File = Annotated[
-    Path | None, typer.Argument(help="Parameter file [default: ./quad.toml if it is there].")
+    Path | None, typer.Argument(help="Parameter file (default: ./quad.toml if it is there).")
 ]
 
 
@@ -49,6 +49,8 @@ def up(
         in_background(launch)
         if chosen.json:
             status(ctx)
+        else:
+            output.line(f"realm {chosen.realm} is up")
         return
     # Lines are the only output of a run in the foreground, so --json changes nothing there.
     number = running.run(launch, sys.stdout, lambda _supervisor, _failed: None)

@@ -1,9 +1,11 @@
 """Checkpoint 2 as a student writes it: a safety node of one's own, in place of ours.
 
-Put it there with two lines in quad.toml:
+Put it there in quad.toml:
 
     [processes]
-    safety = "python my_safety.py"
+    safety = "python examples/my_safety.py"
+
+The path counts from the file's folder. Turning the cage off and holding are left to you.
 """
 
 from math import dist

@@ -94,7 +94,8 @@ class Caller(Generic[Q, R]):
             if not arrived.wait(max(deadline - time.monotonic(), 0)):
                 raise Unreachable(
                     f"nobody served {self._key} within {timeout:g} s",
-                    "its process is down, or this identity may not call it: see `quadctl status`",
+                    "its process is down or does not offer it, or this identity may not call it:"
+                    " `quadctl status`, `quadctl service list`",
                 )
         finally:
             listener.undeclare()

@@ -12,6 +12,7 @@ from services.runtime import graph, roster, wire
 from services.runtime.calls import Caller
 from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.realm import Realm
+from services.runtime.record import is_live, not_running
 from services.runtime.session import address_of, open_client
 
 M = TypeVar("M", bound=Struct)
@@ -61,7 +62,7 @@ class Client:
     ) -> None:
         """`timeout` (s) bounds every reply. Raises Unreachable when no hub is there."""
         self.vehicle, self.timeout = vehicle, timeout
-        self._session = open_client(address_of(Realm(realm), connect), timeout=timeout)
+        self._session = _connect(Realm(realm), connect, timeout)
 
     def __enter__(self) -> Self:
         return self
@@ -125,3 +126,19 @@ class Client:
     def offers(self) -> list[graph.Offer]:
         """The topics and services of the ready nodes."""
         return roster.offers(self._session, self.vehicle)
+
+
+def _connect(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
+    """Connect at once, or fail at once; only a hub that is being restarted is waited for."""
+    address, began = address_of(realm, connect), time.monotonic()
+    try:
+        return open_client(address, timeout=timeout)
+    except Unreachable:
+        if connect:
+            raise
+        if not is_live(realm):
+            raise not_running(realm) from None
+        left = timeout - (time.monotonic() - began)
+        if left <= 0:
+            raise
+        return open_client(address, wait=left, timeout=left)

@@ -102,7 +102,7 @@ def _explain(text: str, source: str) -> Invalid:
         return Invalid(f"{source}: unknown parameter {name}", _nearest(name))
     return Invalid(
         f"{source}: {where or 'the file'}: {what[:1].lower()}{what[1:]}",
-        "`quadctl init` writes a file with every parameter's default and meaning",
+        "`quadctl init fresh.toml` writes every parameter's bounds and meaning",
     )
 
 

@@ -68,4 +68,12 @@ def read(realm: Realm) -> RunRecord:
     except FileNotFoundError:
         # It went down, or has not come up, between the two looks.
         pass
-    raise Unreachable(f"nothing is running in the realm {realm.name}", "start it with `quadctl up`")
+    raise not_running(realm)
+
+
+def not_running(realm: Realm) -> Unreachable:
+    """The error of who asks for a run that is not there."""
+    return Unreachable(
+        f"nothing is running in the realm {realm.name}",
+        f"`quadctl up --realm {realm.name}` starts it",
+    )

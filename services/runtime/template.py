@@ -23,7 +23,7 @@ _TAIL = """
 # Commands to run in place of a node of ours (hub, dynamics, pressure, safety), or besides them.
 # They run in this file's folder and are looked after like our own.
 [processes]
-# safety = "python examples/my_safety.py"
+# safety = "python my_safety.py"
 """
 
 
@@ -52,7 +52,7 @@ def _table(name: str, type_: Any) -> Iterator[str]:
             continue
         default = to_builtins(getattr(type_.cls(), field.encode_name))
         value = _LAB.get(f"{name}.{field.encode_name}", default)
-        facts = [_unit(field.type), f"default {_toml(default)}", bounds_text(inner)]
+        facts = [_unit(field.type), f"default {_toml(default)}", _bounds(inner)]
         yield f"# {about[:1].upper()}{about[1:]}: {', '.join(filter(None, facts))}."
         yield f"{field.encode_name} = {_toml(value)}"
     for path, inner in nested:
@@ -69,6 +69,14 @@ def _about(type_: inspect.Type) -> str:
 def _unit(type_: inspect.Type) -> str:
     described = isinstance(type_, inspect.Metadata) and type_.extra
     return str(described["unit"]) if described else ""
+
+
+def _bounds(type_: inspect.Type) -> str:
+    """The bounds of a value, or those that all members of a table share."""
+    if not isinstance(type_, inspect.StructType):
+        return bounds_text(type_)
+    shared = {bounds_text(_bare(field.type)) for field in type_.fields}
+    return f"each {shared.pop()}" if len(shared) == 1 else ""
 
 
 def _toml(value: Any) -> str:

@@ -73,7 +73,7 @@ class Lab:
     def start(self, *words: object) -> Done:
         """`quadctl up -d`, which must work."""
         done = self.quadctl("up", "-d", *words)
-        assert done == (0, "", "")
+        assert done == (0, f"realm {self.realm} is up\n", "")
         return done
 
     def foreground(self, *words: object) -> Foreground:

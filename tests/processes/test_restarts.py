@@ -91,3 +91,9 @@ def test_a_node_that_always_dies_fails_the_start_with_its_last_words(lab: Lab):
     assert "safety does not stay up" in failed.error["message"]
     assert "no wings" in failed.error["message"]
     assert not lab.home.exists()
+
+
+def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: Lab):
+    eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
+    roomy.signal("hub", signal.SIGKILL)
+    assert roomy.quadctl("topic", "echo", "pose", "-n", "1").code == 0

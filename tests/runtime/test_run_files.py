@@ -71,7 +71,7 @@ def test_a_record_is_read_while_its_run_is_live(realm: Realm):
     assert not record.is_live(realm)
     with pytest.raises(Unreachable, match="nothing is running in the realm lab") as caught:
         record.read(realm)
-    assert caught.value.hint == "start it with `quadctl up`"
+    assert caught.value.hint == "`quadctl up --realm lab` starts it"
 
 
 def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm):

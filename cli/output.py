@@ -8,7 +8,6 @@ import msgspec
 
 from services.runtime.errors import QuadctlError
 
-
 _WIDEST = 12
 """Characters of a float that are shown as they are."""
 

@@ -41,7 +41,7 @@ def goto(
     from schemas.geometry import Position
     from schemas.topics import GOTO
 
-    if arrive is not None and not 0 < arrive < math.inf:
+    if arrive is not None and not 0 < arrive <= options.LONGEST_TIMEOUT:
         raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
     request = _request(x, y, z, replace)
     as_json = options.of(ctx).json

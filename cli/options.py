@@ -1,6 +1,5 @@
 """The options that every command has, declared once and understood at any place in the line."""
 
-import math
 import os
 from collections.abc import Iterator
 from typing import Any
@@ -13,6 +12,7 @@ from services.runtime.errors import UsageError
 from services.runtime.realm import default_name, vehicle_name
 
 DEFAULT_TIMEOUT = 3.0
+LONGEST_TIMEOUT = 86_400
 
 
 class Options(Struct, frozen=True):
@@ -29,8 +29,11 @@ def of(ctx: typer.Context) -> Options:
     """The common options of this invocation; the innermost place where one is given counts."""
     said = _said(ctx)
     timeout = said.get("timeout", DEFAULT_TIMEOUT)
-    if not 0 < timeout < math.inf:
-        raise UsageError(f"--timeout {timeout}: not a time", "give seconds, more than 0")
+    if not 0 < timeout <= LONGEST_TIMEOUT:
+        raise UsageError(
+            f"--timeout {timeout:g}: not a time",
+            f"give seconds, more than 0, up to {LONGEST_TIMEOUT}",
+        )
     return Options(
         realm=said.get("realm") or default_name(),
         connect=said.get("connect", ""),

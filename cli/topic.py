@@ -11,6 +11,9 @@ from services.runtime.errors import Invalid
 
 app = typer.Typer(help="What is published.")
 
+_LONGEST_KEY = 1_000
+"""Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""
+
 
 @app.command("list", cls=Command)
 def list_(ctx: typer.Context) -> None:
@@ -50,8 +53,8 @@ def echo(
     as_json = options.of(ctx).json
     with bus.connect(ctx) as client:
         key = key_of(topic, client.vehicle)
-        if not re.fullmatch(r"[^/#?]+(/[^/#?]+)*", key):
-            raise Invalid(f"'{topic}' is no key", "write it as sensors/pressure or uav/**")
+        if len(key) > _LONGEST_KEY or not re.fullmatch(r"[^/#?]+(/[^/#?]+)*", key):
+            raise Invalid(f"'{topic[:80]}' is no key", "write it as sensors/pressure or uav/**")
         stream = client.listen(key)
         shown = 0
         while count is None or shown < count:

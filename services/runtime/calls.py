@@ -11,7 +11,7 @@ from msgspec import Struct
 from schemas.contract import Service
 from schemas.envelope import Call
 from services.runtime import wire
-from services.runtime.errors import QuadctlError, TimedOut, Unreachable
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
@@ -37,13 +37,17 @@ class Caller(Generic[Q, R]):
         server replied. The request carries an id and the deadline: it is executed once or
         never, and never late.
         """
+        try:
+            payload = wire.encode(request)
+        except (OverflowError, TypeError) as error:
+            raise Invalid(f"the request cannot be sent: {error}") from error
         deadline = time.monotonic() + timeout
         self._wait_for_server(deadline, timeout)
         left = max(deadline - time.monotonic(), 0.001)
         ticket = Call(id=os.urandom(8).hex(), deadline=time.time() + left)
         replies = self._session.get(
             self._key,
-            payload=wire.encode(request),
+            payload=payload,
             encoding=self._encoding,
             attachment=wire.encode(ticket),
             target=zenoh.QueryTarget.BEST_MATCHING,

@@ -1,12 +1,16 @@
 """How a process learns that it shall end."""
 
+import ctypes
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
+_PR_SET_PDEATHSIG = 1
+"""From linux/prctl.h."""
 _LAST_WORDS = 1.0
 """How long (s) an orphan may take to end by itself before it is ended."""
 
@@ -21,6 +25,7 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
     if os.environ.get("QUADCTL_SUPERVISED"):
+        die_with_parent()
         threading.Thread(target=_watch_parent, args=(stop,), daemon=True).start()
 
 
@@ -32,3 +37,12 @@ def _watch_parent(stop: Callable[[], None]) -> None:
     stop()
     time.sleep(_LAST_WORDS)
     os._exit(1)
+
+
+def die_with_parent() -> None:
+    """Ask the kernel, where it is Linux, to kill this process when its parent dies.
+
+    A frozen process hears nothing else, and a stranger's command may not listen.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -6,22 +6,17 @@ command takes this process's place, so its pid is the one that was started.
 """
 
 import os
-import signal
 import sys
 
-_PR_SET_PDEATHSIG = 1
-"""From linux/prctl.h."""
+from services.runtime.ending import die_with_parent
 
 
 def main(supervisor: int, command: list[str]) -> None:
     """Become the command, on the supervisor's leash."""
-    if sys.platform == "linux":
-        import ctypes  # here alone: 8 ms, and only where prctl is
-
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != supervisor:
-            # It died before the kernel was asked.
-            sys.exit(1)
+    die_with_parent()
+    if os.getppid() != supervisor:
+        # It died before the kernel was asked.
+        sys.exit(1)
     try:
         os.execvp(command[0], command)  # noqa: S606 - the file names it, checked at launch
     except OSError as error:

@@ -30,75 +30,105 @@ from services.runtime.params import launch_lines
 from services.safety.cage import bounds
 from services.safety.monitor import Monitor
 
+_NEXT_POSE = 0.5
+"""How long (s) a request waits for poses that have stopped coming."""
 _FIRST_POSE = 1.0
 """How long (s) readiness waits for a first pose, so that who sees us ready can fly."""
 
 
-def run(node: Node, params: Params) -> None:
-    """Step on the poses at 20 Hz; a clock of our own watches that they keep coming."""
-    states, setpoints = node.publisher(STATE), node.publisher(SETPOINT)
-    info = node.publisher(INFO)
+class Safety:
+    """What the process does on each message, call and tick."""
 
-    def tell(state: SafetyState, line: str) -> None:
-        states.put(state)
+    def __init__(self, node: Node, params: Params) -> None:
+        self._node, self._params = node, params
+        self._states, self._setpoints = node.publisher(STATE), node.publisher(SETPOINT)
+        self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
+        self._answered, self._waiting = -1, False
+        self._poses = node.listen(POSE, self._on_pose)
+        node.listen(REQUEST, self._on_waypoint)
+        node.on_params = self.monitor.resize
+        self.publish()
+
+    def serve(self) -> None:
+        """Offer the services."""
+        self._node.serve(GOTO, self._goto)
+        self._node.serve(HOLD, self._hold)
+        self._node.serve(TOGGLE_CAGE, self._toggle_cage)
+
+    def publish(self) -> None:
+        """Publish the state as it is."""
+        self._states.put(self.monitor.state())
+
+    def watch(self) -> None:
+        """Stop the flight where poses have stopped coming; in lock-step the clock does that."""
+        late = self._poses.age > self._params.safety.pose_timeout
+        if late and self._params.dynamics.speed == 1:
+            self.monitor.lose()
+            self._send_setpoint()
+
+    def _tell(self, state: SafetyState, line: str) -> None:
+        self._states.put(state)
         if line:
-            node.log.info(line)
+            self._node.log.info(line)
 
-    monitor = Monitor(params.safety, tell, restarted=node.restarted)
-    answered = -1
+    def _send_setpoint(self) -> None:
+        if self.monitor.situation.boot:
+            self._setpoints.put(self.monitor.setpoint())
 
-    def on_pose(pose: Pose) -> None:
-        nonlocal answered
+    def _wait_for_pose(self) -> None:
+        # A hub or a vehicle that is just being restarted is no reason to refuse a goal. Only
+        # the first of several waits: those that come meanwhile are answered from within.
+        if not self.monitor.fresh and not self._waiting:
+            self._waiting = True
+            self._node.wait_for(lambda: self.monitor.fresh, _NEXT_POSE)
+            self._waiting = False
+
+    def _on_pose(self, pose: Pose) -> None:
         period = SETPOINT.period(pose.stamp)
-        if pose.boot == monitor.situation.boot and period == answered:
+        if pose.boot == self.monitor.situation.boot and period == self._answered:
             return
-        answered = period
-        monitor.see(pose)
-        setpoints.put(monitor.setpoint())
+        self._answered = period
+        self.monitor.see(pose)
+        self._send_setpoint()
 
-    def on_waypoint(waypoint: Waypoint) -> None:
-        monitor.ask(Position(waypoint.x, waypoint.y, waypoint.z))
+    def _on_waypoint(self, waypoint: Waypoint) -> None:
+        self.monitor.ask(Position(waypoint.x, waypoint.y, waypoint.z))
 
-    def goto(request: GotoRequest) -> GotoResponse:
+    def _goto(self, request: GotoRequest) -> GotoResponse:
+        self._wait_for_pose()
         goal = Position(request.x, request.y, request.z)
-        reason = monitor.ask(goal, replace=request.replace)
-        setpoints.put(monitor.setpoint())
+        reason = self.monitor.ask(goal, replace=request.replace)
+        self._send_setpoint()
         return GotoResponse(not reason, reason)
 
-    def hold(_request: HoldRequest) -> HoldResponse:
-        if not monitor.situation.boot:
+    def _hold(self, _request: HoldRequest) -> HoldResponse:
+        if not self.monitor.situation.boot:
             raise NotReady("no pose yet: dynamics is silent")
-        monitor.hold()
-        setpoints.put(monitor.setpoint())
+        self.monitor.hold()
+        self._send_setpoint()
         return HoldResponse(True)
 
-    def toggle_cage(request: ToggleCageRequest) -> ToggleCageResponse:
-        monitor.toggle(cage_on=request.cage_on)
-        if monitor.situation.boot:
-            setpoints.put(monitor.setpoint())
-        return ToggleCageResponse(monitor.situation.cage_on is request.cage_on)
+    def _toggle_cage(self, request: ToggleCageRequest) -> ToggleCageResponse:
+        self.monitor.toggle(cage_on=request.cage_on)
+        self._send_setpoint()
+        return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
-    poses = node.listen(POSE, on_pose)
-    node.listen(REQUEST, on_waypoint)
-    node.serve(GOTO, goto)
-    node.serve(HOLD, hold)
-    node.serve(TOGGLE_CAGE, toggle_cage)
-    node.on_params = monitor.resize
+
+def run(node: Node, params: Params) -> None:
+    """Step on the poses at 20 Hz; a clock of our own watches that they keep coming."""
     _log_launch(node, params)
-    info.put(_info(node.vehicle))
-    states.put(monitor.state())
-    node.wait_for(lambda: monitor.fresh, _FIRST_POSE)
-
+    node.publisher(INFO).put(_info(node.vehicle))
+    safety = Safety(node, params)
+    node.wait_for(lambda: safety.monitor.fresh, _FIRST_POSE)
+    safety.serve()
     last_tick = 0.0
     for count, now in enumerate(node.ticks(SETPOINT.hz)):
         # A loop that was itself held up has not yet seen the poses that wait for it.
         held_up, last_tick = now - last_tick > 2 / SETPOINT.hz, now
-        if poses.age > params.safety.pose_timeout and not held_up and params.dynamics.speed == 1:
-            monitor.lose()
-            if monitor.situation.boot:
-                setpoints.put(monitor.setpoint())
+        if not held_up:
+            safety.watch()
         if count % SETPOINT.hz == 0:
-            states.put(monitor.state())
+            safety.publish()
 
 
 def _log_launch(node: Node, params: Params) -> None:

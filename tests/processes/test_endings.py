@@ -118,3 +118,11 @@ def test_starts_and_stops_leave_nothing_behind(lab: Lab):
 @pytest.mark.timeout(600)
 def test_a_hundred_starts_and_stops_leave_nothing_behind(lab: Lab):
     run_and_end(lab, 100)
+
+
+def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
+    lab.start()
+    pids = lab.pids()
+    lab.signal("safety", signal.SIGSTOP)
+    os.kill(lab.status()["pid"], signal.SIGKILL)
+    eventually(lambda: not any(map(alive, pids)), within=2)

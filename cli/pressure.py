@@ -1,5 +1,6 @@
 """`calibrate`: the barometer."""
 
+import time
 from typing import Annotated
 
 import typer
@@ -24,10 +25,11 @@ def calibrate(
         readings = client.listen(PRESSURE.key(client.vehicle)) if not unset else None
         reply = client.call(CALIBRATE, CalibrateRequest(zero=not unset))
         samples, spread = 0, 0.0
+        deadline = time.monotonic() + client.timeout
         while readings is not None:
             # The topic tells how good the baseline is, from its next message on.
-            message = readings.next(client.timeout)
-            if message is None:
+            message = readings.next(deadline - time.monotonic())
+            if message is None or time.monotonic() > deadline:
                 raise client.silent(PRESSURE.key(client.vehicle))
             reading = wire.decode(Pressure, message.payload, message.encoding)
             if reading.baseline == reply.baseline:

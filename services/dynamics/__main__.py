@@ -14,6 +14,8 @@ from services.runtime.node import Node
 from services.runtime.params import launch_lines
 
 _STEPS_PER_SECOND = 1000
+_ASK_AGAIN = 0.25
+"""In lock-step, a pose that is not answered is published again after this (s)."""
 _SILENCE = 5.0
 """In lock-step, a safety silent for longer (s) is complained of."""
 
@@ -25,13 +27,13 @@ class Simulation:
         self._node, self._params = node, params.dynamics
         self.boot()
         self.poses = node.publisher(POSE, lambda: params.dynamics.rate)
-        self.setpoints = node.listen(SETPOINT, self._follow)
+        self._setpoints = node.listen(SETPOINT, self._follow)
 
     def boot(self) -> None:
         """Stand at the start, as a new boot that no old setpoint moves."""
         self._vehicle = Vehicle(self._params)
         self._boot, self._seq = os.urandom(4).hex(), 0
-        self._answered, self._braked = -1, True
+        self._answered, self._braked, self.heard = -1, True, 0.0
         self._node.log.info("boot %s", self._boot)
 
     def configure(self) -> None:
@@ -74,20 +76,22 @@ class Simulation:
         stamp = self._vehicle.steps / _STEPS_PER_SECOND
         if SETPOINT.period(stamp) == SETPOINT.period(stamp - period):
             return
-        said = False
-        while not self._node.wait_for(lambda: self._answered >= self._seq, _SILENCE):
+        silence = 0.0
+        while not self._node.wait_for(lambda: self._answered >= self._seq, _ASK_AGAIN):
             if self._node.stopping:
                 return
-            if not said:
-                said = True
+            silence += _ASK_AGAIN
+            if _SILENCE <= silence < _SILENCE + _ASK_AGAIN:
                 self._node.log.warning("no setpoint for %g s: the clock stands still", _SILENCE)
-        if said:
+            # The pose or its answer was lost with a hub or a safety that has been restarted.
+            self.publish()
+        if silence >= _SILENCE:
             self._node.log.warning("setpoints again: the clock goes on")
 
     def _follow(self, setpoint: Setpoint) -> None:
         if setpoint.boot != self._boot:
             return
-        self._answered = setpoint.for_seq
+        self._answered, self.heard = setpoint.for_seq, self._setpoints.received
         self._braked = setpoint.brake
         if setpoint.brake:
             self._vehicle.brake()
@@ -108,14 +112,14 @@ def run(node: Node, params: Params) -> None:
 
     node.serve(RESET, reset)
     node.on_params = simulation.configure
-    dynamics, setpoints = params.dynamics, simulation.setpoints
+    dynamics = params.dynamics
     last_tick = 0.0
     for now in node.ticks(lambda: dynamics.rate * (dynamics.speed or math.inf)):
         simulation.advance()
         if dynamics.speed != 1:
             simulation.wait_for_safety()
         # A loop that was itself held up has not yet heard the setpoints that wait for it.
-        elif setpoints.age > dynamics.setpoint_timeout > now - last_tick:
+        elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick:
             simulation.brake()
         last_tick = now
 

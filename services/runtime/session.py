@@ -18,8 +18,9 @@ from services.runtime.realm import Realm, write_atomically
 
 os.environ.setdefault(
     "ZENOH_RUNTIME",
-    # Three threads a process instead of seven, and a third off the time of a call.
-    "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
+    # Few threads a process, and a third off the time of a call. Not for receiving: handed over
+    # as well, one query of a megabyte brought the hub to a standstill.
+    "(rx: (worker_threads: 2), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 2))",
 )
 

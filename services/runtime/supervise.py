@@ -19,6 +19,7 @@ from services.runtime.session import Address
 
 _PING_EVERY = 0.5
 _LOOK_EVERY = 0.05
+_MOST_AT_ONCE = 1_000
 _GRACE = 0.3
 """Seconds that a process may take to end when asked, before it is killed."""
 
@@ -74,7 +75,8 @@ class Supervisor:
     def _serve_inbox(self, timeout: float) -> None:
         try:
             self._inbox.get(timeout=timeout)()
-            while True:
+            # No more than waits now: a chatty process must not keep the others unwatched.
+            for _ in range(min(self._inbox.qsize(), _MOST_AT_ONCE)):
                 self._inbox.get_nowait()()
         except Empty:
             pass

@@ -1,5 +1,7 @@
 """Safety's process: verifies every goal, and alone tells the vehicle where to go."""
 
+import time
+
 from schemas.geometry import Position
 from schemas.messages import CageSize, Info, Pose, SafetyState, Waypoint
 from schemas.params import Params
@@ -43,7 +45,7 @@ class Safety:
         self._node, self._params = node, params
         self._states, self._setpoints = node.publisher(STATE), node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
-        self._answered, self._waiting = -1, False
+        self._answered, self._waiting, self._seen = -1, False, 0.0
         self._poses = node.listen(POSE, self._on_pose)
         node.listen(REQUEST, self._on_waypoint)
         node.on_params = self.monitor.resize
@@ -61,7 +63,7 @@ class Safety:
 
     def watch(self) -> None:
         """Stop the flight where poses have stopped coming; in lock-step the clock does that."""
-        late = self._poses.age > self._params.safety.pose_timeout
+        late = time.monotonic() - self._seen > self._params.safety.pose_timeout
         if late and self._params.dynamics.speed == 1:
             self.monitor.lose()
             self._send_setpoint()
@@ -84,8 +86,15 @@ class Safety:
             self._waiting = False
 
     def _on_pose(self, pose: Pose) -> None:
+        known, last = pose.boot == self.monitor.situation.boot, self.monitor.pose
+        if known and pose.stamp < last.stamp:
+            return
+        self._seen = self._poses.received
         period = SETPOINT.period(pose.stamp)
-        if pose.boot == self.monitor.situation.boot and period == self._answered:
+        if known and period == self._answered:
+            if pose.seq == last.seq:
+                # Asked again: the answer was lost on its way.
+                self._send_setpoint()
             return
         self._answered = period
         self.monitor.see(pose)

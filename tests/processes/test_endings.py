@@ -126,3 +126,4 @@ def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
     lab.signal("safety", signal.SIGSTOP)
     os.kill(lab.status()["pid"], signal.SIGKILL)
     eventually(lambda: not any(map(alive, pids)), within=2)
+    shutil.rmtree(lab.home)

@@ -10,6 +10,14 @@ Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 
+def period(stamp: float, hz: float) -> int:
+    """Which period of a rate a time (s) falls in.
+
+    The slack takes up the rounding of stamps that meet a boundary.
+    """
+    return math.floor(stamp * hz + 1e-6)
+
+
 class Topic(Generic[M]):
     """A key that one process publishes on and any process may listen to.
 
@@ -28,11 +36,8 @@ class Topic(Generic[M]):
         return f"{vehicle}/{self.name}"
 
     def period(self, stamp: float) -> int:
-        """Which period of the declared rate a simulated time (s) falls in.
-
-        The slack of a microsecond takes up the rounding of stamps that meet a boundary.
-        """
-        return math.floor(stamp * self.hz + 1e-6)
+        """Which period of the declared rate a simulated time (s) falls in."""
+        return period(stamp, self.hz)
 
 
 class Service(Generic[Q, R]):

@@ -1,8 +1,8 @@
 """The barometer's process: `sensors/pressure` and `calibrate_pressure`."""
 
-import math
 import random
 
+from schemas.contract import period
 from schemas.messages import Pose
 from schemas.params import Params
 from schemas.requests import CalibrateRequest, CalibrateResponse
@@ -40,13 +40,13 @@ def run(node: Node, params: Params) -> None:
         height, uniform = pose.position.z, noise.uniform(-1, 1)
         readings.put(barometer.sample(now, pose.stamp, height, uniform))
 
-    real_time, period = params.dynamics.speed == 1, -1
+    real_time, last = params.dynamics.speed == 1, -1
 
     def on_pose(pose: Pose) -> None:
-        nonlocal period
-        now = math.floor(pose.stamp * params.pressure.rate + 1e-6)
-        if not real_time and now != period:
-            period = now
+        nonlocal last
+        now = period(pose.stamp, params.pressure.rate)
+        if not real_time and now != last:
+            last = now
             read(pose.stamp, pose)
 
     poses = node.listen(POSE, on_pose)

@@ -86,13 +86,12 @@ class Safety:
             self._waiting = False
 
     def _on_pose(self, pose: Pose) -> None:
-        known, last = pose.boot == self.monitor.situation.boot, self.monitor.pose
-        if known and pose.stamp < last.stamp:
+        if self.monitor.ignores(pose):
             return
         self._seen = self._poses.received
         period = SETPOINT.period(pose.stamp)
-        if known and period == self._answered:
-            if pose.seq == last.seq:
+        if pose.boot == self.monitor.situation.boot and period == self._answered:
+            if pose.seq == self.monitor.pose.seq:
                 # Asked again: the answer was lost on its way.
                 self._send_setpoint()
             return

@@ -54,13 +54,17 @@ class Monitor:
 
     def see(self, pose: Pose) -> None:
         """Take a new pose; one of another boot voids the goal and takes off anew."""
-        late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
-        if late or pose.boot in self._void:
+        if self.ignores(pose):
             return
         self.pose, self.fresh = pose, True
         if pose.boot != self.situation.boot:
             self._boot()
         self._feed(Seen())
+
+    def ignores(self, pose: Pose) -> bool:
+        """Whether a pose is of the past: older than the last one, or of a boot that is over."""
+        late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
+        return late or pose.boot in self._void
 
     def lose(self) -> None:
         """Poses are older than allowed."""

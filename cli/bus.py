@@ -1,20 +1,9 @@
 """A command's connection, made from its common options."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from cli import options
-
-if TYPE_CHECKING:
-    import typer
-
-    from services.runtime.client import Client
+from cli.options import Options
+from services.runtime.client import Client
 
 
-def connect(ctx: typer.Context) -> Client:
+def connect(options: Options) -> Client:
     """Connect to the hub that the options name; raises Unreachable when there is none."""
-    from services.runtime.client import Client
-
-    chosen = options.of(ctx)
-    return Client(chosen.realm, chosen.vehicle, connect=chosen.connect, timeout=chosen.timeout)
+    return Client(options.realm, options.vehicle, connect=options.connect, timeout=options.timeout)

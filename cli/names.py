@@ -1,15 +1,16 @@
 """From what a user types to what there is: topics, services and types by any of their names."""
 
-from __future__ import annotations
+import re
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+from schemas.contract import Service, Topic
 from schemas.topics import SERVICES, TOPICS, get_params, set_params
 from services.runtime.errors import Invalid
 from services.runtime.params import nearest
 
-if TYPE_CHECKING:
-    from schemas.contract import Service, Topic
+_LONGEST_KEY = 1_000
+"""Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""
+_CHUNK = r"(\*\*|\*|\$\*|(?:[^/#?*$]|\$\*)+)"
 
 
 def key_of(name: str, vehicle: str) -> str:
@@ -19,10 +20,35 @@ def key_of(name: str, vehicle: str) -> str:
     return f"{vehicle}/{bare}" if bare in declared else bare
 
 
+def checked_key(name: str, vehicle: str) -> str:
+    """The full key or key expression of a name; raises Invalid for what Zenoh would not take."""
+    key = key_of(name, vehicle)
+    if len(key) > _LONGEST_KEY or not re.fullmatch(rf"{_CHUNK}(/{_CHUNK})*", key):
+        raise Invalid(f"'{name[:80]}' is no key", "write it as sensors/pressure or uav/**")
+    return key
+
+
 def topic_of(key: str) -> Topic[Any] | None:
     """The declared topic that a full key belongs to, whatever the vehicle."""
     _, _, name = key.partition("/")
     return next((topic for topic in TOPICS if topic.name == name), None)
+
+
+def types() -> dict[str, str]:
+    """Every name that a type may be asked for by, to its own."""
+    own = [topic.type.__name__ for topic in TOPICS]
+    own += [service.type_name for service in (*SERVICES, get_params("NODE"), set_params("NODE"))]
+    known = {name: name for name in own} | {name.lower(): name for name in own}
+    known |= {service.name: service.type_name for service in SERVICES}
+    return known | {topic.name: topic.type.__name__ for topic in TOPICS}
+
+
+def fields_of(name: str, vehicle: str) -> tuple[str, ...]:
+    """The fields of a service's request or a topic's message; raises Invalid for neither."""
+    topic = topic_of(key_of(name, vehicle))
+    type_ = topic.type if topic else find_service(name, vehicle).request
+    fields: tuple[str, ...] = type_.__struct_fields__
+    return fields
 
 
 def find_service(name: str, vehicle: str) -> Service[Any, Any]:

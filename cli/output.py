@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from cli.options import Options
 from services.runtime.errors import QuadctlError
 
 _WIDEST = 12
@@ -22,6 +23,11 @@ def line(text: str) -> None:
     """Print one line of text, at once."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
+
+
+def either(options: Options, value: Any, text: str) -> None:
+    """Print a document where --json asks for one, a line of text otherwise."""
+    document(value) if options.json else line(text)
 
 
 def table(rows: Iterable[Sequence[object]]) -> None:

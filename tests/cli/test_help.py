@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from cli import main
+from cli import typed
 from tests.cli.quadctl import Quadctl
 
 MAIN_VERBS = {
@@ -26,7 +26,7 @@ def commands(command: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield here, inner
 
 
-COMMANDS = dict(commands(typer.main.get_command(main.app)))
+COMMANDS = dict(commands(typer.main.get_command(typed.build())))
 GROUPS = sorted({path.split()[0] for path in COMMANDS if " " in path})
 COMMON = ("--realm", "--connect", "--vehicle", "--timeout", "--json")
 

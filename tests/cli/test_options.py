@@ -1,10 +1,11 @@
 """The common options, before or after the verb, and lines that cannot be understood."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
-from cli import options
+from cli import main, options
 from cli.options import Options
 from tests.cli.quadctl import Quadctl
 
@@ -29,13 +30,13 @@ def test_an_option_may_stand_anywhere(quadctl: Quadctl, place: str):
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
     """The options that commands were run with."""
     found: list[Options] = []
-    of = options.of
+    made = options.options_of
 
-    def telling(ctx: Any) -> Options:
-        found.append(of(ctx))
+    def telling(said: Mapping[str, Any]) -> Options:
+        found.append(made(said))
         return found[-1]
 
-    monkeypatch.setattr(options, "of", telling)
+    monkeypatch.setattr(main, "options_of", telling)
     return found
 
 

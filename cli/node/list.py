@@ -1,34 +1,27 @@
 """`node list`."""
 
-import typer
+import msgspec
 
-from cli import bus, options, output
-from cli.options import Command
+from cli import bus, output
+from cli.options import Options
+from services.runtime import record
+from services.runtime.errors import Unreachable
+from services.runtime.realm import Realm
 
-app = typer.Typer(help="The processes on the bus.")
 
-
-@app.command("list", cls=Command)
-def list_(ctx: typer.Context) -> None:
+def list_(options: Options) -> None:
     """List the nodes: those that `up` looks after, and any other that has announced itself.
 
     Example: quadctl node list
     """
-    import msgspec
-
-    from services.runtime import record
-    from services.runtime.errors import Unreachable
-    from services.runtime.realm import Realm
-
-    chosen = options.of(ctx)
     try:
-        nodes = msgspec.to_builtins(record.read(Realm(chosen.realm)).nodes)
+        nodes = msgspec.to_builtins(record.read(Realm(options.realm)).nodes)
     except Unreachable:
-        if not chosen.connect:
+        if not options.connect:
             raise
         nodes = []
     try:
-        with bus.connect(ctx) as client:
+        with bus.connect(options) as client:
             live, offers = client.nodes(), client.offers()
     except Unreachable:
         # The supervisor still knows what runs while its hub is being restarted.
@@ -40,7 +33,7 @@ def list_(ctx: typer.Context) -> None:
         for kind, title in (("@pub", "topics"), ("@srv", "services")):
             mine = (offer for offer in offers if offer.node == node["name"] and offer.kind == kind)
             node[title] = [offer.key for offer in mine]
-    if chosen.json:
+    if options.json:
         output.document(nodes)
         return
     rows = [

@@ -1,51 +1,42 @@
 """`goto`: asks safety for a goal and watches the flight there."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-import typer
+import msgspec
 
-from cli import bus, options, output
-from cli.progress import Progress
+from cli import bus, output
+from cli.declare import Arg, Opt
+from cli.lab.flying import Flight, distance, patience
+from cli.lab.progress import Progress
+from cli.options import LONGEST_TIMEOUT, Options
+from schemas.geometry import Position
+from schemas.requests import GotoRequest
+from schemas.topics import GOTO, POSE
+from services.runtime.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Refused
-
-if TYPE_CHECKING:
-    from cli.flying import Flight
-    from schemas.requests import GotoRequest
-    from services.runtime.client import Client
 
 
 def goto(
-    ctx: typer.Context,
-    x: Annotated[float, typer.Argument(help="East, m.")],
-    y: Annotated[float, typer.Argument(help="North, m.")],
-    z: Annotated[float, typer.Argument(help="Up, m.")],
-    no_wait: Annotated[
-        bool, typer.Option("--no-wait", help="Return with safety's verdict.")
-    ] = False,
-    replace: Annotated[
-        bool, typer.Option("--replace", help="Change course while flying to another goal.")
-    ] = False,
+    options: Options,
+    x: Annotated[float, Arg("East, m.")],
+    y: Annotated[float, Arg("North, m.")],
+    z: Annotated[float, Arg("Up, m.")],
+    no_wait: Annotated[bool, Opt("Return with safety's verdict.")] = False,
+    replace: Annotated[bool, Opt("Change course while flying to another goal.")] = False,
     arrive: Annotated[
-        float | None,
-        typer.Option(help="Seconds to arrive in (default: twice the planned time and 5)."),
+        float | None, Opt("Seconds to arrive in (default: twice the planned time and 5).")
     ] = None,
 ) -> None:
     """Fly to a point, if safety permits, and wait for the arrival.
 
     Example: quadctl goto 1 -2 1.5
     """
-    from cli.flying import Flight
-    from schemas.geometry import Position
-    from schemas.topics import GOTO
-
-    if arrive is not None and not 0 < arrive <= options.LONGEST_TIMEOUT:
+    if arrive is not None and not 0 < arrive <= LONGEST_TIMEOUT:
         raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
     request = _request(x, y, z, replace)
-    as_json = options.of(ctx).json
-    with bus.connect(ctx) as client:
+    as_json = options.json
+    with bus.connect(options) as client:
         flight = Flight(client, Position(request.x, request.y, request.z))
         reply = client.call(GOTO, request)
         if not as_json:
@@ -67,9 +58,6 @@ def _watch(
     client: Client, flight: Flight, arrive: float | None, *, quiet: bool
 ) -> QuadctlError | None:
     """Show the flight until it ends; returns what kept it from its goal."""
-    from cli.flying import distance, patience
-    from schemas.topics import POSE
-
     try:
         start = client.first(POSE).position
         whole = max(distance(start, flight.goal), 1e-6)
@@ -98,10 +86,6 @@ def _report(flight: Flight, accepted: bool, reason: str) -> dict[str, Any]:
 
 
 def _request(x: float, y: float, z: float, replace: bool) -> GotoRequest:
-    import msgspec
-
-    from schemas.requests import GotoRequest
-
     try:
         return msgspec.convert({"x": x, "y": y, "z": z, "replace": replace}, GotoRequest)
     except msgspec.ValidationError as error:

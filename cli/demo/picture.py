@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cli.checkpoints import Lab
+from cli.demo.checkpoints import Lab
 from schemas.geometry import Position
 from schemas.messages import Pose, Pressure
 from services.runtime import wire

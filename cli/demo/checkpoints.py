@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from cli.flying import Flight, distance, patience
+from cli.lab.flying import Flight, distance, patience
 from schemas.geometry import Position
 from schemas.messages import Pose, Pressure
 from schemas.params import Params

@@ -1,66 +1,61 @@
 """`demo`: the whole lab from start to stop on a realm of its own, checkpoint by checkpoint."""
 
-from __future__ import annotations
-
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-import typer
-
-from cli import options, output
-
-if TYPE_CHECKING:
-    from services.runtime.client import Stream
+from cli import output
+from cli.declare import Opt
+from cli.demo.checkpoints import CHECKPOINTS, Lab
+from cli.options import Options
+from schemas.topics import POSE, PRESSURE
+from services.runtime.client import Client, Stream
+from services.runtime.detach import detach
+from services.runtime.launch import Launch
+from services.runtime.realm import Realm
+from services.runtime.record import stop
+from services.runtime.template import lab_params
 
 _FAULT_FOUND = 8
 
 
 def demo(
-    ctx: typer.Context,
-    picture: Annotated[
-        Path, typer.Option(help="Where to write the picture of the flight, PNG or SVG.")
-    ] = Path("demo.png"),
+    options: Options,
+    picture: Annotated[Path, Opt("Where to write the picture of the flight, PNG or SVG.")] = Path(
+        "demo.png"
+    ),
 ) -> None:
     """Fly the lab's four checkpoints, show the evidence, and draw the flight.
 
     Example: quadctl demo --picture flight.svg
     """
-    from cli.checkpoints import CHECKPOINTS, Lab
-    from cli.picture import draw
-    from schemas.topics import POSE, PRESSURE
-    from services.runtime.client import Client
-    from services.runtime.detach import detach
-    from services.runtime.launch import Launch
-    from services.runtime.realm import Realm
-    from services.runtime.record import stop
-    from services.runtime.template import lab_params
+    from cli.demo.picture import draw
 
-    chosen = options.of(ctx)
     realm = Realm(f"demo-{os.getpid()}")
     params = lab_params()
-    launch = Launch(realm.name, chosen.vehicle, params, [], str(Path.cwd()))
+    launch = Launch(realm.name, options.vehicle, params, [], str(Path.cwd()))
     detach(launch)
     try:
-        with Client(realm.name, chosen.vehicle, timeout=chosen.timeout) as client:
+        with Client(realm.name, options.vehicle, timeout=options.timeout) as client:
             flown = client.listen(POSE.key(client.vehicle), PRESSURE.key(client.vehicle))
             lab = Lab(client, params, realm.logs / "safety.log")
             report = [
-                _fly(number, title, list(checkpoint(lab)), quiet=chosen.json)
+                _fly(number, title, list(checkpoint(lab)), quiet=options.json)
                 for number, (title, checkpoint) in enumerate(CHECKPOINTS, start=1)
             ]
             draw(picture, lab, list(_drain(flown)))
     finally:
         stop(realm)
     holds = all(checkpoint["holds"] for checkpoint in report)
-    if chosen.json:
+    if options.json:
         output.document({"ok": holds, "checkpoints": report, "picture": str(picture)})
     else:
         output.line(f"picture of the flight: {picture}")
         output.line("all checkpoints hold" if holds else "some checkpoints do not hold")
     if not holds:
-        raise typer.Exit(_FAULT_FOUND)
+        sys.exit(_FAULT_FOUND)
 
 
 def _fly(number: int, title: str, evidence: list[Any], *, quiet: bool) -> dict[str, Any]:

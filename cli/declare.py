@@ -1,0 +1,87 @@
+"""How a command declares its words: once, for the quick parser and for Typer alike.
+
+    def goto(options: Options, x: Annotated[float, Arg("East, m.")],
+             replace: Annotated[bool, Opt("Change course.")] = False) -> None:
+
+The docstring is the help, its `Example:` line included.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+Names = Literal["", "topic", "service", "node", "param", "setting", "type", "field"]
+"""What a shell completes a word with; `field` is one of the service or topic named before."""
+
+
+class Arg(NamedTuple):
+    """A word by its place; of a `list[str]`, all that are left."""
+
+    about: str
+    metavar: str = ""
+    complete: Names = ""
+
+
+class Opt(NamedTuple):
+    """A word by its name, which is the parameter's own where none is given."""
+
+    about: str
+    names: tuple[str, ...] = ()
+    metavar: str = ""
+    min: int | None = None
+    complete: Names = ""
+
+
+class Word(NamedTuple):
+    """A declared word, as either parser wants it."""
+
+    name: str
+    type: type
+    many: bool
+    default: Any
+    required: bool
+    said: Arg | Opt
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """How it is written on the line, where it goes by a name."""
+        own = f"--{self.name.replace('_', '-')}"
+        return (isinstance(self.said, Opt) and self.said.names) or (own,)
+
+
+class Line(NamedTuple):
+    """A command line understood: what to run, the common options, and the command's own words."""
+
+    command: Callable[..., None]
+    common: dict[str, Any]
+    values: dict[str, Any]
+
+
+def words_of(command: Callable[..., None]) -> list[Word]:
+    """The words that a command declares, in their order."""
+    annotations = {
+        name: annotation
+        for name, annotation in command.__annotations__.items()
+        if name not in {"options", "return"}
+    }
+    defaults = dict(zip(reversed(annotations), reversed(command.__defaults__ or ()), strict=False))
+    return [
+        _word(name, annotation, name not in defaults, defaults.get(name))
+        for name, annotation in annotations.items()
+    ]
+
+
+def takes_signed(words: list[Word]) -> bool:
+    """Whether `-1` can be a word by its place, and so no option."""
+    return any(isinstance(w.said, Arg) and (w.type is float or w.many) for w in words)
+
+
+def _word(name: str, annotation: Any, required: bool, default: Any) -> Word:
+    type_, said = annotation.__origin__, annotation.__metadata__[0]
+    # Of `float | None` the float.
+    type_ = next(iter(getattr(type_, "__args__", ())), type_) if not _is_list(type_) else type_
+    many = _is_list(type_)
+    return Word(name, type_.__args__[0] if many else type_, many, default, required, said)
+
+
+def _is_list(type_: Any) -> bool:
+    return getattr(type_, "__origin__", None) is list

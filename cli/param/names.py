@@ -1,0 +1,21 @@
+"""Which live node a parameter belongs to."""
+
+from services.runtime.client import Client
+from services.runtime.errors import Invalid
+from services.runtime.params import nearest, normal_name
+from services.runtime.processes import NODES
+
+
+def nodes_with_params(client: Client) -> list[str]:
+    """The live nodes that have parameters."""
+    return sorted({offer.node for offer in client.offers() if offer.type == "GetParams"})
+
+
+def node_of(client: Client, name: str) -> str:
+    """The live node that a parameter belongs to; raises Invalid with the nearest name."""
+    node = normal_name(name).partition(".")[0]
+    live = nodes_with_params(client)
+    if node in live or node in NODES or not live:
+        return node
+    hint = nearest(node, live) or f"the nodes with parameters are {', '.join(live)}"
+    raise Invalid(f"there is no parameter {name}: no node {node} is up", hint)

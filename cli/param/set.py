@@ -1,0 +1,46 @@
+"""`param set`: changes the parameters of a running node."""
+
+from typing import Annotated
+
+from cli import bus, output
+from cli.declare import Arg
+from cli.options import Options
+from cli.param.names import node_of
+from schemas.requests import SetParamsRequest
+from schemas.topics import set_params
+from services.runtime.errors import Invalid, UsageError
+from services.runtime.params import normal_name, value_of
+
+
+def set_(
+    options: Options,
+    words: Annotated[
+        list[str], Arg("A name and its value.", "NAME VALUE | NAME=VALUE...", complete="param")
+    ],
+) -> None:
+    """Change parameters of one running node at once: all of them or none.
+
+    Example: quadctl param set safety.virtual_cage.x 3
+    """
+    if len(words) == 2 and "=" not in words[0]:
+        words = [f"{words[0]}={words[1]}"]
+    if not all("=" in word for word in words):
+        raise UsageError("param set takes NAME VALUE or NAME=VALUE...")
+    pairs = (word.partition("=") for word in words)
+    values = {normal_name(name): value_of(text) for name, _, text in pairs}
+    nodes = {name.partition(".")[0] for name in values}
+    if len(nodes) > 1:
+        raise UsageError(
+            f"these belong to different nodes: {', '.join(sorted(nodes))}",
+            "set one node's parameters at a time, so that all are taken or none",
+        )
+    with bus.connect(options) as client:
+        node = node_of(client, next(iter(values)))
+        reply = client.call(set_params(node), SetParamsRequest(values))
+    if not reply.success:
+        raise Invalid(reply.reason, "nothing was changed")
+    if options.json:
+        output.document(values)
+    else:
+        for name, value in values.items():
+            output.line(f"{name}: {value}")

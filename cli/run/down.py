@@ -1,0 +1,16 @@
+"""`down`: ends the run of a realm."""
+
+from cli import output
+from cli.options import Options
+from services.runtime import record
+from services.runtime.realm import Realm
+
+
+def down(options: Options) -> None:
+    """Stop the run of a realm and all of its processes.
+
+    Example: quadctl down
+    """
+    run = record.stop(Realm(options.realm))
+    said = {"realm": options.realm, "pid": run.pid}
+    output.either(options, said, f"realm {options.realm} is down")

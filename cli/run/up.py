@@ -1,0 +1,53 @@
+"""`up`: starts the system."""
+
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cli import output
+from cli.declare import Arg, Opt
+from cli.options import Options
+from cli.run.status import status
+from services.runtime import up as running
+from services.runtime.detach import detach as in_background
+from services.runtime.launch import Launch
+from services.runtime.params import load
+
+_DEFAULT_FILE = Path("quad.toml")
+
+
+def up(
+    options: Options,
+    file: Annotated[
+        Path | None, Arg("Parameter file (default: ./quad.toml if it is there).")
+    ] = None,
+    detach: Annotated[
+        bool, Opt("Return when all processes are ready.", ("--detach", "-d"))
+    ] = False,
+    without: Annotated[list[str] | None, Opt("Leave a process out.", metavar="NODE")] = None,
+    settings: Annotated[
+        list[str] | None,
+        Opt("Override a parameter of the file.", ("--set",), "NAME=VALUE", complete="setting"),
+    ] = None,
+) -> None:
+    """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
+
+    Example: quadctl up -d --set safety.virtual_cage.x=3
+    """
+    source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
+    params = load(source, settings or ())
+    folder = source.resolve().parent if source else Path.cwd()
+    launch = Launch(options.realm, options.vehicle, params, without or [], str(folder))
+    launch.processes()
+    if detach:
+        in_background(launch)
+        if options.json:
+            status(options)
+        else:
+            output.line(f"realm {options.realm} is up")
+        return
+    # Lines are the only output of a run in the foreground, so --json changes nothing there.
+    number = running.run(launch, sys.stdout, lambda _supervisor, _failed: None)
+    if number == signal.SIGINT:
+        sys.exit(128 + number)

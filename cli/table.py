@@ -1,0 +1,63 @@
+"""Every command and where it is written: a new one is a function, and a line here."""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+Command = Callable[..., None]
+
+COMMANDS = {
+    "up": "cli.run.up:up",
+    "down": "cli.run.down:down",
+    "status": "cli.run.status:status",
+    "ps": "cli.run.status:status",
+    "init": "cli.run.init:init",
+    "demo": "cli.demo.demo:demo",
+    "goto": "cli.lab.goto:goto",
+    "hold": "cli.lab.control:hold",
+    "reset": "cli.lab.control:reset",
+    "state": "cli.lab.state:state",
+    "calibrate": "cli.lab.calibrate:calibrate",
+    "cage on": "cli.lab.cage:on",
+    "cage off": "cli.lab.cage:off",
+    "cage show": "cli.lab.cage:show",
+    "topic list": "cli.topic.list:list_",
+    "topic echo": "cli.topic.echo:echo",
+    "service list": "cli.service.list:list_",
+    "service info": "cli.service.info:info",
+    "service call": "cli.service.call:call",
+    "param list": "cli.param.get:list_",
+    "param get": "cli.param.get:get",
+    "param set": "cli.param.set:set_",
+    "node list": "cli.node.list:list_",
+    "type list": "cli.type.show:list_",
+    "type show": "cli.type.show:show",
+}
+
+GROUPS = {
+    "cage": "The virtual cage.",
+    "topic": "What is published.",
+    "service": "What can be called.",
+    "param": "Parameters of the running system.",
+    "node": "The processes on the bus.",
+    "type": "Messages and services, field by field.",
+}
+
+ALIASES = {"ps"}
+"""Commands that help does not list."""
+
+
+def command(path: str) -> Command:
+    """The function of a command; loads the module that it stands in, and no other's."""
+    module, _, name = COMMANDS[path].partition(":")
+    found: Any = getattr(import_module(module), name)
+    return found  # type: ignore[no-any-return]
+
+
+def split(words: list[str]) -> tuple[str, list[str]]:
+    """The command that a line begins with, empty where there is none, and the words after it."""
+    for count in (1, 2):
+        path = " ".join(words[:count])
+        if path in COMMANDS and len(words) >= count:
+            return path, words[count:]
+    return "", words

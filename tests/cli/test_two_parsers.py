@@ -1,0 +1,65 @@
+"""The quick parser and Typer read the same declarations, so they read a line alike."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli import quick, typed
+from cli.declare import Line, Opt, words_of
+from cli.options import COMMON
+from cli.table import COMMANDS, command
+from services.runtime.errors import UsageError
+
+OWN = sorted(
+    {
+        name
+        for path in COMMANDS
+        for word in words_of(command(path))
+        if isinstance(word.said, Opt)
+        for name in word.names
+    }
+)
+VALUES = ["1", "-2", "0", "1.5", "nan", "-inf", "pose", "a=1", "a=-1", "{}", "", "x y", "--", "-"]
+WORDS = [*OWN, *(f"--{name}" for name in COMMON), *(f"{name}=3" for name in OWN), "--help", "-x"]
+
+
+def by_typer(words: list[str]) -> Line | None:
+    try:
+        return typed.read(words)
+    except (UsageError, SystemExit):
+        return None
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.sampled_from(sorted(COMMANDS)).map(str.split),
+    st.lists(st.sampled_from(VALUES + WORDS), max_size=6),
+    st.lists(st.sampled_from(["--json", "--realm=r", "--timeout", "2"]), max_size=2),
+)
+def test_what_the_quick_parser_takes_typer_takes_alike(path, words, before):
+    line = [*before, *path, *words]
+    found = quick.read(line)
+    if found is not None:
+        other = by_typer(line)
+        assert other is not None
+        assert (found.command, found.common) == (other.command, other.common)
+        # repr, because a nan is no other nan's equal.
+        assert repr(sorted(found.values.items())) == repr(sorted(other.values.items()))
+
+
+PLAIN = [
+    "up -d --set a=1 --set b=2 --without hub quad.toml", "status --json", "goto 1 -2 .5 --replace",
+    "cage off --timeout 1", "--realm r topic list", "topic echo pose -n 3 --field position.z",
+    "service call goto x=1 y=2 z=-3", "service call toggle_cage False --json", "param get a b",
+    "param set safety.takeoff -1", "type show goto", "ps", "node list --connect tls/h:1",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", PLAIN)
+def test_a_plain_line_needs_no_typer(line: str):
+    assert quick.read(line.split()) is not None
+
+
+@pytest.mark.parametrize("line", ["", "--help", "goto 1 2", "topic", "nonsense", "status -x"])
+def test_what_is_not_plain_is_left_to_typer(line: str):
+    assert quick.read(line.split()) is None

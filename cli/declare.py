@@ -7,13 +7,15 @@ The docstring is the help, its `Example:` line included.
 """
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
+
+from msgspec import Struct
 
 Names = Literal["", "topic", "service", "node", "param", "setting", "type", "field"]
 """What a shell completes a word with; `field` is one of the service or topic named before."""
 
 
-class Arg(NamedTuple):
+class Arg(Struct, frozen=True):
     """A word by its place; of a `list[str]`, all that are left."""
 
     about: str
@@ -21,7 +23,7 @@ class Arg(NamedTuple):
     complete: Names = ""
 
 
-class Opt(NamedTuple):
+class Opt(Struct, frozen=True):
     """A word by its name, which is the parameter's own where none is given."""
 
     about: str
@@ -31,7 +33,7 @@ class Opt(NamedTuple):
     complete: Names = ""
 
 
-class Word(NamedTuple):
+class Word(Struct, frozen=True):
     """A declared word, as either parser wants it."""
 
     name: str
@@ -48,7 +50,7 @@ class Word(NamedTuple):
         return (isinstance(self.said, Opt) and self.said.names) or (own,)
 
 
-class Line(NamedTuple):
+class Line(Struct, frozen=True):
     """A command line understood: what to run, the common options, and the command's own words."""
 
     command: Callable[..., None]

@@ -45,11 +45,11 @@ def run(node: Node, params: Params) -> None:
     def on_pose(pose: Pose) -> None:
         nonlocal last
         now = period(pose.stamp, params.pressure.rate)
-        if not real_time and now != last:
+        if now != last:
             last = now
             read(pose.stamp, pose)
 
-    poses = node.listen(POSE, on_pose)
+    poses = node.listen(POSE, None if real_time else on_pose)
     node.serve(CALIBRATE, calibrate)
     for line in launch_lines(params.pressure):
         node.log.info(line)
@@ -57,8 +57,8 @@ def run(node: Node, params: Params) -> None:
         node.log.warning("restarted: the baseline is 0 again")
     node.wait_for(lambda: poses.value is not None, _FIRST_POSE)
     for now in node.ticks(lambda: params.pressure.rate):
-        if real_time and poses.value is not None:
-            read(now, poses.value)
+        if real_time and (pose := poses.value) is not None:
+            read(now, pose)
 
 
 if __name__ == "__main__":

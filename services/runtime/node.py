@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from schemas.contract import Service, Topic
 from schemas.describe import schema_hash
-from services.runtime import graph, roster
+from services.runtime import foreign, graph, roster
 from services.runtime.errors import AlreadyServed
 from services.runtime.publisher import Publisher
 from services.runtime.serving import Server
@@ -51,7 +51,9 @@ class Node:
         self._declared: list[Any] = []
         self._offers: list[Callable[[], graph.Offer]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        self._ready = False
+        self._subscriptions: list[Subscription[Any]] = []
+        self._ready = self._retimed = False
+        self._waits = 0
         self.stopping = False
         self.on_params: Callable[[], None] | None = None
 
@@ -74,7 +76,8 @@ class Node:
         self, topic: Topic[M], handler: Callable[[M], None] | None = None, depth: int = _DEPTH
     ) -> Subscription[M]:
         """Hear a topic; the handler, where there is one, is called on the loop."""
-        subscription = Subscription(topic, self._inbox.put, handler, depth)
+        subscription = Subscription(topic, self._inbox.put, lambda: self._waits > 0, handler, depth)
+        self._subscriptions.append(subscription)
         self._declared.append(
             self._session.declare_subscriber(
                 topic.key(self.vehicle),
@@ -101,6 +104,7 @@ class Node:
         """Tell the service, where it wants to know, that its parameters have new values."""
         if self.on_params is not None:
             self.on_params()
+        self._retimed = True
         if self._ready:
             self._announce()
 
@@ -117,48 +121,65 @@ class Node:
         """Yield monotonic seconds at a rate, serving the inbox in between, until stopped.
 
         Ticks are counted, not added up, so none is lost to rounding. A callable rate is read
-        at every tick.
+        at every tick and whenever parameters change: a new one counts from the last tick.
         """
         self.ready()
         rate_now = hz if callable(hz) else lambda: hz
         rate, start, count = rate_now(), time.monotonic(), 0
-        while self.serve_until(start + count / rate):
+        last = start
+        while self._serve_until(start + count / rate):
             now = time.monotonic()
-            yield now
-            count += 1
-            late = time.monotonic() > start + count / rate + _LATE
-            if late or rate_now() != rate:
-                rate, start, count = rate_now(), time.monotonic(), 1
+            if rate_now() != rate:
+                rate, start, count = rate_now(), last, 1
+            elif now >= start + count / rate:
+                self._catch_up()
+                last = now
+                yield now
+                count += 1
+                if time.monotonic() > start + count / rate + _LATE:
+                    start, count = time.monotonic(), 1
 
     def spin(self) -> None:
         """Serve the inbox until stopped, for a node with no rhythm of its own."""
         self.ready()
-        self.serve_until(math.inf)
+        while self._serve_until(math.inf):
+            pass
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
         deadline = time.monotonic() + timeout
-        while not condition():
-            if self.stopping or not self._serve_one(deadline):
-                return False
-        return True
-
-    def serve_until(self, deadline: float) -> bool:
-        """Serve the inbox until a time on the monotonic clock; False when the node is stopped.
-
-        What waits already is served even when the time has passed, and no more than that: a
-        loop that is late still answers, and a flood does not hold up its ticks.
-        """
-        for _ in range(self._inbox.qsize()):
-            self._inbox.get_nowait()()
-        while not self.stopping and self._serve_one(deadline):
-            pass
-        return not self.stopping
+        self._catch_up()
+        self._waits += 1
+        try:
+            while not condition():
+                if self.stopping or not self._serve_one(deadline):
+                    return False
+            return True
+        finally:
+            self._waits -= 1
 
     def stop(self) -> None:
         """End the loop soon; safe to call from a signal handler and from other threads."""
         self.stopping = True
         self._inbox.put(lambda: None)
+
+    def _serve_until(self, deadline: float) -> bool:
+        """Serve the inbox until a time on the monotonic clock; False when the node is stopped.
+
+        Returns early when parameters change. What waits already is served even when the time has
+        passed, and no more than that: a loop that is late still answers, and a flood does not
+        hold up its ticks.
+        """
+        for _ in range(self._inbox.qsize()):
+            self._inbox.get_nowait()()
+        while not self.stopping and not self._retimed and self._serve_one(deadline):
+            pass
+        self._retimed = False
+        return not self.stopping
+
+    def _catch_up(self) -> None:
+        for subscription in self._subscriptions:
+            subscription.catch_up()
 
     def _serve_one(self, deadline: float) -> bool:
         left = deadline - time.monotonic()
@@ -174,7 +195,13 @@ class Node:
 
     def _answer_queries(self, key: str, answer: Callable[[zenoh.Query], None]) -> None:
         def on_query(query: zenoh.Query) -> None:
-            self._inbox.put(lambda: answer(query))
+            foreign.stay()
+            self._inbox.put(lambda: on_turn(query))
+
+        def on_turn(query: zenoh.Query) -> None:
+            # What was said before the question counts in the answer.
+            self._catch_up()
+            answer(query)
 
         callback = zenoh.handlers.Callback(on_query, indirect=False)
         self._declared.append(self._session.declare_queryable(key, callback, complete=True))

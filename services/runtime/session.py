@@ -16,13 +16,18 @@ from schemas.params import Params
 from services.runtime.errors import Unreachable
 from services.runtime.realm import Realm, write_atomically
 
-os.environ.setdefault(
-    "ZENOH_RUNTIME",
-    # Few threads a process, and a third off the time of a call. Not for receiving: handed over
-    # as well, one query of a megabyte brought the hub to a standstill.
-    "(rx: (worker_threads: 2), acc: (handover: app), tx: (handover: app), net: (handover: app),"
-    " app: (worker_threads: 2))",
+_HUB_THREADS = (
+    "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
+    " app: (worker_threads: 1))"
 )
+"""One thread that reads and one that writes: each wake spared is processor time spared, and time
+of a call. Not one for both: reading waits for room to write in, and one query of a megabyte would
+stop the hub for good."""
+_CLIENT_THREADS = (
+    "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
+    " app: (worker_threads: 1))"
+)
+"""One thread for all: what a client reads it does not pass on."""
 
 _RETRY_MS = 10
 """A client waits for a starting hub in steps of this; 10 ms costs nothing and delays nobody."""
@@ -58,7 +63,7 @@ def open_router(address: Address, params: Params, realm: Realm) -> zenoh.Session
         users = realm.folder / "hub.users"
         write_atomically(users, f"{address.user}:{address.password}\n".encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
-    return _open(config)
+    return _open(config, _HUB_THREADS)
 
 
 def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) -> zenoh.Session:
@@ -82,7 +87,7 @@ def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) ->
         # Samples carry a time, which latched topics and `topic delay` need.
         config["timestamping"] = {"enabled": True}
     try:
-        return _open(config)
+        return _open(config, _CLIENT_THREADS)
     except zenoh.ZError as error:
         raise Unreachable(
             f"nothing answers at {address.endpoint}", "start the system with `quadctl up`"
@@ -99,5 +104,14 @@ def _common(address: Address) -> dict[str, Any]:
     return {"scouting": {"multicast": {"enabled": False}}, "transport": transport}
 
 
-def _open(config: dict[str, Any]) -> zenoh.Session:
-    return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+def _open(config: dict[str, Any], threads: str) -> zenoh.Session:
+    # Zenoh reads it from the environment alone, when the process opens its first session. It
+    # must not stay there: what this process starts has its own.
+    ours = "ZENOH_RUNTIME" not in os.environ
+    if ours:
+        os.environ["ZENOH_RUNTIME"] = threads
+    try:
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+    finally:
+        if ours:
+            del os.environ["ZENOH_RUNTIME"]

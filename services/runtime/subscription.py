@@ -10,7 +10,7 @@ import zenoh
 from msgspec import Struct
 
 from schemas.contract import Topic
-from services.runtime import wire
+from services.runtime import foreign, wire
 from services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
@@ -22,22 +22,38 @@ class Subscription(Generic[M]):
     """The newest message of a topic, and when it came.
 
     `value` is None until the first one; `received` is its arrival on the monotonic clock, s.
-    Up to `depth` messages wait for the loop, the oldest are dropped beyond.
+    Up to `depth` messages wait for the handler, the oldest are dropped beyond. Without a handler
+    messages wake nobody: the newest is decoded when it is asked for.
     """
 
     def __init__(
         self,
         topic: Topic[M],
         post: Callable[[Callable[[], None]], None],
+        awaited: Callable[[], bool],
         handler: Callable[[M], None] | None,
         depth: int,
     ) -> None:
-        self.value: M | None = None
-        self.received = 0.0
-        self._topic, self._post, self._handler = topic, post, handler
+        """`post` puts into the loop's inbox; `awaited` says that the loop waits for a change."""
+        self._value: M | None = None
+        self._received = 0.0
+        self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
         self._waiting: deque[tuple[float, bytes, str]] = deque(maxlen=depth)
         self._posted = False
+        self._rests_until = 0.0 if handler is not None else float("inf")
         self._complaint = ""
+
+    @property
+    def value(self) -> M | None:
+        """The newest message; in a handler's topic, the one last handed to it."""
+        self._look()
+        return self._value
+
+    @property
+    def received(self) -> float:
+        """When `value` came, monotonic s."""
+        self._look()
+        return self._received
 
     @property
     def age(self) -> float:
@@ -46,23 +62,41 @@ class Subscription(Generic[M]):
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         """Zenoh's thread leaves a sample here, and posts to the inbox once until it is read."""
-        self._waiting.append((time.monotonic(), sample.payload.to_bytes(), str(sample.encoding)))
-        if not self._posted:
+        foreign.stay()
+        now = time.monotonic()
+        self._waiting.append((now, sample.payload.to_bytes(), str(sample.encoding)))
+        if not self._posted and (now >= self._rests_until or self._awaited()):
             self._posted = True
-            self._post(self._drain)
+            self._post(self.catch_up)
 
-    def _drain(self) -> None:
+    def rest(self, seconds: float) -> None:
+        """Let what comes within so many seconds wait for what comes next, a call or a tick."""
+        self._rests_until = time.monotonic() + seconds
+
+    def catch_up(self) -> None:
+        """Hand what waits to the handler, and no more than that: a flood must not hold the loop."""
         self._posted = False
-        while self._waiting:
-            received, payload, said = self._waiting.popleft()
-            try:
-                value = wire.decode(self._topic.type, payload, said)
-            except Invalid as error:
-                self._complain(error)
-                continue
-            self.value, self.received = value, received
-            if self._handler is not None:
-                self._handler(value)
+        if self._handler is None:
+            return
+        for _ in range(len(self._waiting)):
+            # A handler that serves the inbox meanwhile has taken them itself.
+            if self._waiting and self._take(*self._waiting.popleft()) and self._value is not None:
+                self._handler(self._value)
+
+    def _look(self) -> None:
+        if self._handler is None and self._waiting:
+            # Zenoh's thread adds on the right meanwhile, and may push out what is oldest.
+            arrived = [self._waiting.popleft() for _ in range(len(self._waiting))]
+            any(self._take(*arrival) for arrival in reversed(arrived))
+
+    def _take(self, received: float, payload: bytes, said: str) -> bool:
+        try:
+            self._value = wire.decode(self._topic.type, payload, said)
+        except Invalid as error:
+            self._complain(error)
+            return False
+        self._received = received
+        return True
 
     def _complain(self, error: Invalid) -> None:
         # Said once per kind of fault: a stranger at 1 kHz must not fill the log.

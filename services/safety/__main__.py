@@ -36,6 +36,8 @@ _NEXT_POSE = 0.5
 """How long (s) a request waits for poses that have stopped coming."""
 _FIRST_POSE = 1.0
 """How long (s) readiness waits for a first pose, so that who sees us ready can fly."""
+_REST = 0.85
+"""Of a period: in real time the poses that come within it need wake nobody."""
 
 
 class Safety:
@@ -46,6 +48,7 @@ class Safety:
         self._states, self._setpoints = node.publisher(STATE), node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
         self._answered, self._waiting, self._seen = -1, False, 0.0
+        self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
         self._poses = node.listen(POSE, self._on_pose)
         node.listen(REQUEST, self._on_waypoint)
         node.on_params = self.monitor.resize
@@ -98,6 +101,7 @@ class Safety:
         self._answered = period
         self.monitor.see(pose)
         self._send_setpoint()
+        self._poses.rest(self._rest)
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self.monitor.ask(Position(waypoint.x, waypoint.y, waypoint.z))

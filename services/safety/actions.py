@@ -2,7 +2,7 @@
 
 from msgspec.structs import astuple, replace
 
-from services.safety.cage import why_outside
+from services.safety.cage import why_below, why_outside
 from services.safety.model import Ask, Booted, Event, Hold, Lost, Situation, Toggle, World
 
 
@@ -25,8 +25,10 @@ def take(s: Situation, _e: Event, _w: World) -> Situation:
 
 
 def refuse(s: Situation, _e: Event, w: World) -> Situation:
-    """Outside: what was, stays."""
-    return replace(s, reason=why_outside(s.candidate.goal, w.cage))
+    """Outside the cage or below the floor: what was, stays."""
+    goal = s.candidate.goal
+    below = "" if s.cage_on else why_below(goal)
+    return replace(s, reason=below or why_outside(goal, w.cage))
 
 
 def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:

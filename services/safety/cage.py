@@ -23,6 +23,11 @@ def why_outside(point: Position, cage: CageSize) -> str:
     return ""
 
 
+def why_below(point: Position) -> str:
+    """That the point lies below the floor, cage or no cage; empty when it does not."""
+    return f"below the floor: z = {_plain(point.z)} is less than 0" if point.z < 0 else ""
+
+
 def _plain(value: float) -> str:
     """All digits, so that a value one rounding beyond a bound does not read as the bound."""
     return repr(value).removesuffix(".0")

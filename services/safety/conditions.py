@@ -4,7 +4,7 @@ from math import dist, isfinite
 
 from msgspec.structs import astuple
 
-from services.safety.cage import why_outside
+from services.safety.cage import why_below, why_outside
 from services.safety.model import Ask, Event, Situation, State, Toggle, World
 
 AT_REST = 0.05
@@ -27,13 +27,14 @@ def may_replace(s: Situation, e: Event, _w: World) -> bool:
 
 
 def permitted(s: Situation, _e: Event, w: World) -> bool:
-    """The candidate may be flown to: it is a place, and the cage is off or holds it.
+    """The candidate may be flown to: a place above the floor, and the cage is off or holds it.
 
     The cage is convex, so the straight way there stays inside from inside, and comes nearer
     at every step from outside.
     """
-    is_place = all(map(isfinite, astuple(s.candidate.goal)))
-    return is_place and not (s.cage_on and why_outside(s.candidate.goal, w.cage))
+    goal = s.candidate.goal
+    is_place = all(map(isfinite, astuple(goal))) and not why_below(goal)
+    return is_place and not (s.cage_on and why_outside(goal, w.cage))
 
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:

@@ -29,9 +29,10 @@ class Bench:
     def __init__(self, depth: int = 64, *, handled: bool = True) -> None:
         self.inbox: list[Callable[[], None]] = []
         self.heard: list[float] = []
+        self.awaited = False
         handler: Any = (lambda waypoint: self.heard.append(waypoint.x)) if handled else None
         self.subscription: Subscription[Waypoint] = Subscription(
-            REQUEST, self.inbox.append, handler, depth
+            REQUEST, self.inbox.append, lambda: self.awaited, handler, depth
         )
 
     def comes(self, *numbers: float) -> None:

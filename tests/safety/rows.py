@@ -32,6 +32,7 @@ HERE = Position(0.0, 0.0, 1.0)
 GOAL = Position(3.0, 0.0, 1.0)
 INSIDE = Position(1.0, 2.0, 1.5)
 OUTSIDE = Position(9.0, 0.0, 1.0)
+BELOW = Position(9.0, 0.0, -0.25)
 CAGE = CageSize(5.0, 5.0, 2.0)
 
 FLYING, RESTING = Velocity(1.0, 0.0, 0.0), Velocity(0.0, 0.0, 0.049)
@@ -60,6 +61,7 @@ PLAIN = Situation(
 NO_POSE = "no pose: dynamics is silent"
 BUSY = "busy: flying to (3, 0, 1); ask with replace to change course"
 BEYOND = "outside the cage: x = 9 is beyond [-5, 5]"
+UNDER = "below the floor: z = -0.25 is less than 0"
 LOST = "no pose for 0.2 s: stopped"
 HELD = "hold: stopped on request"
 BARRED = "stopped, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
@@ -116,7 +118,7 @@ STOPPING = {"brake": True, "settling": True}
 TAKING_OFF = {"takeoff": True}
 OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
 FROM_FLIGHT = {"back": MOVING}
-FOR_INSIDE = {"candidate": Ask(INSIDE)}
+FOR_INSIDE, FOR_BELOW = {"candidate": Ask(INSIDE)}, {"candidate": Ask(BELOW)}
 ASK, REPLACE, BOOTED = Ask(INSIDE), Ask(INSIDE, replace=True), Booted("anew")
 
 # fmt: off
@@ -159,6 +161,10 @@ CASES = (
     Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}),
     Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}, given=STOPPING),
     Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}, given=FAR),
+    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}, given=FOR_BELOW),
+    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": UNDER}, given=OFF | FOR_BELOW),
+    Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": UNDER},
+         given=OFF | FOR_BELOW | FROM_FLIGHT),
     Case(VERIFYING, "always", ASK, refused(VERIFYING, BUSY)),
     Case(VERIFYING, "always", Seen(), NOTHING),
     Case(VERIFYING, "always", Seen(), NOTHING, NEAR),

@@ -1,5 +1,7 @@
 """A request or message as written on a command line: `key=value`, JSON, or values in order."""
 
+import re
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import msgspec
@@ -10,6 +12,8 @@ from services.runtime.params import put, value_of
 
 M = TypeVar("M", bound=Struct)
 
+_ROS_TYPE = r"\w+_(msgs|srvs|interfaces)/(msg/|srv/)?[A-Z]\w*"
+
 
 def message_of(type_: type[M], name: str, words: list[str]) -> M:
     """Read the words as a message of a type; raises Invalid, telling the fields.
@@ -17,7 +21,7 @@ def message_of(type_: type[M], name: str, words: list[str]) -> M:
     `name` is what `quadctl type show` knows the type by.
     """
     try:
-        return msgspec.convert(_table(type_, name, words), type_)
+        return msgspec.convert(_table(type_, name, without_type(words, type_.__name__)), type_)
     except msgspec.ValidationError as error:
         raise Invalid(
             f"not a valid {type_.__name__}: {error}",
@@ -27,34 +31,72 @@ def message_of(type_: type[M], name: str, words: list[str]) -> M:
 
 def table_of(words: list[str]) -> Any:
     """Read the words as plain data: JSON, `key=value` (dots make tables), or one value."""
-    if len(words) == 1 and words[0][:1] in {"{", "["}:
-        return _json(words[0])
-    if words and all("=" in word for word in words):
+    if is_data(words):
+        return _data(words[0])
+    if is_pairs(words):
         return _pairs(words)
-    return value_of(words[0]) if len(words) == 1 else [value_of(word) for word in words]
+    return value(words[0]) if len(words) == 1 else [value(word) for word in words]
+
+
+def is_data(words: list[str]) -> bool:
+    """Whether the words are one table or list, in one argument."""
+    return len(words) == 1 and words[0].lstrip()[:1] in {"{", "["}
+
+
+def is_pairs(words: list[str]) -> bool:
+    """Whether the words are `key=value`."""
+    return bool(words) and all("=" in word.lstrip("=") for word in words)
+
+
+def without_type(words: list[str], own: str = "") -> list[str]:
+    """Leave out a type that comes first, as `rostopic pub` has it: it is known by the name."""
+    if len(words) > 1:
+        package, _, name = words[0].rpartition("/")
+        if (own and name == own) or (package and re.fullmatch(_ROS_TYPE, words[0])):
+            return words[1:]
+    return words
+
+
+def value(word: str) -> Any:
+    """One value as written on a command line: a number, also as `.5`, or what TOML makes of it."""
+    if word.isascii() and "_" not in word:
+        for number in (int, float):
+            # Without the TOML reader, whose import takes longer than publishing does.
+            with suppress(ValueError):
+                return number(word)
+    return value_of(word)
 
 
 def _table(type_: type[Struct], name: str, words: list[str]) -> Any:
     names = type_.__struct_fields__
-    if len(words) == 1 and words[0].startswith("{"):
-        return _json(words[0])
+    if is_data(words) and words[0].lstrip().startswith("{"):
+        return _data(words[0])
     if all("=" in word for word in words):
         return _pairs(words)
     if len(words) > len(names):
         raise Invalid(f"{name} takes {len(names)} values", f"the fields are: {names}")
-    return {field: value_of(word) for field, word in zip(names, words, strict=False)}
+    return {field: value(word) for field, word in zip(names, words, strict=False)}
 
 
 def _pairs(words: list[str]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for word in words:
         name, _, text = word.partition("=")
-        put(table, name, value_of(text), word)
+        put(table, name, value(text), word)
     return table
 
 
-def _json(text: str) -> Any:
+def _data(text: str) -> Any:
+    """One argument that is a table or a list: JSON, or as ROS users write it, `{x: 1}`."""
     try:
         return msgspec.json.decode(text)
-    except msgspec.DecodeError as error:
-        raise Invalid(f"the argument is not JSON: {error}", '{"zero": true}') from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        from cli import flow
+
+        try:
+            return flow.read(text)
+        except Invalid as problem:
+            raise Invalid(
+                f"the argument is not JSON: {error}; nor as in ROS: {problem.message}",
+                "write name=value words, or one '{\"name\": value}'",
+            ) from error

@@ -10,6 +10,7 @@ from services.runtime.params import nearest
 
 _LONGEST_KEY = 1_000
 """Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""
+_NODE = r"[^/#?*$]{1,200}"
 _CHUNK = r"(\*\*|\*|\$\*|(?:[^/#?*$]|\$\*)+)"
 
 
@@ -21,11 +22,34 @@ def key_of(name: str, vehicle: str) -> str:
 
 
 def checked_key(name: str, vehicle: str) -> str:
-    """The full key or key expression of a name; raises Invalid for what Zenoh would not take."""
-    key = key_of(name, vehicle)
+    """The full key or key expression of a name; raises Invalid for what Zenoh would not take.
+
+    An expression comes in the one spelling that Zenoh takes: `**/*` as `*/**`.
+    """
+    key = re.sub(r"(\$\*)+", "$*", key_of(name, vehicle))
     if len(key) > _LONGEST_KEY or not re.fullmatch(rf"{_CHUNK}(/{_CHUNK})*", key):
         raise Invalid(f"'{name[:80]}' is no key", "write it as sensors/pressure or uav/**")
+    return _canonical(key) if "*" in key else key
+
+
+def single_key(name: str, vehicle: str) -> str:
+    """The full key of a name; raises Invalid for an expression too."""
+    key = checked_key(name, vehicle)
+    if "*" in key:
+        raise Invalid(f"{key} stands for many keys", "`quadctl topic list` shows single ones")
     return key
+
+
+def _canonical(key: str) -> str:
+    chunks: list[str] = []
+    for chunk in key.split("/"):
+        wild = "*" if chunk == "$*" else chunk
+        if wild in {"*", "**"} and chunks[-1:] == ["**"]:
+            # After any number of chunks one more, or any number more, is said before.
+            chunks[-1:] = ["*", "**"] if wild == "*" else ["**"]
+        else:
+            chunks.append(wild)
+    return "/".join(chunks)
 
 
 def topic_of(key: str) -> Topic[Any] | None:
@@ -60,7 +84,7 @@ def find_service(name: str, vehicle: str) -> Service[Any, Any]:
             if spelling == service.name:
                 return service
         node, _, verb = spelling.rpartition("/")
-        if verb in {"get_params", "set_params"} and node and "/" not in node:
+        if verb in {"get_params", "set_params"} and re.fullmatch(_NODE, node):
             return get_params(node) if verb == "get_params" else set_params(node)
     names = [service.name for service in SERVICES]
     hint = nearest(bare, names) or "`quadctl service list` shows what there is"

@@ -11,8 +11,9 @@ from cli.declare import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
 from cli.options import Options
 from schemas.topics import POSE, PRESSURE
-from services.runtime.client import Client, Stream
+from services.runtime.client import Client
 from services.runtime.detach import detach
+from services.runtime.hearing import Stream
 from services.runtime.launch import Launch
 from services.runtime.realm import Realm
 from services.runtime.record import stop

@@ -10,7 +10,7 @@ from cli.demo.checkpoints import Lab
 from schemas.geometry import Position
 from schemas.messages import Pose, Pressure
 from services.runtime import wire
-from services.runtime.client import Message
+from services.runtime.hearing import Message
 
 _PATH, _CAGE, _TAKEN, _REFUSED, _AIR = "#1f6feb", "#57606a", "#1a7f37", "#cf222e", "#8250df"
 

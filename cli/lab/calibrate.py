@@ -9,8 +9,8 @@ from cli.options import Options
 from schemas.messages import Pressure
 from schemas.requests import CalibrateRequest
 from schemas.topics import CALIBRATE, PRESSURE
-from services.runtime import wire
-from services.runtime.client import Client, Stream
+from services.runtime.client import Client
+from services.runtime.hearing import Readings
 
 
 def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")] = False) -> None:
@@ -20,7 +20,7 @@ def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")
     """
     samples, spread = 0, 0.0
     with bus.connect(options) as client:
-        readings = client.listen(PRESSURE.key(client.vehicle)) if not unset else None
+        readings = client.hear(PRESSURE) if not unset else None
         baseline = client.call(CALIBRATE, CalibrateRequest(zero=not unset)).baseline
         if readings is not None:
             reading = _reading_with(client, readings, baseline)
@@ -33,13 +33,12 @@ def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")
             output.line(f"the mean of {samples} samples, spread {spread:.1g} hPa")
 
 
-def _reading_with(client: Client, readings: Stream, baseline: float) -> Pressure:
+def _reading_with(client: Client, readings: Readings[Pressure], baseline: float) -> Pressure:
     """The topic tells how good a baseline is, from its next message on."""
     deadline = time.monotonic() + client.timeout
-    while (message := readings.next(deadline - time.monotonic())) is not None:
-        reading = wire.decode(Pressure, message.payload, message.encoding)
+    while (reading := readings.next(deadline - time.monotonic())) is not None:
         if reading.baseline == baseline:
             return reading
         if time.monotonic() > deadline:
             break
-    raise client.silent(PRESSURE.key(client.vehicle))
+    raise client.silent(PRESSURE.key(client.vehicle), readings.unread)

@@ -4,12 +4,12 @@ import math
 import time
 from typing import Any
 
+from schemas.contract import Topic
 from schemas.geometry import Position
 from schemas.messages import Pose, SafetyState
 from schemas.requests import GetParamsRequest
 from schemas.topics import POSE, STATE, get_params
-from services.runtime import wire
-from services.runtime.client import Client, Message, Stream
+from services.runtime.client import Client
 from services.runtime.errors import Refused, TimedOut
 
 _SLACK = 5.0
@@ -41,7 +41,8 @@ class Flight:
         self.arrived, self.reason = False, ""
         self.distance, self.seconds = math.inf, 0.0
         self.goal, self._client = goal, client
-        self._stream: Stream = client.listen(STATE.key(client.vehicle), POSE.key(client.vehicle))
+        topics: tuple[Topic[Any], ...] = (STATE, POSE)
+        self._readings = client.hear(*topics)
         self._began: float | None = None
         self._moving = False
 
@@ -59,25 +60,24 @@ class Flight:
                     f"not there after {limit:.1f} s: {self.distance:.2f} m to go",
                     "the flight goes on; `quadctl hold` stops it, --arrive waits longer",
                 )
-            message = self._stream.next(min(left, self._client.timeout))
+            message = self._readings.next(min(left, self._client.timeout))
             if message is not None:
                 self._read(message)
                 if on_progress is not None:
                     on_progress(self.distance)
             elif left > self._client.timeout:
-                raise self._client.silent(STATE.key(self._client.vehicle))
+                raise self._client.silent(STATE.key(self._client.vehicle), self._readings.unread)
         if self.reason:
             raise Refused(f"the flight was stopped: {self.reason}", "`quadctl state` shows more")
 
-    def _read(self, message: Message) -> None:
-        if message.key == POSE.key(self._client.vehicle):
-            pose = wire.decode(Pose, message.payload, message.encoding)
+    def _read(self, message: Pose | SafetyState) -> None:
+        if isinstance(message, Pose):
             if self._began is None:
-                self._began = pose.stamp
-            self.distance = distance(pose.position, self.goal)
-            self.seconds = pose.stamp - self._began
+                self._began = message.stamp
+            self.distance = distance(message.position, self.goal)
+            self.seconds = message.stamp - self._began
             return
-        state = wire.decode(SafetyState, message.payload, message.encoding)
+        state = message
         if state.goal == self.goal:
             self._moving = self._moving or state.state == "MOVING"
             self.arrived = self._moving and state.state == "HOVERING"

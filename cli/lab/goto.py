@@ -86,10 +86,12 @@ def _report(flight: Flight, accepted: bool, reason: str) -> dict[str, Any]:
 
 
 def _request(x: float, y: float, z: float, replace: bool) -> GotoRequest:
+    asked = {"x": x, "y": y, "z": z}
     try:
-        return msgspec.convert({"x": x, "y": y, "z": z, "replace": replace}, GotoRequest)
+        return msgspec.convert(asked | {"replace": replace}, GotoRequest)
     except msgspec.ValidationError as error:
+        axis = str(error).rpartition("$.")[2].rstrip("`")
         raise Invalid(
-            f"({x}, {y}, {z}) is no point to fly to: {error}",
-            "coordinates are metres, finite, and at most 10 km",
+            f"{axis} = {asked[axis]:g} is no place to fly to",
+            "coordinates are metres, finite, and at most 10 km from the origin",
         ) from error

@@ -1,47 +1,77 @@
 """`topic echo`: prints messages as they come."""
 
+import time
 from typing import Annotated, Any
 
 from cli import bus, output
 from cli.declare import Arg, Opt
 from cli.names import checked_key
 from cli.options import Options
-from cli.topic.shown import shown
+from cli.topic.shown import NoField, field_of, shown
+from services.runtime.client import Client
 from services.runtime.errors import Invalid
+from services.runtime.hearing import Message, unreadable
 
 
 def echo(
     options: Options,
     topic: Annotated[str, Arg("A topic, or any Zenoh key or key expression.", complete="topic")],
     count: Annotated[int | None, Opt("End after so many messages.", ("-n",), min=1)] = None,
-    field: Annotated[str, Opt("Show one field of each message, as position.z.")] = "",
+    field: Annotated[str, Opt("Show one field of each message, as position.z or values.0.")] = "",
 ) -> None:
     """Print messages as they come; ends when none comes within the timeout.
+
+    Of an expression, as uav/**, each message is preceded by its key, and with --json is
+    {"key": ..., "value": ...}.
 
     Example: quadctl topic echo sensors/pressure -n 3
     """
     key = checked_key(topic, options.vehicle)
     with bus.connect(options) as client:
-        stream = client.listen(key)
+        echoed = _Echo(client, key, field)
         seen = 0
         while count is None or seen < count:
-            message = stream.next(client.timeout)
-            if message is None:
-                raise client.silent(key)
-            value = _field(shown(message), field)
+            message, value = echoed.next()
             if options.json:
-                output.document(value)
+                output.document({"key": message.key, "value": value} if "*" in key else value)
             else:
+                if "*" in key:
+                    output.line(f"key: {message.key}")
                 output.fields(value)
                 if not field:
                     output.line("---")
             seen += 1
 
 
-def _field(value: Any, path: str) -> Any:
-    for part in filter(None, path.split(".")):
-        if not isinstance(value, dict) or part not in value:
-            has = ", ".join(value) if isinstance(value, dict) else "no fields"
-            raise Invalid(f"the message has no field {path}", f"at {part} there is: {has}")
-        value = value[part]
-    return value
+class _Echo:
+    """The messages of a key that can be shown; of the others it is said, once a kind, why not."""
+
+    def __init__(self, client: Client, key: str, field: str) -> None:
+        self._client, self._key, self._field = client, key, field
+        self._stream = client.listen(key)
+        self._kinds: set[tuple[str, type[Invalid]]] = set()
+
+    def next(self) -> tuple[Message, Any]:
+        """The next message with what there is to show of it; raises what Client.silent says."""
+        deadline = time.monotonic() + self._client.timeout
+        unread: Invalid | None = None
+        while (message := self._stream.next(deadline - time.monotonic())) is not None:
+            try:
+                return message, field_of(shown(message, self._client.vehicle), self._field)
+            except NoField as problem:
+                if "*" not in self._key:
+                    raise
+                unread = self._told(message.key, problem)
+            except Invalid as problem:
+                unread = self._told(message.key, problem)
+            # A flood of nonsense must not keep the command from its timeout.
+            if time.monotonic() > deadline:
+                break
+        raise self._client.silent(self._key, unread)
+
+    def _told(self, key: str, problem: Invalid) -> Invalid:
+        said, kind = unreadable(key, problem), (key, type(problem))
+        if kind not in self._kinds:
+            self._kinds.add(kind)
+            output.note(f"passed over a message on {said.message}")
+        return said

@@ -6,13 +6,43 @@ import msgspec
 
 from cli.names import topic_of
 from services.runtime import wire
-from services.runtime.client import Message
+from services.runtime.errors import Invalid
+from services.runtime.hearing import Message
 from services.runtime.plain import plain
 
 
-def shown(message: Message) -> Any:
-    """A typed message checked against its type, anything else as it can be read."""
+class NoField(Invalid):
+    """A message has no such field."""
+
+
+def shown(message: Message, vehicle: str) -> Any:
+    """A message of our topics checked against its type, anything else as it can be read.
+
+    What another vehicle, or no vehicle at all, publishes under a topic's name is ours only where
+    its encoding says so. Raises Invalid for what cannot be read.
+    """
     declared = topic_of(message.key)
-    if declared is None:
+    ours = message.key.startswith(f"{vehicle}/") or wire.is_typed(message.encoding)
+    if declared is None or not ours:
         return plain(message.payload, message.encoding)
     return msgspec.to_builtins(wire.decode(declared.type, message.payload, message.encoding))
+
+
+def field_of(value: Any, path: str) -> Any:
+    """One field of a message by its dotted path, as `position.z` or `values.0`; raises NoField."""
+    for part in filter(None, path.split(".")):
+        if isinstance(value, dict) and part in value:
+            value = value[part]
+        elif isinstance(value, list) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        else:
+            raise NoField(f"the message has no field {path}", f"at {part} there is: {_has(value)}")
+    return value
+
+
+def _has(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(value) or "an empty table"
+    if isinstance(value, list):
+        return f"a list of {len(value)}" + (", counted from 0" if value else "")
+    return "no fields"

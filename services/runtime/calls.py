@@ -12,6 +12,7 @@ from schemas.contract import Service
 from schemas.envelope import Call
 from services.runtime import wire
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.plain import plain
 
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
@@ -21,26 +22,39 @@ class Caller(Generic[Q, R]):
     """Calls one service, as often as wanted."""
 
     def __init__(self, session: zenoh.Session, vehicle: str, service: Service[Q, R]) -> None:
-        self._service, self._session = service, session
-        self._key = service.key(vehicle)
+        self._service = service
+        self._asker = Asker(session, service.key(vehicle))
+        self._encoding = wire.encoding(service.request)
+
+    def call(self, request: Q, timeout: float) -> R:
+        """Send one request and return its reply; waits and raises as an Asker does."""
+        try:
+            payload = wire.encode(request)
+        except (OverflowError, TypeError) as error:
+            raise Invalid(f"the request cannot be sent: {error}") from error
+        return wire.decode(
+            self._service.response, *self._asker.ask(payload, self._encoding, timeout)
+        )
+
+
+class Asker:
+    """Sends bytes to whoever serves a key."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._session, self._key = session, key
         self._querier = session.declare_querier(
             self._key,
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
         )
-        self._encoding = wire.encoding(service.request)
 
-    def call(self, request: Q, timeout: float) -> R:
-        """Send one request and return its reply.
+    def ask(self, payload: bytes, encoding: str, timeout: float) -> tuple[bytes, str]:
+        """Send one request; returns the reply and its encoding.
 
         Waits for a server up to the timeout (s). Raises Unreachable, TimedOut, or what the
         server replied. The request carries an id and the deadline: it is executed once or
         never, and never late.
         """
-        try:
-            payload = wire.encode(request)
-        except (OverflowError, TypeError) as error:
-            raise Invalid(f"the request cannot be sent: {error}") from error
         deadline = time.monotonic() + timeout
         self._wait_for_server(deadline, timeout)
         left = max(deadline - time.monotonic(), 0.001)
@@ -48,7 +62,7 @@ class Caller(Generic[Q, R]):
         replies = self._session.get(
             self._key,
             payload=payload,
-            encoding=self._encoding,
+            encoding=encoding,
             attachment=wire.encode(ticket),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -61,45 +75,49 @@ class Caller(Generic[Q, R]):
             "look at `quadctl status`, then ask again",
         )
 
-    def _read(self, reply: zenoh.Reply, timeout: float) -> R:
+    def _read(self, reply: zenoh.Reply, timeout: float) -> tuple[bytes, str]:
         if reply.ok is not None:
-            payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
-            return wire.decode(self._service.response, payload, said)
+            return reply.ok.payload.to_bytes(), str(reply.ok.encoding)
         assert reply.err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
-        if str(reply.err.encoding) == wire.ERROR_ENCODING:
-            raise wire.decode_error(reply.err.payload.to_bytes())
-        text = reply.err.payload.to_string()
-        if text == "Timeout":
+        payload, said = reply.err.payload.to_bytes(), str(reply.err.encoding)
+        if said == wire.ERROR_ENCODING:
+            raise wire.decode_error(payload)
+        if payload == b"Timeout":
             raise TimedOut(
                 f"{self._key} did not answer within {timeout:g} s",
                 "its process is busy or frozen: `quadctl status` shows which",
             )
-        raise QuadctlError(f"{self._key} failed: {text}")
-
-    def _served(self) -> bool:
-        status: Any = self._querier.matching_status  # the stubs take it for a bool
-        return bool(status.matching)
+        raise QuadctlError(
+            f"{self._key} failed: {plain(payload, said)}", "the log of its node may say more"
+        )
 
     def _wait_for_server(self, deadline: float, timeout: float) -> None:
-        if self._served():
-            return
-        arrived = threading.Event()
+        if not wait_for_match(self._querier, deadline - time.monotonic()):
+            raise Unreachable(
+                f"nobody served {self._key} within {timeout:g} s",
+                "its process is down or does not offer it, or this identity may not call it:"
+                " `quadctl status`, `quadctl service list`",
+            )
 
-        def on_change(status: zenoh.MatchingStatus) -> None:
-            if status.matching:
-                arrived.set()
 
-        listener = self._querier.declare_matching_listener(
-            zenoh.handlers.Callback(on_change, indirect=False)
-        )
-        try:
-            if self._served():
-                return
-            if not arrived.wait(max(deadline - time.monotonic(), 0)):
-                raise Unreachable(
-                    f"nobody served {self._key} within {timeout:g} s",
-                    "its process is down or does not offer it, or this identity may not call it:"
-                    " `quadctl status`, `quadctl service list`",
-                )
-        finally:
-            listener.undeclare()
+def has_match(end: zenoh.Querier | zenoh.Publisher) -> bool:
+    """Whether the hub has told of somebody at the other end."""
+    status: Any = end.matching_status  # the stubs take it for a bool
+    return bool(status.matching)
+
+
+def wait_for_match(end: zenoh.Querier | zenoh.Publisher, timeout: float) -> bool:
+    """Wait up to a timeout (s) for somebody at the other end; False where nobody came."""
+    if has_match(end):
+        return True
+    arrived = threading.Event()
+
+    def on_change(status: zenoh.MatchingStatus) -> None:
+        if status.matching:
+            arrived.set()
+
+    listener = end.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
+    try:
+        return has_match(end) or arrived.wait(max(timeout, 0))
+    finally:
+        listener.undeclare()

@@ -1,57 +1,27 @@
 """A command's way onto the bus: connects at once or fails at once, and never hangs."""
 
+import contextlib
 import time
-from queue import Empty, SimpleQueue
-from typing import NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service, Topic
 from services.runtime import graph, roster, wire
-from services.runtime.calls import Caller
-from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.calls import Asker, Caller
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.hearing import Readings, Stream, unreadable
 from services.runtime.realm import Realm
 from services.runtime.record import is_live, not_running
 from services.runtime.session import address_of, open_client
 
+if TYPE_CHECKING:
+    from services.runtime.outlet import Outlet
+
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
-
-_BACKLOG = 10_000
-"""Messages kept for a slow reader; the oldest go first beyond."""
-
-
-class Message(NamedTuple):
-    """What came on a key."""
-
-    key: str
-    payload: bytes
-    encoding: str
-
-
-class Stream:
-    """Messages as they come, of one key or several."""
-
-    def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
-        self._queue: SimpleQueue[Message] = SimpleQueue()
-        callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
-        self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
-
-    def next(self, timeout: float) -> Message | None:
-        """The next message, None when none comes within so many seconds."""
-        try:
-            return self._queue.get(timeout=max(timeout, 0))
-        except Empty:
-            return None
-
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        if self._queue.qsize() >= _BACKLOG:
-            self._queue.get_nowait()
-        self._queue.put(
-            Message(str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding))
-        )
 
 
 class Client:
@@ -70,45 +40,75 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self._session.close()
 
-    def call(self, service: Service[Q, R], request: Q) -> R:
-        """Call a service once; raises Unreachable, TimedOut or what the server replied."""
-        return Caller(self._session, self.vehicle, service).call(request, self.timeout)
+    def call(self, service: Service[Q, R], request: Q, timeout: float | None = None) -> R:
+        """Call a service once; raises Unreachable, TimedOut or what the server replied.
+
+        `timeout` (s) is for a call that is one of several under one deadline.
+        """
+        caller = Caller(self._session, self.vehicle, service)
+        return caller.call(request, self.timeout if timeout is None else timeout)
+
+    def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
+        """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
+        return Asker(self._session, key).ask(payload, encoding, self.timeout)
 
     def latest(self, topic: Topic[M]) -> M:
         """The last message of a latched topic."""
         key = topic.key(self.vehicle)
         deadline = time.monotonic() + self.timeout
-        while (left := deadline - time.monotonic()) > 0:
-            for reply in self._session.get(key, timeout=left):
-                if reply.ok is not None:
-                    sample = reply.ok
-                    return wire.decode(topic.type, sample.payload.to_bytes(), str(sample.encoding))
-                raise TimedOut(
-                    f"{topic.node} did not answer within {self.timeout:g} s",
-                    "its process is busy or frozen: `quadctl status` shows which",
-                )
-            # Nobody answers for the key yet; a restart takes a tenth of a second.
-            time.sleep(min(left, 0.02))
-        raise Unreachable(
+        why: QuadctlError = Unreachable(
             f"nobody answered for {key} within {self.timeout:g} s",
             f"is {topic.node} up? `quadctl status` shows it",
         )
+        while (left := deadline - time.monotonic()) > 0:
+            # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
+            for reply in self._session.get(
+                key,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=left,
+            ):
+                if reply.ok is None:
+                    why = TimedOut(
+                        f"{topic.node} did not answer within {self.timeout:g} s",
+                        "its process is busy or frozen: `quadctl status` shows which",
+                    )
+                    continue
+                try:
+                    payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
+                    return wire.decode(topic.type, payload, said)
+                except Invalid as problem:
+                    why = self._only_unread(unreadable(key, problem))
+            # Nobody answers for the key yet; a restart takes a tenth of a second.
+            time.sleep(max(min(deadline - time.monotonic(), 0.02), 0))
+        raise why
 
     def first(self, topic: Topic[M]) -> M:
         """The next message of a topic."""
-        message = self.listen(topic.key(self.vehicle)).next(self.timeout)
+        readings = self.hear(topic)
+        message = readings.next(self.timeout)
         if message is None:
-            raise self.silent(topic.key(self.vehicle))
-        return wire.decode(topic.type, message.payload, message.encoding)
+            raise self.silent(topic.key(self.vehicle), readings.unread)
+        return message
+
+    def hear(self, *topics: Topic[M]) -> Readings[M]:
+        """Hear topics, decoded."""
+        types = {topic.key(self.vehicle): topic.type for topic in topics}
+        return Readings(self.listen(*types), types)
 
     def listen(self, *keys: str) -> Stream:
         """Hear keys or key expressions."""
         return Stream(self._session, keys)
 
-    def silent(self, key: str) -> TimedOut | Unreachable:
-        """Why nothing came on a key: its publisher is quiet, or there is none."""
+    def silent(self, key: str, unread: Invalid | None = None) -> QuadctlError:
+        """Why nothing came on a key or key expression.
+
+        What came could not be read; its publisher is quiet; or there is none.
+        """
+        if unread is not None:
+            return self._only_unread(unread)
         for offer in self.offers():
-            if offer.kind == "@pub" and offer.key == key:
+            if offer.kind == "@pub" and _covers(key, offer.key):
                 return TimedOut(
                     f"nothing came on {key} within {self.timeout:g} s, although {offer.node}"
                     " publishes it",
@@ -119,6 +119,20 @@ class Client:
             "`quadctl topic list` shows what there is",
         )
 
+    def _only_unread(self, unread: Invalid) -> Invalid:
+        text = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
+        return Invalid(text, unread.hint)
+
+    def outlet(self, key: str, encoding: str = "") -> "Outlet":
+        """Publish on a key."""
+        from services.runtime.outlet import Outlet
+
+        return Outlet(self._session, key, encoding)
+
+    def flush(self) -> None:
+        """Return once the hub has read all that was sent before."""
+        self.nodes()
+
     def nodes(self) -> list[str]:
         """The ready nodes."""
         return roster.nodes(self._session, self.vehicle)
@@ -126,6 +140,16 @@ class Client:
     def offers(self) -> list[graph.Offer]:
         """The topics and services of the ready nodes."""
         return roster.offers(self._session, self.vehicle)
+
+
+def _covers(pattern: str, key: str) -> bool:
+    if "*" not in pattern:
+        return pattern == key
+    try:
+        return zenoh.KeyExpr(pattern).intersects(zenoh.KeyExpr(key))
+    except zenoh.ZError:
+        # A stranger may announce what is no key.
+        return False
 
 
 def _connect(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
@@ -139,6 +163,10 @@ def _connect(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
         if not is_live(realm):
             raise not_running(realm) from None
         left = timeout - (time.monotonic() - began)
-        if left <= 0:
-            raise
-        return open_client(address, wait=left, timeout=left)
+        if left > 0:
+            with contextlib.suppress(Unreachable):
+                return open_client(address, wait=left, timeout=left)
+        raise Unreachable(
+            f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s",
+            "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
+        ) from None

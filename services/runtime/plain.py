@@ -1,22 +1,61 @@
-"""Payloads of any origin, as they can be shown to a person."""
+"""Payloads of any origin, as they can be shown to a person and written as JSON."""
 
+import math
 from collections.abc import Callable
+from datetime import datetime
 from typing import Any
 
 import msgspec
+
+_DEEPEST = 100
+"""Levels of nesting that are shown; JSON readers take that many, and people do not."""
 
 
 def plain(payload: bytes, said: str) -> Any:
     """MessagePack and JSON as data, text as text, anything else as hex.
 
-    The encoding `said` tells which; where it tells nothing, what can be read is taken.
+    The encoding `said` tells which; where it tells nothing, what can be read is taken. What JSON
+    cannot carry becomes text: bytes are hex, NaN and the infinities `nan`, `inf` and `-inf`, a
+    time is ISO 8601, an extension `{"ext": its code, "data": hex}`, and a map's keys are text.
     """
     for attempt in _READERS.get(said.partition(";")[0], _ANY):
         try:
-            return attempt(payload)
+            return _carried(attempt(payload))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
     return payload.hex()
+
+
+def _carried(value: Any, depth: int = 0) -> Any:
+    """The value as JSON carries it."""
+    if depth > _DEEPEST:
+        raise RecursionError
+    match value:
+        case dict():
+            return _table(value, depth)
+        case list() | tuple():
+            return [_carried(item, depth + 1) for item in value]
+        case bytes():
+            return value.hex()
+        case float() if not math.isfinite(value):
+            return str(value)
+        case datetime():
+            return value.isoformat()
+        case msgspec.msgpack.Ext():
+            return {"ext": value.code, "data": bytes(value.data).hex()}
+    return value
+
+
+def _table(value: dict[Any, Any], depth: int) -> Any:
+    carried = {_key(name): _carried(item, depth + 1) for name, item in value.items()}
+    if len(carried) == len(value):
+        return carried
+    # 1 and "1" are one name in JSON: as pairs, nothing is lost.
+    return [[_carried(name, depth + 1), _carried(item, depth + 1)] for name, item in value.items()]
+
+
+def _key(name: Any) -> str:
+    return name if isinstance(name, str) else msgspec.json.encode(_carried(name)).decode()
 
 
 def _msgpack(payload: bytes) -> Any:
@@ -38,5 +77,6 @@ Reader = Callable[[bytes], Any]
 _READERS: dict[str, tuple[Reader, ...]] = {
     "application/msgpack": (_msgpack,),
     "application/json": (_json,),
+    "text/json": (_json,),
 }
 _ANY: tuple[Reader, ...] = (_json, _text, _msgpack)

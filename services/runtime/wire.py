@@ -46,9 +46,14 @@ def decode(type_: type[M], payload: bytes, said: str) -> M:
     return message
 
 
+def is_typed(said: str) -> bool:
+    """Whether a sender's encoding names one of our types."""
+    return said.startswith(_PREFIX)
+
+
 def check_schema(type_: type[Struct], said: str) -> None:
     """Raise SchemaMismatch where the sender's encoding names another type or digest."""
-    if not said.startswith(_PREFIX):
+    if not is_typed(said):
         return
     name, _, digest = said.removeprefix(_PREFIX).partition("#")
     if name != type_.__name__ or (digest and digest != schema_hash(type_)):

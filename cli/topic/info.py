@@ -1,0 +1,81 @@
+"""`topic info`: what is known of one topic."""
+
+from typing import Annotated, Any
+
+from cli import bus, output
+from cli.declare import Arg
+from cli.names import single_key, topic_of
+from cli.options import Options
+from schemas.contract import Topic
+from schemas.describe import definition, schema_hash
+from schemas.topics import TOPICS
+from services.runtime.errors import Unreachable
+from services.runtime.graph import Offer
+from services.runtime.params import nearest
+
+
+def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete="topic")]) -> None:
+    """Show a topic's type, rate, publishers and fields, and whether anybody listens.
+
+    The bus tells who publishes and that somebody listens, but not who.
+
+    Example: quadctl topic info sensors/pressure
+    """
+    key = single_key(topic, options.vehicle)
+    with bus.connect(options) as client, client.outlet(key) as outlet:
+        # A round trip to the hub, which by its end has told of listeners too.
+        offers = [offer for offer in client.offers() if offer.kind == "@pub"]
+        heard = outlet.is_heard()
+    declared = topic_of(key)
+    if declared is not None and declared.key(options.vehicle) != key:
+        declared = None
+    found = [offer for offer in offers if offer.key == key]
+    if not found and not (declared and heard):
+        raise _nobody(key, offers, heard=heard)
+    said = _described(key, found, declared) | {"listened": heard}
+    if options.json:
+        output.document(said)
+        return
+    output.table(_rows(said, declared.doc if declared else ""))
+    output.line(said["definition"] or "its fields are not known to this quadctl")
+
+
+def _described(key: str, found: list[Offer], declared: Topic[Any] | None) -> dict[str, Any]:
+    """What its publishers say of a topic, or without any what our contract says."""
+    type_: Any
+    if found:
+        name, digest, hz = found[0].type, found[0].hash, found[0].hz
+        type_ = next((topic.type for topic in TOPICS if topic.type.__name__ == name), None)
+    else:
+        assert declared is not None  # noqa: S101 - the caller's promise
+        type_, hz = declared.type, declared.hz
+        name, digest = type_.__name__, schema_hash(type_)
+    fields = definition(type_) if type_ and schema_hash(type_) == digest else ""
+    return {
+        "key": key,
+        "type": name,
+        "hash": digest,
+        "declared_hz": hz,
+        "publishers": sorted({offer.node for offer in found}),
+        "definition": fields,
+    }
+
+
+def _rows(said: dict[str, Any], about: str) -> list[tuple[str, str]]:
+    hz = said["declared_hz"]
+    rows = [
+        ("Key:", said["key"]),
+        ("Type:", f"{said['type']}, hash {said['hash']}"),
+        ("Rate:", f"{hz:g} Hz, declared" if hz else "on change"),
+        ("Publishers:", ", ".join(said["publishers"]) or "none that is announced"),
+        ("Listeners:", "at least one" if said["listened"] else "none"),
+    ]
+    return [*rows, ("About:", about)] if about else rows
+
+
+def _nobody(key: str, offers: list[Offer], *, heard: bool) -> Unreachable:
+    names = {offer.key: offer.key for offer in offers} | {offer.name: offer.key for offer in offers}
+    return Unreachable(
+        f"nobody offers {key} now" + (", though somebody listens to it" if heard else ""),
+        nearest(key, names) or "`quadctl topic list` shows what there is",
+    )

@@ -1,0 +1,99 @@
+"""`topic pub`: publishes on any key."""
+
+import time
+from typing import Annotated
+
+from cli import bus, output
+from cli.declare import Arg, Opt
+from cli.names import single_key, topic_of
+from cli.options import Options
+from cli.topic.payload import Payload, payload_of
+from services.runtime.client import Client
+from services.runtime.errors import Invalid, Unreachable, UsageError
+
+_FASTEST = 10_000.0
+_DEFAULT_HZ = 10.0
+"""What rostopic takes where many messages are wanted and no rate is given."""
+
+
+def pub(
+    options: Options,
+    topic: Annotated[str, Arg("A topic, or any Zenoh key.", complete="topic")],
+    arguments: Annotated[
+        list[str] | None,
+        Arg("As x=1 pose.y=2, as JSON or {x: 1}, or as values in order.", complete="field"),
+    ] = None,
+    rate: Annotated[
+        float | None, Opt("Messages a second, until -n of them or Ctrl-C.", ("-r", "--rate"))
+    ] = None,
+    count: Annotated[int | None, Opt("End after so many messages.", ("-n",), min=1)] = None,
+    once: Annotated[bool, Opt("Send one message: so it is without -r and -n.")] = False,
+    form: Annotated[
+        str, Opt("What a key of no known type gets: json, msgpack, text or hex.", ("--as",))
+    ] = "",
+    no_wait: Annotated[bool, Opt("Send at once, whether anybody listens or not.")] = False,
+) -> None:
+    """Publish one message, or with -r many, as soon as somebody listens.
+
+    What goes to a topic of ours is checked against its type. rostopic's -1 before the topic is
+    understood, and so is a type before the message, which is not needed.
+
+    Example: quadctl topic pub input/position_request x=1 y=2 z=1
+    """
+    words = arguments or []
+    if topic == "-1" and words:
+        (topic, *words), once = words, True
+    wanted = _count(rate, count, once=once)
+    key = single_key(topic, options.vehicle)
+    payload = payload_of(key, options.vehicle, words, form)
+    with bus.connect(options) as client:
+        _warn(key, client.vehicle)
+        sent = _send(client, key, payload, wanted, rate or _DEFAULT_HZ, wait=not no_wait)
+    output.either(
+        options,
+        {"key": key, "sent": sent, "encoding": payload.encoding},
+        f"sent {sent} message{'s' if sent > 1 else ''} on {key}",
+    )
+
+
+def _count(rate: float | None, count: int | None, *, once: bool) -> int | None:
+    """How many messages are wanted; None without an end."""
+    if rate is not None and not 0 < rate <= _FASTEST:
+        raise Invalid(f"--rate {rate:g}: not a rate", f"give Hz, more than 0, up to {_FASTEST:g}")
+    if once and (rate is not None or (count or 1) > 1):
+        raise UsageError("--once goes neither with --rate nor with -n", "leave one of them out")
+    return count if rate is not None or count else 1
+
+
+def _warn(key: str, vehicle: str) -> None:
+    declared = topic_of(key)
+    if declared is not None and declared.node and key == declared.key(vehicle):
+        output.note(
+            f"warning: {key} is {declared.node}'s own: who reads it cannot tell yours from it"
+        )
+
+
+def _send(
+    client: Client, key: str, payload: Payload, wanted: int | None, hz: float, *, wait: bool
+) -> int:
+    """Send so many messages and return how many; they have reached the hub by then."""
+    sent = 0
+    with client.outlet(key, payload.encoding) as outlet:
+        if wait and not outlet.wait_for_listener(client.timeout):
+            if wanted is not None:
+                raise Unreachable(
+                    f"nobody listened on {key} within {client.timeout:g} s: nothing was sent",
+                    "is it spelled right? --no-wait sends nevertheless",
+                )
+            output.note(f"nobody listens on {key} yet")
+        start = time.monotonic()
+        try:
+            while wanted is None or sent < wanted:
+                time.sleep(max(start + sent / hz - time.monotonic(), 0))
+                outlet.put(payload.data)
+                sent += 1
+        except KeyboardInterrupt:
+            output.note(f"sent {sent} messages on {key}")
+            raise
+        client.flush()
+    return sent

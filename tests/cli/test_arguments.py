@@ -1,0 +1,159 @@
+"""Messages as they are written on a command line, in our way and in rostopic's."""
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cli import flow
+from cli.arguments import message_of, table_of, without_type
+from cli.topic.payload import Payload, payload_of
+from schemas.messages import Setpoint, Waypoint
+from services.runtime import wire
+from services.runtime.errors import Invalid, UsageError
+
+REQUEST = "uav/input/position_request"
+SETPOINT = "boot=b for_seq=1 position.x=1 position.y=2 position.z=3 brake=false"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["x=1", "y=-.5", "z=2."],
+        ["1", "-0.5", "2"],
+        ['{"x": 1, "y": -0.5, "z": 2}'],
+        ["{x: 1, y: -.5, z: 2.0}"],
+        ["{'x': 1, \"y\": -5e-1, z: +2}"],
+        [" {x: 1,y: -0.5 , z: 2,} "],
+        ["geometry_msgs/Vector3", "{x: 1, y: -0.5, z: 2}"],
+        ["geometry_msgs/msg/Point", "1", "-.5", "2"],
+        ["Waypoint", "x=1", "y=-0.5", "z=2"],
+        ["quadctl/Waypoint", "1", "-0.5", "2"],
+    ],
+)
+def test_a_waypoint_in_many_spellings(words: list[str]):
+    assert message_of(Waypoint, "input/position_request", words) == Waypoint(1.0, -0.5, 2.0)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        SETPOINT.split(),
+        ["{boot: b, for_seq: 1, position: {x: 1, y: 2, z: 3}, brake: False}"],
+        ["b", "1", "{x = 1, y = 2, z = 3}", "False"],
+    ],
+)
+def test_a_message_with_a_table_in_it(words: list[str]):
+    found = message_of(Setpoint, "input/position", words)
+    assert (found.boot, found.for_seq, found.brake) == ("b", 1, False)
+    assert (found.position.x, found.position.y, found.position.z) == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["x=1", "y=2"], "missing required field `z`"),
+        (["1", "2", "3", "4"], "takes 3 values"),
+        (["x=1", "y=2", "z=inf"], "$.z"),
+        (["x=1", "y=2", "z=10001"], "$.z"),
+        (["x=1", "y=2", "z=three"], "$.z"),
+        (["x=1", "y=2", "z=3", "w=4"], "unknown field `w`"),
+        (["{x: 1, y: 2"], "it ends where"),
+        (["{x: 1 y: 2}"], "$.x"),
+        (["{x: 1, y: 2, z: 3} 4"], "after its end"),
+        (["{x: ,}"], "in place of a value"),
+        (["{x: 'it}"], "cannot be read"),
+        (["{" * 100_000], "in place of a value"),
+        (["[" * 100_000], ""),
+    ],
+)
+def test_what_is_no_waypoint_is_invalid_and_says_why(words: list[str], named: str):
+    with pytest.raises(Invalid) as caught:
+        message_of(Waypoint, "input/position_request", words)
+    assert named in caught.value.message
+    assert caught.value.hint
+
+
+SCALARS = (
+    st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False)
+    | st.text("ab c{}[]:,'\\\"é", max_size=6)
+)  # fmt: skip
+DATA = st.recursive(
+    SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text("abc", min_size=1), inner), max_leaves=8
+)  # fmt: skip
+
+
+@given(DATA)
+def test_the_flow_style_reads_all_that_json_writes(value: Any):
+    text = json.dumps(value, ensure_ascii=False)
+    if "\\" not in text and "null" not in text:
+        assert flow.read(text) == value
+
+
+@given(st.text("{}[]:,'\"ab1 .\\\n", max_size=20))
+def test_no_text_is_more_than_invalid(text: str):
+    problem: Invalid | None = None
+    try:
+        table_of(["{" + text])
+    except Invalid as found:
+        problem = found
+    assert problem is None or "name=value" in problem.hint
+
+
+@pytest.mark.parametrize(
+    ("words", "kept"),
+    [
+        (["std_msgs/String", "hello"], ["hello"]),
+        (["std_srvs/srv/SetBool", "data=true"], ["data=true"]),
+        (["std_msgs/String"], ["std_msgs/String"]),
+        (["hello", "world"], ["hello", "world"]),
+        (["a/b", "c"], ["a/b", "c"]),
+        (["a/", "c"], ["a/", "c"]),
+    ],
+)
+def test_a_type_before_the_message_is_left_out(words: list[str], kept: list[str]):
+    assert without_type(words) == kept
+
+
+def test_a_topic_of_ours_is_sent_in_our_encoding():
+    sent = payload_of(REQUEST, "uav", ["1", "2", "3"], "")
+    assert sent.encoding == wire.encoding(Waypoint)
+    assert wire.decode(Waypoint, *sent) == Waypoint(1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "form", "sent"),
+    [
+        ("hello", "", Payload(b"hello", "text/plain")),
+        ("3", "", Payload(b"3", "text/plain")),
+        ("a=1 b.c=x", "", Payload(b'{"a":1,"b":{"c":"x"}}', "application/json")),
+        ('{"a":[1,null]}', "", Payload(b'{"a":[1,null]}', "application/json")),
+        ("1 two", "", Payload(b'[1,"two"]', "application/json")),
+        ("a=1", "msgpack", Payload(b"\x81\xa1a\x01", "application/msgpack")),
+        ("7", "msgpack", Payload(b"\x07", "application/msgpack")),
+        ("hello there", "text", Payload(b"hello there", "text/plain")),
+        ("a=1", "text", Payload(b"a=1", "text/plain")),
+        ("00ff 10", "hex", Payload(b"\x00\xff\x10", "zenoh/bytes")),
+        ("std_msgs/Bool True", "json", Payload(b"true", "application/json")),
+    ],
+)
+def test_any_other_key_takes_what_it_is_given(line: str, form: str, sent: Payload):
+    for key in ("camera/image", "other/input/position_request"):
+        assert payload_of(key, "uav", line.split(), form) == sent
+
+
+@pytest.mark.parametrize(
+    ("key", "words", "form", "error"),
+    [
+        (REQUEST, ["1", "2", "3"], "json", Invalid),
+        ("a/b", ["xyz"], "hex", Invalid),
+        ("a/b", [f"{2**70}", "1"], "msgpack", Invalid),
+        ("a/b", [], "", UsageError),
+        ("a/b", ["1"], "xml", UsageError),
+    ],
+)
+def test_what_cannot_be_sent(key: str, words: list[str], form: str, error: type[Exception]):
+    with pytest.raises(error):
+        payload_of(key, "uav", words, form)

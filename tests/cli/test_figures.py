@@ -1,0 +1,58 @@
+"""The figures of `topic hz`, `bw` and `delay`."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cli.topic.figures import Heard, bandwidth, delay, rate
+from cli.topic.rates import _heard
+from services.runtime.errors import Invalid
+from services.runtime.hearing import Message
+
+TIMES = (10.0, 10.1, 10.2, 10.4)
+HEARD = [
+    Heard(at, size, age) for at, size, age in zip(TIMES, (8, 10, 20, 30), (1, 2, 3, 2), strict=True)
+]
+
+
+def test_the_rate_as_rostopic_says_it():
+    found = rate(HEARD)
+    assert found.document["hz"] == pytest.approx(7.5)
+    assert found.document["std"] == pytest.approx(math.sqrt(2) / 30)
+    assert (found.document["min"], found.document["max"]) == pytest.approx((0.1, 0.2))
+    assert found.text == (
+        "average rate: 7.500\n\tmin: 0.100s max: 0.200s std dev: 0.04714s window: 4"
+    )
+    assert list(found.document) == ["hz", "min", "max", "std", "n"]
+
+
+def test_the_bytes_of_the_time_that_is_counted():
+    found = bandwidth(HEARD)
+    assert found.document["bytes_per_second"] == pytest.approx(60 / 0.4)
+    assert (found.document["mean"], found.document["min"], found.document["max"]) == (17, 8, 30)
+    assert found.text == "average: 150.00B/s\n\tmean: 17.00B min: 8.00B max: 30.00B window: 4"
+    many = [Heard(received=at / 1000, size=2_500, age=0) for at in range(1001)]
+    assert bandwidth(many).text.startswith("average: 2.50MB/s\n\tmean: 2.50KB")
+
+
+def test_the_age():
+    found = delay(HEARD)
+    assert found.document == {"delay": 2, "min": 1, "max": 3, "std": math.sqrt(0.5), "n": 4}
+    assert found.text.startswith("average delay: 2.000000\n\tmin: 1.000000s")
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=2, max_size=50).map(sorted))
+def test_any_times_have_a_rate(times: list[float]):
+    figures = [measure([Heard(at, 5, at) for at in times]) for measure in (rate, bandwidth, delay)]
+    for found in figures:
+        assert all(math.isfinite(value) for value in found.document.values())
+        assert found.document["min"] <= found.document["max"]
+
+
+def test_a_message_without_a_time_has_no_age():
+    message = Message("a/b", b"xyz", "", 1.5, None)
+    assert _heard(message, aged=False) == Heard(1.5, 3, 0.0)
+    with pytest.raises(Invalid, match="bears no time"):
+        _heard(message, aged=True)

@@ -1,0 +1,105 @@
+"""Whatever is taken as a key, Zenoh takes; what Zenoh would not take never reaches it."""
+
+import pytest
+import zenoh
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from cli.names import checked_key, find_service, single_key
+from services.runtime.errors import Invalid, UsageError
+from services.runtime.realm import vehicle_name
+from tests.cli.quadctl import Quadctl
+
+ODD = st.text(st.sampled_from("ab/*$@#?{}~%: é\n"), max_size=8) | st.text(
+    st.characters(exclude_categories=["Cs"]), max_size=12
+)
+
+
+def canonical(text: str) -> str | None:
+    """The one spelling that Zenoh takes of a key expression; None where it takes none."""
+    try:
+        return str(zenoh.KeyExpr.autocanonize(text))
+    except zenoh.ZError:
+        return None
+
+
+@settings(max_examples=1000, deadline=None)
+@given(ODD)
+@example("a/***")
+@example("$*")
+@example("$*$*")
+@example("a/$*/**/b")
+@example("**/**/*/$*/x")
+@example("**/*")
+@example("a$*$*b/@c")
+@example("@$*")
+def test_a_key_is_what_zenoh_makes_of_it(name: str):
+    bare = name.strip("/")
+    try:
+        key = checked_key(name, "uav")
+    except Invalid:
+        assert canonical(bare) is None
+    else:
+        assert canonical(bare) == key == str(zenoh.KeyExpr(key))
+
+
+@settings(max_examples=300, deadline=None)
+@given(ODD)
+def test_a_single_key_stands_for_no_other(name: str):
+    try:
+        key = single_key(name, "uav")
+    except Invalid:
+        return
+    assert not any(char in str(zenoh.KeyExpr(key)) for char in "*$#?")
+
+
+@settings(max_examples=300, deadline=None)
+@given(ODD, st.sampled_from(["get_params", "set_params"]))
+@example("a$b", "get_params")
+@example("*", "get_params")
+@example("x" * 70_000, "get_params")
+def test_a_nodes_service_has_a_key(node: str, verb: str):
+    try:
+        service = find_service(f"{node}/{verb}", "uav")
+    except Invalid:
+        return
+    key = zenoh.KeyExpr(service.key("uav"))
+    assert "*" not in str(key)
+    assert len(str(key)) < 1000
+
+
+@settings(max_examples=300)
+@given(ODD)
+def test_a_vehicle_begins_keys(name: str):
+    try:
+        vehicle = vehicle_name(name)
+    except UsageError:
+        return
+    assert str(zenoh.KeyExpr(f"{vehicle}/pose")) == f"{vehicle}/pose"
+
+
+def test_a_key_too_long_for_the_wire():
+    with pytest.raises(Invalid, match="is no key"):
+        checked_key("a" * 70_000, "uav")
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("topic echo a/***", 6),
+        ("topic hz a$b", 6),
+        ("topic info uav/**", 6),
+        ("topic pub uav/* 1", 6),
+        ("topic pub a//b 1", 6),
+        ("service call a$b/get_params []", 6),
+        ("service call */get_params []", 6),
+        ("service info */get_params", 6),
+        ("--vehicle a$b topic list", 2),
+        ("--vehicle * topic list", 2),
+        ("topic echo **/*", 3),
+    ],
+)
+def test_what_is_no_key_is_refused_before_anything_is_asked(quadctl: Quadctl, line: str, code: int):
+    said = quadctl(*line.split())
+    assert (said.code, said.out) == (code, "")
+    assert said.err.startswith("error: ")

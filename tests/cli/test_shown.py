@@ -1,0 +1,67 @@
+"""A message as `topic echo` shows it, and one field of it."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from cli.topic.shown import NoField, field_of, shown
+from schemas.messages import Waypoint
+from services.runtime import wire
+from services.runtime.errors import Invalid
+from services.runtime.hearing import Message
+
+POINT = Waypoint(1.0, 2.0, 3.0)
+PACKED = wire.encode(POINT)
+
+
+def message(key: str, payload: bytes, encoding: str = "") -> Message:
+    return Message(key, payload, encoding, 0.0, None)
+
+
+@pytest.mark.parametrize("key", ["uav/input/position_request", "x/input/position_request", "a/b"])
+@pytest.mark.parametrize("encoding", ["", wire.encoding(Waypoint), "application/msgpack"])
+def test_a_waypoint_is_shown_wherever_it_comes(key: str, encoding: str):
+    assert shown(message(key, PACKED, encoding), "uav") == msgspec.to_builtins(POINT)
+
+
+@pytest.mark.parametrize(
+    "payload", [b"\xc1", b"{}", b"hello", b"", msgspec.msgpack.encode({"x": 1})]
+)
+def test_on_our_topic_what_is_no_waypoint_cannot_be_read(payload: bytes):
+    with pytest.raises(Invalid):
+        shown(message("uav/input/position_request", payload), "uav")
+
+
+def test_under_a_strangers_first_chunk_the_name_of_our_topic_says_nothing():
+    assert shown(message("camera/pose", b'{"tilt": 3}', "application/json"), "uav") == {"tilt": 3}
+    other = wire.encoding(Waypoint).replace("#", "#0")
+    with pytest.raises(Invalid, match="schema mismatch"):
+        shown(message("camera/input/position_request", PACKED, other), "uav")
+
+
+DATA = {"a": {"b": [10, {"c": 5}]}, "0": "zero"}
+
+
+@pytest.mark.parametrize(
+    ("path", "found"),
+    [("a.b.0", 10), ("a.b.1.c", 5), ("0", "zero"), ("a.b", [10, {"c": 5}]), ("", DATA)],
+)
+def test_a_field_by_its_path(path: str, found: Any):
+    assert field_of(DATA, path) == found
+
+
+@pytest.mark.parametrize(
+    ("path", "has"),
+    [
+        ("a.q", "b"),
+        ("a.b.2", "a list of 2"),
+        ("a.b.-1", "a list of 2"),
+        ("0.x", "no fields"),
+        ("a.b.x", "list"),
+    ],
+)
+def test_a_field_that_is_not_there(path: str, has: str):
+    with pytest.raises(NoField, match=f"no field {path}") as caught:
+        field_of(DATA, path)
+    assert has in caught.value.hint

@@ -133,6 +133,12 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
             raise ValueError(f"rate {self.rate} Hz: 1000 / rate must be a whole number")
 
 
+_PORTS = ("tcp", "udp", "tls", "quic", "ws")
+"""Zenoh's protocols on host:port."""
+_LOCAL = ("unixsock-stream",)
+"""Zenoh's protocols on a path."""
+
+
 class HubParams(Struct, forbid_unknown_fields=True):
     """The Zenoh router that everything else is a client of."""
 
@@ -151,6 +157,17 @@ class HubParams(Struct, forbid_unknown_fields=True):
             extra={"unit": ""},
         ),
     ] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what no Zenoh router can listen on."""
+        for endpoint in self.listen:
+            protocol, _, address = endpoint.partition("/")
+            if not (address and (protocol in _LOCAL or (protocol in _PORTS and ":" in address))):
+                known = ", ".join((*_PORTS, *_LOCAL))
+                raise ValueError(
+                    f"listen: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
+                    f"tcp/127.0.0.1:7447; the protocols are {known}"
+                )
 
 
 class SuperviseParams(Struct, forbid_unknown_fields=True):
@@ -175,7 +192,13 @@ class Params(Struct, forbid_unknown_fields=True):
     dynamics: DynamicsParams = field(default_factory=DynamicsParams)
     hub: HubParams = field(default_factory=HubParams)
     supervise: SuperviseParams = field(default_factory=SuperviseParams)
-    processes: dict[str, str | list[str]] = field(default_factory=dict)
+    processes: Annotated[
+        dict[str, str | list[str]],
+        Meta(
+            description="commands to run in place of a node of ours, or besides them",
+            extra={"unit": ""},
+        ),
+    ] = field(default_factory=dict)
 
 
 FIXED_AT_LAUNCH = frozenset({"dynamics.speed", "dynamics.seed", "hub.transport", "hub.listen"})

@@ -1,12 +1,12 @@
 """`node list`."""
 
+import contextlib
+
 import msgspec
 
-from cli import bus, output
+from cli import output
+from cli.node.seen import connected, run_of, see
 from cli.options import Options
-from services.runtime import record
-from services.runtime.errors import Unreachable
-from services.runtime.realm import Realm
 
 
 def list_(options: Options) -> None:
@@ -14,25 +14,17 @@ def list_(options: Options) -> None:
 
     Example: quadctl node list
     """
-    try:
-        nodes = msgspec.to_builtins(record.read(Realm(options.realm)).nodes)
-    except Unreachable:
-        if not options.connect:
-            raise
-        nodes = []
-    try:
-        with bus.connect(options) as client:
-            live, offers = client.nodes(), client.offers()
-    except Unreachable:
-        # The supervisor still knows what runs while its hub is being restarted.
-        live, offers = [], []
-    known = {node["name"] for node in nodes}
-    strangers = [name for name in live if name not in known]
-    nodes += [{"name": name, "pid": 0, "state": "ready", "restarts": 0} for name in strangers]
-    for node in nodes:
-        for kind, title in (("@pub", "topics"), ("@srv", "services")):
-            mine = (offer for offer in offers if offer.node == node["name"] and offer.kind == kind)
-            node[title] = [offer.key for offer in mine]
+    run = run_of(options)
+    with connected(options, run) or contextlib.nullcontext() as client:
+        seen = see(client, run)
+    nodes = [
+        msgspec.to_builtins(process)
+        | {
+            title: [offer.key for offer in seen.offered(process.name, kind)]
+            for title, kind in (("topics", "@pub"), ("services", "@srv"))
+        }
+        for process in seen.processes
+    ]
     if options.json:
         output.document(nodes)
         return

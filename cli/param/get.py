@@ -1,48 +1,47 @@
-"""`param list|get`: reads the parameters of the running nodes."""
+"""`param list|get`: reads the parameters of the running system."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
-from cli import bus, output
+from cli import output
 from cli.declare import Arg
 from cli.options import Options
-from cli.param.names import node_of, nodes_with_params
-from schemas.requests import GetParamsRequest
-from schemas.topics import get_params
+from cli.param.running import Running
+from services.runtime import toml
+from services.runtime.params import normal_name
 
 
 def list_(options: Options) -> None:
-    """List every parameter of the running nodes.
+    """List every parameter of the running system.
+
+    Where a node does not answer, the others' are listed and the exit code tells.
 
     Example: quadctl param list
     """
-    names: list[str] = []
-    with bus.connect(options) as client:
-        for node in nodes_with_params(client):
-            names += client.call(get_params(node), GetParamsRequest([])).values
+    with Running(options) as running:
+        heard = running.every()
+    names = sorted(name for answer in heard.answers.values() for name in answer)
     if options.json:
-        output.document(sorted(names))
+        output.document(names)
     else:
-        for name in sorted(names):
+        for name in names:
             output.line(name)
+    heard.fail()
 
 
 def get(
     options: Options,
     names: Annotated[list[str], Arg("Parameters, or whole tables.", complete="param")],
 ) -> None:
-    """Print the values of parameters.
+    """Print the values of parameters, in the words that `param set` takes.
 
     Example: quadctl param get safety.virtual_cage.x
     """
-    found: dict[str, Any] = {}
-    with bus.connect(options) as client:
-        for name in names:
-            node = node_of(client, name)
-            found |= client.call(get_params(node), GetParamsRequest([name])).values
+    with Running(options) as running:
+        found = running.get(names)
     if options.json:
         output.document(found)
-    elif len(found) == 1:
-        output.line(str(next(iter(found.values()))))
+    elif list(found) == [normal_name(name) for name in names[:1]]:
+        output.line(toml.word(*found.values()))
     else:
         for name, value in found.items():
-            output.line(f"{name}: {value}")
+            output.line(f"{name}: {toml.word(value)}")

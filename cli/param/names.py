@@ -2,7 +2,7 @@
 
 from services.runtime.client import Client
 from services.runtime.errors import Invalid
-from services.runtime.params import nearest, normal_name
+from services.runtime.params import nearest
 from services.runtime.processes import NODES
 
 
@@ -11,10 +11,12 @@ def nodes_with_params(client: Client) -> list[str]:
     return sorted({offer.node for offer in client.offers() if offer.type == "GetParams"})
 
 
-def node_of(client: Client, name: str) -> str:
-    """The live node that a parameter belongs to; raises Invalid with the nearest name."""
-    node = normal_name(name).partition(".")[0]
-    live = nodes_with_params(client)
+def node_of(name: str, live: list[str]) -> str:
+    """The one of the live nodes that a parameter belongs to; raises Invalid with the nearest name.
+
+    A node of ours may just be away.
+    """
+    node = name.partition(".")[0]
     if node in live or node in NODES or not live:
         return node
     hint = nearest(node, live) or f"the nodes with parameters are {', '.join(live)}"

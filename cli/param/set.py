@@ -2,12 +2,13 @@
 
 from typing import Annotated
 
-from cli import bus, output
+from cli import output
 from cli.declare import Arg
 from cli.options import Options
 from cli.param.names import node_of
-from schemas.requests import SetParamsRequest
-from schemas.topics import set_params
+from cli.param.running import Running
+from services.runtime import toml
+from services.runtime.declared import UNSERVED
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.params import normal_name, value_of
 
@@ -34,13 +35,15 @@ def set_(
             f"these belong to different nodes: {', '.join(sorted(nodes))}",
             "set one node's parameters at a time, so that all are taken or none",
         )
-    with bus.connect(options) as client:
-        node = node_of(client, next(iter(values)))
-        reply = client.call(set_params(node), SetParamsRequest(values))
+    with Running(options) as running:
+        if nodes <= set(UNSERVED):
+            names = ", ".join(values)
+            raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")
+        reply = running.set(node_of(next(iter(values)), running.nodes()), values)
     if not reply.success:
         raise Invalid(reply.reason, "nothing was changed")
     if options.json:
         output.document(values)
     else:
         for name, value in values.items():
-            output.line(f"{name}: {value}")
+            output.line(f"{name}: {toml.word(value)}")

@@ -15,12 +15,21 @@ _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL
 _UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
 
 
+LAB_NODES = {
+    "state_safety_node": "safety",
+    "pressure_node": "pressure",
+    "pressure_sensor_node": "pressure",
+    "dynamics_node": "dynamics",
+}
+"""What a node of ours is called by who comes from the lab's ROS packages."""
+
+
 def load(file: Path | None, settings: Iterable[str] = (), running: Params | None = None) -> Params:
     """Defaults or a running system's values, below the file, below `name=value` settings.
 
     Raises Invalid with the file, the path in it, what was expected and the nearest name.
     """
-    table = msgspec.to_builtins(running or {}) if file is None else _read(file)
+    table = msgspec.to_builtins(running or {}) if file is None else read(file)
     source = "the defaults" if file is None else str(file)
     for setting in settings:
         name, separator, text = setting.partition("=")
@@ -46,14 +55,19 @@ def value_of(text: str) -> Any:
     if text in {"True", "False"}:
         return text == "True"
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        found = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
         return text
+    return found["value"] if len(found) == 1 else text
 
 
 def normal_name(name: str) -> str:
-    """`/safety/virtual_cage/x`, as ROS users write, to `safety.virtual_cage.x`."""
-    return name.strip("/").replace("/", ".")
+    """`/safety/virtual_cage/x`, as ROS users write, to `safety.virtual_cage.x`.
+
+    A node may go by its name in the lab, as `/state_safety_node/virtual_cage/x`.
+    """
+    node, dot, rest = name.strip("/").replace("/", ".").partition(".")
+    return f"{LAB_NODES.get(node, node)}{dot}{rest}"
 
 
 def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
@@ -66,7 +80,7 @@ def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
     for part in path:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            raise Invalid(f"{source}: {part} is a value and has no {last}", _nearest(name))
+            raise Invalid(f"{source}: {part} is a value and has no {last}", nearest_declared(name))
     table[last] = value
 
 
@@ -80,17 +94,31 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield name, value
 
 
-def _read(file: Path) -> dict[str, Any]:
-    import tomllib
+def read(file: Path) -> dict[str, Any]:
+    """The tables of a TOML file, not checked; raises Invalid where it is none."""
+    return parse(read_text(file), str(file))
 
+
+def read_text(file: Path) -> str:
+    """A file's text as it is, its line ends too; raises Invalid where it cannot be had."""
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return file.read_bytes().decode()
     except OSError as error:
         raise Invalid(
             f"{file} cannot be read: {error.strerror}", "`quadctl init` writes one"
         ) from error
+    except UnicodeDecodeError as error:
+        raise Invalid(f"{file} is not TOML: {error}", "TOML is written in UTF-8") from error
+
+
+def parse(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text, not checked; raises Invalid where it is none."""
+    import tomllib
+
+    try:
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise Invalid(f"{file} is not TOML: {error}", "see the line and column named") from error
+        raise Invalid(f"{source} is not TOML: {error}", "see the line and column named") from error
 
 
 def _explain(text: str, source: str) -> Invalid:
@@ -99,7 +127,7 @@ def _explain(text: str, source: str) -> Invalid:
     unknown = _UNKNOWN.search(what)
     if unknown:
         name = f"{where}.{unknown['name']}".lstrip(".")
-        return Invalid(f"{source}: unknown parameter {name}", _nearest(name))
+        return Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
     return Invalid(
         f"{source}: {where or 'the file'}: {what[:1].lower()}{what[1:]}",
         "`quadctl init fresh.toml` writes every parameter's bounds and meaning",
@@ -115,7 +143,8 @@ def nearest(name: str, names: Iterable[str]) -> str:
     return f"did you mean {folded[found[0]]}?" if found else ""
 
 
-def _nearest(name: str) -> str:
+def nearest_declared(name: str) -> str:
+    """A hint that names the likeliest declared parameter or table meant."""
     defaults = msgspec.to_builtins(Params())
     names = [leaf for leaf, _ in flatten(defaults)]
     tables = {leaf.rpartition(".")[0] for leaf in names}

@@ -1,0 +1,39 @@
+"""Asking one node for its parameters, which every node answers whose loop turns."""
+
+from typing import Any
+
+from cli.node.seen import Seen
+from schemas.requests import GetParamsRequest
+from schemas.topics import get_params
+from services.runtime.client import Client
+from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.processes import NODES
+from services.runtime.record import ProcessRecord
+
+
+def answering(seen: Seen) -> list[ProcessRecord]:
+    """Who says that it answers, and our own that do not say so because they are away."""
+    away = set(NODES) - set(seen.live)
+    return [p for p in seen.processes if seen.answers(p.name) or p.name in away]
+
+
+def params_of(
+    client: Client, process: ProcessRecord, names: list[str], timeout: float
+) -> dict[str, Any]:
+    """Its parameters; waits (s) for one that is just being restarted.
+
+    Raises Unreachable for a process that is away, TimedOut for one that is there and silent.
+    """
+    name = process.name
+    if process.state == "down":
+        raise Unreachable(f"{name} is down", f"`quadctl node logs {name}` may tell why")
+    try:
+        return client.call(get_params(name), GetParamsRequest(names), timeout).values
+    except Unreachable as error:
+        if not process.pid or process.state != "ready":
+            raise
+        # A second after it froze, the hub takes it for gone; the supervisor sees its process.
+        raise TimedOut(
+            f"{name} does not answer, although its process {process.pid} is there",
+            "it is frozen or busy: `quadctl status`",
+        ) from error

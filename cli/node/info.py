@@ -1,0 +1,102 @@
+"""`node info`: all that is known of one node."""
+
+import contextlib
+import time
+from typing import Annotated, Any
+
+from cli import output
+from cli.declare import Arg
+from cli.node.asked import answering, params_of
+from cli.node.seen import Seen, connected, run_of, see
+from cli.options import Options
+from services.runtime.errors import QuadctlError
+from services.runtime.record import ProcessRecord
+from services.runtime.vitals import Vitals, vitals_of
+
+_MEGABYTE = 1e6
+
+
+def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]) -> None:
+    """Show a node: its process, topics, services, parameters, memory and CPU time.
+
+    Example: quadctl node info safety
+    """
+    deadline = time.monotonic() + options.timeout
+    run = run_of(options)
+    problem: QuadctlError | None = None
+    params: list[str] = []
+    with connected(options, run) or contextlib.nullcontext() as client:
+        seen = see(client, run)
+        process = seen.find(name)
+        left = max(deadline - time.monotonic(), 0.001)
+        try:
+            if client and process.state == "ready" and process in answering(seen):
+                params = [*params_of(client, process, [], left)]
+        except QuadctlError as error:
+            # The rest is shown all the same, and the exit code tells.
+            problem = error
+    vitals = vitals_of(process.pid) if process.pid else Vitals()
+    if options.json:
+        output.document(_document(process, seen, params, vitals))
+    else:
+        _print(process, seen, params, vitals)
+    if problem is not None:
+        raise problem
+
+
+def _document(
+    process: ProcessRecord, seen: Seen, params: list[str], vitals: Vitals
+) -> dict[str, Any]:
+    return {
+        "name": process.name,
+        "state": process.state,
+        "pid": process.pid,
+        "restarts": process.restarts,
+        "supervised": seen.run is not None and process in seen.run.nodes,
+        "uptime": vitals.uptime,
+        "pss": vitals.pss,
+        "rss": vitals.rss,
+        "cpu": vitals.cpu,
+        "topics": [
+            {"key": offer.key, "type": offer.type, "declared_hz": offer.hz}
+            for offer in seen.offered(process.name, "@pub")
+        ],
+        "services": [
+            {"name": offer.name, "key": offer.key, "type": offer.type}
+            for offer in seen.offered(process.name, "@srv")
+        ],
+        "params": params,
+    }
+
+
+def _print(process: ProcessRecord, seen: Seen, params: list[str], vitals: Vitals) -> None:
+    rows = [
+        ("Node:", process.name),
+        ("State:", process.state),
+        ("Pid:", process.pid or "-"),
+        ("Restarts:", process.restarts),
+        ("Since:", _since(vitals.uptime)),
+        ("Memory:", f"{_megabytes(vitals.pss)} PSS, {_megabytes(vitals.rss)} RSS"),
+        ("CPU time:", "-" if vitals.cpu is None else f"{vitals.cpu:.2f} s"),
+    ]
+    output.table(rows)
+    topics = [
+        f"{offer.key} [{offer.type}] {f'{offer.hz:g} Hz' if offer.hz else 'on change'}"
+        for offer in seen.offered(process.name, "@pub")
+    ]
+    services = [f"{offer.key} [{offer.type}]" for offer in seen.offered(process.name, "@srv")]
+    for title, items in (("Topics", topics), ("Services", services), ("Parameters", params)):
+        output.line(f"{title}:{'' if items else ' none'}")
+        for item in items:
+            output.line(f" * {item}")
+
+
+def _since(uptime: float | None) -> str:
+    if uptime is None:
+        return "-"
+    began = time.localtime(time.time() - uptime)
+    return f"{time.strftime('%Y-%m-%d %H:%M:%S', began)}, {uptime:.0f} s ago"
+
+
+def _megabytes(size: int | None) -> str:
+    return "-" if size is None else f"{size / _MEGABYTE:.1f} MB"

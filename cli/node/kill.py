@@ -1,0 +1,76 @@
+"""`node kill`: sends a signal to a process of this realm."""
+
+import os
+import signal
+import sys
+from typing import Annotated
+
+from cli import output
+from cli.declare import Arg, Opt
+from cli.options import Options
+from services.runtime import record
+from services.runtime.errors import Unreachable, UsageError
+from services.runtime.params import nearest, normal_name
+from services.runtime.realm import Realm
+from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.vitals import parent_of
+
+_DONE = {
+    "KILL": "killed; the supervisor restarts it",
+    "TERM": "asked to end; the supervisor restarts it",
+    "INT": "interrupted; the supervisor restarts it",
+    "STOP": "stopped; the supervisor restarts what does not answer",
+    "CONT": "continued",
+}
+
+
+def kill(
+    options: Options,
+    name: Annotated[str, Arg("A node.", complete="node")],
+    number: Annotated[str, Opt("KILL, TERM, INT, STOP or CONT.", ("--signal",), "SIGNAL")] = "TERM",
+) -> None:
+    """Send a signal to a process that `up` looks after, and which it restarts when that ends it.
+
+    Example: quadctl node kill pressure --signal KILL
+    """
+    signal_ = number.upper().removeprefix("SIG")
+    if signal_ not in _DONE or not hasattr(signal, f"SIG{signal_}"):
+        raise UsageError(f"--signal {number}: no such signal", f"one of {', '.join(_DONE)}")
+    run = record.read(Realm(options.realm))
+    process = _process(run, name)
+    _send(process, getattr(signal, f"SIG{signal_}"))
+    said = {"name": process.name, "pid": process.pid, "signal": signal_}
+    output.either(options, said, f"{process.name} (process {process.pid}): {_DONE[signal_]}")
+
+
+def _process(run: RunRecord, name: str) -> ProcessRecord:
+    wanted = normal_name(name)
+    by_name = {process.name: process for process in run.nodes}
+    if wanted not in by_name:
+        hint = "a node that was started by hand is ended where it was started"
+        raise Unreachable(
+            f"no process {name} is looked after by `up` in the realm {run.realm}",
+            nearest(wanted, by_name) or hint,
+        )
+    process = by_name[wanted]
+    # A recorded process that has just ended may have left its number to a stranger's.
+    parent = parent_of(process.pid) if process.pid else None
+    if not process.pid or (parent != run.pid and sys.platform == "linux"):
+        raise Unreachable(
+            f"{process.name} has no process now: it is {process.state}",
+            "`quadctl status` shows when it is back",
+        )
+    return process
+
+
+def _send(process: ProcessRecord, number: int) -> None:
+    try:
+        if sys.platform == "win32":
+            os.kill(process.pid, number)
+        else:
+            # As the supervisor does: a process and what it has started are one group.
+            os.killpg(process.pid, number)
+    except ProcessLookupError as error:
+        raise Unreachable(
+            f"{process.name} has just ended", "`quadctl status` shows when it is back"
+        ) from error

@@ -1,0 +1,89 @@
+"""`node ping`: whether a node's loop turns, and how quickly it answers."""
+
+import contextlib
+import time
+from typing import Annotated
+
+from cli import bus, output
+from cli.declare import Arg, Opt
+from cli.node.asked import answering, params_of
+from cli.node.seen import run_of, see
+from cli.options import Options
+from cli.together import Heard, ask_each
+from services.runtime.client import Client
+from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
+from services.runtime.record import ProcessRecord
+
+_LONGEST_INTERVAL = 3600.0
+
+
+def ping(
+    options: Options,
+    name: Annotated[str | None, Arg("A node.", complete="node")] = None,
+    count: Annotated[int, Opt("So many pings.", ("-n",), min=1)] = 4,
+    interval: Annotated[float, Opt("Seconds between them.")] = 1.0,
+    every: Annotated[bool, Opt("Ping all nodes.", ("--all",))] = False,
+) -> None:
+    """Ask a node for an answer, several times, and tell how long each took.
+
+    A node that is away ends it with 3, one that is frozen with 4.
+
+    Example: quadctl node ping safety -n 4
+    """
+    if every == (name is not None):
+        raise UsageError("node ping takes a node's name or --all")
+    if not 0 <= interval <= _LONGEST_INTERVAL:
+        raise UsageError(
+            f"--interval {interval:g}: not a time", f"give seconds, up to {_LONGEST_INTERVAL:g}"
+        )
+    run = run_of(options)
+    with bus.connect(options) as client:
+        seen = see(client, run)
+        asked = answering(seen) if name is None else [seen.find(name)]
+        for process in asked:
+            if process.name in seen.live and not seen.answers(process.name):
+                raise Unreachable(
+                    f"{process.name} serves no get_params", "so there is nothing to ask it for"
+                )
+        _Pings(options, client).run({process.name: process for process in asked}, count, interval)
+
+
+class _Pings:
+    """Pings of several nodes at a time; who does not answer is not asked again."""
+
+    def __init__(self, options: Options, client: Client) -> None:
+        self._options, self._client = options, client
+        self._took: dict[str, list[float]] = {}
+        self._problems: dict[str, QuadctlError] = {}
+
+    def run(self, asked: dict[str, ProcessRecord], count: int, interval: float) -> None:
+        """Ping, print and sum up; raises the first node's problem where one did not answer."""
+        begun = time.monotonic()
+        for number in range(count):
+            time.sleep(max(begun + number * interval - time.monotonic(), 0))
+            names = [name for name in asked if name not in self._problems]
+            heard = ask_each(names, lambda name: self._once(asked[name]))
+            self._problems |= heard.problems
+            for name, took in heard.answers.items():
+                self._took.setdefault(name, []).append(took)
+                said = {"node": name, "ms": took * 1000}
+                output.either(self._options, said, f"pong from {name}: {took * 1000:.2f} ms")
+            if len(self._problems) == len(asked):
+                break
+        for name, all_ in self._took.items():
+            self._sum_up(name, all_)
+        Heard(self._took, self._problems).fail()
+
+    def _sum_up(self, name: str, took: list[float]) -> None:
+        least, mean, most = (1000 * t for t in (min(took), sum(took) / len(took), max(took)))
+        said = {"node": name, "n": len(took), "min": least, "avg": mean, "max": most}
+        shown = f"{least:.2f}/{mean:.2f}/{most:.2f} ms"
+        output.either(self._options, said, f"{name}: {len(took)} pongs, min/avg/max {shown}")
+
+    def _once(self, process: ProcessRecord) -> float:
+        """How long an answer took, s."""
+        begun = time.monotonic()
+        # No node has a parameter of that name: that it says so shows that its loop turns.
+        with contextlib.suppress(Invalid):
+            params_of(self._client, process, [f"{process.name}.ping"], self._client.timeout)
+        return time.monotonic() - begun

@@ -1,0 +1,36 @@
+"""`node restart`: has the supervisor start processes anew."""
+
+import time
+from typing import Annotated
+
+from cli import output
+from cli.declare import Arg, Opt
+from cli.options import Options
+from services.runtime import record
+from services.runtime.asking import ask_restart, wait_restarted
+from services.runtime.errors import UsageError
+from services.runtime.params import normal_name
+from services.runtime.realm import Realm
+
+
+def restart(
+    options: Options,
+    names: Annotated[list[str] | None, Arg("Nodes.", complete="node")] = None,
+    everything: Annotated[bool, Opt("Every process of the run.", ("--all",))] = False,
+) -> None:
+    """Start processes anew, also one that is left down, and wait until they are ready.
+
+    Example: quadctl node restart pressure
+    """
+    if bool(names) == everything:
+        raise UsageError("node restart takes the nodes' names, or --all")
+    realm = Realm(options.realm)
+    wanted = [node.name for node in record.read(realm).nodes] if everything else names or []
+    deadline = time.monotonic() + options.timeout
+    asked = [ask_restart(realm, normal_name(name)) for name in wanted]
+    for before in asked:
+        left = max(deadline - time.monotonic(), 0.0)
+        after = wait_restarted(realm, before.name, before, left)
+        said = {"name": after.name, "before": before.pid, "pid": after.pid}
+        text = f"{after.name}: process {after.pid} in place of {before.pid or 'none'}"
+        output.either(options, said, text)

@@ -1,0 +1,71 @@
+"""Who is there: by the supervisor's record, and by the bus."""
+
+import contextlib
+
+from msgspec import Struct
+
+from cli.options import Options
+from services.runtime import record
+from services.runtime.client import Client
+from services.runtime.errors import Unreachable
+from services.runtime.graph import Offer
+from services.runtime.params import nearest, normal_name
+from services.runtime.realm import Realm
+from services.runtime.record import ProcessRecord, RunRecord
+
+
+class Seen(Struct, frozen=True):
+    """The run, where it is on this machine, the live nodes and what they offer."""
+
+    run: RunRecord | None
+    live: list[str]
+    offers: list[Offer]
+
+    @property
+    def processes(self) -> list[ProcessRecord]:
+        """What the supervisor looks after, and then any other that has announced itself."""
+        ours = self.run.nodes if self.run else []
+        known = {process.name for process in ours}
+        strangers = [name for name in self.live if name not in known]
+        return [*ours, *(ProcessRecord(name, 0, "ready", 0) for name in strangers)]
+
+    def find(self, name: str) -> ProcessRecord:
+        """A process by name, or as ROS users write it; raises Unreachable with the nearest name."""
+        wanted = normal_name(name)
+        by_name = {process.name: process for process in self.processes}
+        if wanted in by_name:
+            return by_name[wanted]
+        hint = nearest(wanted, by_name) or f"the nodes are {', '.join(by_name)}"
+        raise Unreachable(f"there is no node {name}", hint)
+
+    def answers(self, name: str) -> bool:
+        """Whether a node says that it has parameters, and so answers for them."""
+        return any(offer.type == "GetParams" for offer in self.offered(name, "@srv"))
+
+    def offered(self, name: str, kind: str) -> list[Offer]:
+        """The topics (`@pub`) or services (`@srv`) of a node."""
+        return [offer for offer in self.offers if offer.node == name and offer.kind == kind]
+
+
+def run_of(options: Options) -> RunRecord | None:
+    """The realm's run; None where there is none, and over --connect, where it is not ours."""
+    with contextlib.suppress(Unreachable):
+        return None if options.connect else record.read(Realm(options.realm))
+    return None
+
+
+def connected(options: Options, run: RunRecord | None) -> Client | None:
+    """A connection; None while the hub of a live run is away, of which the supervisor still knows."""
+    try:
+        return Client(
+            options.realm, options.vehicle, connect=options.connect, timeout=options.timeout
+        )
+    except Unreachable:
+        if run is None:
+            raise
+        return None
+
+
+def see(client: Client | None, run: RunRecord | None) -> Seen:
+    """Look around."""
+    return Seen(run, client.nodes(), client.offers()) if client else Seen(run, [], [])

@@ -1,0 +1,100 @@
+"""`param describe`: what a parameter is."""
+
+from typing import Annotated, Any
+
+from cli import output
+from cli.declare import Arg
+from cli.options import Options
+from cli.param.running import Running, Values
+from cli.together import Heard
+from schemas.describe import bounds_text, type_name
+from services.runtime import declared, toml
+from services.runtime.declared import UNSERVED, Entry, fixed_at_launch
+from services.runtime.errors import Invalid, Unreachable
+from services.runtime.params import nearest_declared, normal_name
+
+
+def describe(
+    options: Options,
+    names: Annotated[list[str], Arg("Parameters, or whole tables.", complete="param")],
+) -> None:
+    """Tell what parameters are: type, unit, bounds, default, meaning, and the present value.
+
+    Where nothing runs there is no present value, and the rest is told all the same.
+
+    Example: quadctl param describe safety.virtual_cage
+    """
+    names = [normal_name(name) for name in names]
+    found = {name: _leaves(name) for name in names}
+    heard = _present(
+        options, {leaf.name.partition(".")[0] for all_ in found.values() for leaf in all_}
+    )
+    values = {name: value for answer in heard.answers.values() for name, value in answer.items()}
+    if options.json:
+        output.document([_document(leaf, values) for all_ in found.values() for leaf in all_])
+    else:
+        _print(found, values)
+    heard.fail()
+
+
+def _leaves(name: str) -> list[Entry]:
+    leaves = declared.leaves().values()
+    part = [leaf for leaf in leaves if leaf.name == name or leaf.name.startswith(f"{name}.")]
+    if not part:
+        raise Invalid(f"there is no parameter {name}", nearest_declared(name))
+    return part
+
+
+def _present(options: Options, tables: set[str]) -> Heard[Values]:
+    try:
+        with Running(options) as running:
+            return running.declared(sorted(tables))
+    except Unreachable:
+        if options.connect:
+            raise
+        return Heard({}, {})
+
+
+def _print(found: dict[str, list[Entry]], values: Values) -> None:
+    tables = declared.tables()
+    for number, (name, leaves) in enumerate(found.items()):
+        if number:
+            output.line("")
+        rows = [_row(leaf, values) for leaf in leaves]
+        if name in tables:
+            output.line(f"{name}: {tables[name]}")
+            head = [title.upper() for title in rows[0]]
+            output.table([head, *([*row.values()] for row in rows)])
+        else:
+            output.table((f"{title.capitalize()}:", text) for title, text in rows[0].items())
+
+
+def _row(leaf: Entry, values: Values) -> dict[str, str]:
+    said = _document(leaf, values)
+    return {
+        "name": leaf.name,
+        "type": said["type"],
+        "unit": leaf.unit or "-",
+        "bounds": said["bounds"] or "-",
+        "default": toml.word(leaf.default),
+        "value": "-" if said["value"] is None else toml.word(said["value"]),
+        "node": said["node"] or "-",
+        "change": "at launch" if said["fixed_at_launch"] else "at once",
+        "meaning": leaf.about,
+    }
+
+
+def _document(leaf: Entry, values: Values) -> dict[str, Any]:
+    node = leaf.name.partition(".")[0]
+    inside = {name: values[name] for name in values if name.startswith(f"{leaf.name}.")}
+    return {
+        "name": leaf.name,
+        "type": type_name(leaf.type),
+        "unit": leaf.unit,
+        "bounds": bounds_text(leaf.type),
+        "default": leaf.default,
+        "value": values.get(leaf.name, inside or None),
+        "node": "" if node in UNSERVED else node,
+        "fixed_at_launch": fixed_at_launch(leaf.name),
+        "meaning": leaf.about,
+    }

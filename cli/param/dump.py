@@ -1,0 +1,39 @@
+"""`param dump`: the running system's parameters as a file."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cli import output
+from cli.declare import Arg, Opt
+from cli.options import Options
+from cli.param.changes import file_values, known_of
+from cli.param.file import replace
+from cli.param.running import Running
+from services.runtime import toml
+
+
+def dump(
+    options: Options,
+    names: Annotated[
+        list[str] | None, Arg("Parameters, or whole tables (default: all).", complete="param")
+    ] = None,
+    file: Annotated[
+        Path | None, Opt("Write it there instead of to stdout.", ("--output", "-o"), "FILE")
+    ] = None,
+) -> None:
+    """Print the running system's parameters as TOML, for `up FILE` or `param load FILE`.
+
+    Example: quadctl param dump -o tuned.toml
+    """
+    with Running(options) as running:
+        values = running.get(names) if names else running.whole()
+    if not names:
+        known_of(file_values(None), values)
+    text = toml.document(values)
+    if file is not None:
+        replace(file, text.encode())
+        output.either(options, {"file": str(file)}, f"wrote {file}")
+    elif options.json:
+        output.document(values)
+    else:
+        output.line(text.rstrip("\n"))

@@ -1,0 +1,65 @@
+"""A parameter file changed in place: comments, order and format stay, and so does all else of it."""
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Any
+
+from services.runtime.errors import Invalid
+
+
+def edited(text: str, values: dict[str, Any]) -> str:
+    """The file's text with values set by dotted name; a table that is missing comes at the end."""
+    import tomlkit
+    from tomlkit.items import InlineTable
+
+    document = tomlkit.parse(text)
+    for name, value in values.items():
+        *path, last = name.split(".")
+        table: Any = document
+        for depth, part in enumerate(path):
+            if part not in table:
+                # A table within an inline one can only be inline.
+                fresh = (
+                    tomlkit.inline_table()
+                    if isinstance(table, InlineTable)
+                    else tomlkit.table(is_super_table=depth < len(path) - 1)
+                )
+                table[part] = fresh
+            table = table[part]
+        table[last] = value
+    return tomlkit.dumps(document)
+
+
+def replace(file: Path, data: bytes) -> None:
+    """Replace a file so that a crash leaves the old text or the new.
+
+    A link stays a link, and the file keeps its mode and owner; raises Invalid where it cannot be.
+    """
+    try:
+        target = file.resolve()
+        fresh = target.with_name(f".{target.name}.{os.getpid()}")
+        try:
+            with fresh.open("xb") as out:
+                _like(target, out.fileno())
+                out.write(data)
+                out.flush()
+                os.fsync(out.fileno())
+            fresh.replace(target)
+        except OSError:
+            fresh.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise Invalid(
+            f"{file} cannot be written: {error.strerror}", "name a place that you may write to"
+        ) from error
+
+
+def _like(target: Path, descriptor: int) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        was = target.stat()
+        if os.name == "posix":
+            # Only root may give a file away; anybody else gets one of their own.
+            with contextlib.suppress(PermissionError):
+                os.fchown(descriptor, was.st_uid, was.st_gid)
+            os.fchmod(descriptor, was.st_mode & 0o7777)

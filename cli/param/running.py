@@ -1,0 +1,123 @@
+"""The running system's parameters, whoever has them: read by one deadline."""
+
+import time
+from collections.abc import Collection, Iterable
+from typing import Any, Self
+
+import msgspec
+
+from cli import bus
+from cli.options import Options
+from cli.param.names import node_of, nodes_with_params
+from cli.together import Heard, ask_each
+from schemas.params import Params
+from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
+from schemas.topics import get_params, set_params
+from services.runtime import snapshot
+from services.runtime.declared import UNSERVED
+from services.runtime.errors import Invalid
+from services.runtime.params import flatten, nearest_declared, normal_name
+from services.runtime.realm import Realm
+from services.runtime.record import not_running
+
+Values = dict[str, Any]
+"""By dotted name."""
+
+TABLES: tuple[str, ...] = Params.__struct_fields__
+
+
+class Running:
+    """Asks within a `with` block. All of it together takes no longer than --timeout."""
+
+    def __init__(self, options: Options) -> None:
+        """Connect; raises Unreachable where nothing runs."""
+        self._options = options
+        self._deadline = time.monotonic() + options.timeout
+        self._client = bus.connect(options)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.__exit__()
+
+    def nodes(self) -> list[str]:
+        """The live nodes that have parameters."""
+        return nodes_with_params(self._client)
+
+    def get(self, names: Iterable[str]) -> Values:
+        """Values by leaf or by table, in the order asked for; raises where one is not to be had."""
+        names = [normal_name(name) for name in names]
+        live = self.nodes()
+        wanted: dict[str, list[str]] = {}
+        for name in names:
+            if name.partition(".")[0] not in UNSERVED:
+                wanted.setdefault(node_of(name, live), []).append(name)
+        found = _all_of(self._ask(wanted))
+        if any(name.partition(".")[0] in UNSERVED for name in names):
+            found |= self._kept(UNSERVED)
+        return {leaf: found[leaf] for name in names for leaf in _leaves(found, name)}
+
+    def every(self) -> Heard[Values]:
+        """What each live node answers, users' own among them, and the supervisor's own tables."""
+        heard = self._ask({node: [] for node in self.nodes()})
+        heard.answers[""] = self._kept(UNSERVED)
+        return heard
+
+    def declared(self, tables: Collection[str] = TABLES) -> Heard[Values]:
+        """What each node answers for tables of the file.
+
+        Of a node that does not run it is what it would start with. Nothing is known of those,
+        nor of the supervisor's own tables, where the run is on another machine.
+        """
+        served = [node for node in self.nodes() if node in tables and node not in UNSERVED]
+        heard = self._ask({node: [] for node in served})
+        heard.answers[""] = self._kept([name for name in tables if name not in served])
+        return heard
+
+    def whole(self) -> Values:
+        """Every parameter, in the file's order; raises where a node does not answer."""
+        found = _all_of(self.declared())
+        return {leaf: found[leaf] for name in TABLES for leaf in found if _in(name, leaf)}
+
+    def set(self, node: str, values: Values) -> SetParamsResponse:
+        """Change a node's parameters: all of them or none."""
+        return self._client.call(set_params(node), SetParamsRequest(values), self._left())
+
+    def _ask(self, wanted: dict[str, list[str]]) -> Heard[Values]:
+        def ask(node: str) -> Values:
+            request = GetParamsRequest(wanted[node])
+            return self._client.call(get_params(node), request, self._left()).values
+
+        return ask_each(wanted, ask)
+
+    def _kept(self, tables: Collection[str]) -> Values:
+        """What the realm's folder says of tables; nothing where it says nothing."""
+        if self._options.connect:
+            return {}
+        realm = Realm(self._options.realm)
+        try:
+            kept = msgspec.to_builtins(snapshot.read(realm) or {})
+        except FileNotFoundError as error:
+            raise not_running(realm) from error
+        # Of `processes` there may be nothing to say.
+        return dict(flatten({name: kept[name] for name in tables if kept.get(name)}))
+
+    def _left(self) -> float:
+        return max(self._deadline - time.monotonic(), 0.001)
+
+
+def _all_of(heard: Heard[Values]) -> Values:
+    heard.fail()
+    return {name: value for answer in heard.answers.values() for name, value in answer.items()}
+
+
+def _leaves(found: Values, name: str) -> list[str]:
+    leaves = [leaf for leaf in found if _in(name, leaf)]
+    if not leaves:
+        raise Invalid(f"there is no parameter {name}", nearest_declared(name))
+    return leaves
+
+
+def _in(table: str, leaf: str) -> bool:
+    return leaf == table or leaf.startswith(f"{table}.")

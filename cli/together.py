@@ -1,0 +1,59 @@
+"""Several nodes asked at the same time: together they take as long as the slowest, not the sum."""
+
+import threading
+from collections.abc import Callable, Collection
+from typing import Generic, TypeVar
+
+from msgspec import Struct
+
+from cli import output
+from services.runtime.errors import QuadctlError
+
+T = TypeVar("T")
+
+
+class Heard(Struct, Generic[T], frozen=True):
+    """What came of each node: its answer, or why there is none."""
+
+    answers: dict[str, T]
+    problems: dict[str, QuadctlError]
+
+    def fail(self) -> None:
+        """Raise the first problem, where there is one; the others are told on stderr."""
+        if not self.problems:
+            return
+        first, *others = self.problems.values()
+        for other in others:
+            output.note(f"error: {other.message}")
+        raise first
+
+
+def ask_each(nodes: Collection[str], ask: Callable[[str], T]) -> Heard[T]:
+    """Call `ask` for every node, where there are several each on a thread of its own."""
+    answers: dict[str, T] = {}
+    problems: dict[str, QuadctlError] = {}
+    faults: list[Exception] = []
+
+    def one(node: str) -> None:
+        try:
+            answers[node] = ask(node)
+        except QuadctlError as problem:
+            problems[node] = problem
+        except Exception as fault:  # noqa: BLE001 - raised again below, where it can be told
+            faults.append(fault)
+
+    if len(nodes) == 1:
+        one(*nodes)
+    else:
+        threads = [threading.Thread(target=one, args=(node,), daemon=True) for node in nodes]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    if faults:
+        raise faults[0]
+    # In the order asked for, whoever was quicker.
+    return Heard(
+        {node: answers[node] for node in nodes if node in answers},
+        {node: problems[node] for node in nodes if node in problems},
+    )

@@ -1,0 +1,81 @@
+"""A log that is read while it grows, is emptied, and changes its name."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cli.node.tail import Tail
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return tmp_path / "safety.log"
+
+
+@pytest.fixture
+def tail(log: Path) -> Iterator[Tail]:
+    with Tail(log) as made:
+        yield made
+
+
+def add(log: Path, text: str) -> None:
+    with log.open("a", encoding="utf-8") as out:
+        out.write(text)
+
+
+def full(log: Path) -> None:
+    log.replace(log.with_name(f"{log.name}.1"))
+
+
+def test_a_file_that_comes_later(log: Path, tail: Tail):
+    assert tail.all() == tail.more() == []
+    add(log, "one\n")
+    assert tail.more() == ["one"]
+
+
+def test_lines_come_whole_and_once(log: Path, tail: Tail):
+    add(log, "one\ntw")
+    assert tail.all() == ["one"]
+    assert tail.more() == []
+    add(log, "o\n\nthree\n")
+    assert tail.more() == ["two", "", "three"]
+
+
+def test_a_full_file_is_read_to_its_end_before_the_next(log: Path, tail: Tail):
+    add(log, "one\n")
+    assert tail.all() == ["one"]
+    add(log, "two\n")
+    full(log)
+    # For a moment there may be no file of that name.
+    assert tail.more() == ["two"]
+    add(log.with_name("safety.log.1"), "three\n")
+    add(log, "four\n")
+    assert tail.more() == ["three", "four"]
+    add(log, "five\n")
+    assert tail.more() == ["five"]
+
+
+def test_the_older_file_comes_first(log: Path, tail: Tail):
+    add(log, "one\n")
+    full(log)
+    add(log, "two\n")
+    assert tail.all() == ["one", "two"]
+
+
+def test_a_file_that_was_emptied_is_read_from_its_beginning(log: Path, tail: Tail):
+    add(log, "one\ntwo\nha")
+    tail.all()
+    log.write_text("new\n", encoding="utf-8")
+    assert tail.more() == ["new"]
+    add(log, "newer\n")
+    assert tail.more() == ["newer"]
+
+
+def test_a_removed_files_last_lines_are_read(log: Path, tail: Tail):
+    add(log, "one\n")
+    tail.all()
+    add(log, "two\n")
+    log.unlink()
+    assert tail.more() == ["two"]
+    assert tail.more() == []

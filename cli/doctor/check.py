@@ -1,0 +1,55 @@
+"""What a check says: its verdict, the evidence, and the command that mends it."""
+
+import re
+from collections.abc import Iterable
+from typing import Literal
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+Verdict = Literal["PASS", "WARN", "FAIL"]
+
+
+class Check(Struct, frozen=True):
+    """One check; `fix` is empty where nothing is to be mended."""
+
+    name: str
+    verdict: Verdict
+    evidence: str
+    fix: str = ""
+
+
+def passed(name: str, evidence: str) -> Check:
+    """It is as it should be."""
+    return Check(name, "PASS", evidence)
+
+
+def warned(name: str, evidence: str, fix: str = "") -> Check:
+    """It works, and is not as it should be; or it could not be looked at."""
+    return Check(name, "WARN", evidence, fix)
+
+
+def failed(name: str, evidence: str, fix: str) -> Check:
+    """It does not work, or soon will not."""
+    return Check(name, "FAIL", evidence, fix)
+
+
+def with_options(checks: Iterable[Check], options: str) -> list[Check]:
+    """The checks with common options, such as `--realm lab`, in every command of ours."""
+
+    def complete(command: re.Match[str]) -> str:
+        said = command[1]
+        return f"`{said} {options}`" if options and "--realm" not in said else f"`{said}`"
+
+    return [
+        replace(check, fix=re.sub(r"`(quadctl [^`]*)`", complete, check.fix)) for check in checks
+    ]
+
+
+def text_of(check: Check) -> str:
+    """A check as lines: what it found, and below it how to mend it."""
+    first, *more = check.evidence.splitlines() or [""]
+    lines = [f"{check.verdict}  {check.name}: {first}", *(f"      {line}" for line in more)]
+    if check.fix:
+        lines.append(f"      try: {check.fix}")
+    return "\n".join(lines)

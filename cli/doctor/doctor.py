@@ -1,0 +1,71 @@
+"""`doctor`: looks at everything that can be wrong, and says how to mend it."""
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+
+from cli import output
+from cli.doctor import run
+from cli.doctor.bus import bus
+from cli.doctor.check import Check, failed, text_of, with_options
+from cli.doctor.gather import Facts, Place, gather
+from cli.doctor.installation import environment, installation
+from cli.doctor.resources import clock, disk, load
+from cli.doctor.settings import parameter_file
+from cli.options import Options
+from services.runtime.errors import UsageError
+from services.runtime.realm import default_name
+
+_FAULT_FOUND = 8
+
+
+def doctor(options: Options) -> None:
+    """Check the installation, the realm, and every process, topic and service of its run.
+
+    Prints PASS, WARN or FAIL, the evidence, and how to mend it; changes nothing. Exit 8 where
+    anything FAILs. That nothing runs is a WARN, that a run has died a FAIL.
+
+    Example: quadctl doctor
+    """
+    facts = gather(options)
+    checks = with_options(_judged(facts, options), _common(options))
+    ok = not any(check.verdict == "FAIL" for check in checks)
+    if options.json:
+        output.document({"ok": ok, "checks": checks})
+    else:
+        for check in checks:
+            output.line(text_of(check))
+    if not ok:
+        sys.exit(_FAULT_FOUND)
+
+
+def _judged(facts: Facts, options: Options) -> Iterator[Check]:
+    yield from installation(facts.installed)
+    yield environment(os.environ)
+    yield clock(time.localtime().tm_year)
+    yield disk(facts.disks)
+    yield parameter_file(facts.settings)
+    if isinstance(facts.place, UsageError):
+        yield failed("realm", facts.place.message, facts.place.hint)
+    elif facts.place is not None:
+        yield from _place(facts.place, options)
+    if facts.found is not None:
+        yield from bus(facts.found, facts.record, facts.settings, options.vehicle)
+
+
+def _place(place: Place, options: Options) -> Iterator[Check]:
+    yield run.realm(
+        options.realm, place.folder, place.neighbours, options.vehicle, place.before.get("up")
+    )
+    yield run.leftovers(place.neighbours)
+    yield from run.nodes(place.folder, place.before)
+    if place.before:
+        yield load(place.before, place.after, place.seconds)
+
+
+def _common(options: Options) -> str:
+    """The common options that a command of the same shell needs to reach the same run."""
+    if options.connect:
+        return f"--connect {options.connect}"
+    return f"--realm {options.realm}" if options.realm != default_name() else ""

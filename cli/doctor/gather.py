@@ -1,0 +1,106 @@
+"""Gathers all facts: those of the bus on a thread of their own, since they take longest."""
+
+import os
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from cli.doctor.folder import Folder, Neighbours, folder, neighbours
+from cli.doctor.installed import Installed, installed
+from cli.doctor.machine import Disk, Process, disk, process
+from cli.doctor.settings import Settings, settings
+from cli.doctor.watch import Watch
+from cli.options import Options
+from services.runtime.errors import QuadctlError, UsageError
+from services.runtime.realm import Realm
+from services.runtime.record import RunRecord
+from services.runtime.session import Address, address_of
+from services.runtime.survey import Survey
+
+
+class Place(NamedTuple):
+    """A realm that may have a name; `processes` by node and the supervisor's as `up`."""
+
+    folder: Folder
+    neighbours: Neighbours
+    before: dict[str, Process]
+    after: dict[str, Process]
+    seconds: float
+
+
+class Facts(NamedTuple):
+    """All that is judged; `place` and `found` may be an error that says why there is none.
+
+    `place` is None where a hub is named instead of a realm, `found` where there is no hub to ask.
+    """
+
+    installed: Installed
+    settings: Settings
+    disks: list[Disk]
+    place: Place | UsageError | None
+    found: Survey | QuadctlError | None
+
+    @property
+    def record(self) -> RunRecord | None:
+        """The record of a live run."""
+        if isinstance(self.place, Place) and self.place.folder.live:
+            return self.place.folder.run
+        return None
+
+
+def gather(options: Options) -> Facts:
+    """Look at everything; takes at most `options.timeout` s, and about two."""
+    realm, problem = _realm(options)
+    here = folder(realm) if realm else None
+    address = Address(options.connect) if options.connect else None
+    if realm and here and (here.live or here.by_hand):
+        address = address_of(realm)
+    watch = Watch(address, options.vehicle, options.timeout)
+    began, before = time.monotonic(), _processes(here)
+    install, file, disks = installed(), settings(), _disks(realm)
+    around = neighbours(realm) if realm else None
+    found = watch.result()
+    place: Place | UsageError | None = problem
+    if here and around:
+        seconds = time.monotonic() - began
+        place = Place(here, around, before, _processes(here), seconds)
+    return Facts(install, file, disks, place, found)
+
+
+def _realm(options: Options) -> tuple[Realm | None, UsageError | None]:
+    if options.connect:
+        return None, None
+    try:
+        return Realm(options.realm), None
+    except UsageError as error:
+        return None, error
+
+
+def _processes(here: Folder | None) -> dict[str, Process]:
+    """The nodes by name, and the supervisor as `up`."""
+    if here is None or here.run is None or not here.live:
+        return {}
+    pids = {node.name: node.pid for node in here.run.nodes if node.pid} | {"up": here.run.pid}
+    return {name: process(pid) for name, pid in pids.items()}
+
+
+def _disks(realm: Realm | None) -> list[Disk]:
+    try:
+        disks = [disk(Path.cwd(), writing=False)]
+    except FileNotFoundError:
+        disks = [Disk(".", 0, "it has been removed")]
+    if realm and _is_there(realm.folder):
+        disks.append(disk(realm.folder, writing=True))
+    elif realm:
+        # Where `up` would make it.
+        there = next(path for path in realm.folder.parents if _is_there(path))
+        refused = "" if os.access(there, os.W_OK) else "no permission"
+        disks.append(disk(there, writing=False)._replace(refused=refused))
+    return disks
+
+
+def _is_there(folder: Path) -> bool:
+    try:
+        return folder.is_dir()
+    except PermissionError:
+        return False

@@ -1,0 +1,126 @@
+"""Judges the realm and the processes of its run; pure."""
+
+from collections.abc import Iterator, Mapping
+
+from cli.doctor.check import Check, failed, passed, warned
+from cli.doctor.folder import Folder, Neighbours
+from cli.doctor.machine import Process
+from services.runtime.record import ProcessRecord
+
+_PRIVATE = 0o077
+_FROZEN = {"T", "t"}
+
+
+def realm(
+    name: str,
+    found: Folder,
+    others: Neighbours,
+    vehicle: str,
+    supervisor: Process | None = None,
+) -> Check:
+    """The realm's folder is private, and a supervisor that is awake holds it."""
+    if not found.owned:
+        return failed(
+            "realm",
+            f"{found.path} belongs to another user",
+            "set XDG_RUNTIME_DIR to a folder of your own",
+        )
+    if found.mode is not None and found.mode & _PRIVATE:
+        return failed(
+            "realm",
+            f"{found.path} has mode {found.mode:04o}: others can look into it",
+            f"`chmod 700 {found.path}`",
+        )
+    if not found.live:
+        return _not_live(name, found, others)
+    if found.run is None:
+        return warned("realm", f"{name} is just starting", "ask again in a second")
+    if found.holder and found.holder != str(found.run.pid):
+        return failed(
+            "realm",
+            f"process {found.holder} holds {name}, and its record names process {found.run.pid}",
+            f"`kill {found.holder}`, then `quadctl up -d`",
+        )
+    if supervisor and supervisor.state in _FROZEN:
+        return failed(
+            "realm",
+            f"the supervisor of {name}, process {found.run.pid}, is frozen (stopped by a signal)",
+            f"`kill -CONT {found.run.pid}`, or `fg` where it was stopped with Ctrl-Z",
+        )
+    if found.run.vehicle != vehicle:
+        return failed(
+            "realm",
+            f"{name} runs the vehicle {found.run.vehicle}, and {vehicle} was asked for",
+            f"`quadctl doctor --vehicle {found.run.vehicle}`, or `unset QUADCTL_VEHICLE`",
+        )
+    if not found.socket:
+        return failed(
+            "realm",
+            f"{found.path}/hub.sock is gone: nobody can reach the hub",
+            "`quadctl down`, then `quadctl up -d`",
+        )
+    return passed("realm", f"{name}, supervised by process {found.run.pid}, in {found.path}")
+
+
+def _not_live(name: str, found: Folder, others: Neighbours) -> Check:
+    if found.by_hand:
+        return warned(
+            "realm",
+            f"{name} has no supervisor: what runs was started by hand, and nobody restarts it",
+            "`quadctl up -d`, after ending what was started by hand",
+        )
+    if found.run is not None:
+        return failed(
+            "realm",
+            f"the run of {name} has died: its supervisor, process {found.run.pid}, left its folder",
+            "`quadctl up -d`, which takes the folder over",
+        )
+    said, fix = f"nothing is running in {name}", "`quadctl up -d`"
+    if others.live:
+        said += f", but in {', '.join(others.live)}"
+        fix += f"; `quadctl doctor --realm {others.live[0]}` looks there"
+    return warned("realm", said, fix)
+
+
+def leftovers(others: Neighbours) -> Check:
+    """Folders that runs have left which died."""
+    if not others.dead:
+        return passed("leftovers", f"none in {others.root}")
+    paths = " ".join(f"{others.root}/{name}" for name in others.dead)
+    return warned("leftovers", f"runs that died: {', '.join(others.dead)}", f"`rm -r {paths}`")
+
+
+def nodes(found: Folder, processes: Mapping[str, Process]) -> Iterator[Check]:
+    """Each process of the run record."""
+    for record in found.run.nodes if found.run and found.live else ():
+        yield node(record, processes.get(record.name, Process("")), found.last.get(record.name, ""))
+
+
+def node(record: ProcessRecord, process: Process, last: str) -> Check:
+    """One process: ready, alive, not frozen, not restarted."""
+    title, name, pid = f"node {record.name}", record.name, record.pid
+    if record.state == "down":
+        said = f"; it said last:\n{last}" if last else ""
+        return failed(
+            title,
+            f"down: it died again and again{said}",
+            f"`quadctl node logs {name}`, `quadctl node restart {name}`",
+        )
+    if record.state != "ready":
+        return warned(title, record.state, f"ask again in a second; `quadctl node logs {name}`")
+    if process.state in {"", "Z", "X"}:
+        return failed(title, f"process {pid} has died", f"`quadctl node restart {name}`")
+    if process.state in _FROZEN:
+        return failed(
+            title,
+            f"process {pid} is frozen (stopped by a signal)",
+            f"`kill -CONT {pid}`, or `quadctl node restart {name}`",
+        )
+    if record.restarts:
+        times = "once" if record.restarts == 1 else f"{record.restarts} times"
+        return warned(
+            title,
+            f"ready, process {pid}, restarted {times}",
+            f"`quadctl node logs {name}` says why",
+        )
+    return passed(title, f"ready, process {pid}")

@@ -1,0 +1,177 @@
+"""What doctor makes of a bus: rates, publishers, servers, schemas, clocks."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from msgspec import Struct
+from msgspec.structs import replace
+
+from cli.doctor import offers, topics
+from cli.doctor.check import Check
+from schemas.describe import schema_hash
+from schemas.topics import GOTO, SERVICES, TOPICS
+from services.runtime.graph import Offer
+from services.runtime.heard import Heard
+from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.survey import Answer, Survey
+
+
+def digest(type_: type[Struct]) -> str:
+    return schema_hash(type_)
+
+
+TOPIC = [
+    Offer("@pub", t.node, t.type.__name__, digest(t.type), t.hz, t.key("uav"))
+    for t in TOPICS
+    if t.node
+]
+SERVICE = [
+    Offer("@srv", s.node, s.type_name, digest(s.request), 0.0, s.key("uav")) for s in SERVICES
+]
+NODES = ["dynamics", "hub", "pressure", "safety"]
+POSE = next(offer for offer in TOPIC if offer.type == "Pose")
+RUN = RunRecord("lab", 5, "uav", [ProcessRecord(name, 9, "ready", 0) for name in NODES])
+
+
+def heard(count: int, hz: float, pace: float = 1.0, source: str = "a", age: float = 0.001) -> Heard:
+    """So many messages at a rate, stamped by a clock that runs at a pace."""
+    found = Heard()
+    for number in range(count):
+        stamp = pace * number / hz
+        found.take(100 + number / hz, msgspec.msgpack.encode({"stamp": stamp}), source, age)
+    return found
+
+
+def survey(**changes: Any) -> Survey:
+    """A bus on which all is well."""
+    messages = {offer.key: heard(int(2 * offer.hz) + 1, offer.hz or 1) for offer in TOPIC}
+    answers = {offer.key: [Answer(offer.node, "expired", 0.001, {})] for offer in SERVICE}
+    well = Survey(0.001, 2.0, NODES, TOPIC + SERVICE, messages, answers)
+    return replace(well, **changes)
+
+
+def verdict(check: Check) -> str:
+    assert check.evidence
+    assert check.fix or check.verdict == "PASS"
+    return check.verdict
+
+
+@pytest.mark.parametrize(
+    ("expected", "said", "count", "hz", "declared", "seconds"),
+    [
+        ("PASS", "100.0 Hz of 100", 200, 100.0, 100.0, 2.0),
+        ("PASS", "85.0 Hz of 100", 170, 85.0, 100.0, 2.0),
+        ("WARN", "70.0 Hz of 100", 140, 70.0, 100.0, 2.0),
+        ("WARN", "200.0 Hz of 100", 400, 200.0, 100.0, 2.0),
+        ("WARN", "4.0 Hz of 100", 8, 4.0, 100.0, 2.0),
+        ("FAIL", "nothing came in 2.2 s", 0, 1.0, 100.0, 2.2),
+        ("FAIL", "nothing came in 2.2 s", 0, 1.0, 1.0, 2.2),
+        ("WARN", "not measured: 1 messages", 1, 10.0, 10.0, 1.0),
+        ("PASS", "too slow to measure in 0.4 s", 0, 1.0, 1.0, 0.4),
+        ("PASS", "too slow to measure in 2.2 s", 1, 0.1, 0.1, 2.2),
+    ],
+)
+def test_a_topics_rate(
+    expected: str, said: str, count: int, hz: float, declared: float, seconds: float
+):
+    check = topics.topic(replace(POSE, hz=declared), heard(count, hz), seconds)
+    assert verdict(check) == expected
+    assert said in check.evidence
+
+
+def test_a_state_may_come_more_often_and_not_less():
+    state = replace(POSE, hz=10.0)
+    often, seldom = (topics.topic(state, heard(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
+    assert (verdict(often), verdict(seldom)) == ("PASS", "WARN")
+
+
+def test_at_another_speed_rates_are_of_simulated_time():
+    fast = {o.key: heard(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
+    told = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
+    simulated = list(topics.topics(survey(heard=fast, answers=told), "uav"))
+    assert {check.verdict for check in simulated} == {"PASS"}
+    assert sum("(simulated time)" in check.evidence for check in simulated) == 3
+    real = list(topics.topics(survey(heard=fast), "uav"))
+    assert [check.verdict for check in real].count("WARN") == 3
+
+
+def test_publishers():
+    assert verdict(topics.publishers(survey())) == "PASS"
+    announced = topics.publishers(survey(offers=[*TOPIC, replace(POSE, node="mine")]))
+    assert verdict(announced) == "FAIL"
+    assert "uav/pose is published by dynamics and mine" in announced.evidence
+    both = heard(20, 10.0)
+    both.take(100.5, b"", "b", 0.0)
+    silent = topics.publishers(survey(heard={"uav/pose": both}))
+    assert verdict(silent) == "FAIL"
+    assert "by dynamics and 1 more" in silent.evidence
+
+
+def test_a_publisher_that_takes_anothers_place_is_no_second_one():
+    found = heard(20, 10.0)
+    for number in range(20):
+        found.take(103 + number / 10, b"", "b", 0.0)
+    assert found.publishers == 1
+    assert Heard().publishers == 0
+
+
+def test_clocks():
+    assert verdict(topics.clocks(survey())) == "PASS"
+    assert verdict(topics.clocks(survey(heard={}))) == "WARN"
+    for age, said in ((0.6, "0.6 s in the past"), (-3.0, "3.0 s in the future")):
+        check = topics.clocks(survey(heard={"uav/pose": heard(3, 1.0, age=age)}))
+        assert verdict(check) == "WARN"
+        assert said in check.evidence
+
+
+def test_what_a_stranger_publishes_has_no_pace():
+    found = Heard()
+    for number, payload in enumerate((b"\xc1", b"text", msgspec.msgpack.encode([1]))):
+        found.take(number, payload, "", 0.0)
+    assert (found.count, found.hz, found.pace, found.publishers) == (3, 1.0, 0.0, 0)
+
+
+def test_announced():
+    assert verdict(offers.announced(survey(), RUN)) == "PASS"
+    missing = offers.announced(survey(nodes=["hub", "dynamics", "safety"]), RUN)
+    assert (verdict(missing), missing.evidence) == ("FAIL", "not on the bus: pressure")
+    assert verdict(offers.announced(survey(nodes=[]), None)) == "FAIL"
+    without = [offer for offer in TOPIC + SERVICE if offer.name != "hold"]
+    lacking = offers.announced(survey(offers=without), RUN)
+    assert (verdict(lacking), lacking.evidence) == ("WARN", "safety does not offer hold")
+
+
+def test_schemas():
+    assert verdict(offers.schemas(survey())) == "PASS"
+    stranger = replace(POSE, type="Camera", hash="deadbeef")
+    assert verdict(offers.schemas(survey(offers=[*TOPIC, stranger]))) == "PASS"
+    other = offers.schemas(survey(offers=[replace(POSE, hash="deadbeef")]))
+    assert verdict(other) == "FAIL"
+    assert other.evidence == f"dynamics has Pose#deadbeef, here it is #{POSE.hash}"
+
+
+def test_servers():
+    assert verdict(offers.servers(survey())) == "PASS"
+    goto = next(offer for offer in SERVICE if offer.name == GOTO.name)
+    announced = offers.servers(survey(offers=[*SERVICE, replace(goto, node="mine")]))
+    assert verdict(announced) == "FAIL"
+    assert "uav/@srv/goto is served by safety and mine" in announced.evidence
+    two = {goto.key: [Answer("a", "expired", 0.1, {}), Answer("b", "", 0.1, {})]}
+    assert "by safety and 1 more" in offers.servers(survey(answers=two)).evidence
+
+
+@pytest.mark.parametrize(
+    ("expected", "said", "answers"),
+    [
+        ("PASS", "goto answer within 2.0 ms", [Answer("a", "expired", 0.002, {})]),
+        ("PASS", "goto answer within 2.0 ms", [Answer("a", "invalid", 0.002, {})]),
+        ("FAIL", "no answer within 2.0 s from goto", [Answer("", "timeout", 2.0, {})]),
+        ("FAIL", "no answer within 2.0 s from goto", []),
+        ("FAIL", "fails inside: goto", [Answer("a", "internal", 0.002, {})]),
+    ],
+)
+def test_services(expected: str, said: str, answers: list[Answer]):
+    (check,) = offers.services(survey(answers={GOTO.key("uav"): answers}))
+    assert (verdict(check), check.name) == (expected, "services of safety")
+    assert check.evidence == said

@@ -1,0 +1,204 @@
+"""What doctor makes of facts: each check to PASS, WARN and FAIL."""
+
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from cli.doctor import bus, installation, resources, run, settings
+from cli.doctor.check import Check, failed, passed, text_of, warned, with_options
+from cli.doctor.folder import Folder, Neighbours
+from cli.doctor.installed import PACKAGES, Installed
+from cli.doctor.machine import Disk, Process
+from cli.doctor.resources import MB
+from cli.doctor.settings import Settings
+from cli.doctor.versions import Requirement
+from services.runtime.errors import Invalid, Unreachable
+from services.runtime.record import ProcessRecord, RunRecord
+
+OURS = dict.fromkeys(PACKAGES, "/ours")
+INSTALLED = Installed(
+    "3.11.7", ">=3.11", {"numpy": "2.2.0"}, [Requirement("numpy", "<3,>=2.2")], "/ours",
+    OURS, OURS, {}, [],
+)  # fmt: skip
+READY = ProcessRecord("pressure", 7, "ready", 0)
+RUN = RunRecord("lab", 5, "uav", [READY])
+LIVE = Folder("/run/lab", 0o700, True, True, "5", False, True, RUN, {})
+GONE = LIVE._replace(live=False, run=None, mode=None, holder="", socket=False)
+ALONE = Neighbours("/run", [], [])
+FINE = Settings("./quad.toml", {"safety.takeoff": 1.0, "safety.cage_on": True})
+
+
+def verdict(check: Check) -> str:
+    """What everybody may rely on: whatever is no PASS by its own fault says how to mend it."""
+    assert check.name
+    assert check.evidence
+    assert check.fix or check.verdict == "PASS" or "not checked" in check.evidence
+    return check.verdict
+
+
+@pytest.mark.parametrize(
+    ("expected", "check", "changes"),
+    [
+        ("PASS", installation.python, {}),
+        ("FAIL", installation.python, {"python": "3.10.14"}),
+        ("PASS", installation.packages, {}),
+        ("FAIL", installation.packages, {"versions": {"numpy": "1.26.4"}}),
+        ("FAIL", installation.packages, {"versions": {"numpy": "3.0.0"}}),
+        ("FAIL", installation.packages, {"versions": {"numpy": None}}),
+        ("PASS", installation.imports, {}),
+        ("WARN", installation.imports, {"here": OURS | {"services": "/home/student"}}),
+        ("FAIL", installation.imports, {"found": OURS | {"cli": "/elsewhere"}}),
+        ("FAIL", installation.imports, {"found": OURS | {"cli": ""}}),
+        ("FAIL", installation.imports, {"claimed": {"cli": ["other"]}}),
+        ("FAIL", installation.imports, {"altered": ["cli/main.py"]}),
+    ],
+)
+def test_the_installation(expected: str, check: Any, changes: dict[str, Any]):
+    assert verdict(check(INSTALLED._replace(**changes))) == expected
+
+
+def test_the_environment():
+    assert installation.environment({"HOME": "/"}).verdict == "PASS"
+    assert "QUADCTL_REALM=lab" in installation.environment({"QUADCTL_REALM": "lab"}).evidence
+    assert verdict(installation.environment({"PYTHONDONTWRITEBYTECODE": "1"})) == "WARN"
+
+
+@pytest.mark.parametrize(
+    ("expected", "disks"),
+    [
+        ("PASS", [Disk("/a", int(300 * MB)), Disk("/b", int(900 * MB))]),
+        ("WARN", [Disk("/a", int(300 * MB)), Disk("/b", int(199 * MB))]),
+        ("FAIL", [Disk("/a", int(9 * MB)), Disk("/b", int(900 * MB))]),
+        ("FAIL", [Disk("/a", int(900 * MB)), Disk("/b", int(900 * MB), "read-only")]),
+    ],
+)
+def test_disks(expected: str, disks: list[Disk]):
+    assert verdict(resources.disk(disks)) == expected
+
+
+def test_the_clock():
+    assert [verdict(resources.clock(year)) for year in (2026, 1970)] == ["PASS", "FAIL"]
+
+
+@pytest.mark.parametrize(
+    ("expected", "said", "seconds", "memory"),
+    [
+        ("PASS", "50% of a core, 20 MB", 1.0, 20 * MB),
+        ("WARN", "safety takes 95% of a core", 1.9, 20 * MB),
+        ("WARN", "safety takes 250 MB", 0.1, 250 * MB),
+        ("PASS", "does not tell", 0.0, 0),
+    ],
+)
+def test_processor_and_memory(expected: str, said: str, seconds: float, memory: float):
+    before, after = Process("S", 3.0), Process("S", 3.0 + seconds, int(memory))
+    found = resources.load({"safety": before}, {"safety": after}, 2.0)
+    assert verdict(found) == expected
+    assert said in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("expected", "said", "found"),
+    [
+        ("PASS", "supervised by process 5", LIVE),
+        ("FAIL", "mode 0755", LIVE._replace(mode=0o755)),
+        ("FAIL", "another user", LIVE._replace(owned=False)),
+        ("FAIL", "process 9 holds", LIVE._replace(holder="9")),
+        ("FAIL", "the vehicle cat", LIVE._replace(run=replace(RUN, vehicle="cat"))),
+        ("FAIL", "hub.sock is gone", LIVE._replace(socket=False)),
+        ("WARN", "just starting", LIVE._replace(run=None)),
+        ("WARN", "by hand", LIVE._replace(live=False, by_hand=True)),
+        ("FAIL", "has died", LIVE._replace(live=False)),
+        ("WARN", "nothing is running in lab", GONE),
+    ],
+)
+def test_the_realm(expected: str, said: str, found: Folder):
+    check = run.realm("lab", found, ALONE, "uav", Process("S"))
+    assert verdict(check) == expected
+    assert said in check.evidence
+
+
+def test_a_frozen_supervisor():
+    check = run.realm("lab", LIVE, ALONE, "uav", Process("T"))
+    assert (verdict(check), check.fix.split("`")[1]) == ("FAIL", "kill -CONT 5")
+
+
+def test_where_nothing_runs_the_realms_that_do_are_named():
+    check = run.realm("lab", GONE, ALONE._replace(live=["mine"]), "uav")
+    assert check.evidence == "nothing is running in lab, but in mine"
+    (shown,) = with_options([check], "--realm lab")
+    assert "`quadctl up -d --realm lab`" in shown.fix
+    assert "`quadctl doctor --realm mine`" in shown.fix
+
+
+def test_leftovers():
+    assert verdict(run.leftovers(ALONE)) == "PASS"
+    left = run.leftovers(Neighbours("/run", ["a"], ["b", "c"]))
+    assert (verdict(left), left.fix) == ("WARN", "`rm -r /run/b /run/c`")
+
+
+@pytest.mark.parametrize(
+    ("expected", "said", "state", "restarts", "process"),
+    [
+        ("PASS", "ready, process 7", "ready", 0, "S"),
+        ("WARN", "restarted once", "ready", 1, "R"),
+        ("WARN", "restarted 3 times", "ready", 3, "?"),
+        ("WARN", "restarting", "restarting", 1, ""),
+        ("FAIL", "frozen", "ready", 0, "T"),
+        ("FAIL", "has died", "ready", 0, "Z"),
+        ("FAIL", "has died", "ready", 0, ""),
+        ("FAIL", "no wings", "down", 4, ""),
+    ],
+)
+def test_a_node(expected: str, said: str, state: Any, restarts: int, process: str):
+    record = replace(READY, state=state, restarts=restarts)
+    check = run.node(record, Process(process), "no wings")
+    assert verdict(check) == expected
+    assert said in check.evidence
+    assert expected == "PASS" or "pressure" in check.fix
+
+
+@pytest.mark.parametrize(
+    ("expected", "found", "running"),
+    [
+        ("PASS", FINE, {"safety.takeoff": 1, "safety.cage_on": True, "mine.gain": 3}),
+        ("WARN", FINE, {"safety.takeoff": 2.0}),
+        ("WARN", FINE, {}),
+        ("WARN", FINE._replace(error=Invalid("wrong")), {"safety.takeoff": 1.0}),
+    ],
+)
+def test_parameters(expected: str, found: Settings, running: dict[str, Any]):
+    assert verdict(settings.parameters(found, running)) == expected
+
+
+def test_differing_parameters_are_listed_and_the_list_is_short():
+    many = {f"safety.p{number}": number for number in range(9)}
+    check = settings.parameters(Settings("the defaults", dict.fromkeys(many, -1)), many)
+    assert "safety.p0 is 0, there -1" in check.evidence
+    assert check.evidence.endswith("and 4 more")
+    assert "param load" not in check.fix
+
+
+def test_the_parameter_file():
+    assert verdict(settings.parameter_file(FINE)) == "PASS"
+    wrong = FINE._replace(error=Invalid("quad.toml: unknown parameter x", "did you mean y?"))
+    check = settings.parameter_file(wrong)
+    assert verdict(check) == "FAIL"
+    assert (check.evidence, check.fix) == (wrong.error.message, wrong.error.hint)
+
+
+def test_behind_a_hub_that_does_not_answer_nothing_passes():
+    checks = list(bus.bus(Unreachable("nothing answers", "start it"), None, FINE, "uav"))
+    assert [check.verdict for check in checks] == ["FAIL"] + ["WARN"] * (len(checks) - 1)
+    assert checks[0].fix == "start it"
+    assert {check.evidence for check in checks[1:]} == {"not checked: the hub does not answer"}
+
+
+def test_a_check_as_text():
+    assert text_of(passed("hub answers", "0.4 ms")) == "PASS  hub answers: 0.4 ms"
+    assert text_of(failed("node x", "down:\nlast\nwords", "`a`")).splitlines() == [
+        "FAIL  node x: down:", "      last", "      words", "      try: `a`",
+    ]  # fmt: skip
+    assert with_options([warned("a", "b", "`quadctl up`, `ls`")], "") == [
+        warned("a", "b", "`quadctl up`, `ls`")
+    ]

@@ -33,7 +33,7 @@ test: $(READY)
 
 prove: $(READY)  ## The long counts; writes the figures of the README's table.
 	$(RUN) -m pytest -m prove
-	$(RUN) -m benchmarks.measure --write
+	$(RUN) -m benchmarks.measure --write --check
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types.
 	$(RUN) tests/checks/house.py

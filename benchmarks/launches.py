@@ -1,76 +1,123 @@
 """How long the system takes to come up and to go, and whether it leaves anything behind."""
 
+import json
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
-from benchmarks.figure import Figure, figure
-from benchmarks.system import QUADCTL, alive, gone_after, home, pids, quadctl
+from benchmarks import ros
+from benchmarks.children import Failed, end
+from benchmarks.effort import Effort
+from benchmarks.results import Results
+from benchmarks.system import QUADCTL, Home, alive, gone_after, home
 
-_LONGEST = 10.0
-
-
-def measure(runs: int, cycles: int) -> Iterator[Figure]:
-    """Every figure of this file."""
-    with home() as environment:
-        launches = []
-        for _ in range(runs + 1):
-            began = time.perf_counter()
-            quadctl(environment, "up", "-d")
-            launches.append(time.perf_counter() - began)
-            quadctl(environment, "down")
-        yield figure("`up -d` until all four processes answer", "s", 0.3, launches[1:])
-        yield figure(
-            "Ctrl-C until nothing is left", "s", 0.5, [interrupt(environment) for _ in range(runs)]
-        )
-        yield figure(
-            "`kill -9` of `up` until no process is left", "s", 2.0,
-            [orphan(environment) for _ in range(runs)],
-        )  # fmt: skip
-        left = [leftovers(environment) for _ in range(cycles)]
-        yield figure("processes and files left by a start and stop", "", 0, left)
+_LONGEST = 20.0
 
 
-def foreground(environment: dict[str, str]) -> subprocess.Popen[bytes]:
+def measure(results: Results, effort: Effort) -> None:
+    """Launch, Ctrl-C and sudden death, ours and ROS's in turn."""
+    if why := ros.absent():
+        results.missing(["launch", "interrupt"], "ros", why)
+    with home() as where:
+        launch(where)
+        for number in range(effort.launches):
+            results.seconds("launch", "ours", [launch(where)])
+            results.seconds("interrupt", "ours", [interrupt(where)])
+            results.seconds("orphan", "ours", [orphan(where)])
+            if not why and number < effort.ros_launches:
+                came, gone = roslaunch(ros.place(where.folder / f"ros{number}"))
+                results.seconds("launch", "ros", [came])
+                results.seconds("interrupt", "ros", [gone])
+
+
+def measure_leftovers(results: Results, effort: Effort) -> None:
+    """Many starts and stops; one thing left in any of them is too much, so it is their sum."""
+    with home() as where:
+        left = [what for _ in range(effort.cycles) for what in leftovers(where)]
+    results.add("leftovers", "ours", [float(len(left))])
+    for what in sorted(set(left)):
+        results.notes.setdefault("leftovers", {})[what] = float(left.count(what))
+
+
+def launch(where: Home) -> float:
+    """Seconds of `up -d`, which returns when all answer; stopped again."""
+    began = time.perf_counter()
+    try:
+        where.quadctl("up", "-d")
+        return time.perf_counter() - began
+    finally:
+        where.quadctl("down")
+
+
+def foreground(where: Home) -> subprocess.Popen[bytes]:
     """A run in the foreground, ready."""
-    run = subprocess.Popen([*QUADCTL, "up"], env=environment, stdout=subprocess.DEVNULL)
+    run = subprocess.Popen(
+        [QUADCTL, "up"], env=where.environment, stdout=subprocess.DEVNULL, start_new_session=True
+    )
     deadline = time.perf_counter() + _LONGEST
     while time.perf_counter() < deadline:
         try:
-            if '"starting"' not in quadctl(environment, "status", "--json"):
+            if all(node["state"] == "ready" for node in where.nodes().values()):
                 return run
         except subprocess.CalledProcessError:
             continue
-    raise TimeoutError("the run does not come up")
+    end(run)
+    raise Failed("the run does not come up")
 
 
-def interrupt(environment: dict[str, str]) -> float:
+def interrupt(where: Home) -> float:
     """Seconds from Ctrl-C until the last process is gone."""
-    run = foreground(environment)
-    found = pids(environment)
-    began = time.perf_counter()
-    run.send_signal(signal.SIGINT)
-    run.wait(_LONGEST)
-    gone_after(found, _LONGEST)
-    return time.perf_counter() - began
+    run = foreground(where)
+    try:
+        found = where.pids()
+        began = time.perf_counter()
+        run.send_signal(signal.SIGINT)
+        run.wait(_LONGEST)
+        gone_after(found)
+        return time.perf_counter() - began
+    finally:
+        end(run)
 
 
-def orphan(environment: dict[str, str]) -> float:
+def orphan(where: Home) -> float:
     """Seconds from the supervisor's death until the last of its children is gone."""
-    run = foreground(environment)
-    found = pids(environment)
-    run.kill()
-    run.wait()
-    return gone_after(found, _LONGEST)
+    run = foreground(where)
+    try:
+        found = where.pids()
+        run.kill()
+        run.wait()
+        return gone_after(found)
+    finally:
+        end(run)
 
 
-def leftovers(environment: dict[str, str]) -> float:
-    """How many processes and files a start and a stop leave behind."""
-    quadctl(environment, "up", "-d")
-    found = pids(environment)
-    quadctl(environment, "down")
-    left = sum(alive(pid) for pid in found)
-    folder = Path(environment["XDG_RUNTIME_DIR"]) / "quadctl"
-    return float(left + sum(1 for _ in folder.iterdir()))
+def leftovers(where: Home) -> list[str]:
+    """The processes and files that a start and a stop leave behind, at the moment `down` ends."""
+    where.quadctl("up", "-d")
+    found = where.processes()
+    where.quadctl("down")
+    left = [name for pid, name in found.items() if alive(pid)]
+    return left + [str(path.name) for path in (where.folder / "quadctl").rglob("*")]
+
+
+def roslaunch(graph: ros.Ros) -> tuple[float, float]:
+    """Seconds of a `roslaunch` of five nodes to the first message of each, and of its Ctrl-C."""
+    first = graph.folder / "first.json"
+    began = time.monotonic()
+    run = subprocess.Popen(
+        ["roslaunch", "-p", str(graph.port), "quadctl_bench", "five.launch"],
+        env=graph.environment | {"FIRST": str(first)}, stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    try:
+        while not first.exists():
+            if time.monotonic() - began > _LONGEST:
+                raise Failed("roslaunch: no first messages")
+            time.sleep(0.002)
+        came = min(json.loads(first.read_bytes()).values()) - began
+        interrupted = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        run.wait(_LONGEST)
+        return came, time.monotonic() - interrupted
+    finally:
+        end(run)

@@ -1,65 +1,104 @@
-"""Measures the running system from outside, through `quadctl`, and writes the figures.
+"""Measures quadctl beside bare Zenoh and ROS 1, in one run, and holds it to its bars.
 
-    python -m benchmarks.measure [--runs N] [--cycles N] [--write]
+    python -m benchmarks.measure [--only GROUP]... [--quick] [--check] [--write] [--out FILE]
+    python -m benchmarks.measure --file FILE --check
 
-Prints each figure beside its bar; `--write` puts them into benchmarks/figures.json and into the
-README's table. Exit 1 where a bar is missed.
+Prints each figure beside its peers and its bars. A row that cannot be measured is reported as
+failed and does not stop the others; a peer that is not installed is said to be so.
 """
 
 import argparse
 import json
-import platform
-import subprocess
+import signal
 import sys
+import traceback
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from benchmarks import flights, launches, readme
+from benchmarks import document, readme, report
+from benchmarks.effort import QUICK, Effort
+from benchmarks.results import Results
+from benchmarks.rows import BY_KEY, GROUPS, ROWS
 
 FILE = Path(__file__).with_name("figures.json")
+_CTRL_C = 130
 
 
-def main() -> int:
-    """Measure, print, write, judge."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20, help="of each launch")
-    parser.add_argument("--cycles", type=int, default=100, help="starts and stops")
-    parser.add_argument("--write", action="store_true", help="figures.json and the README")
-    options = parser.parse_args()
-    figures = [
-        *launches.measure(options.runs, options.cycles),
-        *flights.measure(),
-    ]
-    for figure in figures:
-        print(figure.line(), flush=True)
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print, write, judge; the exit code."""
+    options = _parser().parse_args(arguments)
+    if options.write and (options.only or options.quick or options.file):
+        _parser().error("--write is for a whole run: leave out --only, --quick and --file")
+    if options.file is not None:
+        found = json.loads(options.file.read_bytes())
+        for row, figure in document.figures(found):
+            print(report.line(row, figure))
+    else:
+        # However it is ended, what it started is ended with it.
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+        try:
+            found = run(options.only or GROUPS, QUICK if options.quick else Effort())
+        except KeyboardInterrupt:
+            return _CTRL_C
+        finally:
+            signal.signal(signal.SIGTERM, before)
     if options.write:
-        document = {"machine": machine(), "figures": [figure.plain() for figure in figures]}
-        FILE.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-        readme.write(document)
-    return 0 if all(figure.holds for figure in figures) else 1
+        _save(FILE, found)
+        readme.write(found)
+    if options.out is not None:
+        _save(options.out, found)
+    return verdict(found) if options.check else 0
 
 
-def machine() -> dict[str, str]:
-    """What was measured, where and when."""
+def run(groups: Iterable[str], effort: Effort) -> dict[str, Any]:
+    """Measure the groups, printing as it goes; the document of it."""
+    from benchmarks import machine
+    from benchmarks.parts import PARTS
 
-    def said(*command: str) -> str:
-        return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    results, described, groups = Results(), machine.described(), set(groups)
+    for part in PARTS:
+        if part.group not in groups:
+            continue
+        try:
+            part.measure(results, effort)
+        except Exception as error:  # noqa: BLE001 - a part that fails is reported, the others go on
+            traceback.print_exc()
+            results.fail(part.keys, f"{type(error).__name__}: {error}")
+        for key in part.keys:
+            print(report.line(BY_KEY[key], results.figure(key)), flush=True)
+    figures = [document.entry(row, results.figure(row.key)) for row in ROWS if row.group in groups]
+    return {"machine": described, "figures": figures, "notes": results.notes}
 
-    model = (
-        [
-            line.partition(":")[2].strip()
-            for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-            if line.startswith("model name")
-        ]
-        if Path("/proc/cpuinfo").exists()
-        else [platform.processor()]
-    )
-    return {
-        "commit": said("git", "rev-parse", "--short", "HEAD"),
-        "date": said("date", "-u", "+%Y-%m-%d"),
-        "processor": f"{len(model)} x {model[0]}",
-        "python": platform.python_version(),
-        "system": platform.system(),
+
+def verdict(found: dict[str, Any]) -> int:
+    """1 where a row missed its bar or could not be measured, else 0; says which."""
+    bad = {
+        key: said for key, said in document.verdicts(found).items() if said in {"missed", "failed"}
     }
+    for key, said in bad.items():
+        print(f"{said}: {BY_KEY[key].name}", file=sys.stderr)
+    return 1 if bad else 0
+
+
+def _save(path: Path, found: dict[str, Any]) -> None:
+    path.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", action="append", choices=GROUPS, metavar="GROUP",
+                        help=f"measure this part alone: {', '.join(GROUPS)}")  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="a trial with few repetitions")
+    parser.add_argument("--check", action="store_true", help="exit 1 where a bar is missed")
+    parser.add_argument("--write", action="store_true", help="figures.json and the README's table")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures there, as JSON")
+    parser.add_argument(
+        "--file", type=Path, metavar="FILE", help="judge this file; measure nothing"
+    )
+    return parser
 
 
 if __name__ == "__main__":

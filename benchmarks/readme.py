@@ -1,34 +1,68 @@
-"""The README's table, made from the figures."""
+"""The README's table, made from the file of figures."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from benchmarks.bars import Figure, Side, judge
+from benchmarks.document import figures
+from benchmarks.report import limits, number, ratio
+from benchmarks.rows import Row
 
 _README = Path(__file__).parents[1] / "README.md"
 _BEGIN, _END = "<!-- figures -->", "<!-- /figures -->"
 
 
-def write(document: dict[str, Any]) -> None:
+def write(document: Mapping[str, Any]) -> None:
     """Put the table between its two marks."""
     text = _README.read_text(encoding="utf-8")
+    _README.write_text(between(text, table(document)), encoding="utf-8")
+
+
+def between(text: str, table: str) -> str:
+    """The text with what stands between the marks replaced."""
     head, rest = text.split(_BEGIN)
     _, tail = rest.split(_END)
-    _README.write_text(f"{head}{_BEGIN}\n{table(document)}{_END}{tail}", encoding="utf-8")
+    return f"{head}{_BEGIN}\n{table}{_END}{tail}"
 
 
-def table(document: dict[str, Any]) -> str:
+def table(document: Mapping[str, Any]) -> str:
     """The figures as a table, and what they were measured on."""
-    rows = ["| what | median | p99 | bar | |", "|---|---|---|---|---|"]
-    for figure in document["figures"]:
-        unit = f" {figure['unit']}".rstrip()
-        verdict = "holds" if figure["holds"] else "**missed**"
-        rows.append(
-            f"| {figure['name']} | {figure['median']:.3g}{unit} | {figure['p99']:.3g}{unit}"
-            f" | {figure['bar']:g}{unit} | {verdict} |"
-        )
+    rows = [
+        "| median (p99) | quadctl | raw Zenoh | ROS 1 | bar | |",
+        "|---|---|---|---|---|---|",
+        *(_row(row, figure) for row, figure in figures(document)),
+    ]
     machine = document["machine"]
-    rows.append("")
-    rows.append(
+    packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
+    measured = (
         f"Measured by `make prove` on {machine['processor']}, Python {machine['python']},"
-        f" {machine['date']}, commit {machine['commit']}."
+        f" {packages}, {machine['date']}, commit {machine['commit']}."
+        " A peer's cell has its median and ours divided by it; [benchmarks](benchmarks/README.md)"
+        " says how each is measured."
     )
+    rows += ["", measured]
     return "\n".join(rows) + "\n"
+
+
+def _row(row: Row, figure: Figure) -> str:
+    verdict = judge(figure, row.bars) if row.bars else ""
+    shown = f"**{verdict}**" if verdict in {"missed", "failed"} else verdict
+    cells = [row.name, _ours(row, figure), _peer(row, figure, "raw"), _peer(row, figure, "ros")]
+    return f"| {' | '.join([*cells, limits(row), shown])} |"
+
+
+def _ours(row: Row, figure: Figure) -> str:
+    if "ours" not in figure.sides:
+        return "-"
+    ours = figure.sides["ours"]
+    spread = f" ({number(ours.tail)})" if ours.n > 1 else ""
+    return f"{number(ours.median)} {row.unit}".rstrip() + spread
+
+
+def _peer(row: Row, figure: Figure, side: Side) -> str:
+    if side in figure.missing:
+        return figure.missing[side]
+    if side not in figure.sides:
+        return ""
+    return f"{number(figure.sides[side].median)} {row.unit} (x {ratio(figure, side)})"

@@ -1,0 +1,27 @@
+"""A call on a connection that stands: typed, on bare Zenoh, and in rospy, block by block in turn."""
+
+from benchmarks import ros
+from benchmarks.effort import Effort
+from benchmarks.ends import ends
+from benchmarks.results import Results
+
+_WARM, _BLOCK = 50, 200
+_REQUEST_BYTES = 9
+"""`{"cage_on": true}` in MessagePack."""
+
+
+def measure(results: Results, effort: Effort) -> None:
+    """Each run with fresh processes: where they land on the cores moves all their values."""
+    if why := ros.absent():
+        results.missing(["call", "call_persistent"], "ros", why)
+    for run in range(effort.runs):
+        with ends("call", "serve", 1, _REQUEST_BYTES) as sides:
+            for end in sides.values():
+                end.sender.ask("call", count=_WARM)
+            for _ in range(effort.blocks):
+                for side, end in sides.items():
+                    times = end.sender.ask("call", count=_BLOCK)
+                    results.seconds("call", side, times, run)
+                    if side == "ros":
+                        times = end.sender.ask("call_persistent", count=_BLOCK)
+                    results.seconds("call_persistent", side, times, run)

@@ -1,0 +1,37 @@
+"""The file of figures: written by a run, read by whoever judges or shows them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from benchmarks.bars import Figure, Verdict, judge
+from benchmarks.rows import BY_KEY, Row
+
+
+def entry(row: Row, figure: Figure) -> dict[str, Any]:
+    """A row and its figure, for JSON."""
+    about = {
+        "key": row.key,
+        "group": row.group,
+        "name": row.name,
+        "unit": row.unit,
+        "bars": [bar.text(row.unit) for bar in row.bars],
+        "verdict": judge(figure, row.bars),
+    }
+    measured: dict[str, Any] = msgspec.to_builtins(figure)
+    return about | measured
+
+
+def figures(document: Mapping[str, Any]) -> list[tuple[Row, Figure]]:
+    """The rows of a file with their figures. The bars are the table's, not the file's."""
+    return [
+        (BY_KEY[found["key"]], msgspec.convert(found, Figure))
+        for found in document["figures"]
+        if found["key"] in BY_KEY
+    ]
+
+
+def verdicts(document: Mapping[str, Any]) -> dict[str, Verdict]:
+    """The verdict on each row of a file."""
+    return {row.key: judge(figure, row.bars) for row, figure in figures(document)}

@@ -1,0 +1,25 @@
+"""How often each thing is measured."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Repetitions; what the README's figures are made with."""
+
+    commands: int = 30
+    ros_commands: int = 15
+    runs: int = 3
+    blocks: int = 5
+    launches: int = 20
+    ros_launches: int = 10
+    cycles: int = 100
+    kills: int = 10
+    seconds: float = 20.0
+    flights: int = 5
+
+
+QUICK = Effort(
+    commands=7, ros_commands=2, runs=1, blocks=2, launches=3, ros_launches=1, cycles=3, kills=2,
+    seconds=3.0, flights=1,
+)  # fmt: skip

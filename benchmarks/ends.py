@@ -1,0 +1,47 @@
+"""The two ends of a service or a topic, of each side: the hub, the master, the workers."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import NamedTuple
+
+from benchmarks import ros
+from benchmarks.bars import Side
+from benchmarks.children import PYTHON, Worker, workers
+from benchmarks.system import REALM, hub
+
+_Command = tuple[Sequence[str], Mapping[str, str]]
+
+
+class Ends(NamedTuple):
+    """The one that calls or publishes, and those that serve or listen."""
+
+    sender: Worker
+    receivers: list[Worker]
+
+
+@contextmanager
+def ends(sender: str, receiver: str, receivers: int, size: int) -> Iterator[dict[Side, Ends]]:
+    """A fresh hub, a fresh master, and the ends of each side that is there, ready.
+
+    `sender` and `receiver` are roles of the workers, `size` what bare Zenoh sends, bytes.
+    """
+    with ExitStack() as stack:
+        home = stack.enter_context(hub())
+
+        def ours(name: str, role: str) -> _Command:
+            return [*PYTHON, "benchmarks.ours.node", REALM, name, role], home.environment
+
+        def raw(_name: str, role: str) -> _Command:
+            return [*PYTHON, "benchmarks.raw.node", home.endpoint, role, str(size)], home.raw
+
+        makers: dict[Side, Callable[[str, str], _Command]] = {"ours": ours, "raw": raw}
+        if not ros.absent():
+            makers["ros"] = stack.enter_context(ros.master(home.folder / "ros")).node
+        found: dict[Side, Ends] = {}
+        for side, make in makers.items():
+            # The receiving ends first: a caller then finds its server, a publisher its audience.
+            names = [f"{receiver}{number}" for number in range(receivers)]
+            heard = stack.enter_context(workers(*(make(name, receiver) for name in names)))
+            (sent,) = stack.enter_context(workers(make(sender, sender)))
+            found[side] = Ends(sent, heard)
+        yield found

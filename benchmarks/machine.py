@@ -1,0 +1,42 @@
+"""What was measured, where and when."""
+
+import os
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from benchmarks import ros
+
+_PACKAGES = ("eclipse-zenoh", "msgspec", "typer", "numpy")
+_CPUINFO = Path("/proc/cpuinfo")
+
+
+def described() -> dict[str, Any]:
+    """For the file of figures."""
+    packages = {name: metadata.version(name) for name in _PACKAGES}
+    if not ros.absent():
+        packages["rospy"] = _said("dpkg-query", "-W", "-f", "${Version}", "python3-rospy")
+    return {
+        "commit": _said("git", "describe", "--always", "--dirty"),
+        "date": _said("date", "-u", "+%Y-%m-%d"),
+        "processor": _processor(),
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "packages": packages,
+        # What else ran beside the benchmark stretches every figure; ratios suffer less.
+        "load": round(os.getloadavg()[0], 1),
+    }
+
+
+def _said(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+
+
+def _processor() -> str:
+    if not _CPUINFO.exists():
+        return platform.processor()
+    lines = _CPUINFO.read_text(encoding="utf-8").splitlines()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{len(models)} x {models[0]}"

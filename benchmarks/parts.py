@@ -1,0 +1,37 @@
+"""The parts of a run: which function measures which rows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from benchmarks import calls, commands, flights, footprint, launches, topics
+from benchmarks.effort import Effort
+from benchmarks.results import Results
+from benchmarks.rows import ROWS
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows that are measured together, and fail together."""
+
+    group: str
+    keys: tuple[str, ...]
+    measure: Callable[[Results, Effort], None]
+
+
+def _whole(group: str, measure: Callable[[Results, Effort], None]) -> Part:
+    return Part(group, tuple(row.key for row in ROWS if row.group == group), measure)
+
+
+PARTS = (
+    _whole("commands", commands.measure),
+    _whole("calls", calls.measure),
+    Part("topics", ("topic_100", "topic_1000", "throughput"), topics.measure_one),
+    Part("topics", ("topic_fan",), topics.measure_fan),
+    Part("launches", ("launch", "interrupt", "orphan"), launches.measure),
+    Part("launches", ("leftovers",), launches.measure_leftovers),
+    Part("footprint", ("system_memory", "hover_processor", "flight_processor", "node_memory"),
+         footprint.measure_system),
+    Part("footprint", ("lone_memory",), footprint.measure_nodes),
+    Part("footprint", ("gone",), footprint.measure_gone),
+    _whole("flights", flights.measure),
+)  # fmt: skip

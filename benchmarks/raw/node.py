@@ -1,0 +1,59 @@
+"""The same ends on bare Zenoh, no types and no promises: `node.py ENDPOINT NAME ROLE BYTES`.
+
+ROLE is serve, call, listen or publish; payloads are of so many bytes. The route is ours (clients
+of a hub on a Unix socket) and so is `ZENOH_RUNTIME`, which comes with the environment.
+"""
+
+import struct
+import sys
+import time
+
+import zenoh
+
+from benchmarks.raw.session import opened
+from benchmarks.worker import Arrivals, flood, paced, serve, timed
+
+SERVICE, TOPIC = "raw/@srv/toggle_cage", "raw/pose"
+_STAMP = struct.Struct("<d")
+
+
+def main(endpoint: str, role: str, size: str) -> None:
+    """Be one end of a service or a topic."""
+    session = opened(endpoint)
+    filling = bytes(int(size))
+    if role == "call":
+
+        def call() -> None:
+            for reply in session.get(SERVICE, payload=filling, timeout=3.0):
+                reply.ok.payload.to_bytes()
+
+        serve(call=lambda count: timed(call, count))
+    if role == "serve":
+
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(SERVICE, query.payload.to_bytes())
+
+        server = session.declare_queryable(SERVICE, answer, complete=True)
+        serve(served=lambda: str(server.key_expr))
+    if role == "publish":
+        publisher, rest = session.declare_publisher(TOPIC), filling[_STAMP.size :]
+
+        def put(_number: int) -> None:
+            publisher.put(_STAMP.pack(time.monotonic()) + rest)
+
+        serve(
+            publish=lambda count, hz: paced(put, count, hz),
+            flood=lambda seconds: flood(put, seconds),
+        )
+    arrivals = Arrivals()
+
+    def heard(sample: zenoh.Sample) -> None:
+        arrivals.add(_STAMP.unpack_from(sample.payload.to_bytes())[0])
+
+    subscriber = session.declare_subscriber(TOPIC, heard)
+    serve(take=arrivals.take, rate=arrivals.rate, heard=lambda: str(subscriber.key_expr))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

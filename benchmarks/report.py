@@ -1,0 +1,48 @@
+"""Figures as lines for a person and as cells for a table. Pure."""
+
+from benchmarks.bars import NAMES, AtMostTimes, Figure, Side, judge
+from benchmarks.rows import Row
+
+
+def line(row: Row, figure: Figure) -> str:
+    """One row, as it is printed during the run."""
+    verdict = judge(figure, row.bars)
+    if verdict == "failed":
+        return f"{row.name:48} FAILED: {figure.error}"
+    ours = figure.sides["ours"]
+    tail = "p1" if row.more_is_better else "p99"
+    peers = "".join(
+        f" | {NAMES[side]} {number(summary.median)}, ratio {ratio(figure, side)}"
+        for side, summary in figure.sides.items()
+        if side != "ours"
+    )
+    bars = f" | {limits(row)}: {verdict.upper()}" if row.bars else ""
+    missing = "".join(f" | {NAMES[side]} {why}" for side, why in figure.missing.items())
+    measured = f"{number(ours.median):>7} {row.unit:3} ({tail} {number(ours.tail)}, n {ours.n})"
+    return f"{row.name:48} {measured}{peers}{missing}{bars}"
+
+
+def limits(row: Row) -> str:
+    """The row's bars in words."""
+    return ", ".join(bar.text(row.unit) for bar in row.bars)
+
+
+def ratio(figure: Figure, peer: Side) -> str:
+    """Ours to a peer's, the median of the runs."""
+    found = figure.ratio(peer)
+    return "-" if found is None else number(found)
+
+
+def number(value: float) -> str:
+    """Three digits that mean something, without an exponent where none is needed."""
+    if value == 0 or abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.3g}"
+
+
+def compared(row: Row, figure: Figure) -> str:
+    """What the verdict leaves out: the peers that a bar wants and that are missing."""
+    wanted = [bar.peer for bar in row.bars if isinstance(bar, AtMostTimes)]
+    return ", ".join(
+        f"{NAMES[peer]} {figure.missing[peer]}" for peer in wanted if peer in figure.missing
+    )

@@ -1,0 +1,69 @@
+"""The table: every figure, its unit and the bars it is held to, one entry each."""
+
+from dataclasses import dataclass
+
+from benchmarks.bars import AtLeast, AtMost, AtMostTimes, Bar
+
+GROUPS = ("commands", "calls", "topics", "launches", "footprint", "flights")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure of a group; `key` is its name in figures.json."""
+
+    group: str
+    key: str
+    name: str
+    unit: str
+    bars: tuple[Bar, ...] = ()
+
+    @property
+    def more_is_better(self) -> bool:
+        """Whether the bad tail is the low one."""
+        return any(isinstance(bar, AtLeast) for bar in self.bars)
+
+    @property
+    def per_second(self) -> float:
+        """What a time in seconds is multiplied by for this row's unit."""
+        return {"ms": 1e3, "us": 1e6}.get(self.unit, 1.0)
+
+
+_RAW = (AtMostTimes(1.2, "raw"),)
+_QUARTER = (AtMost(65), AtMostTimes(1 / 4, "ros"))
+
+ROWS = (
+    Row("commands", "call_command", "`service call`, the whole command", "ms",
+        (AtMost(65), AtMostTimes(1 / 13, "ros"))),
+    Row("commands", "topic_list", "`topic list`", "ms", _QUARTER),
+    Row("commands", "service_list", "`service list`", "ms", _QUARTER),
+    Row("commands", "node_list", "`node list`", "ms", _QUARTER),
+    Row("commands", "topic_echo", "`topic echo -n 1` of a 10 Hz topic", "ms", (AtMost(150),)),
+    Row("commands", "type_show", "`type show`", "ms", (AtMost(50),)),
+    Row("commands", "param_get", "`param get`", "ms", (AtMost(65),)),
+    Row("commands", "topic_pub", "`topic pub`, once", "ms", (AtMost(65),)),
+    Row("calls", "call", "call, warm, typed, through the hub", "us", _RAW),
+    Row("calls", "call_persistent", "the same beside ROS with a persistent connection", "us"),
+    Row("topics", "topic_100", "topic, one way, 1 to 1, 100 Hz", "us", _RAW),
+    Row("topics", "topic_1000", "topic, one way, 1 to 1, 1 kHz", "us", _RAW),
+    Row("topics", "topic_fan", "topic, one way, 1 to 8, 1 kHz", "us", (AtMostTimes(0.6, "ros"),)),
+    Row("topics", "throughput", "throughput, 1 to 1, typed, received", "/s", (AtLeast(100_000),)),
+    Row("launches", "launch", "launch until all answer", "s", (AtMost(0.3),)),
+    Row("launches", "interrupt", "Ctrl-C until nothing is left", "s", (AtMost(0.5),)),
+    Row("launches", "orphan", "`kill -9` of `up` until no process is left", "s", (AtMost(2),)),
+    Row("launches", "leftovers", "processes and files left by many starts and stops, all told", "", (AtMost(0),)),
+    Row("footprint", "node_memory", "memory of a node (PSS), the largest of ours", "MB",
+        (AtMost(25),)),
+    Row("footprint", "lone_memory", "memory of a node started alone (PSS)", "MB", (AtMost(25),)),
+    Row("footprint", "system_memory", "memory of the whole system (PSS)", "MB", (AtMost(100),)),
+    Row("footprint", "hover_processor", "processor, whole system in hover, of one core", "%",
+        (AtMost(8),)),
+    Row("footprint", "flight_processor", "processor, whole system in flight, of one core", "%",
+        (AtMost(8),)),
+    Row("footprint", "gone", "`kill -9` of a node until it is in no listing", "ms", (AtMost(50),)),
+    Row("flights", "within_05", "3 m step: within 0.5 m", "s", (AtMost(1.6),)),
+    Row("flights", "within_02", "3 m step: within 0.2 m", "s", (AtMost(1.9),)),
+    Row("flights", "overshoot", "3 m step: overshoot", "m", (AtMost(0.01),)),
+    Row("flights", "hover", "hover error, RMS", "m", (AtMost(0.005),)),
+)  # fmt: skip
+
+BY_KEY = {row.key: row for row in ROWS}

@@ -1,0 +1,87 @@
+"""The inside of a measuring process: it does what it is asked on stdin and answers on stdout.
+
+Standard library only: the ROS side runs it too, under another Python.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+
+def serve(**verbs: Callable[..., Any]) -> NoReturn:
+    """Answer one JSON line with another until stdin ends; then leave, whatever threads run."""
+    print(json.dumps("ready"), flush=True)
+    for line in sys.stdin:
+        asked = json.loads(line)
+        answer = verbs[asked.pop("do")](**asked)
+        print(json.dumps(answer), flush=True)
+    os._exit(0)
+
+
+def timed(call: Callable[[], object], count: int) -> list[float]:
+    """Seconds that each of `count` calls took."""
+    times = []
+    for _ in range(count):
+        began = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - began)
+    return times
+
+
+def paced(put: Callable[[int], object], count: int, hz: float) -> None:
+    """Call `put` with a running number, `count` times at a rate."""
+    start = time.monotonic()
+    for number in range(count):
+        left = start + number / hz - time.monotonic()
+        if left > 0:
+            time.sleep(left)
+        put(number)
+
+
+def flood(put: Callable[[int], object], seconds: float) -> None:
+    """Call `put` as fast as it goes."""
+    number, end = 0, time.monotonic() + seconds
+    while time.monotonic() < end:
+        for _ in range(50):
+            put(number)
+            number += 1
+
+
+class Arrivals:
+    """When messages came, and how old they were; both in seconds."""
+
+    def __init__(self) -> None:
+        self._ages: list[float] = []
+        self._times: list[float] = []
+
+    def add(self, sent: float) -> None:
+        """A message that was sent at a time of the monotonic clock."""
+        now = time.monotonic()
+        self._times.append(now)
+        self._ages.append(now - sent)
+
+    def take(self, count: int, within: float = 1.0) -> list[float]:
+        """The ages of what came; waits for `count` of them, at most so long."""
+        deadline = time.monotonic() + within
+        while len(self._ages) < count and time.monotonic() < deadline:
+            time.sleep(0.005)
+        ages = self._ages[:]
+        self._clear()
+        return ages
+
+    def rate(self, quiet: float = 0.3) -> float:
+        """Messages a second from the first to the last, once none has come for a while."""
+        seen = -1
+        while seen != len(self._times):
+            seen = len(self._times)
+            time.sleep(quiet)
+        times = self._times[:]
+        self._clear()
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+
+    def _clear(self) -> None:
+        self._ages.clear()
+        self._times.clear()

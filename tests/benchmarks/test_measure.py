@@ -1,0 +1,92 @@
+import json
+
+import pytest
+
+from benchmarks import measure, parts
+from benchmarks.parts import Part
+
+HOLDS, BAR, MISSES = 60.0, 65.0, 70.0
+
+
+@pytest.fixture
+def pretended(monkeypatch):
+    """Runs in which a part claims a value, or fails, instead of measuring."""
+
+    def pretend(**values):
+        def part(key, value):
+            def claim(results, _effort):
+                if isinstance(value, Exception):
+                    raise value
+                results.add(key, "ours", [value])
+
+            return Part("commands", (key,), claim)
+
+        monkeypatch.setattr(parts, "PARTS", tuple(part(*each) for each in values.items()))
+
+    return pretend
+
+
+def check(*words):
+    return measure.main(["--only", "commands", "--check", *words])
+
+
+@pytest.mark.parametrize(("value", "code"), [(HOLDS, 0), (BAR, 0), (MISSES, 1)])
+def test_check_fails_on_a_missed_bar_alone(pretended, value, code):
+    pretended(param_get=value)
+    # A row of the group that no part measures would have failed; here only one is asked for.
+    assert measure.verdict(only(measure.run(["commands"], measure.QUICK), "param_get")) == code
+
+
+def only(found, *keys):
+    return found | {"figures": [entry for entry in found["figures"] if entry["key"] in keys]}
+
+
+def test_a_row_that_fails_says_so_and_does_not_stop_the_others(pretended, capsys):
+    pretended(param_get=RuntimeError("it broke"), type_show=HOLDS - 20)
+    found = measure.run(["commands"], measure.QUICK)
+    printed = capsys.readouterr().out.splitlines()
+    assert "FAILED: RuntimeError: it broke" in printed[0]
+    assert "HOLDS" in printed[1]
+    assert measure.verdict(only(found, "param_get", "type_show")) == 1
+    assert measure.verdict(only(found, "type_show")) == 0
+
+
+@pytest.mark.parametrize(("value", "code"), [(HOLDS, 0), (MISSES, 1)])
+def test_a_file_is_judged_by_the_tables_bars(pretended, tmp_path, capsys, value, code):
+    pretended(param_get=value)
+    found = only(measure.run(["commands"], measure.QUICK), "param_get")
+    file = tmp_path / "figures.json"
+    file.write_text(json.dumps(found))
+    assert measure.main(["--file", str(file), "--check"]) == code
+    assert measure.main(["--file", str(file)]) == 0
+    assert ("missed: `param get`" in capsys.readouterr().err) == bool(code)
+
+
+def test_the_file_says_on_what_it_was_measured(pretended, tmp_path):
+    pretended(param_get=HOLDS)
+    file = tmp_path / "figures.json"
+    assert check("--out", str(file)) == 1  # the group's other rows were not measured
+    machine = json.loads(file.read_bytes())["machine"]
+    assert {"commit", "date", "processor", "python", "packages"} <= machine.keys()
+    assert {"eclipse-zenoh", "msgspec"} <= machine["packages"].keys()
+
+
+def test_a_part_of_a_run_is_never_written_over_the_whole(capsys):
+    with pytest.raises(SystemExit) as left:
+        measure.main(["--only", "commands", "--write"])
+    assert left.value.code == 2
+
+
+def test_what_a_worker_is_asked_comes_back_and_its_end_is_waited_for():
+    import os
+
+    from benchmarks.children import PYTHON, Failed, workers
+
+    loop = "from benchmarks.worker import serve; import os; serve(pid=os.getpid)"
+    with workers(([*PYTHON[:-1], "-c", loop], dict(os.environ))) as (worker,):
+        pid = worker.ask("pid")
+        os.kill(pid, 0)
+        with pytest.raises(Failed, match="KeyError"):
+            worker.ask("what")
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)

@@ -1,0 +1,80 @@
+import pytest
+
+from benchmarks import readme, report
+from benchmarks.bars import AtMost, AtMostTimes, summarise
+from benchmarks.document import entry
+from benchmarks.rows import BY_KEY, GROUPS, ROWS, Row
+
+MACHINE = {
+    "processor": "2 x Abacus",
+    "python": "3.11.2",
+    "packages": {"eclipse-zenoh": "1.10.0"},
+    "date": "2026-11-21",
+    "commit": "0a1b2c3",
+}
+
+
+def document(**figures):
+    found = [
+        entry(BY_KEY[key], summarise([run], missing, error, more_is_better=False))
+        for key, (run, missing, error) in figures.items()
+    ]
+    return {"machine": MACHINE, "figures": found}
+
+
+def test_each_row_tells_ours_the_peers_the_bar_and_the_verdict():
+    lines = readme.table(
+        document(
+            call_command=({"ours": [50.0, 60.0, 90.0], "raw": [20.0], "ros": [900.0]}, {}, ""),
+            topic_list=({"ours": [70.0]}, {"ros": "not installed"}, ""),
+            node_list=({"ours": [60.0]}, {"ros": "not installed"}, ""),
+            topic_pub=({}, {}, "exit 2"),
+        )
+    ).splitlines()
+    first = (
+        "| `service call`, the whole command | 60 ms (90) | 20 ms (x 3) | 900 ms (x 0.0667)"
+        " | <= 65 ms, <= ROS 1 / 13 | holds |"
+    )
+    assert lines[2:6] == [
+        first,
+        "| `topic list` | 70 ms |  | not installed | <= 65 ms, <= ROS 1 / 4 | **missed** |",
+        "| `node list` | 60 ms |  | not installed | <= 65 ms, <= ROS 1 / 4 | not compared |",
+        "| `topic pub`, once | - |  |  | <= 65 ms | **failed** |",
+    ]
+    assert (
+        "2 x Abacus, Python 3.11.2, eclipse-zenoh 1.10.0, 2026-11-21, commit 0a1b2c3" in lines[-1]
+    )
+
+
+def test_only_what_is_between_the_marks_changes():
+    text = "before\n<!-- figures -->\nold\n<!-- /figures -->\nafter\n"
+    fresh = readme.between(text, "new\n")
+    assert fresh == "before\n<!-- figures -->\nnew\n<!-- /figures -->\nafter\n"
+    assert readme.between(fresh, "new\n") == fresh
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0, "0"), (0.0123456, "0.0123"), (65.04, "65"), (123456.7, "123457")]
+)
+def test_numbers_read_without_an_exponent(value, text):
+    assert report.number(value) == text
+
+
+def test_a_line_says_why_there_is_no_figure_and_what_was_not_compared():
+    row = Row("commands", "k", "a thing", "ms", (AtMost(1), AtMostTimes(0.5, "ros")))
+    failed = summarise([], {}, "it broke", more_is_better=False)
+    assert report.line(row, failed).endswith("FAILED: it broke")
+    alone = summarise([{"ours": [1.0]}], {"ros": "not installed"}, "", more_is_better=False)
+    line = report.line(row, alone)
+    assert "ROS 1 not installed" in line
+    assert line.endswith("NOT COMPARED")
+
+
+def test_the_tables_rows_are_named_once_and_measured_by_one_part():
+    from benchmarks.parts import PARTS
+
+    assert len(BY_KEY) == len(ROWS)
+    assert {row.group for row in ROWS} == set(GROUPS)
+    measured = [key for part in PARTS for key in part.keys]
+    assert sorted(measured) == sorted(BY_KEY)
+    assert all(BY_KEY[key].group == part.group for part in PARTS for key in part.keys)

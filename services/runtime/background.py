@@ -18,7 +18,9 @@ from services.runtime.supervise import Supervisor
 
 def main() -> int:
     """Run a realm in the background."""
-    launch = msgspec.json.decode(sys.stdin.buffer.read(), type=Launch)
+    # Not sys.stdin, which is None where the shell had closed it (`quadctl up -d <&-`).
+    with os.fdopen(0, "rb", closefd=False) as pipe:
+        launch = msgspec.json.decode(pipe.read(), type=Launch)
 
     def on_settled(supervisor: Supervisor, failed: str) -> None:
         _say(Settled(failed))

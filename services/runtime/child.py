@@ -1,46 +1,55 @@
-"""One child process: started, listened to, ended."""
+"""One child process: started, listened to, ended, and all that it has started with it."""
 
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 
-from services.runtime import forked
+from services.runtime import forked, sweep
 from services.runtime.forked import Forked
+from services.runtime.lines import Lines, Said
 from services.runtime.processes import Process
 
 _LAST_WORDS = 0.2
 """Seconds to wait for what an ended process wrote last; a grandchild may keep the pipe open."""
+_CHUNK = 1 << 16
+_PAUSE = 0.05
+"""Seconds that a child's pipe is left full where it writes more than is shown."""
+_POLL = 0.002
 
 
 class Child:
-    """A running process. `on_line` and `on_end` are called from a thread of its own."""
+    """A running process. `on_end` is called from a thread of its own."""
 
     def __init__(
         self,
         process: Process,
         environment: Mapping[str, str],
         folder: str,
-        on_line: Callable[[str], None],
+        leash: str,
         on_end: Callable[[], None],
     ) -> None:
-        """Start it."""
-        self._on_line, self._on_end = on_line, on_end
+        """Start it; by the leash, all that a user's command starts can be found."""
+        self._on_end = on_end
+        self._leash = f"{leash}{process.name}/" if process.stranger else ""
+        self._lines = Lines(process.name)
+        self._group_is_gone = False
         # In a session of its own: Ctrl-C is the supervisor's to hear, and to pass on in order.
         # Our nodes watch their stdin: they end when we do, however we do.
         self._popen: subprocess.Popen[bytes] | Forked
         if not process.stranger and forked.possible():
             self._popen = Forked(process.command[-1], environment, folder, both=True)
         else:
-            leash = (sys.executable, "-P", "-m", "services.runtime.leash", str(os.getpid()))
+            holder = (sys.executable, "-P", "-m", "services.runtime.leash", str(os.getpid()))
             self._popen = subprocess.Popen(
-                (*leash, *process.command) if process.stranger else process.command,
+                (*holder, *process.command) if process.stranger else process.command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, **environment},
+                env={**os.environ, **environment, sweep.MARK: self._leash},
                 cwd=folder,
                 start_new_session=True,
             )
@@ -49,6 +58,10 @@ class Child:
     def listen(self) -> None:
         """Hear what it says, from now on; a thread more, after which nothing can be forked."""
         self._reader.start()
+
+    def take_lines(self) -> list[Said]:
+        """What it has said since the last look."""
+        return self._lines.take()
 
     @property
     def pid(self) -> int:
@@ -60,39 +73,59 @@ class Child:
         return self._popen.poll()
 
     def terminate(self) -> None:
-        """Ask it to end."""
+        """Ask it, and what it started, to end."""
         self._signal(signal.SIGTERM)
+        if self._leash:
+            sweep.sweep(self._leash, signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it, and what it started, at once."""
+        """End it, and what it started, at once; also when it has ended by itself."""
         self._signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
+        if self._leash:
+            sweep.sweep_away(self._leash)
 
     def wait(self, timeout: float) -> bool:
-        """Whether it has ended within so many seconds."""
+        """Whether it, and its process group, have ended within so many seconds."""
+        deadline = time.monotonic() + timeout
         try:
             self._popen.wait(max(timeout, 0))
         except subprocess.TimeoutExpired:
             return False
-        return True
+        while not (gone := not self._signal(0)) and time.monotonic() < deadline:
+            time.sleep(_POLL)
+        return gone
 
     def last_words(self) -> str:
         """Read to the end of what it wrote; returns how it ended."""
-        self._reader.join(_LAST_WORDS)
+        if self._reader.ident is not None:
+            self._reader.join(_LAST_WORDS)
         code = self._popen.poll()
         if code is None:
             return "still running"
         return f"exit {code}" if code >= 0 else signal.Signals(-code).name
 
-    def _signal(self, number: int) -> None:
-        if self._popen.poll() is not None:
-            return
+    def _signal(self, number: int) -> bool:
+        """Signal its process group; whether there still is one."""
+        ended = self._popen.poll() is not None
         if sys.platform == "win32":
-            self._popen.send_signal(signal.SIGTERM)
-        else:
-            os.killpg(self._popen.pid, number)
+            if not ended:
+                self._popen.send_signal(number)
+            return not ended
+        # A group outlives its first process, and keeps its number; once gone, others may have it.
+        if not self._group_is_gone:
+            try:
+                os.killpg(self._popen.pid, number)
+            except (ProcessLookupError, PermissionError):
+                # Not permitted: what is left of it is another user's, or on macOS has ended.
+                self._group_is_gone = ended
+        return not self._group_is_gone
 
     def _read(self) -> None:
-        assert self._popen.stdout is not None  # noqa: S101 - a pipe, as asked for above
-        for raw in self._popen.stdout:
-            self._on_line(raw.decode(errors="replace").rstrip("\r\n"))
+        pipe = self._popen.stdout
+        assert pipe is not None  # noqa: S101 - a pipe, as asked for above
+        with pipe:
+            while chunk := os.read(pipe.fileno(), _CHUNK):
+                if not self._lines.feed(chunk):
+                    time.sleep(_PAUSE)
+        self._lines.end()
         self._on_end()

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Struct
 
 from services.runtime import forked
-from services.runtime.errors import AlreadyServed, QuadctlError
+from services.runtime.errors import AlreadyServed, Invalid, QuadctlError
 from services.runtime.launch import Launch
 from services.runtime.processes import START_TIMEOUT
 
@@ -28,8 +28,8 @@ class Settled(Struct, frozen=True):
 def detach(launch: Launch) -> None:
     """Start a supervisor in the background, and return when it says that all are ready.
 
-    Raises AlreadyServed where the realm is live, and QuadctlError with the last lines of what
-    did not come up; then nothing is left running.
+    Raises AlreadyServed where the realm is live, Invalid for what cannot be launched, and
+    QuadctlError with the last lines of what did not come up; then nothing is left running.
     """
     supervisor = _start()
     assert supervisor.stdin is not None  # noqa: S101 - pipes, as asked for below
@@ -47,8 +47,9 @@ def detach(launch: Launch) -> None:
     finally:
         patience.cancel()
     settled = msgspec.json.decode(said or b"{}", type=Settled)
-    if settled.code == AlreadyServed.code:
-        raise AlreadyServed(settled.failed, settled.hint)
+    for kind in (AlreadyServed, Invalid):
+        if settled.code == kind.code:
+            raise kind(settled.failed, settled.hint)
     if settled.failed or not said:
         supervisor.wait(START_TIMEOUT)
         raise QuadctlError(settled.failed or "the supervisor ended at once", settled.hint)

@@ -81,7 +81,7 @@ def _become(
     code = 1
     try:
         os.setsid()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
         for stream, descriptor in enumerate(streams):
             os.dup2(descriptor, stream)

@@ -12,11 +12,13 @@ from pathlib import Path
 from msgspec import Struct
 
 from schemas.params import Params
-from services.runtime.errors import Invalid
+from services.runtime.errors import Invalid, QuadctlError
 from services.runtime.lock import FileLock
 from services.runtime.processes import Process, table
 from services.runtime.realm import Realm
 from services.runtime.session import Address
+
+_ATTEMPTS = 100
 
 
 class Launch(Struct, frozen=True):
@@ -29,8 +31,9 @@ class Launch(Struct, frozen=True):
     folder: str
 
     def processes(self) -> tuple[Process, ...]:
-        """What is to run; raises Invalid for a command that is not there."""
+        """What is to run; raises Invalid for a command, or a hub, that is not there."""
         rows = table(self.params.processes, self.without)
+        self._check_hub(rows)
         path = self.environment(0)["PATH"]
         for process in rows:
             program = process.command[0]
@@ -42,6 +45,14 @@ class Launch(Struct, frozen=True):
                     "give a command that this shell would find",
                 )
         return rows
+
+    def _check_hub(self, rows: tuple[Process, ...]) -> None:
+        needs = [process.name for process in rows if process.must_announce]
+        if needs and "hub" not in needs and not _answers(Realm(self.realm).socket):
+            raise Invalid(
+                f"--without hub: {', '.join(needs)} meet at it, and the realm {self.realm} has none",
+                f"start one first: python -P -m services.hub --realm {self.realm}",
+            )
 
     def environment(self, restarts: int) -> dict[str, str]:
         """What a child finds in its environment beside ours."""
@@ -61,11 +72,20 @@ def hold(realm: Realm) -> FileLock:
     """Take the realm for a supervisor; raises AlreadyServed, naming its holder's pid."""
     hint = f"`quadctl down --realm {realm.name}` ends it; another --realm runs beside it"
     lock = FileLock(realm.lock, f"the realm {realm.name}", hint)
-    while True:
-        realm.create()
+    for _ in range(_ATTEMPTS):
         # A run that is just ending removes the folder under us.
         with contextlib.suppress(FileNotFoundError):
+            realm.create()
             return lock.acquire()
+    raise QuadctlError(f"{realm.folder} cannot be made", "set XDG_RUNTIME_DIR to another folder")
+
+
+def _answers(path: Path) -> bool:
+    """Whether somebody listens on a Unix socket."""
+    if sys.platform == "win32":
+        return False
+    with socket.socket(socket.AF_UNIX) as probe:
+        return probe.connect_ex(str(path)) == 0
 
 
 def choose_address(realm: Realm, transport: str) -> Address:

@@ -10,7 +10,9 @@ from typing import Self
 from services.runtime.errors import AlreadyServed
 
 _A_LOOK = 0.05
-"""Seconds: who looks whether the lock is held has it for a moment, which is no refusal."""
+"""Seconds: a look whether the lock is held may bar it for a moment, which is no refusal."""
+_LOOKERS = 2.0
+"""Seconds that many lookers, one after the other, may keep who wants the lock waiting."""
 
 
 class FileLock:
@@ -23,22 +25,24 @@ class FileLock:
 
     def acquire(self) -> Self:
         """Take the lock; raises AlreadyServed, naming the holder's pid, if it is taken."""
-        deadline = time.monotonic() + _A_LOOK
+        started = time.monotonic()
         while (fd := self._attempt()) is None:
-            if time.monotonic() > deadline:
+            waited = time.monotonic() - started
+            if waited > _LOOKERS or (waited > _A_LOOK and self.held()):
                 raise AlreadyServed(
                     f"{self._what} is already held by process {self._holder()}", self._hint
                 )
             time.sleep(_A_LOOK / 10)
-        os.ftruncate(fd, 0)
-        os.lseek(fd, 0, os.SEEK_SET)
-        os.write(fd, str(os.getpid()).encode())
         self._fd = fd
+        # Where the disk is full, the holder stays unnamed; it holds the lock all the same.
+        with contextlib.suppress(OSError):
+            # Written over first, cut after: given back to a full disk, the room may be lost.
+            os.ftruncate(fd, os.write(fd, str(os.getpid()).encode()))
         return self
 
     def _attempt(self) -> int | None:
         fd = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-        if _try_lock(fd) and self._is_file(fd):
+        if _try_lock(fd, alone=True) and self._is_file(fd):
             return fd
         os.close(fd)
         return None
@@ -60,14 +64,21 @@ class FileLock:
     def __exit__(self, *_: object) -> None:
         self.release()
 
+    def stands(self) -> bool:
+        """Whether we hold it, and nobody has removed its file, which would let another in."""
+        return self._fd is not None and self._is_file(self._fd)
+
     def held(self) -> bool:
-        """Whether any process, this one included, holds the lock now; creates no file."""
+        """Whether any process, this one included, holds the lock now; creates no file.
+
+        Those who look do not see one another, but on Windows, which can share no lock.
+        """
         try:
             fd = os.open(self._path, os.O_RDWR)
         except FileNotFoundError:
             return False
         try:
-            return not _try_lock(fd)
+            return not _try_lock(fd, alone=False)
         finally:
             os.close(fd)
 
@@ -84,19 +95,21 @@ if sys.platform == "win32":
     _FAR_AWAY = 1 << 30
     """Windows locks bar reading too, so a byte beyond the text is locked."""
 
-    def _try_lock(fd: int) -> bool:
+    def _try_lock(fd: int, *, alone: bool) -> bool:  # noqa: ARG001 - as said in held()
         os.lseek(fd, _FAR_AWAY, os.SEEK_SET)
         try:
             msvcrt.locking(fd, msvcrt.LK_NBLCK, 1)
         except OSError:
             return False
+        os.lseek(fd, 0, os.SEEK_SET)
         return True
 else:
     import fcntl
 
-    def _try_lock(fd: int) -> bool:
+    def _try_lock(fd: int, *, alone: bool) -> bool:
+        kind = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
         try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(fd, kind | fcntl.LOCK_NB)
         except BlockingIOError:
             return False
         return True

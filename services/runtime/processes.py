@@ -6,7 +6,7 @@ import sys
 from collections.abc import Collection, Mapping
 from typing import Literal, NamedTuple
 
-from services.runtime.errors import Invalid
+from services.runtime.errors import AlreadyServed, Invalid
 
 NODES = ("hub", "dynamics", "pressure", "safety")
 """Our own nodes, in the order in which they start; a new service is one more name."""
@@ -22,6 +22,8 @@ HEALTHY = 10.0
 MOST_QUICK_DEATHS = 5
 START_TIMEOUT = 10.0
 """Seconds that a process may take to announce itself."""
+SETTLED = 1.0
+"""Seconds that a command which announces nothing must run before it counts as ready."""
 _DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
 """Seconds before the restart after the first, second .. quick death in a row."""
 
@@ -30,7 +32,7 @@ class Process(NamedTuple):
     """A command to run under a name.
 
     `must_announce` where it is a node of ours or in the place of one; another command counts as
-    ready as soon as it runs. `stranger` where the file names the command.
+    ready when it has run for a moment. `stranger` where the file names the command.
     """
 
     name: str
@@ -81,9 +83,11 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
 class Life:
     """One process's ups and downs; time (s) is passed in."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, must_announce: bool = True) -> None:
         self.state: State = "starting"
         self.restarts = 0
+        self.taken = False
+        self._must_announce = must_announce
         self._deaths = 0
         self._started = 0.0
         self._ready_since: float | None = None
@@ -93,10 +97,15 @@ class Life:
         """It was started."""
         self._started, self._ready_since, self._answered = now, None, None
 
+    def runs(self, now: float) -> None:
+        """It is running; one that announces nothing is ready when it has done so for a moment."""
+        if not self._must_announce and now - self._started >= SETTLED:
+            self.ready(now)
+
     def ready(self, now: float) -> None:
         """It announced itself."""
         if self.state != "ready":
-            self.state, self._ready_since = "ready", now
+            self.state, self._ready_since, self.taken = "ready", now, False
 
     def answered(self, now: float) -> None:
         """It replied to a ping; from then on its silence counts."""
@@ -106,7 +115,7 @@ class Life:
         """It could not have been heard until now."""
         if self._answered is not None:
             self._answered = now
-        if self.state != "ready":
+        if self.state != "ready" and self._must_announce:
             self._started = now
 
     def complaint(self, now: float, answer_timeout: float) -> str:
@@ -118,12 +127,21 @@ class Life:
         silent = self._answered is not None and now - self._answered > answer_timeout
         return f"no answer for {answer_timeout:g} s" if silent else ""
 
-    def died(self, now: float) -> float | None:
-        """It ended; returns after how many seconds to start it again, None to leave it down."""
+    def died(self, now: float, code: int | None = None) -> float | None:
+        """It ended; returns after how many seconds to start it again, None to leave it down.
+
+        With the exit code that says that another process has its name, it comes back whenever
+        that one leaves, however long it takes.
+        """
         lived = 0.0 if self._ready_since is None else now - self._ready_since
         self._ready_since = self._answered = None
         if lived >= HEALTHY:
             self._deaths = 0
+        self.taken = self._must_announce and code == AlreadyServed.exit_code
+        if self.taken:
+            self.state = "restarting"
+            self.restarts += 1
+            return _DELAYS[-1]
         if lived < QUICK:
             self._deaths += 1
         if self._deaths >= MOST_QUICK_DEATHS:
@@ -132,3 +150,9 @@ class Life:
         self.state = "restarting"
         self.restarts += 1
         return _DELAYS[max(self._deaths - 1, 0)]
+
+    def asked(self) -> None:
+        """A restart was asked for: no death to be counted, and those before are forgotten."""
+        self.state, self._deaths, self.taken = "restarting", 0, False
+        self._ready_since = self._answered = None
+        self.restarts += 1

@@ -1,5 +1,6 @@
 """The run record: what `up` writes about its processes, and what commands read of it."""
 
+import contextlib
 import os
 import signal
 import time
@@ -12,18 +13,19 @@ from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm, write_atomically
 
-_STOP_WITHIN = 5.0
+_POLL = 0.005
 
 State = Literal["starting", "ready", "restarting", "down"]
 
 
 class ProcessRecord(Struct, frozen=True):
-    """One process as it is; pid 0 while there is none."""
+    """One process as it is; pid 0 while there is none. `started` at that Unix time (s)."""
 
     name: str
     pid: int
     state: State
     restarts: int
+    started: float = 0.0
 
 
 class RunRecord(Struct, frozen=True):
@@ -45,18 +47,20 @@ def is_live(realm: Realm) -> bool:
     return FileLock(realm.lock, "").held()
 
 
-def stop(realm: Realm) -> RunRecord:
-    """End a run and wait until it has ended; raises Unreachable where nothing runs."""
+def stop(realm: Realm, timeout: float = 5.0) -> RunRecord:
+    """End a run and wait (s) until it has ended; raises Unreachable where nothing runs."""
     run = read(realm)
-    os.kill(run.pid, signal.SIGTERM)
-    deadline = time.monotonic() + _STOP_WITHIN
+    # It may be ending by itself just now.
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(run.pid, signal.SIGTERM)
+    deadline = time.monotonic() + timeout
     while is_live(realm):
         if time.monotonic() > deadline:
             raise TimedOut(
-                f"process {run.pid} has not ended within {_STOP_WITHIN:g} s",
-                f"kill -9 {run.pid}: its children end by themselves",
+                f"process {run.pid} has not ended within {timeout:g} s",
+                f"wait longer with --timeout, or kill -9 {run.pid}: its children end by themselves",
             )
-        time.sleep(0.005)
+        time.sleep(_POLL)
     return run
 
 

@@ -3,32 +3,30 @@
 from collections.abc import Callable
 from typing import TextIO
 
-import msgspec
-
 from services.runtime import (
     entry,  # noqa: F401 - what every node begins with, loaded once for all that are forked
-    snapshot,
 )
-from services.runtime import launch as launching
+from services.runtime.home import Home
 from services.runtime.launch import Launch
-from services.runtime.logs import Logs
-from services.runtime.realm import Realm, write_atomically
+from services.runtime.logs import Emit, Logs, Printer
 from services.runtime.supervise import Supervisor
 
 
-def run(launch: Launch, stream: TextIO, on_settled: Callable[[Supervisor, str], None]) -> int:
+def run(
+    launch: Launch,
+    stream: TextIO | Emit,
+    on_settled: Callable[[Supervisor, str], None],
+    on_look: Callable[[Supervisor], None] | None = None,
+) -> int:
     """Supervise until a signal; returns its number. Leaves nothing of the run behind.
 
+    Lines go to a text stream, or to a function. `on_look` is called ten times a second.
     Raises AlreadyServed when the realm is live.
     """
-    realm = Realm(launch.realm)
-    lock = launching.hold(realm)
-    try:
-        snapshot.save_all(realm, launch.params)
-        address = launching.choose_address(realm, launch.params.hub.transport)
-        write_atomically(realm.address, msgspec.json.encode(address))
-        supervisor = Supervisor(launch, realm, address, Logs(realm.logs, stream))
-        return supervisor.run(lambda failed: on_settled(supervisor, failed))
-    finally:
-        realm.remove()
-        lock.release()
+    with Home(launch) as home:
+        logs = Logs(home.realm.logs, stream if callable(stream) else Printer(stream))
+        supervisor = Supervisor(launch, home, logs)
+        return supervisor.run(
+            lambda failed: on_settled(supervisor, failed),
+            lambda: on_look(supervisor) if on_look else None,
+        )

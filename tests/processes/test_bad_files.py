@@ -1,5 +1,8 @@
 """A faulty parameter file, or setting, starts nothing and says what is wrong with it."""
 
+import signal
+import sys
+
 from tests.processes.lab import Lab
 
 # fmt: off
@@ -17,6 +20,10 @@ FAULTS = [
     ("[safety]\nvirtual_cage = 5.0", "safety.virtual_cage", ""),
     ("safety = 3", "safety", ""),
     ("[hub]\ntransport = 'carrier pigeon'", "hub.transport", ""),
+    ("[hub]\nlisten = ['nonsense']", "nonsense", "tcp/127.0.0.1:7447"),
+    ("[hub]\nlisten = ['tcp/localhost']", "tcp/localhost", "tcp/127.0.0.1:7447"),
+    ("[hub]\nlisten = ['pigeon/coop:1']", "pigeon/coop:1", "unixsock-stream"),
+    ("[hub]\nlisten = ['tcp/']", "'tcp/'", "protocol/address"),
     ("[safety\n", "TOML", "line 1"),
     ("[safety]\ntakeoff = 1.0\ntakeoff = 2.0", "TOML", ""),
     ("\x00", "TOML", ""),
@@ -87,3 +94,19 @@ def test_the_file_that_init_writes_is_accepted(lab: Lab):
     lab.start()
     shown = lab.quadctl("cage", "show", "--json").json
     assert (shown["z"], shown["on"]) == ([0, 2], True)
+
+
+def test_without_a_hub_nothing_that_needs_one_is_started(lab: Lab):
+    refused = lab.quadctl("up", "-d", "--without", "hub", "--json")
+    assert (refused.code, refused.error["code"]) == (6, "invalid")
+    assert "dynamics, pressure, safety meet at it" in refused.error["message"]
+    assert "services.hub" in refused.error["hint"]
+    assert lab.is_gone()
+    # With one that was started alone they come up.
+    hub = lab.spawn(sys.executable, "-P", "-m", "services.hub", "--realm", lab.realm)
+    with lab.first_bare():
+        lab.start("--without", "hub")
+    assert lab.quadctl("calibrate").code == 0
+    assert lab.quadctl("down").code == 0
+    hub.send(signal.SIGTERM)
+    assert hub.wait() == 0

@@ -1,29 +1,53 @@
 """However a run ends, nothing of it is left; and a realm or a name is held by one alone."""
 
+import contextlib
 import os
+import shlex
 import shutil
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 
 from tests.processes.lab import NODES, Lab
 from tests.processes.running import alive, eventually
 
-# A user's processes that know nothing of us: one that hears no signal, one that reads no pipe.
+# A user's processes that know nothing of us: one that hears no signal, one that reads no pipe, and
+# one whose children are deaf, in a session of their own, or left behind by their parent.
 HELPERS = """
 [processes]
 deaf = ["python", "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(99)"]
 sleeper = "sleep 99"
+family = ["sh", "-c", '''
+    (trap : TERM; sleep 98; sleep 98) &
+    setsid sh -c "trap : TERM; sleep 97; sleep 97" &
+    (sleep 96 &)
+    wait
+''']
 """
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def sleeping(lab: Lab) -> set[str]:
+    """How long each `sleep` of the helpers sleeps."""
+    found = set()
+    for pid in lab.processes():
+        with contextlib.suppress(OSError):
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            if words[0] == b"sleep":
+                found.add(words[1].decode())
+    return found
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0), (signal.SIGHUP, 0)]
+)
 def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, code: int):
     run = lab.foreground(lab.file(HELPERS))
     pids = lab.pids()
-    assert len(pids) == 7
+    assert len(pids) == 8
     assert all(map(alive, pids))
+    eventually(lambda: sleeping(lab) == {"96", "97", "98", "99"})
     run.send(number)
     assert run.wait(5) == code
     assert not any(map(alive, pids))
@@ -39,10 +63,17 @@ def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
     else:
         lab.foreground(file)
     pids = lab.pids()
+    eventually(lambda: sleeping(lab) == {"96", "97", "98", "99"})
     os.kill(pids[0], signal.SIGKILL)
     eventually(lambda: not any(map(alive, pids)) and not lab.processes(), 2)
     if detached:  # what is left of the folder hinders nobody, and is cleared away with the next
+        (lab.home / "params" / "safety.json").write_text('{"takeoff": -1}')
+        (lab.home / "asked").mkdir()
+        (lab.home / "asked" / "hub").touch()
         lab.start()
+        assert not (lab.home / "logs" / "sleeper.log").exists()
+        assert {node["restarts"] for node in lab.nodes().values()} == {0}
+        assert lab.quadctl("param", "get", "safety.takeoff", "--json").json == {"safety.takeoff": 1}
     else:
         assert lab.quadctl("status").code == 3
         shutil.rmtree(lab.home)
@@ -127,3 +158,21 @@ def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
     os.kill(lab.status()["pid"], signal.SIGKILL)
     eventually(lambda: not any(map(alive, pids)), within=2)
     shutil.rmtree(lab.home)
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_a_run_is_launched_by_who_has_closed_its_streams(lab: Lab, closed: str):
+    launched = lab.spawn("sh", "-c", f"exec {shlex.join(lab.command('up', '-d'))} {closed}")
+    assert launched.wait() == 0
+    assert launched.log in {"", f"realm {lab.realm} is up\n"}
+    assert lab.is_ready()
+    assert lab.quadctl("down").code == 0
+    assert lab.is_gone()
+
+
+def test_under_nohup_a_closed_terminal_is_no_end(lab: Lab):
+    run = lab.spawn("sh", "-c", f"trap '' HUP; exec {shlex.join(lab.command('up'))}")
+    eventually(lab.is_ready)
+    run.send(signal.SIGHUP)
+    lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
+    assert not run.ended

@@ -5,6 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from services.runtime import asking
+from services.runtime.errors import QuadctlError
+from services.runtime.realm import Realm
 from tests.processes.bare import Bare, gap, speed
 from tests.processes.lab import NODES, Lab, private_lab
 from tests.processes.running import eventually
@@ -97,3 +100,56 @@ def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: La
     eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
     roomy.signal("hub", signal.SIGKILL)
     assert roomy.quadctl("topic", "echo", "pose", "-n", "1").code == 0
+
+
+def test_a_restart_is_done_when_it_is_asked_for_whatever_state_the_process_is_in(roomy: Lab):
+    realm = realm_of(roomy)
+    for node, prepare in (("pressure", None), ("hub", signal.SIGSTOP), ("safety", signal.SIGSTOP)):
+        eventually(roomy.is_ready)
+        if prepare is not None:
+            roomy.signal(node, prepare)
+        before = asking.ask_restart(realm, node)
+        after = asking.wait_restarted(realm, node, before, 10.0)
+        assert after.restarts == before.restarts + 1
+        assert after.started > before.started > 1e9
+    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+    assert log.count(": restart asked for\n") == 3
+    assert "pressure ended" not in log.rpartition("pressure: restart asked for")[2]
+
+
+def realm_of(lab: Lab) -> Realm:
+    """The lab's realm, for what is asked in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
+        return Realm(lab.realm)
+
+
+def test_one_that_is_left_down_is_started_anew_when_that_is_asked_for(lab: Lab):
+    command = "shy = ['sh', '-c', '[ -e here ] || exit 3; exec sleep 99']"
+    lab.spawn(*lab.command("up", lab.file(f"[processes]\n{command}\n")))
+    eventually(lambda: lab.nodes().get("shy", {"state": ""})["state"] == "down")
+    realm = realm_of(lab)
+    with pytest.raises(QuadctlError, match="does not stay up"):
+        asking.wait_restarted(realm, "shy", asking.ask_restart(realm, "shy"), 10.0)
+    (lab.folder / "here").touch()
+    before = asking.ask_restart(realm, "shy")
+    after = asking.wait_restarted(realm, "shy", before, 10.0)
+    assert (before.pid, before.state, after.state) == (0, "down", "ready")
+    assert after.restarts == before.restarts + 1
+
+
+def test_a_node_whose_name_another_has_comes_back_when_that_one_leaves(roomy: Lab):
+    eventually(roomy.is_ready)
+    with roomy.bare() as stranger:
+        token = stranger.session.liveliness().declare_token("uav/@node/pressure")
+        before = roomy.nodes()["pressure"]["restarts"]
+        roomy.signal("pressure", signal.SIGKILL)
+        # More often than it may die quickly.
+        eventually(lambda: roomy.nodes()["pressure"]["restarts"] >= before + 6, 30.0)
+        assert roomy.nodes()["pressure"]["state"] != "down"
+        token.undeclare()
+    roomy.revived("pressure", 0)
+    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+    assert log.count("pressure ended (exit 7): another process has its name") == 1
+    told = (roomy.home / "logs" / "pressure.log").read_text(encoding="utf-8")
+    assert told.count("another process already is the node pressure") == 1

@@ -1,8 +1,11 @@
 """The lock: one holder, named to the second, and let go of by its death."""
 
+import fcntl
 import os
+import resource
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -74,6 +77,52 @@ def test_it_is_held_within_the_block_and_free_after_it(path: Path):
     assert not other.held()
     lock.release()
     assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_those_who_look_do_not_take_one_another_for_the_holder(path: Path):
+    path.touch()
+    with path.open("rb") as looker:
+        fcntl.flock(looker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        assert not FileLock(path, "it").held()
+
+
+def test_who_wants_it_waits_for_those_who_look(path: Path):
+    path.touch()
+    with path.open("rb") as looker:
+        fcntl.flock(looker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        timer = threading.Timer(0.2, looker.close)
+        timer.start()
+        with FileLock(path, "it") as lock:
+            assert lock.held()
+        timer.join()
+
+
+def test_it_stands_until_its_file_is_removed(path: Path):
+    with FileLock(path, "it") as lock:
+        assert lock.stands()
+        path.unlink()
+        assert not lock.stands()
+        path.touch()
+        assert not lock.stands()
+    assert not lock.stands()
+
+
+def test_a_full_disk_does_not_take_the_lock_away(path: Path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        with FileLock(path, "it") as lock:
+            assert lock.stands()
+            with pytest.raises(AlreadyServed, match="process unknown"):
+                FileLock(path, "it").acquire()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_shorter_pid_leaves_nothing_of_a_longer_one(path: Path):
+    path.write_text("4711471147114711")
+    with FileLock(path, "it"):
+        assert path.read_text() == str(os.getpid())
 
 
 def test_a_holder_that_has_not_said_its_pid_yet_is_unknown(path: Path):

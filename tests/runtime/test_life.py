@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime.processes import HEALTHY, MOST_QUICK_DEATHS, QUICK, START_TIMEOUT, Life
+from services.runtime.processes import (
+    HEALTHY,
+    MOST_QUICK_DEATHS,
+    QUICK,
+    SETTLED,
+    START_TIMEOUT,
+    Life,
+)
 
 TIMEOUT = 2.0
 
@@ -138,3 +145,42 @@ def test_who_could_not_be_heard_is_excused():
     life.excuse(310.0)
     assert life.complaint(311.0, TIMEOUT) == ""
     assert life.complaint(312.5, TIMEOUT) == "no answer for 2 s"
+
+
+def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_delay():
+    life = Life()
+    for _ in range(4):
+        life.died(1.0)
+    for number in range(50):
+        life.started(float(number))
+        assert life.died(float(number), 7) == 0.8
+        assert (life.state, life.taken) == ("restarting", True)
+    life.started(60.0)
+    life.ready(60.0)
+    assert not life.taken
+    assert life.died(60.0, 1) is None, "the deaths before still count"
+
+
+def test_the_code_of_a_command_that_has_no_name_on_the_bus_means_nothing():
+    life = Life(must_announce=False)
+    assert [life.died(1.0, 7) for _ in range(5)][-1] is None
+    assert not life.taken
+
+
+def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment():
+    life, node = Life(must_announce=False), Life()
+    for one in (life, node):
+        one.started(1.0)
+        one.runs(1.0 + SETTLED / 2)
+        assert one.state == "starting"
+        one.excuse(1.0 + SETTLED / 2)
+        one.runs(1.0 + SETTLED)
+    assert (life.state, node.state) == ("ready", "starting")
+
+
+def test_a_restart_that_was_asked_for_is_no_death_and_clears_them():
+    child = Child()
+    assert [child.lives(None) for _ in range(5)][-1] is None
+    child.life.asked()
+    assert (child.life.state, child.life.restarts) == ("restarting", 5)
+    assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]

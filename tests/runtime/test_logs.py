@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.logs import Logs
+from services.runtime.logs import Logs, Printer
 
 LINE = r"\d\d:\d\d:\d\d\.\d\d\d "
 
@@ -26,13 +26,12 @@ def made(tmp_path: Path) -> Iterator[Make]:
     every: list[Logs] = []
 
     def make(out: io.StringIO) -> Logs:
-        every.append(Logs(tmp_path / "logs", out))
+        every.append(Logs(tmp_path / "logs", Printer(out)))
         return every[-1]
 
     yield make
     for logs in every:
-        for file in logs._files.values():
-            file.close()
+        logs.close()
 
 
 def test_a_line_has_time_and_name_and_no_colour_when_piped(made: Make):
@@ -82,3 +81,9 @@ def test_the_last_lines_are_kept_for_who_asks_why(made: Make, count: int, first:
         logs.show("hub", f"line {number}")
     assert logs.last("hub").splitlines() == [f"  line {n}" for n in range(first, count)]
     assert logs.last("nobody") == ""
+
+
+def test_a_line_has_the_time_at_which_it_was_read(made: Make):
+    out = io.StringIO()
+    made(out).show("hub", "up", 1e9 + 0.25)
+    assert out.getvalue()[5:12] == ":40.250"

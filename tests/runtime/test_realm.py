@@ -1,6 +1,7 @@
 """A realm's name and folder."""
 
 import os
+import resource
 import stat
 from pathlib import Path
 
@@ -103,6 +104,50 @@ def test_the_realm_of_a_shell(monkeypatch: pytest.MonkeyPatch, value: str | None
     if value is not None:
         monkeypatch.setenv("QUADCTL_REALM", value)
     assert default_name() == name
+
+
+@pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "TMPDIR"])
+def test_a_relative_folder_is_refused_for_each_would_find_another(
+    monkeypatch: pytest.MonkeyPatch, variable: str
+):
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setenv(variable, "run")
+    with pytest.raises(UsageError, match=f"{variable} is run, a relative path") as caught:
+        Realm("lab")
+    assert str(Path("run").absolute()) in caught.value.hint
+
+
+def test_a_folder_that_cannot_be_made_is_an_error_that_says_why(root: Path):
+    (root / "quadctl").touch()
+    with pytest.raises(QuadctlError, match="quadctl cannot be made: ") as caught:
+        Realm("lab").create()
+    assert "XDG_RUNTIME_DIR" in caught.value.hint
+
+
+def test_clearing_leaves_what_others_may_hold(root: Path):
+    realm = Realm("lab")
+    realm.create()
+    for path in (realm.lock, realm.socket, realm.record, realm.address, realm.folder / ".x.1"):
+        path.write_text("x")
+    for folder in (realm.params, realm.logs, realm.asked):
+        folder.mkdir()
+        (folder / "old").write_text("x")
+    realm.clear()
+    assert set(realm.folder.iterdir()) == {realm.lock, realm.socket}
+
+
+def test_a_write_that_fails_leaves_the_old_text_and_no_half_of_the_new(tmp_path: Path):
+    path = tmp_path / "run.json"
+    path.write_bytes(b"old")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            write_atomically(path, b"new")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_removing_leaves_nothing(root: Path):

@@ -1,5 +1,9 @@
 """What a run keeps in its folder: the parameters as they are now, and the record of processes."""
 
+import os
+import resource
+import signal
+import subprocess
 from pathlib import Path
 
 import msgspec
@@ -7,12 +11,12 @@ import pytest
 
 from schemas.params import CageParams, Params, PressureParams, SafetyParams
 from services.runtime import record, snapshot
-from services.runtime.errors import Invalid, Unreachable
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
 
-RUN = RunRecord("lab", 4711, "uav", [ProcessRecord("hub", 4712, "ready", 0)])
+RUN = RunRecord("lab", 4711, "uav", [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
 
 
 @pytest.fixture
@@ -53,6 +57,18 @@ def test_half_a_file_that_is_being_written_is_not_read(realm: Realm):
     assert snapshot.read(realm) == Params()
 
 
+def test_a_change_that_the_disk_does_not_take_is_an_error_that_says_so(realm: Realm):
+    snapshot.save_all(realm, Params())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        with pytest.raises(QuadctlError, match="of pressure cannot be kept in "):
+            snapshot.save(realm.params, "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert snapshot.read(realm) == Params()
+
+
 def test_a_snapshot_is_checked_like_a_file(realm: Realm):
     snapshot.save_all(realm, Params())
     snapshot.save(realm.params, "safety", {"takeoff": -1})
@@ -82,11 +98,31 @@ def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm
     assert not other.folder.exists()
 
 
+def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
+    with subprocess.Popen(["sleep", "99"]) as deaf, FileLock(realm.lock, "the realm"):
+        record.write(realm, RunRecord("lab", deaf.pid, "uav", []))
+        with pytest.raises(TimedOut, match=rf"process {deaf.pid} has not ended within 0.05 s"):
+            record.stop(realm, 0.05)
+        assert deaf.wait() == -signal.SIGTERM
+
+
+def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyPatch):
+    with FileLock(realm.lock, "the realm") as lock:
+        record.write(realm, RUN)
+
+        def kill(_pid: int, _number: int) -> None:
+            lock.release()
+            raise ProcessLookupError
+
+        monkeypatch.setattr(os, "kill", kill)
+        assert record.stop(realm) == RUN
+
+
 def test_the_record_is_the_document_of_status(realm: Realm):
     record.write(realm, RUN)
     assert msgspec.json.decode(realm.record.read_bytes()) == {
         "realm": "lab",
         "pid": 4711,
         "vehicle": "uav",
-        "nodes": [{"name": "hub", "pid": 4712, "state": "ready", "restarts": 0}],
+        "nodes": [{"name": "hub", "pid": 4712, "state": "ready", "restarts": 0, "started": 1.5}],
     }

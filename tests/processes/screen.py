@@ -1,0 +1,129 @@
+"""A terminal for the tests: a pty, and what somebody in front of it would see."""
+
+import contextlib
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import termios
+import time
+from collections.abc import Callable
+from fcntl import ioctl
+from pathlib import Path
+
+_CONTROL = re.compile(r"\033\[(\?)?([0-9;]*)([A-Za-z])")
+
+
+class Glass:
+    """What a terminal makes of text and of the few controls that our output has."""
+
+    def __init__(self) -> None:
+        self.lines = [""]
+        self._row = self._column = 0
+        self._text = ""
+
+    @property
+    def seen(self) -> str:
+        return "\n".join(line.rstrip() for line in self.lines)
+
+    def feed(self, text: str) -> None:
+        self._text += text
+        while self._text:
+            if self._text[0] == "\033":
+                control = _CONTROL.match(self._text)
+                if control is None:
+                    return  # the rest of it has not come yet
+                self._obey(control[2], control[3])
+                self._text = self._text[control.end() :]
+            else:
+                self._put(self._text[0])
+                self._text = self._text[1:]
+
+    def _obey(self, number: str, letter: str) -> None:
+        if letter == "A":
+            self._row = max(self._row - int(number or 1), 0)
+        elif letter == "K":
+            self.lines[self._row] = self.lines[self._row][: self._column]
+        elif letter == "J":
+            self.lines[self._row] = self.lines[self._row][: self._column]
+            del self.lines[self._row + 1 :]
+        else:
+            assert letter == "m", f"an unknown control: {number}{letter}"
+
+    def _put(self, char: str) -> None:
+        if char == "\r":
+            self._column = 0
+        elif char == "\n":
+            self._row += 1
+            self.lines += [""] * (self._row + 1 - len(self.lines))
+        else:
+            line = self.lines[self._row].ljust(self._column)
+            self.lines[self._row] = line[: self._column] + char + line[self._column + 1 :]
+            self._column += 1
+
+
+class Terminal:
+    """Runs a command in a pty of its own session. Knows the few controls that our output has."""
+
+    def __init__(
+        self, command: list[str], environment: dict[str, str], folder: Path, columns: int = 100
+    ) -> None:
+        self.glass, self.raw = Glass(), ""
+        self.pid, self._fd = pty.fork()
+        if self.pid == 0:
+            os.chdir(folder)
+            os.execvpe(command[0], command, environment)
+        self.resize(columns)
+
+    def resize(self, columns: int) -> None:
+        """Make it that wide, 40 rows high; what is on it stays as it is."""
+        ioctl(self._fd, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+
+    def press(self, keys: str) -> None:
+        os.write(self._fd, keys.encode())
+
+    @property
+    def screen(self) -> str:
+        """What is seen, all that has scrolled away included."""
+        return self.glass.seen
+
+    def echoes(self) -> bool:
+        """Whether a key that is pressed is written."""
+        return bool(termios.tcgetattr(self._fd)[3] & termios.ECHO)
+
+    def until(self, condition: Callable[[str], object], within: float = 10.0) -> str:
+        """Wait until what is seen is so; returns it."""
+        deadline = time.monotonic() + within
+        while not condition(self.screen):
+            left = deadline - time.monotonic()
+            assert left > 0, f"not in {within:g} s:\n{self.screen}"
+            self._read(left)
+        return self.screen
+
+    def wait(self, within: float = 10.0) -> int:
+        """Its exit code, once it has ended and all that it wrote was seen."""
+        deadline = time.monotonic() + within
+        while self._read(deadline - time.monotonic()):
+            assert time.monotonic() < deadline, self.screen
+        _, status = os.waitpid(self.pid, 0)
+        self.pid = 0
+        return os.waitstatus_to_exitcode(status)
+
+    def close(self) -> None:
+        if self.pid:
+            os.kill(self.pid, signal.SIGKILL)
+            os.waitpid(self.pid, 0)
+        os.close(self._fd)
+
+    def _read(self, timeout: float) -> bool:
+        if select.select([self._fd], [], [], max(timeout, 0))[0]:
+            # On Linux, the end of a pty is an error.
+            with contextlib.suppress(OSError):
+                if chunk := os.read(self._fd, 1 << 16):
+                    self.raw += chunk.decode(errors="replace")
+                    self.glass.feed(chunk.decode(errors="replace"))
+                    return True
+            return False
+        return True

@@ -1,0 +1,39 @@
+"""Completion of names that live now, by the environment in which a shell asks for it."""
+
+import signal
+
+from tests.processes.bare import Bare
+from tests.processes.lab import Lab
+
+
+def complete(lab: Lab, line: str) -> list[str]:
+    done = lab.quadctl(_QUADCTL_COMPLETE="complete_bash", COMP_WORDS=line)
+    assert (done.code, done.err) == (0, "")
+    return done.out.split()
+
+
+def test_names_that_live(shared_lab: Lab, bare: Bare):
+    mine = "uav/@node/mine/@pub/Image/00000000/5/uav%camera%left"
+    token = bare.session.liveliness().declare_token(mine)
+    assert complete(shared_lab, "quadctl topic echo ca") == ["camera/left"]
+    token.undeclare()
+    topics = complete(shared_lab, "quadctl topic echo ")
+    assert {"pose", "sensors/pressure", "safety/state"} <= set(topics)
+    assert complete(shared_lab, "quadctl topic echo /uav/pos") == ["/uav/pose"]
+    assert complete(shared_lab, "quadctl topic echo uav/sensors") == ["uav/sensors/pressure"]
+    assert complete(shared_lab, "quadctl service info tog") == ["toggle_cage"]
+    cage = [f"safety.virtual_cage.{axis}" for axis in "xyz"]
+    assert complete(shared_lab, "quadctl param get safety.virt") == cage
+    assert complete(shared_lab, "quadctl --realm nowhere topic echo ") == []
+
+
+def test_behind_a_frozen_hub_or_node_it_says_what_it_can_and_does_not_wait(lab: Lab):
+    lab.start("--set", "supervise.answer_timeout=60", "--set", "safety.takeoff=0")
+    lab.signal("pressure", signal.SIGSTOP)
+    names = complete(lab, "quadctl param get ")
+    assert "safety.takeoff" in names
+    assert not [name for name in names if name.startswith("pressure")]
+    lab.signal("hub", signal.SIGSTOP)
+    assert complete(lab, "quadctl topic echo ") == []
+    for node in ("hub", "pressure"):
+        lab.signal(node, signal.SIGCONT)

@@ -1,0 +1,78 @@
+"""What a child writes: in lines, and bounded however much it is."""
+
+import io
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.runtime.lines import LONGEST, MOST, Lines
+
+
+def texts(lines: Lines) -> list[str]:
+    return [said.line for said in lines.take()]
+
+
+@given(
+    st.lists(
+        st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=9), max_size=9
+    ),
+    st.lists(st.integers(1, 9), min_size=1, max_size=5),
+)
+def test_however_it_is_cut_into_chunks_the_lines_are_the_same(written: list[str], sizes: list[int]):
+    pipe = io.BytesIO("".join(f"{line}\r\n" for line in written).encode())
+    lines = Lines("x")
+    for size in itertools.cycle(sizes):
+        if not (chunk := pipe.read(size)):
+            break
+        assert lines.feed(chunk)
+    assert texts(lines) == written
+    lines.end()
+    assert texts(lines) == []
+
+
+def test_a_line_says_who_and_when_and_the_last_one_needs_no_newline():
+    lines = Lines("camera")
+    lines.feed(b"one\ntw")
+    lines.feed(b"o")
+    first, *more = lines.take()
+    assert (first.name, first.line, more) == ("camera", "one", [])
+    lines.end()
+    (second,) = lines.take()
+    assert second.line == "two"
+    assert second.at >= first.at > 1e9
+
+
+def test_bytes_without_a_newline_are_shown_once_and_not_kept():
+    lines = Lines("x")
+    assert lines.feed(b"z" * 65536)
+    for _ in range(1000):
+        assert not lines.feed(b"z" * 65536)
+    assert texts(lines) == ["z" * LONGEST + " ... (cut)"]
+    assert len(lines._part) <= LONGEST
+    lines.feed(b"the line's end\nnext\nlast")
+    lines.end()
+    assert texts(lines) == ["next", "last"]
+
+
+def test_a_long_line_is_cut_and_the_longest_is_not():
+    lines = Lines("x")
+    lines.feed(b"a" * LONGEST + b"\n" + b"b" * (LONGEST + 1) + b"\nc\n")
+    assert texts(lines) == ["a" * LONGEST, "b" * LONGEST + " ... (cut)", "c"]
+
+
+def test_more_lines_than_may_wait_are_counted_and_the_reader_is_told_to_pause():
+    lines = Lines("yes")
+    assert lines.feed(b"y\n" * MOST)
+    for _ in range(100):
+        assert not lines.feed(b"y\n" * 1000)
+    taken = texts(lines)
+    assert taken == ["y"] * MOST + ["... 100000 lines dropped"]
+    assert lines.feed(b"again\n")
+    assert texts(lines) == ["again"]
+
+
+def test_what_is_no_text_is_a_line_all_the_same():
+    lines = Lines("x")
+    lines.feed(b"\xff\x00\n\n")
+    assert texts(lines) == ["�\x00", ""]

@@ -49,7 +49,14 @@ def main() -> None:
 
 
 def _run(words: list[str]) -> None:
-    line = None if _COMPLETING in os.environ else quick.read(words)
+    if _COMPLETING in os.environ:
+        from cli.complete import shells
+
+        fits = shells.answer()
+        if fits is not None:
+            output.line(fits)
+            return
+    line = quick.read(words)
     if line is None:
         from cli import typed
 

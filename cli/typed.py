@@ -11,29 +11,43 @@ from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
+from typer import _completion_shared
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from cli import complete, output, table
+from cli import output, table
+from cli.complete.shells import SCRIPTS
 from cli.declare import Arg, Line, Word, takes_signed, words_of
 from cli.options import COMMON, options_of
 from services.runtime.errors import UsageError
 
 _KEY = "quadctl.options"
+_NO_WRAPPING = 10_000
+_EXITS = (
+    "Exit codes: 0 done, 1 unexpected error, 2 usage, 3 nobody answers, 4 timeout, 5 refused by"
+    " safety, 6 invalid parameter, message or schema, 7 already served, 8 fault found, 130 Ctrl-C."
+)
+
+# What `--show-completion` prints and `--install-completion` installs; Typer has no other way.
+_completion_shared._completion_scripts.update(SCRIPTS)  # noqa: SLF001
 
 
 def read(words: list[str]) -> Line:
     """Understand a line; raises UsageError, or SystemExit where help or completion was all."""
-    first = next((word for word in words if not word.startswith("-")), "")
+    plain = [word for word in words if not word.startswith("-")]
+    if plain[:1] == ["help"]:
+        # As people type it: `help`, `help topic`, `help topic echo`.
+        return read([*plain[1:], "--help"])
     try:
-        found = build(first)(args=words, standalone_mode=False, prog_name="quadctl")
+        app = build(plain[0] if plain else "")
+        found = app(args=words, standalone_mode=False, prog_name="quadctl")
     except typer.TyperException as problem:
-        raise _usage(problem) from problem
+        raise _usage(problem, table.split(plain)[0]) from problem
     if isinstance(found, Line):
         return found
     raise SystemExit(found or 0)
 
 
-def _usage(problem: typer.TyperException) -> BaseException:
+def _usage(problem: typer.TyperException, path: str) -> BaseException:
     code: int = getattr(problem, "exit_code", 2)
     message = getattr(problem, "format_message", lambda: str(problem))()
     ctx = getattr(problem, "ctx", None)
@@ -41,17 +55,22 @@ def _usage(problem: typer.TyperException) -> BaseException:
         # A group without a command: its help is the answer, and may be printed already.
         output.note(message) if message else None
         return SystemExit(code)
-    return UsageError(message, f"{ctx.command_path if ctx is not None else 'quadctl'} --help")
+    command = ctx.command_path if ctx is not None else f"quadctl {path}".rstrip()
+    return UsageError(message, f"`{command} --help`")
 
 
 def build(first: str = "") -> typer.Typer:
     """The app; of one that begins with a known `first` word, that part alone."""
-    # Boxes and colours are for people: what is piped on stays plain.
-    markup = "rich" if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else None
+    # Boxes, colours and wrapped lines are for people: what is piped on stays plain.
+    seen = sys.stdout.isatty()
+    markup = "rich" if seen and not os.environ.get("NO_COLOR") else None
+    layout: dict[str, Any] = {} if seen else {"terminal_width": _NO_WRAPPING}
     app = typer.Typer(
         cls=_Group,
         help="Fly the quadrotor lab: separate processes over Zenoh, a safety cage, two services.",
         rich_markup_mode=markup,  # type: ignore[arg-type]
+        epilog=_EXITS,
+        context_settings={"help_option_names": ["--help", "-h"], **layout},
         no_args_is_help=True,
         add_completion=True,
         pretty_exceptions_enable=False,
@@ -85,6 +104,7 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
     app.command(
         name,
         cls=_Command,
+        short_help=(command.__doc__ or "").partition("\n")[0],
         hidden=path in table.ALIASES,
         context_settings={"ignore_unknown_options": takes_signed(words)},
     )(run)
@@ -108,10 +128,7 @@ def _annotated(word: Word) -> Any:
     said = word.said
     facts: dict[str, Any] = {
         "help": said.about,
-        "metavar": said.metavar or None,
-        "autocompletion": complete.completer(said.complete, lambda ctx: options_of(_said(ctx)))
-        if said.complete
-        else None,
+        "metavar": said.metavar or (word.name.upper() if isinstance(said, Arg) else None),
     }
     info = (
         typer.Argument(**facts)

@@ -11,6 +11,6 @@ def down(options: Options) -> None:
 
     Example: quadctl down
     """
-    run = record.stop(Realm(options.realm))
+    run = record.stop(Realm(options.realm), options.timeout)
     said = {"realm": options.realm, "pid": run.pid}
     output.either(options, said, f"realm {options.realm} is down")

@@ -1,9 +1,14 @@
 """`status`: the processes of a run."""
 
+import time
+
 from cli import output
 from cli.options import Options
+from cli.run.rows import duration
+from cli.run.usage import memory
 from services.runtime import record
 from services.runtime.realm import Realm
+from services.runtime.record import ProcessRecord
 
 
 def status(options: Options) -> None:
@@ -16,5 +21,17 @@ def status(options: Options) -> None:
         output.document(run)
         return
     output.line(f"realm {run.realm}, vehicle {run.vehicle}, supervised by process {run.pid}")
-    rows = [(node.name, node.state, node.pid or "-", node.restarts) for node in run.nodes]
-    output.table([("NAME", "STATE", "PID", "RESTARTS"), *rows])
+    rows = (_row(node) for node in run.nodes)
+    output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
+
+
+def _row(node: ProcessRecord) -> tuple[object, ...]:
+    taken = memory(node.pid) if node.pid else None
+    return (
+        node.name,
+        node.state,
+        node.pid or "-",
+        node.restarts,
+        duration(time.time() - node.started) if node.pid else "-",
+        f"{taken:.0f} MB" if taken is not None else "-",
+    )

@@ -8,11 +8,13 @@ from typing import Annotated
 from cli import output
 from cli.declare import Arg, Opt
 from cli.options import Options
+from cli.run import terminal
 from cli.run.status import status
 from services.runtime import up as running
 from services.runtime.detach import detach as in_background
 from services.runtime.launch import Launch
 from services.runtime.params import load
+from services.runtime.supervise import Supervisor
 
 _DEFAULT_FILE = Path("quad.toml")
 
@@ -47,7 +49,23 @@ def up(
         else:
             output.line(f"realm {options.realm} is up")
         return
-    # Lines are the only output of a run in the foreground, so --json changes nothing there.
-    number = running.run(launch, sys.stdout, lambda _supervisor, _failed: None)
-    if number == signal.SIGINT:
-        sys.exit(128 + number)
+    if _watch(launch) == signal.SIGINT:
+        sys.exit(128 + signal.SIGINT)
+
+
+def _watch(launch: Launch) -> int:
+    """Run in the foreground; returns the signal that ended it.
+
+    Lines are all that is printed then, so --json changes nothing; on a terminal the processes are
+    shown below them.
+    """
+    if not terminal.is_live():
+        return running.run(launch, terminal.for_lines(), _go_on)
+    from cli.run.screen import Screen
+
+    with Screen(launch) as screen:
+        return running.run(launch, screen.emit, _go_on, screen.look)
+
+
+def _go_on(_supervisor: Supervisor, _failed: str) -> None:
+    """A process that is left down does not end the others."""

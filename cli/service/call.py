@@ -1,15 +1,23 @@
 """`service call`."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
 from cli import bus, output
-from cli.arguments import message_of
-from cli.declare import Arg
-from cli.names import find_service
+from cli.arguments import message_of, table_of
+from cli.declare import Arg, Opt
 from cli.options import Options
-from services.runtime.errors import Refused
+from cli.service import lookup
+from schemas.contract import Service
+from schemas.topics import STATE
+from services.runtime.errors import Refused, Unreachable, UsageError
+from services.runtime.plain import plain
+
+_FORMS = {
+    "msgpack": ("application/msgpack", msgspec.msgpack.encode),
+    "json": ("application/json", msgspec.json.encode),
+}
 
 
 def call(
@@ -19,18 +27,45 @@ def call(
         list[str] | None,
         Arg("As zero=true, as JSON, or as values in the fields' order.", complete="field"),
     ] = None,
+    form: Annotated[
+        str, Opt("How to write to a service that is none of ours: msgpack or json.", ("--as",))
+    ] = "msgpack",
 ) -> None:
-    """Call a service and print its reply.
+    """Call a service and print its reply; one of your own by its name or key too.
 
     Example: quadctl service call toggle_cage cage_on=false
     """
-    service = find_service(name, options.vehicle)
-    request = message_of(service.request, service.name, arguments or [])
-    with bus.connect(options) as client:
-        reply = msgspec.to_builtins(client.call(service, request))
+    if form not in _FORMS:
+        raise UsageError(f"--as {form}: no such form", f"it is {' or '.join(_FORMS)}")
+    service = lookup.declared(name, options.vehicle)
+    words = arguments or []
+    reply = _ours(options, service, words) if service else _theirs(options, name, words, form)
     if options.json:
         output.document(reply)
     else:
         output.fields(reply)
-    if reply.get("accepted") is False or reply.get("success") is False:
-        raise Refused(reply.get("reason") or f"{service.name} said no")
+    verdict = reply if isinstance(reply, dict) else {}
+    if verdict.get("accepted") is False or verdict.get("success") is False:
+        who = service.node if service else ""
+        raise Refused(
+            verdict.get("reason") or f"{name} said no",
+            "`quadctl cage show` and `quadctl state` say more" if who == STATE.node else "",
+        )
+
+
+def _ours(options: Options, service: Service[Any, Any], words: list[str]) -> Any:
+    request = message_of(service.request, service.name, words)
+    with bus.connect(options) as client:
+        return msgspec.to_builtins(client.call(service, request))
+
+
+def _theirs(options: Options, name: str, words: list[str], form: str) -> Any:
+    encoding, encode = _FORMS[form]
+    payload = encode(table_of(words) if words else {})
+    with lookup.connect(options, name) as client:
+        key = lookup.key_of(client, name)
+        try:
+            return plain(*client.ask(key, payload, encoding))
+        except Unreachable as problem:
+            hint = lookup.nearest_live(client, name) or problem.hint
+            raise Unreachable(problem.message, hint) from problem

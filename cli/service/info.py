@@ -2,32 +2,37 @@
 
 from typing import Annotated
 
-from cli import bus, output
+from cli import output
 from cli.declare import Arg
-from cli.names import find_service
 from cli.options import Options
+from cli.service import lookup
 from schemas.describe import service_definition
 from services.runtime.errors import Unreachable
 
 
 def info(options: Options, name: Annotated[str, Arg("A service.", complete="service")]) -> None:
-    """Show a service's node, key, type and fields.
+    """Show a service's node, key, type and fields; of one of your own, what it tells on the bus.
 
     Example: quadctl service info calibrate_pressure
     """
-    service = find_service(name, options.vehicle)
-    key = service.key(options.vehicle)
-    with bus.connect(options) as client:
-        node = next((offer.node for offer in client.offers() if offer.key == key), None)
-    if node is None:
+    ours = lookup.declared(name, options.vehicle)
+    with lookup.connect(options, name) as client:
+        offer = lookup.offered(client, ours.key(client.vehicle) if ours else name)
+        if offer is None and ours is None:
+            raise lookup.unknown(client, name)
+    if offer is None:
+        assert ours is not None  # noqa: S101 - or else it was unknown
         raise Unreachable(
-            f"nobody serves {key} now", f"is {service.node} up? `quadctl status` shows it"
+            f"nobody serves {ours.key(options.vehicle)} now",
+            f"is {ours.node} up? `quadctl status` shows it",
         )
-    fields = service_definition(service.request, service.response)
+    said = {"name": offer.name, "key": offer.key, "type": offer.type, "node": offer.node}
+    fields = service_definition(ours.request, ours.response) if ours else ""
     if options.json:
-        said = {"name": service.name, "key": key, "type": service.type_name, "node": node}
-        output.document(said | {"definition": fields})
+        output.document(said | {"hash": offer.hash, "definition": fields})
         return
-    rows = (("Node", node), ("Key", key), ("Type", service.type_name), ("About", service.doc))
+    about = ours.doc if ours else "none of quadctl's own: its node's author knows its fields"
+    rows = (("Node", offer.node), ("Key", offer.key), ("Type", offer.type), ("About", about))
     output.table((f"{title}:", text) for title, text in rows)
-    output.line(fields)
+    if fields:
+        output.line(fields)

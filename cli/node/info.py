@@ -52,6 +52,7 @@ def _document(
         "state": process.state,
         "pid": process.pid,
         "restarts": process.restarts,
+        "started": process.started,
         "supervised": seen.run is not None and process in seen.run.nodes,
         "uptime": vitals.uptime,
         "pss": vitals.pss,

@@ -16,13 +16,15 @@ from services.runtime.processes import Process
 _LAST_WORDS = 0.2
 """Seconds to wait for what an ended process wrote last; a grandchild may keep the pipe open."""
 _CHUNK = 1 << 16
-_PAUSE = 0.05
-"""Seconds that a child's pipe is left full where it writes more than is shown."""
+_PAUSE = 0.1
+"""Seconds that a child's pipe is left to fill where it writes much."""
+_GATHER = 0.005
+"""Seconds in which what a child says next is left to gather, so that few looks show many lines."""
 _POLL = 0.002
 
 
 class Child:
-    """A running process. `on_end` is called from a thread of its own."""
+    """A running process. `on_lines` and `on_end` are called from a thread of its own."""
 
     def __init__(
         self,
@@ -30,10 +32,11 @@ class Child:
         environment: Mapping[str, str],
         folder: str,
         leash: str,
+        on_lines: Callable[[], None],
         on_end: Callable[[], None],
     ) -> None:
         """Start it; by the leash, all that a user's command starts can be found."""
-        self._on_end = on_end
+        self._on_lines, self._on_end = on_lines, on_end
         self._leash = f"{leash}{process.name}/" if process.stranger else ""
         self._lines = Lines(process.name)
         self._group_is_gone = False
@@ -125,7 +128,8 @@ class Child:
         assert pipe is not None  # noqa: S101 - a pipe, as asked for above
         with pipe:
             while chunk := os.read(pipe.fileno(), _CHUNK):
-                if not self._lines.feed(chunk):
-                    time.sleep(_PAUSE)
+                few = self._lines.feed(chunk)
+                self._on_lines()
+                time.sleep(_GATHER if few else _PAUSE)
         self._lines.end()
         self._on_end()

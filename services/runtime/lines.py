@@ -7,7 +7,9 @@ from typing import NamedTuple
 LONGEST = 4000
 """Bytes of a line that are kept; what goes beyond, up to the line's end, is left out."""
 MOST = 500
-"""Lines that may wait for the supervisor's next look; more are dropped, and counted."""
+"""Lines that may wait to be shown; more are dropped, and counted."""
+FEW = 50
+"""Lines at once that are nothing unusual; the reader pauses after more."""
 
 
 class Said(NamedTuple):
@@ -31,7 +33,7 @@ class Lines:
         self._cutting = False
 
     def feed(self, chunk: bytes) -> bool:
-        """Take in what was read; False where much was thrown away, so that the reader pauses."""
+        """Take in what was read; False where it was much, so that the reader shall pause."""
         pieces = chunk.split(b"\n")
         too_long = self._cutting
         if self._cutting:
@@ -44,7 +46,8 @@ class Lines:
             # Shown now, for its end may never come.
             pieces.append(self._part)
             self._part, self._cutting = b"", True
-        return self._add(pieces) and not too_long
+        self._add(pieces)
+        return len(pieces) <= FEW and not too_long
 
     def end(self) -> None:
         """Nothing more will come: what stands there without a newline is a line."""
@@ -64,14 +67,12 @@ class Lines:
             taken.append(Said(time.time(), self._name, f"... {dropped} lines dropped"))
         return taken
 
-    def _add(self, pieces: list[bytes]) -> bool:
+    def _add(self, pieces: list[bytes]) -> None:
         now = time.time()
         with self._lock:
             room = MOST - len(self._waiting)
             self._waiting += [Said(now, self._name, _text(piece)) for piece in pieces[:room]]
-            lost = max(len(pieces) - room, 0)
-            self._dropped += lost
-        return not lost
+            self._dropped += max(len(pieces) - room, 0)
 
 
 def _text(raw: bytes) -> str:

@@ -19,7 +19,7 @@ from services.runtime.row import GRACE, Row
 
 _PING_EVERY = 0.5
 _LOOK_EVERY = 0.1
-"""Seconds between looks where nothing happens; whatever is heard or ends wakes the loop at once."""
+"""Seconds between looks where nothing happens; lines, and what comes or ends, wake the loop."""
 
 
 class Supervisor:
@@ -168,6 +168,7 @@ class Supervisor:
             self._launch.environment(restarts),
             self._launch.folder,
             self._leash,
+            lambda: self._inbox.put(self._show),
             lambda: self._inbox.put(self._wake),
         )
         if self._health is not None:

@@ -217,7 +217,7 @@ def test_a_file_through_a_link_keeps_both_and_its_mode(tuned: Lab):
     assert tuned.quadctl("param", "save", "link.toml").code == 0
     assert link.is_symlink()
     text = real.read_text(encoding="utf-8")
-    assert text.startswith("# mine\n[safety] # all of it\ntakeoff = 1.0 # high\nvirtual_cage")
+    assert text.startswith("# mine\n[safety] # all of it\ntakeoff = 1.0 # high\n")
     assert real.stat().st_mode & 0o777 == 0o640
     assert load(real) == load(None, ("safety.virtual_cage.z=2", "dynamics.seed=7",
                                      "supervise.answer_timeout=3"))  # fmt: skip

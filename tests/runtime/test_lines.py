@@ -6,7 +6,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime.lines import LONGEST, MOST, Lines
+from services.runtime.lines import FEW, LONGEST, MOST, Lines
 
 
 def texts(lines: Lines) -> list[str]:
@@ -63,7 +63,8 @@ def test_a_long_line_is_cut_and_the_longest_is_not():
 
 def test_more_lines_than_may_wait_are_counted_and_the_reader_is_told_to_pause():
     lines = Lines("yes")
-    assert lines.feed(b"y\n" * MOST)
+    assert lines.feed(b"y\n" * FEW)
+    assert not lines.feed(b"y\n" * (MOST - FEW))
     for _ in range(100):
         assert not lines.feed(b"y\n" * 1000)
     taken = texts(lines)

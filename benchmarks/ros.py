@@ -66,7 +66,7 @@ class Ros:
         )  # fmt: skip
         return done.stdout
 
-    def wait(self, command: Sequence[str], word: str, within: float = 20.0) -> None:
+    def wait(self, command: Sequence[str], word: str, within: float = 60.0) -> None:
         """Until a command prints a word; raises Failed."""
         deadline = time.monotonic() + within
         while word not in self.run(*command, check=False):

@@ -50,12 +50,12 @@ def _value(tokens: list[str], depth: int = 0) -> Any:
 
 
 def _ends(tokens: list[str], end: str, *, first: bool) -> bool:
-    """Whether a table or list ends here; takes the end, or the comma before its next item."""
+    """Whether a table or list ends here; takes the end, and the comma before it or another item."""
+    if not first and tokens[-1:] != [end] and (comma := _next(tokens, repr(end))) != ",":
+        raise Invalid(f"there is {comma!r} in place of ',' or {end!r}")
     if tokens[-1:] == [end]:
         tokens.pop()
         return True
-    if not first and (comma := _next(tokens, repr(end))) != ",":
-        raise Invalid(f"there is {comma!r} in place of ',' or {end!r}")
     return False
 
 

@@ -57,7 +57,8 @@ class _Echo:
         unread: Invalid | None = None
         while (message := self._stream.next(deadline - time.monotonic())) is not None:
             try:
-                return message, field_of(shown(message, self._client.vehicle), self._field)
+                value = shown(message, self._key, self._client.vehicle)
+                return message, field_of(value, self._field)
             except NoField as problem:
                 if "*" not in self._key:
                     raise
@@ -70,7 +71,8 @@ class _Echo:
         raise self._client.silent(self._key, unread)
 
     def _told(self, key: str, problem: Invalid) -> Invalid:
-        said, kind = unreadable(key, problem), (key, type(problem))
+        of = key if "*" in self._key else self._key
+        said, kind = unreadable(of, problem), (of, type(problem))
         if kind not in self._kinds:
             self._kinds.add(kind)
             output.note(f"passed over a message on {said.message}")

@@ -15,14 +15,16 @@ class NoField(Invalid):
     """A message has no such field."""
 
 
-def shown(message: Message, vehicle: str) -> Any:
+def shown(message: Message, key: str, vehicle: str) -> Any:
     """A message of our topics checked against its type, anything else as it can be read.
 
+    `key` is what was listened to, and tells the topic where it is not an expression.
     What another vehicle, or no vehicle at all, publishes under a topic's name is ours only where
     its encoding says so. Raises Invalid for what cannot be read.
     """
-    declared = topic_of(message.key)
-    ours = message.key.startswith(f"{vehicle}/") or wire.is_typed(message.encoding)
+    of = message.key if "*" in key else key
+    declared = topic_of(of)
+    ours = of.startswith(f"{vehicle}/") or wire.is_typed(message.encoding)
     if declared is None or not ours:
         return plain(message.payload, message.encoding)
     return msgspec.to_builtins(wire.decode(declared.type, message.payload, message.encoding))

@@ -28,6 +28,8 @@ class Simulation:
         self.boot()
         self.poses = node.publisher(POSE, lambda: params.dynamics.rate)
         self._setpoints = node.listen(SETPOINT, self._follow)
+        # They are followed from the next tick on, so they need not wake us before it.
+        self._setpoints.rest(math.inf)
 
     def boot(self) -> None:
         """Stand at the start, as a new boot that no old setpoint moves."""

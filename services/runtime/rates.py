@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _MOST = 2_000
 """Messages of a topic counted at most; what comes beyond costs little, and is left out."""
 _COUNT_FOR = 0.9
-_COUNT_EVERY = 10.0
+_COUNT_EVERY = 15.0
 """Seconds. To hear all messages all the time would cost more than all else that a supervisor does;
 and no Python runs for each: they wait in a ring until looked at."""
 

@@ -42,13 +42,15 @@ class Row:
             if self._due is not None and now >= self._due:
                 self._start(now)
             return
-        self.life.runs(now)
         if self.child.exit_code() is not None:
             self._bury(now)
-        elif self._kill_at is not None:
+            return
+        if self._kill_at is not None:
             if now >= self._kill_at:
                 self.child.kill()
-        elif deaf and self.process.name != "hub":
+            return
+        self.life.runs(now)
+        if deaf and self.process.name != "hub":
             self.life.excuse(now)
         elif why := self.life.complaint(now, answer_timeout):
             self._tell(f"{self.process.name}: {why}: killed")

@@ -1,5 +1,6 @@
 """Messages to bytes and back: MessagePack, with the type and its schema's digest beside it."""
 
+import threading
 from functools import cache
 from typing import TypeVar
 
@@ -24,9 +25,20 @@ def encoding(type_: type[Struct]) -> str:
     return f"{_PREFIX}{type_.__name__}#{schema_hash(type_)}"
 
 
+_building = threading.Lock()
+"""msgspec shows a type that is half built to a second thread, whose process then crashes."""
+
+
 @cache
 def _decoder(type_: type[M]) -> msgspec.msgpack.Decoder[M]:
-    return msgspec.msgpack.Decoder(type_)
+    with _building:
+        return msgspec.msgpack.Decoder(type_)
+
+
+@cache
+def _error_decoder() -> msgspec.json.Decoder[Error]:
+    with _building:
+        return msgspec.json.Decoder(Error)
 
 
 def decode(type_: type[M], payload: bytes, said: str) -> M:
@@ -73,7 +85,7 @@ def encode_error(error: QuadctlError) -> bytes:
 def decode_error(payload: bytes) -> QuadctlError:
     """The exception that an error reply stands for."""
     try:
-        said = msgspec.json.decode(payload, type=Error)
+        said = _error_decoder().decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return Invalid(f"the error reply cannot be read: {error}")
     return WIRE_ERRORS[said.code](said.message, said.hint)

@@ -23,7 +23,7 @@ def canonical(text: str) -> str | None:
         return None
 
 
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=400, deadline=None)
 @given(ODD)
 @example("a/***")
 @example("$*")
@@ -43,7 +43,7 @@ def test_a_key_is_what_zenoh_makes_of_it(name: str):
         assert canonical(bare) == key == str(zenoh.KeyExpr(key))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(ODD)
 def test_a_single_key_stands_for_no_other(name: str):
     try:
@@ -53,7 +53,7 @@ def test_a_single_key_stands_for_no_other(name: str):
     assert not any(char in str(zenoh.KeyExpr(key)) for char in "*$#?")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(ODD, st.sampled_from(["get_params", "set_params"]))
 @example("a$b", "get_params")
 @example("*", "get_params")
@@ -68,7 +68,7 @@ def test_a_nodes_service_has_a_key(node: str, verb: str):
     assert len(str(key)) < 1000
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(ODD)
 def test_a_vehicle_begins_keys(name: str):
     try:

@@ -3,6 +3,7 @@
 import io
 import json
 import sys
+from datetime import UTC
 from typing import Any
 
 import msgspec
@@ -52,7 +53,7 @@ def strict(text: str) -> Any:
 LEAVES = (
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.binary(max_size=4)
     | st.text(max_size=4) | st.builds(Ext, st.integers(-128, 127).filter(lambda c: c != -1), st.binary(max_size=4))
-    | st.datetimes(timezones=st.just(__import__("datetime").UTC))
+    | st.datetimes(timezones=st.just(UTC))
 )  # fmt: skip
 KEYS = st.integers(-5, 5) | st.text(max_size=2) | st.floats() | st.binary(max_size=2) | st.none()
 VALUES = st.recursive(
@@ -61,7 +62,7 @@ VALUES = st.recursive(
 SAID = st.sampled_from(["", "zenoh/bytes", "application/msgpack", "application/json", "text/json"])
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=40) | VALUES.map(pack), SAID)
 def test_any_payload_can_be_printed_as_text_and_as_json(payload: bytes, said: str):
     value = plain(payload, said)

@@ -1,5 +1,7 @@
 """Messages to bytes and back, and whatever else comes along the wire."""
 
+import subprocess
+import sys
 from typing import Any
 
 import msgspec
@@ -176,3 +178,36 @@ def test_a_call_is_decoded_checked_or_absent():
     for attachment in bad:
         with pytest.raises(Invalid):
             wire.decode_call(msgspec.msgpack.encode(attachment))
+
+
+FRESH_TYPES = """
+import sys, threading
+from typing import Literal
+import msgspec
+from services.runtime import wire
+
+sys.setswitchinterval(1e-6)
+for number in range(20):
+    inner = msgspec.defstruct("Inner", [("word", Literal[f"a{number}", "b", "c"]), ("value", float)])
+    outer = msgspec.defstruct("Outer", [("inner", inner), ("all", dict[str, inner])])
+    payload = wire.encode({"inner": {"word": "b", "value": 1.0}, "all": {}})
+    together = threading.Barrier(4)
+
+    def decode():
+        together.wait()
+        assert wire.decode(outer, payload, "").inner.value == 1.0
+
+    threads = [threading.Thread(target=decode) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+"""
+
+
+def test_threads_may_meet_a_type_for_the_first_time_together():
+    # In a process of its own, which a half built type would crash.
+    done = subprocess.run(
+        [sys.executable, "-c", FRESH_TYPES], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

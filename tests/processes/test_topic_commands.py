@@ -1,0 +1,159 @@
+"""`topic info|echo|hz|bw|delay` on a running system."""
+
+import signal
+import subprocess
+from functools import partial
+
+import pytest
+
+from tests.processes.bare import Bare, pack
+from tests.processes.lab import Lab
+from tests.processes.running import Foreground, eventually
+
+SPREAD = ["min", "max", "std", "n"]
+
+
+def test_info(shared_lab: Lab):
+    said = shared_lab.quadctl("topic", "info", "/uav/pose", "--json").json
+    assert said["publishers"] == ["dynamics"]
+    assert (said["key"], said["type"], said["declared_hz"]) == ("uav/pose", "Pose", 100)
+    assert said["listened"] is True, "safety listens"
+    assert said["definition"].startswith("string boot\n")
+    assert len(said["hash"]) == 8
+    text = shared_lab.quadctl("topic", "info", "input/position_request")
+    assert (text.code, text.err) == (0, "")
+    assert "Publishers:  none that is announced\nListeners:   at least one\n" in text.out
+    assert text.out.endswith("float64 x\nfloat64 y\nfloat64 z\n")
+
+
+def test_info_of_a_strangers_topic_and_of_none(shared_lab: Lab, bare: Bare):
+    token = "uav/@node/eye/@pub/Image/00c0ffee/30/camera%image"
+    kept = [bare.session.liveliness().declare_token(token)]
+    said = shared_lab.quadctl("topic", "info", "camera/image", "--json").json
+    assert said == {
+        "key": "camera/image", "type": "Image", "hash": "00c0ffee", "declared_hz": 30.0,
+        "publishers": ["eye"], "definition": "", "listened": False,
+    }  # fmt: skip
+    assert "not known" in shared_lab.quadctl("topic", "info", "camera/image").out
+    done = shared_lab.each(
+        ["topic info camera/imag", "topic info sensors/presure", "topic info zzz"], "--json"
+    )
+    assert {ended.code for ended in done.values()} == {3}
+    hints = [ended.error["hint"] for ended in done.values()]
+    assert hints[0] == "did you mean camera/image?"
+    assert hints[1] == "did you mean sensors/pressure?" or hints[1].endswith(
+        "uav/sensors/pressure?"
+    )
+    assert "topic list" in hints[2]
+    assert kept
+
+
+def test_the_figures_of_a_topic(shared_lab: Lab):
+    lines = [f"topic {verb} sensors/pressure -n 5" for verb in ("hz", "bw", "delay")]
+    as_json = shared_lab.each(lines, "--json")
+    documents = [ended.json for ended in as_json.values()]
+    assert list(documents[0]) == ["key", "hz", *SPREAD]
+    assert list(documents[1]) == ["key", "bytes_per_second", "mean", "min", "max", "n"]
+    assert list(documents[2]) == ["key", "delay", *SPREAD]
+    assert {(found["key"], found["n"]) for found in documents} == {("uav/sensors/pressure", 5)}
+    assert 0 < documents[0]["min"] <= documents[0]["max"]
+    assert documents[1]["mean"] == documents[1]["min"] > 20
+    text = shared_lab.each([f"{line} --window 3" for line in lines])
+    begins = [ended.out.partition(":")[0] for ended in text.values()]
+    assert begins == ["average rate", "average", "average delay"]
+    assert all(ended.out.endswith("window: 3\n") for ended in text.values())
+
+
+def test_figures_come_until_ctrl_c(shared_lab: Lab):
+    watching = [
+        shared_lab.spawn(*shared_lab.command("topic", *words.split()))
+        for words in ("hz pose", "bw uav/** --json")
+    ]
+    for process in watching:
+        eventually(partial(has_lines, process, 2))
+        process.send(signal.SIGINT)
+        assert process.wait() == 130
+        assert "Traceback" not in process.log
+    assert watching[0].log.startswith("average rate: ")
+    assert watching[1].log.startswith('{"key":"uav/**","bytes_per_second":')
+
+
+def has_lines(process: Foreground, count: int) -> bool:
+    return len(process.log.splitlines()) >= count
+
+
+def test_a_silent_key_ends_by_the_timeout(shared_lab: Lab):
+    lines = {
+        "topic hz no/thing": 3,
+        "topic bw no/** -n 5": 3,
+        "topic delay no/thing": 3,
+        "topic echo no/**": 3,
+        # Offered, latched, and not published again.
+        "topic echo */info": 4,
+        "topic hz info": 4,
+    }
+    done = shared_lab.each(lines, "--timeout", "0.3", "--json")
+    assert {line: ended.code for line, ended in done.items()} == lines
+    assert {ended.out for ended in done.values()} == {""}
+
+
+def test_an_expressions_messages_tell_their_key(shared_lab: Lab):
+    as_json = shared_lab.quadctl("topic", "echo", "**/pose", "-n", 2, "--json")
+    assert [list(row) for row in as_json.rows] == 2 * [["key", "value"]]
+    assert as_json.rows[0]["key"] == "uav/pose"
+    assert set(as_json.rows[0]["value"]) >= {"boot", "position"}
+    text = shared_lab.quadctl("topic", "echo", "uav/sens$*/*", "-n", 1).out.splitlines()
+    assert text[0] == "key: uav/sensors/pressure"
+    assert text[1].startswith("stamp: ")
+    assert text[-1] == "---"
+    # Not all that comes has the field; what has not is passed over.
+    field = shared_lab.quadctl("topic", "echo", "uav/**", "--field", "baseline", "-n", 2)
+    assert field.code == 0
+    assert field.out.splitlines()[::2] == ["key: uav/sensors/pressure"] * 2
+    assert "passed over a message on uav/pose: the message has no field baseline" in field.err
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "words", "shown"),
+    [
+        (b'{"a": [1, {"b": 2}]}', "application/json", "--field a.1.b", "2\n"),
+        (pack({"a": 1, 2: b"\xff"}), "application/msgpack", "--json", '{"a":1,"2":"ff"}\n'),
+        (b"\xc7\x01\x05\x00", "application/msgpack", "--json", '{"ext":5,"data":"00"}\n'),
+        (b"\xcb\x7f\xf8\0\0\0\0\0\0", "application/msgpack", "--json", '"nan"\n'),
+        (b"hello", "text/plain", "--json", '"hello"\n'),
+        (b"\xc1\x00", "zenoh/bytes", "", "c100\n---\n"),
+    ],
+)
+def test_what_a_bare_program_publishes_is_shown_as_it_can_be(
+    shared_lab: Lab, bare: Bare, payload: bytes, encoding: str, words: str, shown: str
+):
+    line = shared_lab.command("topic", "echo", "my/own", "-n", 1, *words.split())
+    listening = shared_lab.spawn(*line)
+
+    def heard() -> bool:
+        bare.session.put("my/own", payload, encoding=encoding)
+        return listening.ended
+
+    eventually(heard)
+    assert (listening.wait(), listening.log) == (0, shown)
+
+
+@pytest.mark.parametrize("words", ["topic echo pose", "state --watch --json", "topic hz pose"])
+def test_a_reader_that_has_enough_ends_it_quietly(shared_lab: Lab, words: str):
+    process = subprocess.Popen(
+        shared_lab.command(*words.split()),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=shared_lab.environment,
+        cwd=shared_lab.folder,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    with process:
+        assert process.stdout.readline()
+        process.stdout.close()
+        if words.startswith("state"):
+            shared_lab.quadctl("goto", 9, 9, 9, "--no-wait")
+        assert process.wait(10) == 0
+        assert process.stderr.read() == b""

@@ -1,0 +1,108 @@
+"""One row of the table at work, with a child that is none."""
+
+from typing import cast
+
+from services.runtime.child import Child
+from services.runtime.lines import Said
+from services.runtime.processes import SETTLED, Process
+from services.runtime.row import GRACE, Row
+
+
+class Fake:
+    """A child that runs until it is told how it ended."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self.code: int | None = None
+        self.said: list[str] = []
+        self.done: list[str] = []
+
+    def exit_code(self) -> int | None:
+        return self.code
+
+    def terminate(self) -> None:
+        self.done.append("terminate")
+
+    def kill(self) -> None:
+        self.done.append("kill")
+
+    def last_words(self) -> str:
+        return f"exit {self.code}"
+
+    def take_lines(self) -> list[Said]:
+        said, self.said = self.said, []
+        return [Said(0.0, "x", line) for line in said]
+
+
+class Rig:
+    """A row and the children that it has started."""
+
+    def __init__(self, *, must_announce: bool) -> None:
+        self.children: list[Fake] = []
+        self.row = Row(Process("x", ("x",), must_announce), self.spawn)
+
+    def spawn(self, _process: Process, _restarts: int) -> Child:
+        self.children.append(Fake(100 + len(self.children)))
+        return cast("Child", self.children[-1])
+
+    def turn(self, now: float) -> str:
+        """Look at it; its state then."""
+        self.row.turn(now, deaf=False, answer_timeout=2.0)
+        return self.row.life.state
+
+    def said(self) -> list[str]:
+        return [said.line for said in self.row.take_said()]
+
+
+def test_asked_to_restart_it_is_ended_and_is_not_ready_before_its_successor_is():
+    rig = Rig(must_announce=False)
+    assert [rig.turn(now) for now in (0.0, SETTLED / 2, SETTLED)] == ["starting"] * 2 + ["ready"]
+    (old,) = rig.children
+    rig.row.restart(10.0, "restart asked for")
+    rig.row.restart(10.0, "restart asked for")
+    assert rig.said() == ["x: restart asked for"]
+    assert old.done == ["terminate"]
+    rig.row.announced(10.1)
+    assert rig.turn(10.1) == "restarting"
+    assert rig.turn(10.0 + GRACE) == "restarting"
+    assert old.done == ["terminate", "kill"]
+    old.code = -9
+    assert [rig.turn(11.0), rig.turn(11.0)] == ["restarting"] * 2
+    assert rig.turn(11.0 + SETTLED) == "ready"
+    record = rig.row.record()
+    assert (record.pid, record.restarts) == (101, 1)
+    assert record.started > 1e9
+    assert rig.said() == []
+
+
+def test_while_another_has_its_name_only_the_first_try_speaks():
+    rig = Rig(must_announce=True)
+    told = []
+    for now in range(5):
+        rig.turn(float(now))
+        rig.children[-1].said.append("taken")
+        told += rig.said()
+        rig.children[-1].said.append("by process 7")
+        rig.children[-1].code = 7
+        rig.turn(float(now))
+        told += rig.said()
+    assert told == [
+        "taken",
+        "by process 7",
+        "x ended (exit 7): another process has its name; tried again every 0.8 s",
+    ]
+    rig.turn(9.0)
+    rig.children[-1].said.append("at last")
+    assert rig.said() == []
+    rig.row.announced(9.1)
+    assert rig.said() == ["at last"]
+
+
+def test_its_last_words_come_before_its_end_is_told():
+    rig = Rig(must_announce=True)
+    rig.turn(0.0)
+    rig.children[0].said.append("no wings")
+    rig.children[0].code = 3
+    assert rig.turn(0.1) == "restarting"
+    assert rig.said() == ["no wings", "x ended (exit 3): restarting in 0 s"]
+    assert rig.children[0].done == ["kill"], "what it has started goes with it"

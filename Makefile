@@ -29,7 +29,7 @@ demo: $(READY)
 	$(VENV)/bin/quadctl demo
 
 test: $(READY)
-	$(RUN) -m pytest
+	$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 prove: $(READY)  ## The long counts; writes the figures of the README's table.
 	$(RUN) -m pytest -m prove

@@ -6,6 +6,7 @@ import pytest
 
 from tests.processes.bare import gap
 from tests.processes.lab import Lab
+from tests.processes.running import eventually
 
 FILE = """
 [safety]
@@ -22,6 +23,14 @@ SETTINGS = [
     )
     for word in ("--set", f"safety.{name}")
 ]
+
+SAID = (
+    "Requested position: (4, 0, 1)",
+    "Requested position: (2, 0, 1)",
+    "Current State: VERIFYING",
+    "Current State: MOVING",
+    "Current State: HOVERING",
+)
 
 
 @pytest.mark.parametrize("way", ["file", "settings"])
@@ -49,14 +58,7 @@ def test_cage_and_range_from_outside_change_log_and_behaviour(lab: Lab, way: str
         assert bare.state()["cage"] == {"x": 3.0, "y": 3.0, "z": 3.0}
         here = bare.watch("uav/pose").next()[0]["position"]
         assert gap(here, {"x": 2, "y": 0, "z": 1}) < 0.25
-    for line in (
-        "Requested position: (4, 0, 1)",
-        "Requested position: (2, 0, 1)",
-        "Current State: VERIFYING",
-        "Current State: MOVING",
-        "Current State: HOVERING",
-    ):
-        assert line in run.log
+    eventually(lambda: all(line in run.log for line in SAID))
     assert all(f" {name:8} | " in run.log for name in ("dynamics", "pressure", "safety"))
     assert "\033" not in run.log
     run.send(signal.SIGINT)

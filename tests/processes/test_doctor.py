@@ -1,5 +1,6 @@
 """doctor on real systems: all well, and each fault found, with the exit code for it."""
 
+import re
 import subprocess
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -138,7 +139,8 @@ def test_second_servers_and_publishers_and_other_schemas(patient: Lab):
     assert "uav/pose is published by dynamics and mine" in doubled
     assert "uav/sensors/pressure is published by pressure and 1 more" in doubled
     assert "mine has Pose#deadbeef" in found.said("schemas", "FAIL")
-    assert "on uav/sensors/pressure is stamped 3600.0 s in the past" in found.said("clocks", "WARN")
+    behind = found.said("clocks", "WARN")
+    assert re.search(r"on uav/sensors/pressure is stamped 360\d\.\d s in the past", behind)
     found.said("topic uav/sensors/pressure", "WARN")
 
 

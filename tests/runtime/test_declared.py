@@ -31,7 +31,9 @@ def test_every_table_has_a_meaning():
     assert all(declared.tables().values())
 
 
-@pytest.mark.parametrize("name", [*FIXED_AT_LAUNCH, "supervise.answer_timeout", "processes.x"])
+@pytest.mark.parametrize(
+    "name", [*sorted(FIXED_AT_LAUNCH), "supervise.answer_timeout", "processes.x"]
+)
 def test_what_cannot_be_set(name: str):
     assert declared.fixed_at_launch(name)
     assert not declared.fixed_at_launch("safety.takeoff")

@@ -15,7 +15,7 @@ from benchmarks.system import QUADCTL, Home, hub, running
 
 _CORNERS = ((2, 0, 1), (2, 2, 1.5), (0, 2, 1), (0, 0, 1))
 _LEG_SECONDS = 2.5
-_SETTLED = 4.0
+_SETTLED = 10.0
 """Seconds from launch in which the vehicle takes off and comes to rest."""
 _QUICK_DEATH = 2.2
 """A node that dies sooner after it was ready counts as a fault at start."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.children import PYTHON, Failed, process
+from services.runtime import session
 
 QUADCTL = str(Path(sysconfig.get_path("scripts")) / "quadctl")
 REALM = "bench"
@@ -37,11 +38,8 @@ class Home:
 
     @property
     def raw(self) -> dict[str, str]:
-        """The environment of a bare Zenoh process: our processes' ZENOH_RUNTIME in it."""
-        from services.runtime import session
-
-        del session  # importing it sets the variable
-        return self.environment | {"ZENOH_RUNTIME": os.environ["ZENOH_RUNTIME"]}
+        """The environment of a bare Zenoh process: with the threads that our clients have."""
+        return self.environment | {"ZENOH_RUNTIME": session.CLIENT_THREADS}
 
     def quadctl(self, *words: str) -> str:
         """What a command prints; raises CalledProcessError where it fails."""

@@ -23,7 +23,7 @@ _HUB_THREADS = (
 """One thread that reads and one that writes: each wake spared is processor time spared, and time
 of a call. Not one for both: reading waits for room to write in, and one query of a megabyte would
 stop the hub for good."""
-_CLIENT_THREADS = (
+CLIENT_THREADS = (
     "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
@@ -87,7 +87,7 @@ def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) ->
         # Samples carry a time, which latched topics and `topic delay` need.
         config["timestamping"] = {"enabled": True}
     try:
-        return _open(config, _CLIENT_THREADS)
+        return _open(config, CLIENT_THREADS)
     except zenoh.ZError as error:
         raise Unreachable(
             f"nothing answers at {address.endpoint}", "start the system with `quadctl up`"

@@ -1,5 +1,6 @@
 """The `quadctl` command: runs a line, and leaves the process with the code that says how it went."""
 
+import gc
 import os
 import sys
 
@@ -61,6 +62,9 @@ def _run(words: list[str]) -> None:
         from cli import typed
 
         line = typed.read(words)
+    # All that a command needs is there: what it makes from now on is looked through, and no more.
+    gc.freeze()
+    gc.enable()
     line.command(options_of(line.common), **line.values)
 
 

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from pathlib import Path
+from typing import TextIO
 
 from services.runtime.errors import QuadctlError
 
@@ -16,9 +16,13 @@ def ensure() -> None:
             # The lowest free number is this one.
             os.open(os.devnull, os.O_RDWR)
     if sys.stdout is None:
-        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
+        sys.stdout = _nowhere()
     if sys.stderr is None:
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
+        sys.stderr = _nowhere()
+
+
+def _nowhere() -> TextIO:
+    return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
 
 
 def flush() -> None:

@@ -15,7 +15,7 @@ from schemas.requests import GetParamsRequest
 from schemas.topics import get_params
 from services.runtime.client import Client
 from services.runtime.errors import QuadctlError
-from services.runtime.params import flatten
+from services.runtime.named import flatten
 
 SUBJECTS = ("topic", "service")
 """What has fields."""

@@ -13,10 +13,10 @@ from cli.options import Options
 from schemas.topics import POSE, PRESSURE
 from services.runtime.client import Client
 from services.runtime.detach import detach
+from services.runtime.halt import halt
 from services.runtime.hearing import Stream
 from services.runtime.launch import Launch
 from services.runtime.realm import Realm
-from services.runtime.record import stop
 from services.runtime.template import lab_params
 
 _FAULT_FOUND = 8
@@ -48,7 +48,7 @@ def demo(
             ]
             draw(picture, lab, list(_drain(flown)))
     finally:
-        stop(realm)
+        halt(realm)
     holds = all(checkpoint["holds"] for checkpoint in report)
     if options.json:
         output.document({"ok": holds, "checkpoints": report, "picture": str(picture)})

@@ -8,7 +8,8 @@ import msgspec
 
 from cli.doctor.check import Check, failed, passed, warned
 from services.runtime.errors import Invalid
-from services.runtime.params import flatten, load
+from services.runtime.named import flatten
+from services.runtime.params import load
 
 FILE = Path("quad.toml")
 _SHOWN = 5

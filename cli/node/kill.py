@@ -10,7 +10,7 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
-from services.runtime.params import nearest, normal_name
+from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
 from services.runtime.vitals import parent_of

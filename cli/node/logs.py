@@ -10,7 +10,7 @@ from cli.node.tail import Tail
 from cli.options import Options
 from services.runtime import record
 from services.runtime.errors import Unreachable
-from services.runtime.params import nearest, normal_name
+from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
 
 _LOOK_EVERY = 0.1

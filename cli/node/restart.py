@@ -9,7 +9,7 @@ from cli.options import Options
 from services.runtime import record
 from services.runtime.asking import ask_restart, wait_restarted
 from services.runtime.errors import UsageError
-from services.runtime.params import normal_name
+from services.runtime.named import normal_name
 from services.runtime.realm import Realm
 
 

@@ -9,7 +9,7 @@ from services.runtime import record
 from services.runtime.client import Client
 from services.runtime.errors import Unreachable
 from services.runtime.graph import Offer
-from services.runtime.params import nearest, normal_name
+from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
 

@@ -10,7 +10,8 @@ from msgspec import Struct
 from cli import output
 from cli.param.running import TABLES, Values
 from services.runtime import toml
-from services.runtime.params import flatten, load
+from services.runtime.named import flatten
+from services.runtime.params import load
 
 DEFAULT_FILE = Path("quad.toml")
 

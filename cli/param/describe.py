@@ -11,7 +11,8 @@ from schemas.describe import bounds_text, type_name
 from services.runtime import declared, toml
 from services.runtime.declared import UNSERVED, Entry, fixed_at_launch
 from services.runtime.errors import Invalid, Unreachable
-from services.runtime.params import nearest_declared, normal_name
+from services.runtime.named import normal_name
+from services.runtime.params import nearest_declared
 
 
 def describe(

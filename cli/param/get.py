@@ -7,7 +7,7 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.running import Running
 from services.runtime import toml
-from services.runtime.params import normal_name
+from services.runtime.named import normal_name
 
 
 def list_(options: Options) -> None:

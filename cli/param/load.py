@@ -12,7 +12,8 @@ from cli.param.changes import Change, changes, known_of, lines
 from cli.param.running import Running, Values
 from services.runtime.declared import fixed_at_launch
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.params import check, flatten, put, read
+from services.runtime.named import flatten, put
+from services.runtime.params import check, read
 
 
 def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> None:

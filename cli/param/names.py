@@ -2,7 +2,7 @@
 
 from services.runtime.client import Client
 from services.runtime.errors import Invalid
-from services.runtime.params import nearest
+from services.runtime.named import nearest
 from services.runtime.processes import NODES
 
 

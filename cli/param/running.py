@@ -16,7 +16,8 @@ from schemas.topics import get_params, set_params
 from services.runtime import snapshot
 from services.runtime.declared import UNSERVED
 from services.runtime.errors import Invalid
-from services.runtime.params import flatten, nearest_declared, normal_name
+from services.runtime.named import flatten, normal_name
+from services.runtime.params import nearest_declared
 from services.runtime.realm import Realm
 from services.runtime.record import not_running
 

@@ -12,7 +12,8 @@ from cli.param.changes import DEFAULT_FILE, changes, file_values, known_of, line
 from cli.param.file import edited, replace
 from cli.param.running import Running, Values
 from services.runtime.errors import Invalid
-from services.runtime.params import check, flatten, parse, read_text
+from services.runtime.named import flatten
+from services.runtime.params import check, parse, read_text
 
 
 def save(

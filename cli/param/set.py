@@ -10,7 +10,7 @@ from cli.param.running import Running
 from services.runtime import toml
 from services.runtime.declared import UNSERVED
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.params import normal_name, value_of
+from services.runtime.named import normal_name, value_of
 
 
 def set_(

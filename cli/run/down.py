@@ -2,7 +2,7 @@
 
 from cli import output
 from cli.options import Options
-from services.runtime import record
+from services.runtime.halt import halt
 from services.runtime.realm import Realm
 
 
@@ -11,6 +11,6 @@ def down(options: Options) -> None:
 
     Example: quadctl down
     """
-    run = record.stop(Realm(options.realm), options.timeout)
+    run = halt(Realm(options.realm), options.timeout)
     said = {"realm": options.realm, "pid": run.pid}
     output.either(options, said, f"realm {options.realm} is down")

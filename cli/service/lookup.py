@@ -10,7 +10,7 @@ from schemas.topics import SERVICES
 from services.runtime.client import Client
 from services.runtime.errors import Invalid, Unreachable
 from services.runtime.graph import Offer
-from services.runtime.params import nearest
+from services.runtime.named import nearest
 
 _MARK = "@srv/"
 

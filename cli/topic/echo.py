@@ -10,7 +10,8 @@ from cli.options import Options
 from cli.topic.shown import NoField, field_of, shown
 from services.runtime.client import Client
 from services.runtime.errors import Invalid
-from services.runtime.hearing import Message, unreadable
+from services.runtime.hearing import Message
+from services.runtime.wire import unreadable
 
 
 def echo(

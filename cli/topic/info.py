@@ -11,7 +11,7 @@ from schemas.describe import definition, schema_hash
 from schemas.topics import TOPICS
 from services.runtime.errors import Unreachable
 from services.runtime.graph import Offer
-from services.runtime.params import nearest
+from services.runtime.named import nearest
 
 
 def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete="topic")]) -> None:

@@ -4,8 +4,9 @@ import contextlib
 import time
 from pathlib import Path
 
-from services.runtime import params, record
+from services.runtime import record
 from services.runtime.errors import Invalid, QuadctlError, TimedOut
+from services.runtime.named import nearest
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord
 
@@ -78,6 +79,6 @@ def _process(realm: Realm, name: str) -> ProcessRecord:
     if name not in nodes:
         raise Invalid(
             f"{name}: there is no such process in the realm {realm.name}",
-            params.nearest(name, nodes) or f"there are {', '.join(nodes)}",
+            nearest(name, nodes) or f"there are {', '.join(nodes)}",
         )
     return nodes[name]

@@ -11,12 +11,12 @@ from schemas.contract import Service, Topic
 from services.runtime import graph, roster, wire
 from services.runtime.calls import Asker, Caller
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.hearing import Readings, Stream, unreadable
 from services.runtime.realm import Realm
 from services.runtime.record import is_live, not_running
 from services.runtime.session import address_of, open_client
 
 if TYPE_CHECKING:
+    from services.runtime.hearing import Readings, Stream
     from services.runtime.outlet import Outlet
 
 M = TypeVar("M", bound=Struct)
@@ -78,7 +78,7 @@ class Client:
                     payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
                     return wire.decode(topic.type, payload, said)
                 except Invalid as problem:
-                    why = self._only_unread(unreadable(key, problem))
+                    why = self._only_unread(wire.unreadable(key, problem))
             # Nobody answers for the key yet; a restart takes a tenth of a second.
             time.sleep(max(min(deadline - time.monotonic(), 0.02), 0))
         raise why
@@ -91,13 +91,17 @@ class Client:
             raise self.silent(topic.key(self.vehicle), readings.unread)
         return message
 
-    def hear(self, *topics: Topic[M]) -> Readings[M]:
+    def hear(self, *topics: Topic[M]) -> "Readings[M]":
         """Hear topics, decoded."""
+        from services.runtime.hearing import Readings
+
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return Readings(self.listen(*types), types)
 
-    def listen(self, *keys: str) -> Stream:
+    def listen(self, *keys: str) -> "Stream":
         """Hear keys or key expressions."""
+        from services.runtime.hearing import Stream
+
         return Stream(self._session, keys)
 
     def silent(self, key: str, unread: Invalid | None = None) -> QuadctlError:

@@ -81,7 +81,7 @@ class Readings(Generic[M]):
             try:
                 found = self._decode(message)
             except Invalid as problem:
-                self.unread = unreadable(message.key, problem)
+                self.unread = wire.unreadable(message.key, problem)
                 # Whoever floods a key with nonsense must not hold up its readers.
                 if time.monotonic() > deadline:
                     break
@@ -94,8 +94,3 @@ class Readings(Generic[M]):
         if message.key not in self._types:
             raise Invalid(f"it was published on the pattern {message.key}")
         return wire.decode(self._types[message.key], message.payload, message.encoding)
-
-
-def unreadable(key: str, problem: Invalid) -> Invalid:
-    """Why a message that came on a key cannot be read."""
-    return Invalid(f"{key}: {problem.message}", problem.hint)

@@ -92,7 +92,7 @@ def choose_address(realm: Realm, transport: str) -> Address:
     """Where this run's hub shall listen, written to the realm's folder for all to find."""
     unix = hasattr(socket, "AF_UNIX") and sys.platform != "win32"
     if transport == "unix" or (transport == "auto" and unix):
-        return Address(f"unixsock-stream/{realm.socket}")
+        return Address(realm.endpoint)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -13,8 +13,9 @@ from schemas.requests import (
     SetParamsRequest,
     SetParamsResponse,
 )
-from services.runtime import params as parameters
 from services.runtime.errors import Invalid
+from services.runtime.named import flatten, nearest, normal_name, put
+from services.runtime.params import check
 
 
 class LiveParams:
@@ -34,18 +35,18 @@ class LiveParams:
 
     def get(self, request: GetParamsRequest) -> GetParamsResponse:
         """Values by leaf name or by table; all of the node's when no name is given."""
-        values = dict(parameters.flatten(self._table(), self._name))
+        values = dict(flatten(self._table(), self._name))
         if not request.names:
             return GetParamsResponse(values)
         found: dict[str, Any] = {}
-        for name in map(parameters.normal_name, request.names):
+        for name in map(normal_name, request.names):
             part = {
                 leaf: value
                 for leaf, value in values.items()
                 if leaf == name or leaf.startswith(f"{name}.")
             }
             if not part:
-                hint = parameters.nearest(name, values)
+                hint = nearest(name, values)
                 raise Invalid(f"{self._name} has no parameter {name}", hint)
             found |= part
         return GetParamsResponse(found)
@@ -63,13 +64,13 @@ class LiveParams:
 
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}
-        for name, value in parameters.flatten(values):
-            if parameters.normal_name(name).partition(".")[0] != self._name:
+        for name, value in flatten(values):
+            if normal_name(name).partition(".")[0] != self._name:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
-            parameters.put(tables, name, value, "param set")
-            if parameters.normal_name(name) in FIXED_AT_LAUNCH:
+            put(tables, name, value, "param set")
+            if normal_name(name) in FIXED_AT_LAUNCH:
                 raise Invalid(f"{name} is fixed at launch", f"use `quadctl up --set {name}=...`")
-        checked: Struct = getattr(parameters.check(tables, "param set"), self._name)
+        checked: Struct = getattr(check(tables, "param set"), self._name)
         return checked
 
     def _table(self) -> dict[str, Any]:

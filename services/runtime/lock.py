@@ -4,10 +4,12 @@ import contextlib
 import os
 import sys
 import time
-from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from services.runtime.errors import AlreadyServed
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _A_LOOK = 0.05
 """Seconds: a look whether the lock is held may bar it for a moment, which is no refusal."""
@@ -18,7 +20,7 @@ _LOOKERS = 2.0
 class FileLock:
     """Held by one process at a time; the file says by whom."""
 
-    def __init__(self, path: Path, what: str, hint: str = "") -> None:
+    def __init__(self, path: "Path", what: str, hint: str = "") -> None:
         """`what` names the thing locked, for the error: `realm lab`, `node safety`."""
         self._path, self._what, self._hint = path, what, hint
         self._fd: int | None = None

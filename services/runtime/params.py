@@ -10,18 +10,10 @@ from msgspec import Struct
 
 from schemas.params import Params
 from services.runtime.errors import Invalid
+from services.runtime.named import flatten, nearest, put, value_of
 
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
-
-
-LAB_NODES = {
-    "state_safety_node": "safety",
-    "pressure_node": "pressure",
-    "pressure_sensor_node": "pressure",
-    "dynamics_node": "dynamics",
-}
-"""What a node of ours is called by who comes from the lab's ROS packages."""
 
 
 def load(file: Path | None, settings: Iterable[str] = (), running: Params | None = None) -> Params:
@@ -46,52 +38,6 @@ def check(table: Mapping[str, Any], source: str) -> Params:
         return msgspec.convert(table, Params)
     except msgspec.ValidationError as error:
         raise _explain(str(error), source) from error
-
-
-def value_of(text: str) -> Any:
-    """A value as written on a command line: TOML's notation, ROS's True and False, or a word."""
-    import tomllib
-
-    if text in {"True", "False"}:
-        return text == "True"
-    try:
-        found = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
-        return text
-    return found["value"] if len(found) == 1 else text
-
-
-def normal_name(name: str) -> str:
-    """`/safety/virtual_cage/x`, as ROS users write, to `safety.virtual_cage.x`.
-
-    A node may go by its name in the lab, as `/state_safety_node/virtual_cage/x`.
-    """
-    node, dot, rest = name.strip("/").replace("/", ".").partition(".")
-    return f"{LAB_NODES.get(node, node)}{dot}{rest}"
-
-
-def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
-    """Set a value in nested tables by its dotted name; of a table, only what it names."""
-    if isinstance(value, dict):
-        for part, inner in value.items():
-            put(table, f"{name}.{part}", inner, source)
-        return
-    *path, last = normal_name(name).split(".")
-    for part in path:
-        table = table.setdefault(part, {})
-        if not isinstance(table, dict):
-            raise Invalid(f"{source}: {part} is a value and has no {last}", nearest_declared(name))
-    table[last] = value
-
-
-def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every leaf of nested tables with its dotted name."""
-    for key, value in table.items():
-        name = f"{prefix}.{key}" if prefix else key
-        if isinstance(value, Mapping) and value:
-            yield from flatten(value, name)
-        else:
-            yield name, value
 
 
 def read(file: Path) -> dict[str, Any]:
@@ -132,15 +78,6 @@ def _explain(text: str, source: str) -> Invalid:
         f"{source}: {where or 'the file'}: {what[:1].lower()}{what[1:]}",
         "`quadctl init fresh.toml` writes every parameter's bounds and meaning",
     )
-
-
-def nearest(name: str, names: Iterable[str]) -> str:
-    """A hint that names the likeliest name meant."""
-    import difflib
-
-    folded = {known.lower(): known for known in names}
-    found = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
-    return f"did you mean {folded[found[0]]}?" if found else ""
 
 
 def nearest_declared(name: str) -> str:

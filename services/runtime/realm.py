@@ -5,11 +5,16 @@ import os
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from services.runtime.errors import QuadctlError, UsageError
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
+ADDRESS = "hub.json"
+"""The file of a realm's folder that says where its hub listens."""
 _LONGEST_SOCKET_PATH = 100
 """The kernel's sun_path holds 108 bytes, and Zenoh adds a suffix for its lock."""
 
@@ -29,8 +34,32 @@ def default_name() -> str:
     return os.environ.get("QUADCTL_REALM") or "default"
 
 
+class _Within:
+    """A path in a realm's folder, made when asked for: a call needs none, and pathlib is slow."""
+
+    def __init__(self, name: str = "") -> None:
+        self._name = name
+
+    def __get__(self, realm: "Realm", _type: object) -> "Path":
+        from pathlib import Path
+
+        return Path(realm.path, self._name)
+
+
 class Realm:
-    """Where one run keeps its socket, logs and record. Creating the object touches nothing."""
+    """Where one run keeps its socket, logs and record. Creating the object touches nothing.
+
+    `path` is its folder as a string.
+    """
+
+    folder = _Within()
+    socket = _Within("hub.sock")
+    address = _Within(ADDRESS)
+    record = _Within("run.json")
+    lock = _Within("up.lock")
+    params = _Within("params")
+    logs = _Within("logs")
+    asked = _Within("asked")
 
     def __init__(self, name: str) -> None:
         if not _NAME.fullmatch(name):
@@ -39,15 +68,9 @@ class Realm:
                 "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
             )
         self.name = name
-        self.folder = _root() / name
-        self.socket = self.folder / "hub.sock"
-        self.address = self.folder / "hub.json"
-        self.record = self.folder / "run.json"
-        self.lock = self.folder / "up.lock"
-        self.params = self.folder / "params"
-        self.logs = self.folder / "logs"
-        self.asked = self.folder / "asked"
-        if len(os.fsencode(self.socket)) > _LONGEST_SOCKET_PATH:
+        self.path = os.path.join(_root(), name)
+        self.endpoint = f"unixsock-stream/{self.path}/hub.sock"
+        if len(os.fsencode(self.path)) + len("/hub.sock") > _LONGEST_SOCKET_PATH:
             raise UsageError(
                 f"the socket's path is too long for a Unix socket: {self.socket}",
                 "choose a shorter --realm, or set XDG_RUNTIME_DIR to a shorter folder",
@@ -82,7 +105,7 @@ class Realm:
         with contextlib.suppress(OSError):
             self.folder.rmdir()
 
-    def _remove(self, chosen: Callable[[Path], bool]) -> None:
+    def _remove(self, chosen: Callable[["Path"], bool]) -> None:
         import shutil
 
         for path in filter(chosen, self.folder.iterdir()):
@@ -92,26 +115,27 @@ class Realm:
                 path.unlink(missing_ok=True)
 
 
-def _root() -> Path:
+def _root() -> str:
     if runtime := _absolute("XDG_RUNTIME_DIR"):
-        return runtime / "quadctl"
+        return os.path.join(runtime, "quadctl")
     if sys.platform == "win32":
-        return Path(os.environ["TEMP"]) / f"quadctl-{os.environ.get('USERNAME', 'user')}"
+        own = f"quadctl-{os.environ.get('USERNAME', 'user')}"
+        return os.path.join(os.environ["TEMP"], own)
     # What tempfile.gettempdir() answers, without its 15 ms of import in every command.
-    return (_absolute("TMPDIR") or Path("/tmp")) / f"quadctl-{os.getuid()}"  # noqa: S108
+    return os.path.join(_absolute("TMPDIR") or "/tmp", f"quadctl-{os.getuid()}")  # noqa: S108
 
 
-def _absolute(variable: str) -> Path | None:
-    value = os.environ.get(variable)
-    if value and not Path(value).is_absolute():
+def _absolute(variable: str) -> str:
+    value = os.environ.get(variable, "")
+    if value and not os.path.isabs(value):
         # Every process would find another folder there, each from where it stands.
         raise UsageError(
-            f"{variable} is {value}, a relative path", f"set it to {Path(value).absolute()}"
+            f"{variable} is {value}, a relative path", f"set it to {os.path.abspath(value)}"
         )
-    return Path(value) if value else None
+    return value
 
 
-def write_atomically(path: Path, data: bytes) -> None:
+def write_atomically(path: "Path", data: bytes) -> None:
     """Replace a file so that a reader sees the old text or the new, never a part."""
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:

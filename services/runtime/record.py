@@ -1,19 +1,13 @@
 """The run record: what `up` writes about its processes, and what commands read of it."""
 
-import contextlib
-import os
-import signal
-import time
 from typing import Literal
 
 import msgspec
 from msgspec import Struct
 
-from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.errors import Unreachable
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm, write_atomically
-
-_POLL = 0.005
 
 State = Literal["starting", "ready", "restarting", "down"]
 
@@ -45,23 +39,6 @@ def write(realm: Realm, record: RunRecord) -> None:
 def is_live(realm: Realm) -> bool:
     """Whether a supervisor holds the realm."""
     return FileLock(realm.lock, "").held()
-
-
-def stop(realm: Realm, timeout: float = 5.0) -> RunRecord:
-    """End a run and wait (s) until it has ended; raises Unreachable where nothing runs."""
-    run = read(realm)
-    # It may be ending by itself just now.
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(run.pid, signal.SIGTERM)
-    deadline = time.monotonic() + timeout
-    while is_live(realm):
-        if time.monotonic() > deadline:
-            raise TimedOut(
-                f"process {run.pid} has not ended within {timeout:g} s",
-                f"wait longer with --timeout, or kill -9 {run.pid}: its children end by themselves",
-            )
-        time.sleep(_POLL)
-    return run
 
 
 def read(realm: Realm) -> RunRecord:

@@ -4,17 +4,18 @@ Nothing listens on a network port and multicast is off. The settings were measur
 reason stands beside each.
 """
 
-import json
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import zenoh
 from msgspec import Struct
 
-from schemas.params import Params
 from services.runtime.errors import Unreachable
-from services.runtime.realm import Realm, write_atomically
+from services.runtime.realm import ADDRESS, Realm, write_atomically
+
+if TYPE_CHECKING:
+    from schemas.params import Params
 
 _HUB_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
@@ -47,12 +48,13 @@ def address_of(realm: Realm, connect: str = "") -> Address:
     if connect:
         return Address(connect)
     try:
-        return msgspec.json.decode(realm.address.read_bytes(), type=Address)
+        with open(f"{realm.path}/{ADDRESS}", "rb") as file:  # noqa: PTH123 - pathlib takes 5 ms
+            return msgspec.json.decode(file.read(), type=Address)
     except FileNotFoundError:
-        return Address(f"unixsock-stream/{realm.socket}")
+        return Address(realm.endpoint)
 
 
-def open_router(address: Address, params: Params, realm: Realm) -> zenoh.Session:
+def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
     """Open the hub; where it has a password, that is kept in the realm's folder."""
     config = _common(address)
     config["mode"] = "router"
@@ -111,7 +113,7 @@ def _open(config: dict[str, Any], threads: str) -> zenoh.Session:
     if ours:
         os.environ["ZENOH_RUNTIME"] = threads
     try:
-        return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+        return zenoh.open(zenoh.Config.from_json5(msgspec.json.encode(config).decode()))
     finally:
         if ours:
             del os.environ["ZENOH_RUNTIME"]

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from services.runtime.params import put, value_of
+from services.runtime.named import put, value_of
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -94,3 +94,8 @@ def decode_error(payload: bytes) -> QuadctlError:
 def decode_call(attachment: bytes | None) -> Call | None:
     """The id and deadline of a command, None where it carries none; raises Invalid."""
     return None if attachment is None else decode(Call, attachment, "")
+
+
+def unreadable(key: str, problem: Invalid) -> Invalid:
+    """Why a message that came on a key cannot be read."""
+    return Invalid(f"{key}: {problem.message}", problem.hint)

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.runtime.params import flatten, load
+from services.runtime.named import flatten
+from services.runtime.params import load
 from services.runtime.template import lab_params
 from tests.processes.bare import Bare, pack
 from tests.processes.lab import Lab, private_lab

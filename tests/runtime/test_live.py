@@ -9,7 +9,7 @@ from schemas.params import FIXED_AT_LAUNCH, Params
 from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from services.runtime.errors import Invalid
 from services.runtime.live import LiveParams
-from services.runtime.params import flatten
+from services.runtime.named import flatten
 
 TAKEN = SetParamsResponse(True, "")
 

@@ -9,16 +9,8 @@ from hypothesis import strategies as st
 
 from schemas.params import CageParams, Params, PressureParams, SafetyParams, StartParams
 from services.runtime.errors import Invalid
-from services.runtime.params import (
-    check,
-    flatten,
-    launch_lines,
-    load,
-    nearest,
-    normal_name,
-    put,
-    value_of,
-)
+from services.runtime.named import flatten, nearest, normal_name, put, value_of
+from services.runtime.params import check, launch_lines, load
 
 CHUNK = st.text("abcdef_", min_size=1, max_size=6)
 LEAVES = st.integers() | st.booleans() | CHUNK

@@ -12,6 +12,7 @@ import pytest
 from schemas.params import CageParams, Params, PressureParams, SafetyParams
 from services.runtime import record, snapshot
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.halt import halt
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
@@ -94,7 +95,7 @@ def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm
     other = Realm("other")
     assert not record.is_live(other)
     with pytest.raises(Unreachable):
-        record.stop(other)
+        halt(other)
     assert not other.folder.exists()
 
 
@@ -102,7 +103,7 @@ def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
     with subprocess.Popen(["sleep", "99"]) as deaf, FileLock(realm.lock, "the realm"):
         record.write(realm, RunRecord("lab", deaf.pid, "uav", []))
         with pytest.raises(TimedOut, match=rf"process {deaf.pid} has not ended within 0.05 s"):
-            record.stop(realm, 0.05)
+            halt(realm, 0.05)
         assert deaf.wait() == -signal.SIGTERM
 
 
@@ -115,7 +116,7 @@ def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyP
             raise ProcessLookupError
 
         monkeypatch.setattr(os, "kill", kill)
-        assert record.stop(realm) == RUN
+        assert halt(realm) == RUN
 
 
 def test_the_record_is_the_document_of_status(realm: Realm):

@@ -9,7 +9,8 @@ from msgspec import Struct, inspect, to_builtins
 
 from schemas.params import FIXED_AT_LAUNCH, CageParams, Params, SafetyParams
 from services.runtime import template
-from services.runtime.params import flatten, load
+from services.runtime.named import flatten
+from services.runtime.params import load
 from tests.schemas.declared import bare, fields
 
 FILE = Path(__file__).parents[2] / "quad.toml"

@@ -1,0 +1,73 @@
+"""Values by dotted names, as people write them: `safety.virtual_cage.x=3`."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from services.runtime.errors import Invalid
+
+LAB_NODES = {
+    "state_safety_node": "safety",
+    "pressure_node": "pressure",
+    "pressure_sensor_node": "pressure",
+    "dynamics_node": "dynamics",
+}
+"""What a node of ours is called by who comes from the lab's ROS packages."""
+
+_BOOLS = {"true": True, "false": False, "True": True, "False": False}
+
+
+def value_of(text: str) -> Any:
+    """A value as written on a command line: TOML's notation, ROS's True and False, or a word."""
+    if text in _BOOLS:
+        return _BOOLS[text]
+    import tomllib
+
+    try:
+        found = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return found["value"] if len(found) == 1 else text
+
+
+def normal_name(name: str) -> str:
+    """`/safety/virtual_cage/x`, as ROS users write, to `safety.virtual_cage.x`.
+
+    A node may go by its name in the lab, as `/state_safety_node/virtual_cage/x`.
+    """
+    node, dot, rest = name.strip("/").replace("/", ".").partition(".")
+    return f"{LAB_NODES.get(node, node)}{dot}{rest}"
+
+
+def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
+    """Set a value in nested tables by its dotted name; of a table, only what it names."""
+    if isinstance(value, dict):
+        for part, inner in value.items():
+            put(table, f"{name}.{part}", inner, source)
+        return
+    *path, last = normal_name(name).split(".")
+    for depth, part in enumerate(path, 1):
+        found: Any = table.setdefault(part, {})
+        if not isinstance(found, dict):
+            whole = ".".join(path[:depth])
+            raise Invalid(f"{source}: {whole} is a value and has no {last}", f"set {whole} itself")
+        table = found
+    table[last] = value
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every leaf of nested tables with its dotted name."""
+    for key, value in table.items():
+        name = f"{prefix}.{key}" if prefix else key
+        if isinstance(value, Mapping) and value:
+            yield from flatten(value, name)
+        else:
+            yield name, value
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """A hint that names the likeliest name meant."""
+    import difflib
+
+    folded = {known.lower(): known for known in names}
+    found = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    return f"did you mean {folded[found[0]]}?" if found else ""

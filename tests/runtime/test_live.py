@@ -110,7 +110,7 @@ def test_one_bad_value_and_nothing_is_changed():
         ({"safety__takeoff": float("nan")}, "safety.takeoff"),
         ({"safety__takeoff": float("inf")}, "safety.takeoff"),
         ({"safety__takeof": 2}, "did you mean safety.takeoff?"),
-        ({"safety__takeoff__x": 2}, "takeoff is a value and has no x"),
+        ({"safety__takeoff__x": 2}, "safety.takeoff is a value and has no x"),
         ({"safety": 2}, "expected `object`"),
         ({"pressure__rate": 2}, "pressure.rate is not a parameter of safety"),
         ({"nonsense": 2}, "nonsense is not a parameter of safety"),

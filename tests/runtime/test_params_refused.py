@@ -131,5 +131,5 @@ def test_a_bad_setting_is_refused_by_name(setting: str, named: str, offered: str
 def test_a_set_into_a_value_of_the_file_names_the_setting(tmp_path: Path):
     file = tmp_path / "lab.toml"
     file.write_text("[safety]\ntakeoff = 1\n")
-    with pytest.raises(Invalid, match=r"--set safety\.takeoff\.x=3: takeoff is a value"):
+    with pytest.raises(Invalid, match=r"--set safety\.takeoff\.x=3: safety\.takeoff is a value"):
         load(file, ["safety.takeoff.x=3"])

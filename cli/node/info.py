@@ -1,6 +1,5 @@
 """`node info`: all that is known of one node."""
 
-import contextlib
 import time
 from typing import Annotated, Any
 
@@ -9,6 +8,7 @@ from cli.declare import Arg
 from cli.node.asked import answering, params_of
 from cli.node.seen import Seen, connected, run_of, see
 from cli.options import Options
+from services.runtime.client import Client
 from services.runtime.errors import QuadctlError
 from services.runtime.record import ProcessRecord
 from services.runtime.vitals import Vitals, vitals_of
@@ -23,18 +23,18 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
     """
     deadline = time.monotonic() + options.timeout
     run = run_of(options)
-    problem: QuadctlError | None = None
-    params: list[str] = []
-    with connected(options, run) or contextlib.nullcontext() as client:
-        seen = see(client, run)
+    client = connected(options, run)
+    if isinstance(client, QuadctlError):
+        # The rest is shown all the same, and the exit code tells.
+        problem: QuadctlError | None = client
+        params: list[str] = []
+        seen = see(None, run)
         process = seen.find(name)
-        left = max(deadline - time.monotonic(), 0.001)
-        try:
-            if client and process.state == "ready" and process in answering(seen):
-                params = [*params_of(client, process, [], left)]
-        except QuadctlError as error:
-            # The rest is shown all the same, and the exit code tells.
-            problem = error
+    else:
+        with client:
+            seen = see(client, run)
+            process = seen.find(name)
+            params, problem = _params(client, seen, process, deadline)
     vitals = vitals_of(process.pid) if process.pid else Vitals()
     if options.json:
         output.document(_document(process, seen, params, vitals))
@@ -42,6 +42,19 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
         _print(process, seen, params, vitals)
     if problem is not None:
         raise problem
+
+
+def _params(
+    client: Client, seen: Seen, process: ProcessRecord, deadline: float
+) -> tuple[list[str], QuadctlError | None]:
+    """The names of its parameters, or why they are not to be had."""
+    if process.state != "ready" or process not in answering(seen):
+        return [], None
+    try:
+        left = max(deadline - time.monotonic(), 0.001)
+        return [*params_of(client, process, [], left)], None
+    except QuadctlError as problem:
+        return [], problem
 
 
 def _document(

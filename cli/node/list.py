@@ -1,12 +1,11 @@
 """`node list`."""
 
-import contextlib
-
 import msgspec
 
 from cli import output
 from cli.node.seen import connected, run_of, see
 from cli.options import Options
+from services.runtime.errors import QuadctlError
 
 
 def list_(options: Options) -> None:
@@ -15,8 +14,13 @@ def list_(options: Options) -> None:
     Example: quadctl node list
     """
     run = run_of(options)
-    with connected(options, run) or contextlib.nullcontext() as client:
-        seen = see(client, run)
+    client = connected(options, run)
+    if isinstance(client, QuadctlError):
+        output.note(f"what is on the bus cannot be seen: {client.message}")
+        seen = see(None, run)
+    else:
+        with client:
+            seen = see(client, run)
     nodes = [
         msgspec.to_builtins(process)
         | {

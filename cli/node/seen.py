@@ -7,7 +7,7 @@ from msgspec import Struct
 from cli.options import Options
 from services.runtime import record
 from services.runtime.client import Client
-from services.runtime.errors import Unreachable
+from services.runtime.errors import QuadctlError, TimedOut, Unreachable
 from services.runtime.graph import Offer
 from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
@@ -54,16 +54,16 @@ def run_of(options: Options) -> RunRecord | None:
     return None
 
 
-def connected(options: Options, run: RunRecord | None) -> Client | None:
-    """A connection; None while the hub of a live run is away, of which the supervisor still knows."""
+def connected(options: Options, run: RunRecord | None) -> Client | QuadctlError:
+    """A connection; or why there is none, where the supervisor still knows of the run."""
     try:
         return Client(
             options.realm, options.vehicle, connect=options.connect, timeout=options.timeout
         )
-    except Unreachable:
+    except (Unreachable, TimedOut) as problem:
         if run is None:
             raise
-        return None
+        return problem
 
 
 def see(client: Client | None, run: RunRecord | None) -> Seen:

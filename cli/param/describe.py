@@ -10,7 +10,7 @@ from cli.together import Heard
 from schemas.describe import bounds_text, type_name
 from services.runtime import declared, toml
 from services.runtime.declared import UNSERVED, Entry, fixed_at_launch
-from services.runtime.errors import Invalid, Unreachable
+from services.runtime.errors import Invalid, TimedOut, Unreachable
 from services.runtime.named import normal_name
 from services.runtime.params import nearest_declared
 
@@ -21,7 +21,8 @@ def describe(
 ) -> None:
     """Tell what parameters are: type, unit, bounds, default, meaning, and the present value.
 
-    Where nothing runs there is no present value, and the rest is told all the same.
+    Where nothing runs there is no present value, and the rest is told all the same: so it is
+    where somebody does not answer, and then the exit code tells.
 
     Example: quadctl param describe safety.virtual_cage
     """
@@ -54,6 +55,8 @@ def _present(options: Options, tables: set[str]) -> Heard[Values]:
         if options.connect:
             raise
         return Heard({}, {})
+    except TimedOut as problem:
+        return Heard({}, {"hub": problem})
 
 
 def _print(found: dict[str, list[Entry]], values: Values) -> None:

@@ -11,7 +11,7 @@ from cli.options import Options
 from cli.param.changes import Change, changes, known_of, lines
 from cli.param.running import Running, Values
 from services.runtime.declared import fixed_at_launch
-from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.errors import Invalid, QuadctlError
 from services.runtime.named import flatten, put
 from services.runtime.params import check, read
 
@@ -69,10 +69,7 @@ def _set(running: Running, found: list[Change]) -> None:
     live = running.nodes()
     for node in nodes:
         if node not in live:
-            raise Unreachable(
-                f"nobody takes the parameters of {node}; nothing was changed",
-                f"is {node} up? `quadctl node list` shows it",
-            )
+            raise running.absent(node)
     for number, (node, mine) in enumerate(nodes.items()):
         try:
             reply = running.set(node, {change.name: change.after for change in mine})

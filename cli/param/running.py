@@ -15,7 +15,7 @@ from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsRespon
 from schemas.topics import get_params, set_params
 from services.runtime import snapshot
 from services.runtime.declared import UNSERVED
-from services.runtime.errors import Invalid
+from services.runtime.errors import Invalid, QuadctlError, Unreachable
 from services.runtime.named import flatten, normal_name
 from services.runtime.params import nearest_declared
 from services.runtime.realm import Realm
@@ -60,8 +60,9 @@ class Running:
         return {leaf: found[leaf] for name in names for leaf in _leaves(found, name)}
 
     def every(self) -> Heard[Values]:
-        """What each live node answers, users' own among them, and the supervisor's own tables."""
-        heard = self._ask({node: [] for node in self.nodes()})
+        """What each node answers, users' own among them, and the supervisor's own tables."""
+        frozen = [process.name for process in self._client.silent_processes()]
+        heard = self._ask({node: [] for node in sorted({*self.nodes(), *frozen})})
         heard.answers[""] = self._kept(UNSERVED)
         return heard
 
@@ -84,6 +85,14 @@ class Running:
     def set(self, node: str, values: Values) -> SetParamsResponse:
         """Change a node's parameters: all of them or none."""
         return self._client.call(set_params(node), SetParamsRequest(values), self._left())
+
+    def absent(self, node: str) -> QuadctlError:
+        """Why a node that has parameters does not take them."""
+        problem = Unreachable(
+            f"nothing was changed: nobody takes the parameters of {node}",
+            f"is {node} up? `quadctl node list` shows it",
+        )
+        return self._client.explained(problem, node)
 
     def _ask(self, wanted: dict[str, list[str]]) -> Heard[Values]:
         def ask(node: str) -> Values:

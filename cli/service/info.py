@@ -20,12 +20,13 @@ def info(options: Options, name: Annotated[str, Arg("A service.", complete="serv
         offer = lookup.offered(client, ours.key(client.vehicle) if ours else name)
         if offer is None and ours is None:
             raise lookup.unknown(client, name)
-    if offer is None:
-        assert ours is not None  # noqa: S101 - or else it was unknown
-        raise Unreachable(
-            f"nobody serves {ours.key(options.vehicle)} now",
-            f"is {ours.node} up? `quadctl status` shows it",
-        )
+        if offer is None:
+            assert ours is not None  # noqa: S101 - or else it was unknown
+            nobody = Unreachable(
+                f"nobody serves {ours.key(options.vehicle)} now",
+                f"is {ours.node} up? `quadctl status` shows it",
+            )
+            raise client.explained(nobody, ours.node)
     said = {"name": offer.name, "key": offer.key, "type": offer.type, "node": offer.node}
     fields = service_definition(ours.request, ours.response) if ours else ""
     if options.json:

@@ -22,16 +22,18 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
     Example: quadctl topic info sensors/pressure
     """
     key = single_key(topic, options.vehicle)
-    with bus.connect(options) as client, client.outlet(key) as outlet:
+    with bus.connect(options) as client:
+        outlet = client.outlet(key)
         # A round trip to the hub, which by its end has told of listeners too.
         offers = [offer for offer in client.offers() if offer.kind == "@pub"]
         heard = outlet.is_heard()
-    declared = topic_of(key)
-    if declared is not None and declared.key(options.vehicle) != key:
-        declared = None
-    found = [offer for offer in offers if offer.key == key]
-    if not found and not (declared and heard):
-        raise _nobody(key, offers, heard=heard)
+        declared = topic_of(key)
+        if declared is not None and declared.key(options.vehicle) != key:
+            declared = None
+        found = [offer for offer in offers if offer.key == key]
+        if not found and not (declared and heard):
+            nobody = _nobody(key, offers, heard=heard)
+            raise client.explained(nobody, declared.node if declared else "")
     said = _described(key, found, declared) | {"listened": heard}
     if options.json:
         output.document(said)

@@ -78,22 +78,27 @@ def _send(
 ) -> int:
     """Send so many messages and return how many; they have reached the hub by then."""
     sent = 0
-    with client.outlet(key, payload.encoding) as outlet:
-        if wait and not outlet.wait_for_listener(client.timeout):
-            if wanted is not None:
-                raise Unreachable(
-                    f"nobody listened on {key} within {client.timeout:g} s: nothing was sent",
-                    "is it spelled right? --no-wait sends nevertheless",
-                )
-            output.note(f"nobody listens on {key} yet")
-        start = time.monotonic()
-        try:
-            while wanted is None or sent < wanted:
-                time.sleep(max(start + sent / hz - time.monotonic(), 0))
-                outlet.put(payload.data)
-                sent += 1
-        except KeyboardInterrupt:
-            output.note(f"sent {sent} messages on {key}")
-            raise
-        client.flush()
+    outlet = client.outlet(key, payload.encoding)
+    if wait and not outlet.wait_for_listener(client.timeout):
+        if wanted is not None:
+            nobody = Unreachable(
+                f"nobody listened on {key} within {client.timeout:g} s: nothing was sent",
+                "is it spelled right? --no-wait sends nevertheless",
+            )
+            raise client.explained(nobody)
+        output.note(f"nobody listens on {key} yet")
+    start = asked = time.monotonic()
+    try:
+        while wanted is None or sent < wanted:
+            time.sleep(max(start + sent / hz - time.monotonic(), 0))
+            outlet.put(payload.data)
+            sent += 1
+            if time.monotonic() - asked > client.timeout / 2:
+                # What is sent to a hub that is gone is lost, and nobody else would say so.
+                client.flush(client.timeout / 2)
+                asked = time.monotonic()
+    except KeyboardInterrupt:
+        output.note(f"sent {sent} messages on {key}")
+        raise
+    client.flush()
     return sent

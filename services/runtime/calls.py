@@ -84,7 +84,7 @@ class Asker:
             raise wire.decode_error(payload)
         if payload == b"Timeout":
             raise TimedOut(
-                f"{self._key} did not answer within {timeout:g} s",
+                f"{self._key} did not answer within {round(timeout, 2):g} s",
                 "its process is busy or frozen: `quadctl status` shows which",
             )
         raise QuadctlError(
@@ -94,7 +94,7 @@ class Asker:
     def _wait_for_server(self, deadline: float, timeout: float) -> None:
         if not wait_for_match(self._querier, deadline - time.monotonic()):
             raise Unreachable(
-                f"nobody served {self._key} within {timeout:g} s",
+                f"nobody served {self._key} within {round(timeout, 2):g} s",
                 "its process is down or does not offer it, or this identity may not call it:"
                 " `quadctl status`, `quadctl service list`",
             )

@@ -12,7 +12,7 @@ from services.runtime import graph, roster, wire
 from services.runtime.calls import Asker, Caller
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.realm import Realm
-from services.runtime.record import is_live, not_running
+from services.runtime.record import ProcessRecord, is_live, not_running
 from services.runtime.session import address_of, open_client
 
 if TYPE_CHECKING:
@@ -23,6 +23,13 @@ M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
+_LOOK = 0.1
+"""Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
+
+_lost: list["Client"] = []
+"""Clients whose hub is gone, kept as they are: to close one, or drop what it has
+declared, takes a second."""
+
 
 class Client:
     """One connection to a realm's hub, for as long as a `with` block lasts."""
@@ -30,27 +37,40 @@ class Client:
     def __init__(
         self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3.0
     ) -> None:
-        """`timeout` (s) bounds every reply. Raises Unreachable when no hub is there."""
+        """`timeout` (s) bounds every reply.
+
+        Raises Unreachable when no hub is there, TimedOut when it does not answer.
+        """
         self.vehicle, self.timeout = vehicle, timeout
-        self._session = _connect(Realm(realm), connect, timeout)
+        self._realm, self._connect = Realm(realm), connect
+        self._session = _connect(self._realm, connect, timeout)
+        self._since, self._held = time.time(), list[object]()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._session.close()
+        if self._session.info.routers_zid():
+            self._session.close()
+        else:
+            _lost.append(self)
 
     def call(self, service: Service[Q, R], request: Q, timeout: float | None = None) -> R:
         """Call a service once; raises Unreachable, TimedOut or what the server replied.
 
         `timeout` (s) is for a call that is one of several under one deadline.
         """
-        caller = Caller(self._session, self.vehicle, service)
-        return caller.call(request, self.timeout if timeout is None else timeout)
+        try:
+            return Caller(self._session, self.vehicle, service).call(request, self._within(timeout))
+        except Unreachable as problem:
+            raise self.explained(problem, service.node) from problem
 
     def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
-        return Asker(self._session, key).ask(payload, encoding, self.timeout)
+        try:
+            return Asker(self._session, key).ask(payload, encoding, self.timeout)
+        except Unreachable as problem:
+            raise self.explained(problem) from problem
 
     def latest(self, topic: Topic[M]) -> M:
         """The last message of a latched topic."""
@@ -81,7 +101,7 @@ class Client:
                     why = self._only_unread(wire.unreadable(key, problem))
             # Nobody answers for the key yet; a restart takes a tenth of a second.
             time.sleep(max(min(deadline - time.monotonic(), 0.02), 0))
-        raise why
+        raise self.explained(why, topic.node) if isinstance(why, Unreachable) else why
 
     def first(self, topic: Topic[M]) -> M:
         """The next message of a topic."""
@@ -102,7 +122,9 @@ class Client:
         """Hear keys or key expressions."""
         from services.runtime.hearing import Stream
 
-        return Stream(self._session, keys)
+        stream = Stream(self._session, keys)
+        self._held.append(stream)
+        return stream
 
     def silent(self, key: str, unread: Invalid | None = None) -> QuadctlError:
         """Why nothing came on a key or key expression.
@@ -111,17 +133,44 @@ class Client:
         """
         if unread is not None:
             return self._only_unread(unread)
-        for offer in self.offers():
-            if offer.kind == "@pub" and _covers(key, offer.key):
+        try:
+            offers = self.offers(_LOOK)
+        except QuadctlError as other:
+            text = f"nothing came on {key} within {self.timeout:g} s: {other.message}"
+            return type(other)(text, other.hint)
+        for offer in offers:
+            if offer.kind == "@pub" and roster.covers(key, offer.key):
                 return TimedOut(
                     f"nothing came on {key} within {self.timeout:g} s, although {offer.node}"
                     " publishes it",
                     "its process is busy, frozen, or waits for another: `quadctl status`",
                 )
-        return Unreachable(
+        from services.runtime import missing
+
+        problem = Unreachable(
             f"nothing came on {key} within {self.timeout:g} s: nobody publishes it",
             "`quadctl topic list` shows what there is",
         )
+        return self.explained(problem, missing.publisher_of(key, self.vehicle))
+
+    def explained(self, problem: Unreachable, node: str = "") -> QuadctlError:
+        """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen."""
+        from services.runtime import missing
+
+        try:
+            silent = self.silent_processes(_LOOK)
+        except QuadctlError as other:
+            return type(other)(f"{problem.message}: {other.message}", other.hint)
+        return missing.explained(problem, node, silent)
+
+    def silent_processes(self, timeout: float | None = None) -> list[ProcessRecord]:
+        """Nodes of this machine's run that are there, and that the hub takes for gone."""
+        from services.runtime import missing
+
+        live = self.nodes(timeout)
+        if self._connect:
+            return []
+        return missing.silent_processes(self._realm, self.vehicle, live)
 
     def _only_unread(self, unread: Invalid) -> Invalid:
         text = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
@@ -131,36 +180,54 @@ class Client:
         """Publish on a key."""
         from services.runtime.outlet import Outlet
 
-        return Outlet(self._session, key, encoding)
+        outlet = Outlet(self._session, key, encoding)
+        self._held.append(outlet)
+        return outlet
 
-    def flush(self) -> None:
-        """Return once the hub has read all that was sent before."""
-        self.nodes()
+    def flush(self, timeout: float | None = None) -> None:
+        """Return once the hub has read all that was sent before; raises as `nodes`."""
+        self.nodes(timeout)
 
-    def nodes(self) -> list[str]:
-        """The ready nodes."""
-        return roster.nodes(self._session, self.vehicle)
+    def nodes(self, timeout: float | None = None) -> list[str]:
+        """The ready nodes.
 
-    def offers(self) -> list[graph.Offer]:
-        """The topics and services of the ready nodes."""
-        return roster.offers(self._session, self.vehicle)
+        Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
+        """
+        found = roster.nodes(self._session, self.vehicle, self._within(timeout))
+        self._check_hub()
+        return found
 
+    def offers(self, timeout: float | None = None) -> list[graph.Offer]:
+        """The topics and services of the ready nodes; raises as `nodes`."""
+        found = roster.offers(self._session, self.vehicle, self._within(timeout))
+        self._check_hub()
+        return found
 
-def _covers(pattern: str, key: str) -> bool:
-    if "*" not in pattern:
-        return pattern == key
-    try:
-        return zenoh.KeyExpr(pattern).intersects(zenoh.KeyExpr(key))
-    except zenoh.ZError:
-        # A stranger may announce what is no key.
-        return False
+    def _within(self, timeout: float | None) -> float:
+        return self.timeout if timeout is None else timeout
+
+    def _check_hub(self) -> None:
+        # Without a connection there is nobody to ask, and the answer is empty at once.
+        if not self._session.info.routers_zid():
+            from services.runtime import missing
+
+            raise missing.hub_lost(None if self._connect else self._realm, self._since)
 
 
 def _connect(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
     """Connect at once, or fail at once; only a hub that is being restarted is waited for."""
     address, began = address_of(realm, connect), time.monotonic()
+    silent = f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s"
     try:
         return open_client(address, timeout=timeout)
+    except TimedOut as problem:
+        if connect:
+            raise
+        raise TimedOut(
+            silent,
+            "its process is frozen or busy: it is restarted by itself, or with"
+            " `quadctl node restart hub`",
+        ) from problem
     except Unreachable:
         if connect:
             raise
@@ -171,6 +238,6 @@ def _connect(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
             with contextlib.suppress(Unreachable):
                 return open_client(address, wait=left, timeout=left)
         raise Unreachable(
-            f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s",
+            silent,
             "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
         ) from None

@@ -1,14 +1,12 @@
 """A command's sending end of any key."""
 
-from typing import Self
-
 import zenoh
 
 from services.runtime.calls import has_match, wait_for_match
 
 
 class Outlet:
-    """Publishes bytes on a key, for as long as a `with` block lasts."""
+    """Publishes bytes on a key, for as long as its client's `with` block lasts."""
 
     def __init__(self, session: zenoh.Session, key: str, encoding: str) -> None:
         # A message that somebody typed waits for room; at a robot's rates the next would do.
@@ -17,12 +15,6 @@ class Outlet:
             encoding=encoding or zenoh.Encoding.ZENOH_BYTES,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._publisher.undeclare()
 
     def put(self, payload: bytes) -> None:
         """Publish one message."""

@@ -3,26 +3,46 @@
 import zenoh
 
 from services.runtime import graph
+from services.runtime.errors import TimedOut
 
 _TIMEOUT = 1.0
 """Seconds; the hub answers for all from its own tables, in half a millisecond."""
 
 
-def nodes(session: zenoh.Session, vehicle: str) -> list[str]:
-    """The names of the ready nodes."""
-    found = (graph.node_of(key) for key in _keys(session, f"{vehicle}/@node/*"))
+def nodes(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[str]:
+    """The names of the ready nodes; raises TimedOut where the hub does not answer in time (s)."""
+    found = (graph.node_of(key) for key in _keys(session, f"{vehicle}/@node/*", timeout))
     return sorted(name for name in found if name is not None)
 
 
-def offers(session: zenoh.Session, vehicle: str) -> list[graph.Offer]:
-    """Every topic and service that live nodes offer."""
+def offers(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[graph.Offer]:
+    """Every topic and service that live nodes offer; raises as `nodes`."""
     keys = [
-        key for kind in ("@pub", "@srv") for key in _keys(session, f"{vehicle}/@node/*/{kind}/**")
+        key
+        for kind in ("@pub", "@srv")
+        for key in _keys(session, f"{vehicle}/@node/*/{kind}/**", timeout)
     ]
     found = (graph.offer_of(key) for key in keys)
     return sorted((offer for offer in found if offer is not None), key=lambda offer: offer.key)
 
 
-def _keys(session: zenoh.Session, pattern: str) -> list[str]:
-    replies = session.liveliness().get(pattern, timeout=_TIMEOUT)
-    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+def _keys(session: zenoh.Session, pattern: str, timeout: float) -> list[str]:
+    found = []
+    for reply in session.liveliness().get(pattern, timeout=timeout):
+        if reply.ok is None:
+            raise TimedOut(
+                "the hub does not answer", "its process is frozen or busy: `quadctl status`"
+            )
+        found.append(str(reply.ok.key_expr))
+    return found
+
+
+def covers(pattern: str, key: str) -> bool:
+    """Whether a key, or one that an expression stands for, is this one."""
+    if "*" not in pattern:
+        return pattern == key
+    try:
+        return zenoh.KeyExpr(pattern).intersects(zenoh.KeyExpr(key))
+    except zenoh.ZError:
+        # A stranger may announce what is no key.
+        return False

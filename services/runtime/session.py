@@ -5,13 +5,14 @@ reason stands beside each.
 """
 
 import os
+import time
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import zenoh
 from msgspec import Struct
 
-from services.runtime.errors import Unreachable
+from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.realm import ADDRESS, Realm, write_atomically
 
 if TYPE_CHECKING:
@@ -72,11 +73,12 @@ def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) ->
     """Open a client of the hub, waiting up to `wait` seconds for it to come up.
 
     With a wait the session also reconnects by itself for as long as it lives, and restores
-    what it declared. Raises Unreachable when no hub is there, and when one is there that has
-    not let us in within `timeout` seconds.
+    what it declared. Raises Unreachable when no hub is there, and without a wait TimedOut when
+    one is there that has not let us in within `timeout` seconds.
     """
-    config = _common(address)
-    config["transport"]["unicast"] = {"open_timeout": max(int(timeout * 1000), 1)}
+    config, began = _common(address), time.monotonic()
+    open_timeout = max(int(timeout * 1000), 1)
+    config["transport"]["unicast"] = {"open_timeout": open_timeout}
     config["mode"] = "client"
     config["connect"] = {"endpoints": [address.endpoint]}
     if wait:
@@ -91,6 +93,12 @@ def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) ->
     try:
         return _open(config, CLIENT_THREADS)
     except zenoh.ZError as error:
+        # Where nobody is there, that is known at once.
+        if not wait and time.monotonic() - began >= open_timeout / 1000:
+            raise TimedOut(
+                f"{address.endpoint} did not answer within {timeout:g} s",
+                "is it a hub, is its process frozen, does the network let you through?",
+            ) from error
         raise Unreachable(
             f"nothing answers at {address.endpoint}", "start the system with `quadctl up`"
         ) from error

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
+_PROC = Path("/proc/self")
 _PPID, _UTIME, _STIME, _STARTED = 1, 11, 12, 19
 """Fields of /proc/PID/stat, counted behind the command's name."""
 
@@ -41,6 +42,12 @@ def parent_of(pid: int) -> int | None:
     """The process that has started it, None where that is not told."""
     stat = _stat(pid)
     return int(stat[_PPID]) if stat else None
+
+
+def has_ended(pid: int) -> bool:
+    """Whether a process has ended, waited for or not; False where that is not told."""
+    stat = _stat(pid)
+    return stat[0] in "ZX" if stat else _PROC.is_dir()
 
 
 def _stat(pid: int) -> list[str]:

@@ -13,7 +13,8 @@ from tests.processes.lab import Lab, private_lab
 def tuned() -> Iterator[Lab]:
     """A lab of its own, because parameters stay changed."""
     with private_lab() as made:
-        made.start("--set", "dynamics.start.z=1")
+        # Slow, so that a flight lasts longer than a command on a busy machine.
+        made.start("--set", "dynamics.start.z=1", "--set", "dynamics.control.max_speed=0.3")
         yield made
 
 

@@ -51,8 +51,9 @@ class Setpoint(Struct, frozen=True):
 class Pressure(Struct, frozen=True):
     """The barometer's reading: hPa, the baseline already subtracted.
 
-    `stamp` is simulated time, s. `samples` and `spread` (largest minus smallest, hPa) tell how
-    good the baseline is; all three are 0 while the sensor is not zeroed.
+    `stamp` is simulated time, s; of a real sensor beside no simulation, seconds since its start.
+    `samples` and `spread` (largest minus smallest, hPa) tell how good the baseline is; all three
+    are 0 while the sensor is not zeroed.
     """
 
     stamp: Seconds

@@ -8,22 +8,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
+from schemas.barometer import PressureParams
 from schemas.units import Metres
 from schemas.vehicle import ControlParams, VehicleParams
-
-
-class PressureParams(Struct, forbid_unknown_fields=True):
-    """The barometer."""
-
-    rate: Annotated[
-        float,
-        Meta(gt=0, le=200, description="readings per second", extra={"unit": "Hz"}),
-    ] = 10.0
-    noise: Annotated[
-        float,
-        Meta(ge=0, le=10, description="half-width of the uniform noise", extra={"unit": "hPa"}),
-    ] = 1e-5
-
 
 CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
 """A cage smaller than the vehicle would hold nothing, so 0.2 m is the least."""
@@ -200,6 +187,23 @@ class Params(Struct, forbid_unknown_fields=True):
         ),
     ] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Rules between tables; raises ValueError where they do not hold."""
+        if self.pressure.source == "iio" and self.dynamics.speed != 1:
+            raise ValueError(
+                "pressure.source iio reads a real sensor, for which time cannot be simulated: it"
+                f" needs dynamics.speed 1, not {self.dynamics.speed:g}"
+            )
 
-FIXED_AT_LAUNCH = frozenset({"dynamics.speed", "dynamics.seed", "hub.transport", "hub.listen"})
+
+FIXED_AT_LAUNCH = frozenset(
+    {
+        "pressure.source",
+        "pressure.iio",
+        "dynamics.speed",
+        "dynamics.seed",
+        "hub.transport",
+        "hub.listen",
+    }
+)
 """What all processes must agree on, or what cannot be undone: `param set` refuses these."""

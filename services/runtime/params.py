@@ -74,8 +74,10 @@ def _explain(text: str, source: str) -> Invalid:
     if unknown:
         name = f"{where}.{unknown['name']}".lstrip(".")
         return Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
+    said = f"{what[:1].lower()}{what[1:]}"
+    # A rule between tables has no place of its own.
     return Invalid(
-        f"{source}: {where or 'the file'}: {what[:1].lower()}{what[1:]}",
+        ": ".join(filter(None, (source, where, said))),
         "`quadctl init fresh.toml` writes every parameter's bounds and meaning",
     )
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.params import CageParams, Params, PressureParams, SafetyParams, StartParams
+from schemas.barometer import PressureParams
+from schemas.params import CageParams, Params, SafetyParams, StartParams
 from services.runtime.errors import Invalid
 from services.runtime.named import flatten, nearest, normal_name, put, value_of
 from services.runtime.params import check, launch_lines, load

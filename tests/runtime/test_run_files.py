@@ -9,7 +9,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from schemas.params import CageParams, Params, PressureParams, SafetyParams
+from schemas.barometer import PressureParams
+from schemas.params import CageParams, Params, SafetyParams
 from services.runtime import record, snapshot
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.halt import halt

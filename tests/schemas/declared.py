@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import Struct, inspect, msgpack, to_builtins
 
-from schemas import envelope, geometry, messages, params, requests, vehicle
+from schemas import barometer, envelope, geometry, messages, params, requests, vehicle
 
 
 def _declared(module: ModuleType) -> tuple[type[Struct], ...]:
@@ -26,7 +26,7 @@ ON_THE_WIRE = (
     *_declared(envelope),
 )
 REQUESTS = tuple(type_ for type_ in ON_THE_WIRE if type_.__name__.endswith("Request"))
-IN_THE_FILE = (*_declared(params), *_declared(vehicle))
+IN_THE_FILE = (*_declared(params), *_declared(barometer), *_declared(vehicle))
 EVERY = (*ON_THE_WIRE, *IN_THE_FILE)
 
 

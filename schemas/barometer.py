@@ -1,0 +1,111 @@
+"""The barometer's own parameters: which sensor it is, and what is wrong with it."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct, field
+
+Profile = Literal["lab", "ms5611", "bmp280", "bmp388"]
+
+MOST_RATE = {"ms5611": 100.0, "bmp280": 26.3, "bmp388": 200.0}
+"""Readings per second that a part gives at most, Hz; `services/pressure/profiles.py` has the rest.
+
+MS5611: one conversion of 9.04 ms at OSR 4096 each (MS5611-01BA03 data sheet, analog digital
+converter). BMP280: x16 oversampling with a temperature beside it (BST-BMP280-DS001, table 7).
+BMP388: its highest output data rate (BST-BMP388-DS001, register ODR).
+"""
+
+LAB_NOISE = 1e-5
+
+
+class FaultParams(Struct, forbid_unknown_fields=True):
+    """What is wrong with the barometer."""
+
+    kind: Annotated[
+        Literal["none", "stuck", "off", "glitch", "delay"],
+        Meta(
+            description="stuck: the last value again and again; off: no readings;"
+            " glitch: spikes now and then; delay: old values",
+            extra={"unit": ""},
+        ),
+    ] = "none"
+    magnitude: Annotated[
+        float,
+        Meta(ge=0, le=100, description="size of a glitch, up or down", extra={"unit": "hPa"}),
+    ] = 1.0
+    interval: Annotated[
+        float,
+        Meta(
+            ge=0.01,
+            le=3600,
+            description="time between glitches, in the mean",
+            extra={"unit": "s"},
+        ),
+    ] = 1.0
+    delay: Annotated[
+        float,
+        Meta(ge=0, le=10, description="how old delayed values are", extra={"unit": "s"}),
+    ] = 1.0
+
+
+class PressureParams(Struct, forbid_unknown_fields=True):
+    """The barometer."""
+
+    source: Annotated[
+        Literal["sim", "iio"],
+        Meta(
+            description="sim: the air at the vehicle's height; iio: a real sensor of this machine,"
+            " through Linux's IIO files",
+            extra={"unit": ""},
+        ),
+    ] = "sim"
+    iio: Annotated[
+        str,
+        Meta(
+            description="the real sensor's folder, such as /sys/bus/iio/devices/iio:device0;"
+            " empty: the first one that has pressure",
+            extra={"unit": ""},
+        ),
+    ] = ""
+    profile: Annotated[
+        Profile,
+        Meta(
+            description="the sensor simulated: the lab's ideal one, or a part with its own noise,"
+            " steps, bias and drift",
+            extra={"unit": ""},
+        ),
+    ] = "lab"
+    rate: Annotated[
+        float,
+        Meta(
+            gt=0,
+            le=200,
+            description="readings per second; a part bounds it further:"
+            f" {', '.join(f'{part} {most:g}' for part, most in MOST_RATE.items())}",
+            extra={"unit": "Hz"},
+        ),
+    ] = 10.0
+    noise: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=10,
+            description="half-width of the uniform noise of the profile lab",
+            extra={"unit": "hPa"},
+        ),
+    ] = LAB_NOISE
+    fault: FaultParams = field(default_factory=FaultParams)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what the part cannot do, and for what would be ignored."""
+        most = MOST_RATE.get(self.profile)
+        if most is not None and self.rate > most:
+            raise ValueError(
+                f"rate {self.rate:g} Hz: a {self.profile} gives at most {most:g} readings a second"
+            )
+        if self.profile != "lab" and self.noise != LAB_NOISE:
+            raise ValueError(
+                f"noise {self.noise:g} hPa is for the profile lab: a {self.profile} has noise of its"
+                f" own; leave noise at {LAB_NOISE:g}, or set the profile to lab"
+            )
+        if self.iio and not self.iio.startswith("/"):
+            raise ValueError(f"iio: '{self.iio}' is no folder's full path, which begins with /")

@@ -1,0 +1,71 @@
+"""The pressure of a Linux IIO device: what its files hold, to hPa or to a clear error; pure.
+
+Linux's Documentation/ABI/testing/sysfs-bus-iio: `in_pressure_input` is the pressure in kPa; a
+driver that leaves the arithmetic to its reader has (`in_pressure_raw` + `in_pressure_offset`) x
+`in_pressure_scale` instead, also kPa.
+"""
+
+import re
+from collections.abc import Callable
+
+from services.runtime.errors import QuadctlError
+
+Read = Callable[[str], bytes | None]
+"""What the file of a name holds, None where there is none; raises QuadctlError."""
+
+INPUT, RAW = "in_pressure_input", "in_pressure_raw"
+SCALE, OFFSET = "in_pressure_scale", "in_pressure_offset"
+
+_NUMBER = re.compile(rb"-?\d+(\.\d+)?\n")
+"""As the kernel writes it: the end of the line tells that the number is whole."""
+_LEAST, _MOST = 250.0, 1250.0
+"""What the air can be, hPa: 10 km up, where the lab's world ends, and the most that parts measure."""
+
+
+def has_pressure(read: Read) -> bool:
+    """Whether a device has such a channel."""
+    return read(INPUT) is not None or read(RAW) is not None
+
+
+def hectopascals(folder: str, read: Read) -> float:
+    """The pressure now, hPa. `folder` is the device's, for what is said of it.
+
+    Raises QuadctlError for what is missing, no number, torn, or cannot be the air's pressure.
+    """
+    if (text := read(INPUT)) is not None:
+        said, kilopascals = INPUT, _number(folder, INPUT, text)
+    elif (text := read(RAW)) is not None:
+        said, kilopascals = f"{RAW} with {SCALE}", _scaled(folder, read, text)
+    else:
+        raise QuadctlError(
+            f"{folder} has neither {INPUT} nor {RAW}: no barometer, or one that is gone",
+            "plug it in, load its driver, or name another folder in pressure.iio",
+        )
+    hpa = 10 * kilopascals
+    if not _LEAST <= hpa <= _MOST:
+        raise QuadctlError(
+            f"{folder}/{said} says {kilopascals:g} kPa: the air has {_LEAST / 10:g} to {_MOST / 10:g}",
+            "look at the sensor and its driver; by Linux's rules the file is in kPa",
+        )
+    return hpa
+
+
+def _scaled(folder: str, read: Read, raw: bytes) -> float:
+    scale, offset = read(SCALE), read(OFFSET)
+    if scale is None:
+        raise QuadctlError(
+            f"{folder} has {RAW} but no {SCALE}, without which it says nothing",
+            "look at its driver, or name another folder in pressure.iio",
+        )
+    shift = 0.0 if offset is None else _number(folder, OFFSET, offset)
+    return (_number(folder, RAW, raw) + shift) * _number(folder, SCALE, scale)
+
+
+def _number(folder: str, name: str, text: bytes) -> float:
+    if _NUMBER.fullmatch(text):
+        return float(text)
+    held = repr(text.decode(errors="replace")) if text else "nothing"
+    raise QuadctlError(
+        f"{folder}/{name} holds {held}: not one whole number and the end of the line",
+        f"`cat {folder}/{name}` shows it now; look at the sensor and its driver",
+    )

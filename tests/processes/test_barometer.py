@@ -1,0 +1,135 @@
+"""The barometer as a real part, and what can go wrong with it, on a running system."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.processes.bare import Bare, Watch
+from tests.processes.lab import Lab, private_lab
+from tests.processes.running import eventually
+
+STEP, NOISE, FURTHEST = 0.16, 0.2, 160.0
+"""Of a BMP280, Pa: its resolution, its noise, and how far bias and drift together may be."""
+
+
+@pytest.fixture(scope="module")
+def part() -> Iterator[Lab]:
+    """A system with a BMP280, the vehicle in the air at 1 m."""
+    with private_lab() as made:
+        made.start(
+            "--set", "dynamics.start.z=1", "--set", "pressure.profile=bmp280",
+            "--set", "pressure.rate=25", "--set", "dynamics.seed=3",
+        )  # fmt: skip
+        yield made
+
+
+@pytest.fixture
+def session(part: Lab) -> Iterator[Bare]:
+    with part.bare() as bare:
+        yield bare
+        put_in(bare, kind="none")
+        assert bare.call("calibrate_pressure", zero=False).ok
+
+
+@pytest.fixture
+def readings(session: Bare) -> Watch:
+    return session.watch("uav/sensors/pressure")
+
+
+def put_in(bare: Bare, **fault: object) -> None:
+    values = {f"pressure.fault.{name}": value for name, value in fault.items()}
+    assert bare.call("pressure/set_params", values=values).value["success"]
+
+
+def test_it_reads_in_its_steps_with_its_noise_and_bias(readings: Watch):
+    pascals = 100 * np.array([r["pressure"] for r in readings.next(60)])
+    assert pascals / STEP == pytest.approx(np.round(pascals / STEP), abs=1e-3)
+    assert NOISE / 2 < pascals.std() < 2 * NOISE
+    assert 1 < abs(pascals.mean() - 101312.99) < FURTHEST
+
+
+def test_its_calibration_says_how_many_and_how_far_apart(part: Lab, readings: Watch):
+    readings.next(26)
+    done = part.quadctl("calibrate", "--json").json
+    assert done["samples"] in range(10, 28)
+    assert STEP / 100 <= done["spread"] < 10 * NOISE / 100
+    zeroed = readings.until(lambda r: r["baseline"])
+    assert zeroed["spread"] == done["spread"]
+    assert abs(zeroed["pressure"]) < 6 * NOISE / 100
+
+
+def test_a_rate_that_it_does_not_have_is_refused(part: Lab, session: Bare):
+    done = part.quadctl("param", "set", "pressure.rate", 50, "--json")
+    assert done.code == 6
+    assert "a bmp280 gives at most 26.3 readings a second" in done.error["message"]
+    assert part.quadctl("param", "set", "pressure.profile=ms5611", "pressure.rate=50").code == 0
+    back = {"pressure.profile": "bmp280", "pressure.rate": 25.0}
+    assert session.call("pressure/set_params", values=back).value["success"]
+
+
+def test_stuck_it_repeats_itself_until_it_is_mended(session: Bare, readings: Watch):
+    put_in(session, kind="stuck")
+    readings.next(2)
+    stuck = {r["pressure"] for r in readings.next(15)}
+    assert len(stuck) == 1
+    put_in(session, kind="none")
+    readings.until(lambda r: r["pressure"] not in stuck)
+
+
+def test_off_it_says_nothing_and_cannot_be_calibrated(part: Lab, session: Bare, readings: Watch):
+    readings.next()
+    put_in(session, kind="off")
+    eventually(lambda: session.call("calibrate_pressure", zero=True).code == "not_ready")
+    last = readings.messages[-1]
+    assert part.quadctl("calibrate").code == 5
+    silent = part.quadctl("topic", "echo", "sensors/pressure", "-n", 1, "--timeout", 0.3)
+    assert silent.code == 4
+    assert readings.messages[-1] == last
+    put_in(session, kind="none")
+    assert readings.next()[0]["stamp"] > last["stamp"] + 1
+    assert session.call("calibrate_pressure", zero=True).ok
+
+
+def test_glitches_are_spikes_of_the_size_asked_for(session: Bare, readings: Watch):
+    level = readings.next()[0]["pressure"]
+    put_in(session, kind="glitch", magnitude=5.0, interval=0.1)
+    for sign in (1, -1):
+        spike = readings.until(lambda r: abs(r["pressure"] - level - sign * 5) < 0.02)  # noqa: B023 - called at once
+        assert spike["baseline"] == 0
+
+
+def test_delayed_it_shows_what_was(part: Lab, session: Bare, readings: Watch):
+    # The lab's noise is never the same twice, which tells one reading from another.
+    ideal = {"pressure.profile": "lab"}
+    assert session.call("pressure/set_params", values=ideal).value["success"]
+    readings.next(40)
+    mark = len(readings.messages)
+    put_in(session, kind="delay", delay=1.0)
+    readings.until(lambda _: len(readings.messages) >= mark + 15)
+    first: dict[float, float] = {}
+    for reading in readings.messages[: mark + 12]:
+        first.setdefault(reading["pressure"], reading["stamp"])
+    for reading in readings.messages[mark + 2 : mark + 12]:
+        assert 0.999 < reading["stamp"] - first[reading["pressure"]] < 2
+    back = {"pressure.profile": "bmp280"}
+    assert session.call("pressure/set_params", values=back).value["success"]
+    put_in(session, kind="none")
+    told = ("fault: delay", "fault: none")
+    eventually(lambda: all(line in part.quadctl("node", "logs", "pressure").out for line in told))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (["pressure.profile=bmp280", "pressure.rate=27"], "a bmp280 gives at most 26.3 readings"),
+        (["pressure.source=iio", "dynamics.speed=0"], "needs dynamics.speed 1, not 0"),
+    ],
+)
+def test_what_cannot_be_stops_the_launch(lab: Lab, settings: list[str], said: str):
+    done = lab.quadctl(
+        "up", "-d", *(word for text in settings for word in ("--set", text)), "--json"
+    )
+    assert done.code == 6
+    assert said in done.error["message"]
+    assert lab.is_gone()

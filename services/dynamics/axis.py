@@ -6,8 +6,8 @@ long as the time-minimal stop would still end short of the goal; from then on it
 stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
 moved in flight, or new limits, only ask anew on which side of the goal the stop would end.
 
-Straight-line text, as in rigidbody.py, but that `advance` saves the work of a choice not taken.
-SI units; all limits are positive.
+Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its own. SI
+units; all limits are positive.
 """
 
 from math import sqrt
@@ -39,9 +39,8 @@ def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, flo
     # A deceleration beyond the limit, where that was lowered in flight, is held, not raised.
     most = -side * a if -side * a > most_a else most_a
     held = square - most * most
-    if held > 0.0:
-        return side, most, held / (j * most)
-    return side, sqrt(square) if square > 0.0 else 0.0, 0.0
+    top = most if held > 0.0 else sqrt(square if square > 0.0 else 0.0)
+    return side, top, (held if held > 0.0 else 0.0) / (j * most)
 
 
 def stop(v: float, a: float, most_a: float, j: float) -> float:
@@ -62,7 +61,9 @@ def brake(p: float, v: float, a: float, goal: float, most_a: float, j: float, t:
     t1 = t1 if t1 < t else t
     t2 = t2 if t2 < t - t1 else t - t1
     t3 = t3 if t3 < t - t1 - t2 else t - t1 - t2
-    p, v, a = ramp(*ramp(*ramp(p, v, a, -side * j, t1), 0.0, t2), side * j, t3)
+    p, v, a = ramp(p, v, a, -side * j, t1)
+    p, v, a = ramp(p, v, a, 0.0, t2)
+    p, v, a = ramp(p, v, a, side * j, t3)
     return goal if rests else p, 0.0 if rests else v, 0.0 if rests else a
 
 
@@ -84,30 +85,49 @@ def advance(
     """
     h = PERIOD
     if heading == 0.0:
-        return *brake(p, v, a, goal, most_a, j, h), 0.0
-    v0 = heading * v
-    a0 = heading * a
-    # With the acceleration then taken away at full jerk, though in whole periods (which may
-    # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
-    over = v0 + 0.5 * h * a0 - most_v
-    cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
-    high = -cap if over > 0.0 else cap
-    high = high if high > -most_a else -most_a
-    # While moving away, a pull back beyond the limit is held, as the stop holds it.
-    most = a0 if v0 < 0.0 and a0 > most_a else most_a
-    high = high if high < most else most
-    high = high if high < a0 + j * h else a0 + j * h
-    high = high if high > a0 - j * h else a0 - j * h
-    jerk = heading * (high - a0) / h
-    p1, v1, a1 = ramp(p, v, a, jerk, h)
-    if heading * (p1 + stop(v1, a1, most_a, j) - goal) <= 0.0:
-        return p1, v1, a1, heading
-    # The moment to brake lies within this period.
-    early, late = 0.0, h
+        p, v, a = brake(p, v, a, goal, most_a, j, h)
+    else:
+        v0 = heading * v
+        a0 = heading * a
+        # With the acceleration then taken away at full jerk, though in whole periods (which may
+        # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
+        over = v0 + 0.5 * h * a0 - most_v
+        cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
+        high = -cap if over > 0.0 else cap
+        high = high if high > -most_a else -most_a
+        # While moving away, a pull back beyond the limit is held, as the stop holds it.
+        most = a0 if (v0 < 0.0) & (a0 > most_a) else most_a
+        high = high if high < most else most
+        high = high if high < a0 + j * h else a0 + j * h
+        high = high if high > a0 - j * h else a0 - j * h
+        jerk = heading * (high - a0) / h
+        p1, v1, a1 = ramp(p, v, a, jerk, h)
+        if heading * (p1 + stop(v1, a1, most_a, j) - goal) > 0.0:
+            t = switch(p, v, a, jerk, goal, heading, most_a, j)
+            p1, v1, a1 = ramp(p, v, a, jerk, t)
+            p1, v1, a1 = brake(p1, v1, a1, goal, most_a, j, h - t)
+            heading = 0.0
+        p, v, a = p1, v1, a1
+    return p, v, a, heading
+
+
+def switch(
+    p: float,
+    v: float,
+    a: float,
+    jerk: float,
+    goal: float,
+    heading: float,
+    most_a: float,
+    j: float,
+) -> float:
+    """The moment within a period (s) from which the stop ends on the goal, by bisection."""
+    early = 0.0
+    late = PERIOD
     for _ in range(HALVINGS):
         t = 0.5 * (early + late)
         p1, v1, a1 = ramp(p, v, a, jerk, t)
         passes = heading * (p1 + stop(v1, a1, most_a, j) - goal) > 0.0
         early = early if passes else t
         late = t if passes else late
-    return *brake(*ramp(p, v, a, jerk, early), goal, most_a, j, h - early), 0.0
+    return early

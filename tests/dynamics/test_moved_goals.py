@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from schemas.params import DynamicsParams
-from services.dynamics.trajectory import Trajectory
 from services.dynamics.vehicle import Vehicle
+from tests.dynamics.path import Path
 
 SIZE = (5.0, 5.0, 2.0)
 AXIS = st.sampled_from([-1.0, 0.0, 1.0]) | st.floats(-1.0, 1.0)
@@ -25,7 +25,7 @@ def excursion(position):
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(GOAL, st.integers(1, 400)), min_size=2, max_size=8))
 def test_the_setpoint_stays_inside_wherever_the_goal_moves(moves):
-    setpoint = Trajectory(DynamicsParams(), (0.0, 0.0, 1.0))
+    setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))
     worst = -1.0
     for goal, periods in moves:
         setpoint.goto(*goal)
@@ -40,7 +40,7 @@ def test_the_setpoint_stays_inside_on_random_missions(seed):
     rng = random.Random(seed)
     worst = -1.0
     for _ in range(60):
-        setpoint = Trajectory(DynamicsParams(), (0.0, 0.0, 1.0))
+        setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))
         for _ in range(8):
             setpoint.goto(wall(rng, 5.0), wall(rng, 5.0), rng.choice((0.0, 2.0, rng.uniform(0, 2))))
             for _ in range(rng.choice((1, rng.randint(1, 300)))):

@@ -11,7 +11,7 @@ from schemas.params import DynamicsParams
 from schemas.vehicle import ControlParams
 from services.dynamics.axis import Motion, advance, brake, stop
 from services.dynamics.controller import PERIOD
-from services.dynamics.trajectory import Trajectory
+from tests.dynamics.path import Path
 
 SPEED, ACCELERATION, JERK = 5.0, 5.0, 40.0
 MICROMETRE = 1e-6
@@ -119,7 +119,7 @@ def test_from_motion_it_is_as_fast_as_ruckig(v, a, goal, seconds):
     assert -1e-6 <= periods - seconds / PERIOD <= 2
 
 
-def fly(trajectory: Trajectory, most_seconds: float = 60.0) -> Iterator[tuple[float, ...]]:
+def fly(trajectory: Path, most_seconds: float = 60.0) -> Iterator[tuple[float, ...]]:
     """Every setpoint until the trajectory is at rest."""
     for _ in range(round(most_seconds / PERIOD)):
         trajectory.advance()
@@ -140,7 +140,7 @@ def off_line(point: tuple[float, ...], start: tuple[float, ...], goal: tuple[flo
 @given(POINT, POINT)
 def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal):
     assume(dist(start, goal) > 0.01)
-    trajectory = Trajectory(DynamicsParams(), start)
+    trajectory = Path(DynamicsParams(), start)
     trajectory.goto(*goal)
     for s in fly(trajectory):
         assert off_line(s[:3], start, goal) < 1e-3
@@ -154,7 +154,7 @@ def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal
 @settings(deadline=None, max_examples=20)
 @given(st.lists(st.tuples(POINT, st.floats(0.02, 1)), min_size=2, max_size=6))
 def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
-    trajectory = Trajectory(DynamicsParams(), (0.0, 0.0, 10.0))
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     before = trajectory.setpoint
     for goal, seconds in legs:
         trajectory.goto(*goal)
@@ -181,12 +181,12 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
 @settings(deadline=None, max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2), st.one_of(st.floats(0, 1), st.just(1.0)))
 def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, then, seconds, part):
-    trajectory = Trajectory(DynamicsParams(), (0.0, 0.0, 10.0))
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     trajectory.goto(*first)
     for _ in range(ceil(seconds / PERIOD)):
         trajectory.advance()
-    x = trajectory._axes[0]
-    nearest = x.p + x.stop((SPEED, ACCELERATION, JERK), 1.0)
+    p, v, a, *_ = trajectory.x
+    nearest = p + stop(v, a, ACCELERATION, JERK)
     goal = first[0] if part == 1.0 else nearest + part * (first[0] - nearest)
     trajectory.goto(goal, then[1], then[2])
     sign = 1.0 if first[0] > 0.0 else -1.0
@@ -197,7 +197,7 @@ def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, the
 @given(POINT, st.floats(0.1, 3))
 def test_braking_ends_ahead_without_turning_back(goal, seconds):
     start = (0.0, 0.0, 10.0)
-    trajectory = Trajectory(DynamicsParams(), start)
+    trajectory = Path(DynamicsParams(), start)
     trajectory.goto(*goal)
     for _ in range(ceil(seconds / PERIOD)):
         trajectory.advance()
@@ -210,7 +210,7 @@ def test_braking_ends_ahead_without_turning_back(goal, seconds):
 
 
 def test_new_limits_in_flight_are_kept_from_then_on():
-    trajectory = Trajectory(DynamicsParams(), (0.0, 0.0, 10.0))
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     trajectory.goto(20.0, 0.0, 10.0)
     for _ in range(250):
         trajectory.advance()

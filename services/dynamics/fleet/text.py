@@ -1,0 +1,136 @@
+"""The model's text as one flat module: every function under a name of its own.
+
+The functions of the model are straight-line text in several modules. Here they are read, those
+that a caller asks for with all that they call, and put into one syntax tree, which a backend turns
+into what runs. Annotations and docstrings are left out, and constants become their values.
+"""
+
+import ast
+import inspect
+from collections.abc import Iterable, Iterator
+from types import ModuleType
+
+from services.dynamics import axis, controller, pilot, rigidbody, rotor, setpoint, sharing
+
+MODULES = (rigidbody, rotor, controller, axis, sharing, setpoint, pilot)
+"""Where the model's text stands, each after those that it imports."""
+
+BUILTINS = {"abs", "range", "sqrt"}
+"""What the text calls that is not its own; a backend brings them along."""
+
+
+def merged(roots: Iterable[str]) -> list[ast.FunctionDef]:
+    """The functions with these names (`pilot_move` is `pilot.move`) and all that they call.
+
+    Each comes after those that it calls. Raises NameError for a name that is not the text's.
+    """
+    found: dict[str, ast.FunctionDef] = {}
+    sources = {_short(module): _Source(module) for module in MODULES}
+
+    def take(name: str) -> None:
+        if name in found:
+            return
+        module, _, own = name.partition("_")
+        function, calls = sources[module].flat(own)
+        for called in calls:
+            take(called)
+        found[name] = function
+
+    for root in roots:
+        take(root)
+    return list(found.values())
+
+
+class _Source:
+    """One module's functions, and what its names stand for."""
+
+    def __init__(self, module: ModuleType) -> None:
+        self._module = module
+        tree = ast.parse(inspect.getsource(module))
+        self._functions = {
+            node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)
+        }
+        short = _short(module)
+        self._names = {name: f"{short}_{name}" for name in self._functions}
+        self._modules: dict[str, str] = {}
+        for name, origin, own in _imported(tree):
+            if own is None:
+                self._modules[name] = origin
+            else:
+                self._names[name] = f"{origin}_{own}"
+
+    def flat(self, name: str) -> tuple[ast.FunctionDef, list[str]]:
+        """A function with the flat module's names, and the functions that it calls."""
+        flat = _Flat(self._module, self._names, self._modules)
+        return flat.function(self._functions[name]), flat.calls
+
+
+class _Flat(ast.NodeTransformer):
+    """Renames what a function uses of its module and of others."""
+
+    def __init__(self, module: ModuleType, names: dict[str, str], modules: dict[str, str]) -> None:
+        self._module, self._names, self._modules = module, names, modules
+        self._locals: set[str] = set()
+        self.calls: list[str] = []
+
+    def function(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        """A function of the module, under its flat name."""
+        arguments = [ast.arg(argument.arg) for argument in node.args.args]
+        stored = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and _is_stored(n)]
+        self._locals = {argument.arg for argument in arguments} | set(stored)
+        body = [self.visit(statement) for statement in node.body[1:]]  # after its docstring
+        return define(self._names[node.name], arguments, body)
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        name = node.id
+        if name in self._locals or name in BUILTINS:
+            return node
+        if name in self._names and callable(getattr(self._module, name)):
+            return self._called(self._names[name])
+        return ast.Constant(_number(getattr(self._module, name)))
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        if not isinstance(node.value, ast.Name):
+            raise TypeError(f"{ast.unparse(node)} is no function of another module")
+        return self._called(f"{self._modules[node.value.id]}_{node.attr}")
+
+    def _called(self, name: str) -> ast.AST:
+        self.calls.append(name)
+        return ast.Name(name, ast.Load())
+
+
+def define(name: str, arguments: list[ast.arg], body: list[ast.stmt]) -> ast.FunctionDef:
+    """A function definition without anything that the text has no use for."""
+    signature = ast.arguments(
+        posonlyargs=[], args=arguments, kwonlyargs=[], kw_defaults=[], defaults=[]
+    )
+    made = ast.parse(f"def {name}(): pass").body[0]
+    if not isinstance(made, ast.FunctionDef):
+        raise TypeError(name)
+    made.args, made.body = signature, body
+    return ast.fix_missing_locations(made)
+
+
+def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:
+    """Names that a module imports of the model: its own name, the module, and the name there."""
+    package = pilot.__name__.rpartition(".")[0]
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package):
+            origin = (node.module or "").removeprefix(package).lstrip(".")
+            for alias in node.names:
+                name = alias.asname or alias.name
+                yield (name, origin, alias.name) if origin else (name, alias.name, None)
+
+
+def _is_stored(name: ast.Name) -> bool:
+    return isinstance(name.ctx, ast.Store)
+
+
+def _short(module: ModuleType) -> str:
+    return module.__name__.rpartition(".")[2]
+
+
+def _number(value: object) -> float:
+    if isinstance(value, (int, float)):
+        return value
+    raise TypeError(f"the model's text uses {value!r}, which is neither its own nor a number")

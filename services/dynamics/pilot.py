@@ -1,0 +1,201 @@
+"""The pilot: which of the vehicle's ways to be controlled is on, and where its setpoint leads.
+
+It stands with idle motors, spins them up, flies, or lands. Over the floor it hops: a straight way
+along the floor would scrape it, and touching it takes away all speed. A vehicle at rest stands
+still to the bit until it is told of something new: the steps that are left out would only stir the
+last digits.
+
+World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
+is an `if` on its own.
+"""
+
+from math import nan
+
+from services.dynamics import setpoint
+from services.dynamics.controller import Gains, Setpoint, control
+from services.dynamics.rigidbody import Body, Motors, State, step
+from services.dynamics.rotor import Mixer, mix
+from services.dynamics.setpoint import Plan
+from services.dynamics.sharing import Limits
+
+HOP = 0.1
+"""Height of a hop, m: less than any cage is high."""
+
+NEAR = 0.01
+"""A place on the floor this near (m) needs no hop: the vehicle is there."""
+
+CLOSE = 0.05
+"""A leg is left for the next one this far (m) before its end."""
+
+TOUCHDOWN = 0.01
+"""Height under which a vehicle whose setpoint rests on the floor may drop, m."""
+
+REST = 1e-9
+"""What a vehicle at rest may be off its setpoint or level, or move: m, rad, m/s and rad/s."""
+
+MOTORS_AT_REST = 1e-6
+"""What its motors may be off their command, rad/s."""
+
+PERIODS_TO_REST = 25.0
+"""Control periods that it must have been at rest, 0.1 s: with any force on it, it would not be."""
+
+Mode = tuple[float, float, float, float, float, float, float, float]
+"""1 while standing; periods left to spin up; periods at rest; 1 while braking; legs of a hop still
+to come after this one, 2 to 0; and the point that it was told of last, nan before the first."""
+
+
+Constants = tuple[Body, Gains, Mixer, Limits, float, float]
+"""What a vehicle's parameters come to: of the body, the controller, the mixer and the setpoint, its
+weight (N) and the control periods that its motors take to spin up."""
+
+
+def fresh(*, standing: bool) -> Mode:
+    """The mode of a vehicle that stands or hovers, and has been told of nothing."""
+    return (1.0 if standing else 0.0, 0.0, 0.0, 0.0, 0.0, nan, nan, nan)
+
+
+def woken(mode: Mode) -> Mode:
+    """The mode of a vehicle that something new has come to: it may be at rest no more."""
+    standing, spin, _, braking, hop, tx, ty, tz = mode
+    return (standing, spin, 0.0, braking, hop, tx, ty, tz)
+
+
+def goto(
+    plan: Plan, mode: Mode, x: float, y: float, z: float, spin_up: float, limits: Limits
+) -> tuple[Plan, Mode]:
+    """Fly to a point, m; with the one that it already has, nothing changes.
+
+    From the floor the motors first take `spin_up` periods. A goal below the floor is one on it.
+    """
+    standing, spin, calm, braking, hop, tx, ty, tz = mode
+    z = z if z > 0.0 else 0.0
+    if (x != tx) | (y != ty) | (z != tz) | (braking > 0.0):
+        sx, sy, sz = place(plan, limits)
+        here = (x - sx) * (x - sx) + (y - sy) * (y - sy) <= NEAR * NEAR
+        calm = 0.0
+        braking = 0.0
+        if (standing == 0.0) | (z > 0.0) | (here == 0.0):
+            hops = (sz < HOP) & (z < HOP) & (here == 0.0)
+            spin = spin_up if standing > 0.0 else spin
+            standing = 0.0
+            hop = 2.0 if hops else 0.0
+            plan = setpoint.goto(
+                plan, sx if hops else x, sy if hops else y, HOP if hops else z, limits
+            )
+    return plan, (standing, spin, calm, braking, hop, x, y, z)
+
+
+def brake(plan: Plan, mode: Mode, limits: Limits) -> tuple[Plan, Mode]:
+    """Come to rest where the setpoint soonest can; while braking, nothing changes."""
+    standing, spin, calm, braking, hop, tx, ty, tz = mode
+    if braking == 0.0:
+        plan = setpoint.brake(plan, limits)
+        calm = 0.0
+        hop = 0.0
+    return plan, (standing, spin, calm, 1.0, hop, tx, ty, tz)
+
+
+def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
+    """Where the setpoint is, m."""
+    x, _, _, _, _ = setpoint.image(plan[0], limits)
+    y, _, _, _, _ = setpoint.image(plan[1], limits)
+    z, _, _, _, _ = setpoint.image(plan[2], limits)
+    return x, y, z
+
+
+def choose(state: State, plan: Plan, mode: Mode, limits: Limits) -> tuple[Mode, float]:
+    """The mode of this period, and how motors are commanded: 0 idle, 1 spinning up, 2 in flight."""
+    standing, spin, calm, braking, hop, tx, ty, tz = mode
+    spins = (standing == 0.0) & (spin > 0.0)
+    down = setpoint.at_rest(plan, limits) & (plan[2][3] <= 0.0) & (state[2] < TOUCHDOWN)
+    standing = 1.0 if (standing > 0.0) | ((spin == 0.0) & down) else 0.0
+    kind = 1.0 if spins else 2.0
+    kind = 0.0 if standing > 0.0 else kind
+    spin = spin - 1.0 if spins else spin
+    return (standing, spin, calm, braking, hop, tx, ty, tz), kind
+
+
+def act(
+    state: State, wanted: Setpoint, kind: float, weight: float, gains: Gains, mixer: Mixer
+) -> Motors:
+    """Motor speed commands of this period, rad/s; `weight` is the thrust to spin up to, N."""
+    thrust, tx, ty, tz = control(state, wanted, gains)
+    flies = kind == 2.0
+    c0, c1, c2, c3 = mix(
+        thrust if flies else weight,
+        tx if flies else 0.0,
+        ty if flies else 0.0,
+        tz if flies else 0.0,
+        state,
+        mixer,
+    )
+    idle = kind == 0.0
+    return (
+        0.0 if idle else c0,
+        0.0 if idle else c1,
+        0.0 if idle else c2,
+        0.0 if idle else c3,
+    )
+
+
+def lead_on(plan: Plan, mode: Mode, kind: float, limits: Limits) -> tuple[Plan, Mode]:
+    """The plan one period on, where the vehicle flies, and its next leg where one is due."""
+    standing, spin, calm, braking, hop, tx, ty, tz = mode
+    if kind == 2.0:
+        plan = setpoint.advance(plan, limits)
+        if hop > 0.0:
+            x, y, z = place(plan, limits)
+            dx = x - plan[0][3]
+            dy = y - plan[1][3]
+            dz = z - plan[2][3]
+            if dx * dx + dy * dy + dz * dz < CLOSE * CLOSE:
+                hop = hop - 1.0
+                plan = setpoint.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
+    return plan, (standing, spin, calm, braking, hop, tx, ty, tz)
+
+
+def rest(state: State, command: Motors, plan: Plan, mode: Mode, limits: Limits) -> Mode:
+    """The mode, with the periods counted that the vehicle has been without any motion."""
+    standing, spin, calm, braking, hop, tx, ty, tz = mode
+    stands = standing > 0.0
+    if stands | setpoint.at_rest(plan, limits):
+        px, py, pz, vx, vy, vz, _, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
+        c0, c1, c2, c3 = command
+        still = (
+            (abs(vx) < REST) & (abs(vy) < REST) & (abs(vz) < REST)
+            & (abs(wx) < REST) & (abs(wy) < REST) & (abs(wz) < REST)
+            & (abs(m0 - c0) < MOTORS_AT_REST) & (abs(m1 - c1) < MOTORS_AT_REST)
+            & (abs(m2 - c2) < MOTORS_AT_REST) & (abs(m3 - c3) < MOTORS_AT_REST)
+        )  # fmt: skip
+        level = (
+            (abs(px - plan[0][3]) < REST) & (abs(py - plan[1][3]) < REST)
+            & (abs(pz - plan[2][3]) < REST)
+            & (abs(qx) < REST) & (abs(qy) < REST) & (abs(qz) < REST)
+        )  # fmt: skip
+        calm = calm + 1.0 if still & (stands | level) else 0.0
+    else:
+        calm = 0.0
+    return (standing, spin, calm, braking, hop, tx, ty, tz)
+
+
+def control_period(
+    state: State, command: Motors, plan: Plan, mode: Mode, constants: Constants
+) -> tuple[Motors, Plan, Mode]:
+    """The motors' command for one control period, and plan and mode at its end."""
+    _, gains, mixer, limits, weight, _ = constants
+    if mode[2] < PERIODS_TO_REST:
+        mode, kind = choose(state, plan, mode, limits)
+        wanted = setpoint.setpoint_of(plan, limits)
+        command = act(state, wanted, kind, weight, gains, mixer)
+        plan, mode = lead_on(plan, mode, kind, limits)
+        mode = rest(state, command, plan, mode, limits)
+    return command, plan, mode
+
+
+def move(
+    state: State, command: Motors, mode: Mode, wind: tuple[float, float, float], body: Body
+) -> State:
+    """The state one step later; of a vehicle at rest, the same."""
+    if mode[2] < PERIODS_TO_REST:
+        state = step(state, command, wind, body)
+    return state

@@ -1,0 +1,96 @@
+"""Sharing the limits of a vehicle's motion among its three axes.
+
+SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its
+own.
+"""
+
+from math import sqrt
+
+from services.dynamics.axis import stop
+
+LEAST_SHARE = 1e-5
+"""Least share of the limits of an axis, so that none is zero."""
+
+TIGHT = 1e-9
+"""A stop that passes the goal by less than this, relatively, does so by rounding."""
+
+HALVINGS = 12
+"""Steps of bisection for a share of the limits: to 1 in 4000."""
+
+Limits = tuple[float, ...]
+"""8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
+the period in lags, the snap's lead in lags, and the periods after which an image is at rest."""
+
+Axis = tuple[float, ...]
+"""9 floats: position, velocity and acceleration of the path, the goal, the side of it that a stop
+ends on (see axis.py), the share of the limits (0 to 1), and the jerk after one, two and three lags.
+"""
+
+
+def needed(axis: Axis, limits: Limits) -> float:
+    """Least share of the limits that an axis can do with in its present motion.
+
+    Where a stop can end short of the goal, one that does. Where none can, or where the axis
+    moves away from the goal, the present one: with less, the stop would end beyond where it
+    was bound to when the goal was moved, and that could be outside the cage. The sum of
+    the squares may thereby pass 1 for a while.
+    """
+    p, v, a, goal, _, share, _, _, _ = axis
+    most_a = limits[1]
+    most_j = limits[2]
+    gap = goal - p
+    part = stop(v, a, most_a, most_j) / (gap if gap != 0.0 else 1.0)
+    if (gap != 0.0) & (part >= 0.0) & (part <= 1.0 + TIGHT):
+        low = 0.0
+        high = 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            part = stop(v, a, middle * most_a, middle * most_j) / gap
+            fits = (part >= 0.0) & (part <= 1.0)
+            low = low if fits else middle
+            high = middle if fits else high
+        share = high
+    return share
+
+
+def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
+    """The share of the limits that an axis must have, and the way that it still has to go, m."""
+    p, v, a, goal, heading, share, _, _, _ = axis
+    need = share
+    if heading != 0.0:
+        need = needed(axis, limits)
+    moves = (v != 0.0) | (a != 0.0) | (p != goal)
+    way = goal - p - stop(v, a, share * limits[1], share * limits[2])
+    return need if moves else 0.0, 0.0 if heading == 0.0 else way
+
+
+def grant(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
+    """An axis with its new share of the limits."""
+    p, v, a, goal, heading, _, j1, j2, j3 = axis
+    share = sqrt(need * need + left * cosine * cosine)
+    share = LEAST_SHARE if share < LEAST_SHARE else share
+    share = 1.0 if share > 1.0 else share
+    short = stop(v, a, share * limits[1], share * limits[2]) <= goal - p
+    side = 1.0 if short else -1.0
+    return (p, v, a, goal, 0.0 if heading == 0.0 else side, share, j1, j2, j3)
+
+
+def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
+    """Share the limits among the axes, so that the squares of the shares add up to 1.
+
+    An axis that is stopping keeps its share, one on its way gets what it needs. What is left
+    goes by the squares of the ways still to go, which from rest makes all three profiles
+    alike but for scale: a straight line.
+    """
+    nx, wx = claim(x, limits)
+    ny, wy = claim(y, limits)
+    nz, wz = claim(z, limits)
+    total = sqrt(wx * wx + wy * wy + wz * wz)
+    total = total if total > 0.0 else 1.0
+    left = 1.0 - (nx * nx + ny * ny + nz * nz)
+    left = left if left > 0.0 else 0.0
+    return (
+        grant(x, nx, wx / total, left, limits),
+        grant(y, ny, wy / total, left, limits),
+        grant(z, nz, wz / total, left, limits),
+    )

@@ -1,0 +1,45 @@
+"""A setpoint by itself, moved by hand."""
+
+from schemas.params import DynamicsParams
+from services.dynamics import setpoint
+from services.dynamics.controller import Setpoint
+from services.dynamics.setpoint import limits_of
+from services.dynamics.sharing import Axis
+
+
+class Path:
+    """One vehicle's setpoint, one control period at a time."""
+
+    def __init__(self, params: DynamicsParams, position: tuple[float, float, float]) -> None:
+        self._limits = limits_of(params)
+        self._plan = setpoint.resting(*position, self._limits)
+
+    @property
+    def setpoint(self) -> Setpoint:
+        return setpoint.setpoint_of(self._plan, self._limits)
+
+    @property
+    def x(self) -> Axis:
+        return self._plan[0]
+
+    @property
+    def goal(self) -> tuple[float, float, float]:
+        x, y, z = (axis[3] for axis in self._plan[:3])
+        return x, y, z
+
+    @property
+    def at_rest(self) -> bool:
+        return setpoint.at_rest(self._plan, self._limits)
+
+    def goto(self, x: float, y: float, z: float) -> None:
+        self._plan = setpoint.goto(self._plan, x, y, z, self._limits)
+
+    def brake(self) -> None:
+        self._plan = setpoint.brake(self._plan, self._limits)
+
+    def configure(self, params: DynamicsParams) -> None:
+        self._limits = limits_of(params)
+        self._plan = setpoint.relimit(self._plan, self._limits)
+
+    def advance(self) -> None:
+        self._plan = setpoint.advance(self._plan, self._limits)

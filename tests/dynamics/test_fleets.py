@@ -1,0 +1,125 @@
+"""One text: plain Python, arrays and compiled code fly the same flight to the bit."""
+
+import random
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pytest
+
+from schemas.params import DynamicsParams, StartParams
+from services.dynamics.fleet import kernel
+from services.dynamics.fleet.arrays import CHUNK, ArrayFleet
+from services.dynamics.fleet.compiled import CompiledFleet
+from services.dynamics.fleet.text import merged
+from services.dynamics.vehicle import Vehicle
+from services.runtime import generated
+
+
+class Fleet(Protocol):
+    def goto(self, number: int, x: float, y: float, z: float) -> None: ...
+    def brake(self, number: int) -> None: ...
+    def advance(self, steps: int) -> None: ...
+    def states(self) -> np.ndarray: ...
+
+
+Make = Callable[[Sequence[DynamicsParams]], Fleet]
+
+
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Make:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        advance = generated.load("kernel", kernel.source()).advance
+    return lambda params: CompiledFleet(params, advance)
+
+
+def vehicles(count: int, seed: int) -> list[DynamicsParams]:
+    """On the floor and in the air, and of more than one kind."""
+    draws = random.Random(seed)
+    made = []
+    for number in range(count):
+        start = StartParams(
+            draws.uniform(-2, 2), draws.uniform(-2, 2), draws.choice([0.0, 0.0, 2.5])
+        )
+        params = DynamicsParams(start=start)
+        if number % 3 == 1:
+            params.vehicle.mass = 1.2
+            params.control.max_speed = 3.0
+        made.append(params)
+    return made
+
+
+def fly_alike(make: Make, count: int, steps: int, seed: int) -> None:
+    """Random goals, landings, brakes and rests, in pieces of any size."""
+    draws, params = random.Random(seed), vehicles(count, seed)
+    fleet, plain, flown = make(params), [Vehicle(each) for each in params], 0
+    while flown < steps:
+        for number, vehicle in enumerate(plain):
+            kind = draws.random()
+            if kind < 0.4:
+                x, y = draws.uniform(-4, 4), draws.uniform(-4, 4)
+                z = draws.choice([0.0, draws.uniform(0.2, 4)])
+                fleet.goto(number, x, y, z)
+                vehicle.goto(x, y, z)
+            elif kind < 0.5:
+                fleet.brake(number)
+                vehicle.brake()
+        piece = draws.choice([10, 33, 400, 1000])
+        flown += piece
+        fleet.advance(piece)
+        for vehicle in plain:
+            vehicle.advance(piece)
+        assert fleet.states().tolist() == [list(vehicle.state) for vehicle in plain]
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("seed", range(3))
+def test_compiled_code_flies_as_plain_python_does(compiled: Make, seed: int):
+    fly_alike(compiled, 6, 10_000, seed)
+
+
+@pytest.mark.timeout(300)
+def test_arrays_fly_as_plain_python_does():
+    fly_alike(ArrayFleet, 6, 1500, 1)
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", range(2))
+def test_arrays_fly_as_plain_python_does_for_long(seed: int):
+    fly_alike(ArrayFleet, 6, 10_000, seed)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("count", [CHUNK + 3])
+def test_more_vehicles_than_are_stepped_together(compiled: Make, count: int):
+    params = [DynamicsParams(start=StartParams(0.01 * i, 0.0, 1.0)) for i in range(count)]
+    states = []
+    for make in (compiled, ArrayFleet):
+        fleet = make(params)
+        for number in (0, CHUNK - 1, CHUNK, count - 1):
+            fleet.goto(number, 0.01 * number, 1.0, 2.0)
+        fleet.advance(40)
+        states.append(fleet.states())
+    assert np.array_equal(*states)
+    one = Vehicle(params[-1])
+    one.goto(0.01 * (count - 1), 1.0, 2.0)
+    one.advance(40)
+    assert states[0][-1].tolist() == list(one.state)
+
+
+def test_the_text_uses_nothing_that_a_backend_lacks():
+    names = [function.name for function in merged(["pilot_control_period", "pilot_move"])]
+    assert {"rigidbody_step", "controller_control", "rotor_mix", "axis_switch"} <= set(names)
+    with pytest.raises(KeyError):
+        merged(["pilot_nonsense"])
+
+
+def test_a_module_that_was_written_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert generated.load("said", "WORD = 'one'").WORD == "one"
+    assert generated.load("said", "WORD = 'two'").WORD == "two"
+    assert generated.load("said", "WORD = 'one'").WORD == "one"
+    assert len(list((tmp_path / "quadctl").glob("said_*.py"))) == 2

@@ -15,6 +15,13 @@ from services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
 
+_FLOOD = 15_000
+"""Messages a second (counted over _WINDOW, s) that are let gather before the loop sees them: if the
+two threads took turns for each, that would cost several times what the message itself does."""
+_WINDOW = 0.002
+_GATHER = 0.0004
+"""For so long (s); at 100 000 a second fewer come than may wait."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -40,6 +47,7 @@ class Subscription(Generic[M]):
         self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
         self._waiting: deque[tuple[float, bytes, str]] = deque(maxlen=depth)
         self._posted = False
+        self._since, self._count, self._flood = 0.0, 0, False
         self._rests_until = 0.0 if handler is not None else float("inf")
         self._complaint = ""
 
@@ -78,10 +86,24 @@ class Subscription(Generic[M]):
         self._posted = False
         if self._handler is None:
             return
-        for _ in range(len(self._waiting)):
+        count = len(self._waiting)
+        for _ in range(count):
             # A handler that serves the inbox meanwhile has taken them itself.
             if self._waiting and self._take(*self._waiting.popleft()) and self._value is not None:
                 self._handler(self._value)
+        if self._floods(count):
+            self._posted = True
+            time.sleep(_GATHER)
+            self._post(self.catch_up)
+
+    def _floods(self, count: int) -> bool:
+        """Whether messages come in a flood, this many with this turn of the loop."""
+        now = time.monotonic()
+        self._count += count
+        if now - self._since > _WINDOW:
+            self._flood = self._count > _FLOOD * (now - self._since)
+            self._since, self._count = now, 0
+        return self._flood and count > 0
 
     def _look(self) -> None:
         if self._handler is None and self._waiting:

@@ -103,7 +103,7 @@ def test_more_vehicles_than_are_stepped_together(compiled: Make, count: int):
             fleet.goto(number, 0.01 * number, 1.0, 2.0)
         fleet.advance(40)
         states.append(fleet.states())
-    assert np.array_equal(*states)
+    assert np.array_equal(states[0], states[1])
     one = Vehicle(params[-1])
     one.goto(0.01 * (count - 1), 1.0, 2.0)
     one.advance(40)

@@ -151,3 +151,29 @@ def test_another_version_of_the_type_is_refused_by_hash(caplog: pytest.LogCaptur
     assert bench.heard == []
     assert "0badcafe" in caplog.text
     assert wire.encoding(Waypoint).rpartition("#")[2] in caplog.text
+
+
+def test_a_flood_is_let_gather_and_what_came_last_in_it_is_heard(monkeypatch: pytest.MonkeyPatch):
+    now, naps = [100.0], list[float]()
+    monkeypatch.setattr("services.runtime.subscription.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("services.runtime.subscription.time.sleep", naps.append)
+    bench = Bench()
+    for number in range(600):
+        now[0] += 0.00001
+        bench.comes(number)
+        bench.turn()
+    assert naps, "100 000 a second are a flood"
+    bench.comes(600, 601)
+    assert len(bench.inbox) == 1
+    bench.turn()
+    assert bench.heard == list(range(602))
+    now[0] += 1.0
+    for _ in range(3):
+        bench.turn()
+    naps.clear()
+    assert bench.inbox == []
+    for number in range(50):
+        now[0] += 0.001
+        bench.comes(number)
+        bench.turn()
+    assert len(naps) <= 1, "1000 a second are none"

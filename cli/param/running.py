@@ -61,8 +61,10 @@ class Running:
 
     def every(self) -> Heard[Values]:
         """What each node answers, users' own among them, and the supervisor's own tables."""
+        live = self.nodes()
+        # Looked for last: one that the hub loses between the two is then in both, not in neither.
         frozen = [process.name for process in self._client.silent_processes()]
-        heard = self._ask({node: [] for node in sorted({*self.nodes(), *frozen})})
+        heard = self._ask({node: [] for node in sorted({*live, *frozen})})
         heard.answers[""] = self._kept(UNSERVED)
         return heard
 

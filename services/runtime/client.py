@@ -89,6 +89,8 @@ class Client:
                 timeout=left,
             ):
                 if reply.ok is None:
+                    if isinstance(why, Invalid):
+                        continue  # that something came says more than that no more did
                     why = TimedOut(
                         f"{topic.node} did not answer within {self.timeout:g} s",
                         "its process is busy or frozen: `quadctl status` shows which",

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks import calls, commands, flights, footprint, launches, topics
+from benchmarks import calls, commands, flights, footprint, launches, lockstep, topics
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.rows import ROWS
@@ -34,4 +34,5 @@ PARTS = (
     Part("footprint", ("lone_memory",), footprint.measure_nodes),
     Part("footprint", ("gone",), footprint.measure_gone),
     _whole("flights", flights.measure),
+    _whole("lockstep", lockstep.measure),
 )  # fmt: skip

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from benchmarks.bars import AtLeast, AtMost, AtMostTimes, Bar
 
-GROUPS = ("commands", "calls", "topics", "launches", "footprint", "flights")
+GROUPS = ("commands", "calls", "topics", "launches", "footprint", "flights", "lockstep")
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,8 @@ ROWS = (
     Row("flights", "within_02", "3 m step: within 0.2 m", "s", (AtMost(1.9),)),
     Row("flights", "overshoot", "3 m step: overshoot", "m", (AtMost(0.01),)),
     Row("flights", "hover", "hover error, RMS", "m", (AtMost(0.005),)),
+    Row("lockstep", "hover_speed", "lock-step: simulated time in hover", "s/s", (AtLeast(50),)),
+    Row("lockstep", "mission_speed", "lock-step: the same of a mission", "s/s", ()),
 )  # fmt: skip
 
 BY_KEY = {row.key: row for row in ROWS}

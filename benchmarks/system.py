@@ -95,10 +95,10 @@ def home() -> Iterator[Home]:
 
 
 @contextmanager
-def running() -> Iterator[Home]:
+def running(*words: str) -> Iterator[Home]:
     """The whole system, up; its home takes it down again."""
     with home() as where:
-        where.quadctl("up", "-d")
+        where.quadctl("up", "-d", *words)
         yield where
 
 

@@ -15,6 +15,7 @@ COMMANDS = {
     "demo": "cli.demo.demo:demo",
     "doctor": "cli.doctor.doctor:doctor",
     "goto": "cli.lab.goto:goto",
+    "fly": "cli.fly.fly:fly",
     "hold": "cli.lab.control:hold",
     "reset": "cli.lab.control:reset",
     "state": "cli.lab.state:state",

@@ -48,11 +48,11 @@ class Lab:
     def goto(self, goal: Position) -> tuple[str, Flight]:
         """Ask for a goal and fly there; returns why it was refused, empty when it was taken."""
         flight = Flight(self.client, goal)
-        start = self.client.first(POSE).position
         reply = self.client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z))
         (self.accepted if reply.accepted else self.rejected).append(goal)
         if reply.accepted:
-            flight.watch(patience(self.client, start, goal))
+            flight.begin()
+            flight.watch(patience(self.client, flight.distance))
         return reply.reason, flight
 
     def hover(self) -> Position:

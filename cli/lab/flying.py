@@ -21,8 +21,8 @@ def distance(a: Position, b: Position) -> float:
     return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
 
 
-def patience(client: Client, start: Position, goal: Position) -> float:
-    """How long (s) to wait for an arrival: twice the planned time, and 5.
+def patience(client: Client, metres: float) -> float:
+    """How long (s) to wait for an arrival so far away: twice the planned time, and 5.
 
     The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
     """
@@ -30,7 +30,7 @@ def patience(client: Client, start: Position, goal: Position) -> float:
     speed, acceleration, jerk = (
         float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
     )
-    planned = distance(start, goal) / speed + speed / acceleration + acceleration / jerk
+    planned = metres / speed + speed / acceleration + acceleration / jerk
     return 2 * planned + _SLACK
 
 
@@ -45,6 +45,18 @@ class Flight:
         self._readings = client.hear(*topics)
         self._began: float | None = None
         self._moving = False
+
+    def begin(self) -> None:
+        """Hear the distance there is to go, or that it was stopped before that was told.
+
+        Raises what Client.silent says where nothing is heard.
+        """
+        deadline = time.monotonic() + self._client.timeout
+        while self._began is None and not self.reason:
+            message = self._readings.next(deadline - time.monotonic())
+            if message is None:
+                raise self._client.silent(POSE.key(self._client.vehicle), self._readings.unread)
+            self._read(message)
 
     def watch(self, limit: float, on_progress: Any = None) -> None:
         """Follow the flight for up to `limit` s, telling `on_progress` the metres to go.

@@ -7,12 +7,12 @@ import msgspec
 
 from cli import bus, output
 from cli.declare import Arg, Opt
-from cli.lab.flying import Flight, distance, patience
+from cli.lab.flying import Flight, patience
 from cli.lab.progress import Progress
 from cli.options import LONGEST_TIMEOUT, Options
 from schemas.geometry import Position
 from schemas.requests import GotoRequest
-from schemas.topics import GOTO, POSE
+from schemas.topics import GOTO
 from services.runtime.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Refused
 
@@ -59,9 +59,9 @@ def _watch(
 ) -> QuadctlError | None:
     """Show the flight until it ends; returns what kept it from its goal."""
     try:
-        start = client.first(POSE).position
-        whole = max(distance(start, flight.goal), 1e-6)
-        limit = arrive or patience(client, start, flight.goal)
+        flight.begin()
+        whole = max(flight.distance, 1e-6)
+        limit = arrive or (0 if flight.reason else patience(client, whole))
         with Progress("flying", quiet=quiet) as progress:
             flight.watch(
                 limit, lambda left: progress.update(1 - left / whole, f"{left:.2f} m to go")

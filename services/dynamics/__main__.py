@@ -10,6 +10,7 @@ from schemas.requests import ResetRequest, ResetResponse
 from schemas.topics import POSE, RESET, SETPOINT
 from services.dynamics.vehicle import Vehicle
 from services.runtime.entry import start
+from services.runtime.errors import Refused
 from services.runtime.node import Node
 from services.runtime.params import launch_lines
 
@@ -25,16 +26,28 @@ class Simulation:
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params.dynamics
+        self._boots: set[str] = set()
         self.boot()
-        self.poses = node.publisher(POSE, lambda: params.dynamics.rate)
+        self.poses = node.publisher(
+            POSE, lambda: params.dynamics.rate, waits=params.dynamics.speed != 1
+        )
         self._setpoints = node.listen(SETPOINT, self._follow)
         # They are followed from the next tick on, so they need not wake us before it.
         self._setpoints.rest(math.inf)
 
-    def boot(self) -> None:
+    def reset(self, name: str) -> None:
+        """Begin anew, by a given name or one of its own, and show it."""
+        if name in self._boots:
+            raise Refused(f"a boot was named {name} already", "name another, or none")
+        self.boot(name)
+        self.publish()
+        self.tell_time()
+
+    def boot(self, name: str = "") -> None:
         """Stand at the start, as a new boot that no old setpoint moves."""
         self._vehicle = Vehicle(self._params)
-        self._boot, self._seq = os.urandom(4).hex(), 0
+        self._boot, self._seq = name or os.urandom(4).hex(), 0
+        self._boots.add(self._boot)
         self._answered, self._braked, self.heard = -1, True, 0.0
         self._node.log.info("boot %s", self._boot)
 
@@ -47,6 +60,11 @@ class Simulation:
         self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
         self._seq += 1
         self.publish()
+        self.tell_time()
+
+    def tell_time(self) -> None:
+        """Have the calls executed that were held for this pose."""
+        self._node.clock(self._boot, self._stamp)
 
     def publish(self) -> None:
         """Publish the pose as it is."""
@@ -55,7 +73,7 @@ class Simulation:
             Pose(
                 self._boot,
                 self._seq,
-                vehicle.steps / _STEPS_PER_SECOND,
+                self._stamp,
                 Position(*vehicle.position),
                 Velocity(*vehicle.velocity),
                 Quaternion(*vehicle.orientation),
@@ -73,10 +91,12 @@ class Simulation:
             self._vehicle.brake()
 
     def wait_for_safety(self) -> None:
-        """In lock-step: stop the clock until the pose just published is answered, where one is due."""
+        """In lock-step: stop the clock until the last pose is answered, where an answer is due.
+
+        What safety says to a pose then takes effect at that pose, whatever the speed.
+        """
         period = 1 / self._params.rate
-        stamp = self._vehicle.steps / _STEPS_PER_SECOND
-        if SETPOINT.period(stamp) == SETPOINT.period(stamp - period):
+        if SETPOINT.period(self._stamp) == SETPOINT.period(self._stamp - period):
             return
         silence = 0.0
         while not self._node.wait_for(lambda: self._answered >= self._seq, _ASK_AGAIN):
@@ -90,6 +110,10 @@ class Simulation:
         if silence >= _SILENCE:
             self._node.log.warning("setpoints again: the clock goes on")
 
+    @property
+    def _stamp(self) -> float:
+        return self._vehicle.steps / _STEPS_PER_SECOND
+
     def _follow(self, setpoint: Setpoint) -> None:
         if setpoint.boot != self._boot:
             return
@@ -102,27 +126,27 @@ class Simulation:
 
 
 def run(node: Node, params: Params) -> None:
-    """Publish the pose at its rate; at speeds other than 1, in lock-step with safety."""
+    """Publish the pose at its rate; in missions and at speeds other than 1, in lock-step."""
     for line in launch_lines(params.dynamics):
         node.log.info(line)
     simulation = Simulation(node, params)
 
     def reset(_request: ResetRequest) -> ResetResponse:
-        simulation.boot()
-        simulation.publish()
+        simulation.reset(server.call.boot if server.call else "")
         return ResetResponse(True)
 
-    node.serve(RESET, reset)
+    server = node.serve(RESET, reset)
     node.on_params = simulation.configure
     dynamics = params.dynamics
     last_tick = 0.0
+    simulation.publish()
     for now in node.ticks(lambda: dynamics.rate * (dynamics.speed or math.inf)):
-        simulation.advance()
-        if dynamics.speed != 1:
+        if dynamics.speed != 1 or node.in_mission:
             simulation.wait_for_safety()
         # A loop that was itself held up has not yet heard the setpoints that wait for it.
         elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick:
             simulation.brake()
+        simulation.advance()
         last_tick = now
 
 

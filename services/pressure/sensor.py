@@ -43,6 +43,10 @@ class Barometer:
         value, samples, spread = self.baseline
         return Pressure(stamp, raw - value, value, samples, spread)
 
+    def forget(self) -> None:
+        """Drop the last second's readings."""
+        self._recent.clear()
+
     def calibrate(self, now: float, *, zero: bool) -> float:
         """Take the mean of the last second as baseline, or drop it; returns the baseline, hPa.
 

@@ -26,14 +26,14 @@ class Caller(Generic[Q, R]):
         self._asker = Asker(session, service.key(vehicle))
         self._encoding = wire.encoding(service.request)
 
-    def call(self, request: Q, timeout: float) -> R:
+    def call(self, request: Q, timeout: float, boot: str = "") -> R:
         """Send one request and return its reply; waits and raises as an Asker does."""
         try:
             payload = wire.encode(request)
         except (OverflowError, TypeError) as error:
             raise Invalid(f"the request cannot be sent: {error}") from error
         return wire.decode(
-            self._service.response, *self._asker.ask(payload, self._encoding, timeout)
+            self._service.response, *self._asker.ask(payload, self._encoding, timeout, boot)
         )
 
 
@@ -48,7 +48,9 @@ class Asker:
             consolidation=zenoh.ConsolidationMode.NONE,
         )
 
-    def ask(self, payload: bytes, encoding: str, timeout: float) -> tuple[bytes, str]:
+    def ask(
+        self, payload: bytes, encoding: str, timeout: float, boot: str = ""
+    ) -> tuple[bytes, str]:
         """Send one request; returns the reply and its encoding.
 
         Waits for a server up to the timeout (s). Raises Unreachable, TimedOut, or what the
@@ -58,7 +60,7 @@ class Asker:
         deadline = time.monotonic() + timeout
         self._wait_for_server(deadline, timeout)
         left = max(deadline - time.monotonic(), 0.001)
-        ticket = Call(id=os.urandom(8).hex(), deadline=time.time() + left)
+        ticket = Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot)
         replies = self._session.get(
             self._key,
             payload=payload,
@@ -69,27 +71,8 @@ class Asker:
             timeout=left,
         )
         for reply in replies:
-            return self._read(reply, timeout)
-        raise Unreachable(
-            f"the server of {self._key} went away in mid-call: the outcome is unknown",
-            "look at `quadctl status`, then ask again",
-        )
-
-    def _read(self, reply: zenoh.Reply, timeout: float) -> tuple[bytes, str]:
-        if reply.ok is not None:
-            return reply.ok.payload.to_bytes(), str(reply.ok.encoding)
-        assert reply.err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
-        payload, said = reply.err.payload.to_bytes(), str(reply.err.encoding)
-        if said == wire.ERROR_ENCODING:
-            raise wire.decode_error(payload)
-        if payload == b"Timeout":
-            raise TimedOut(
-                f"{self._key} did not answer within {round(timeout, 2):g} s",
-                "its process is busy or frozen: `quadctl status` shows which",
-            )
-        raise QuadctlError(
-            f"{self._key} failed: {plain(payload, said)}", "the log of its node may say more"
-        )
+            return read(reply, self._key, timeout)
+        raise gone(self._key)
 
     def _wait_for_server(self, deadline: float, timeout: float) -> None:
         if not wait_for_match(self._querier, deadline - time.monotonic()):
@@ -98,6 +81,30 @@ class Asker:
                 "its process is down or does not offer it, or this identity may not call it:"
                 " `quadctl status`, `quadctl service list`",
             )
+
+
+def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
+    """A reply and its encoding; raises what an error reply stands for."""
+    if reply.ok is not None:
+        return reply.ok.payload.to_bytes(), str(reply.ok.encoding)
+    assert reply.err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
+    payload, said = reply.err.payload.to_bytes(), str(reply.err.encoding)
+    if said == wire.ERROR_ENCODING:
+        raise wire.decode_error(payload)
+    if payload == b"Timeout":
+        raise TimedOut(
+            f"{key} did not answer within {round(timeout, 2):g} s",
+            "its process is busy or frozen: `quadctl status` shows which",
+        )
+    raise QuadctlError(f"{key} failed: {plain(payload, said)}", "the log of its node may say more")
+
+
+def gone(key: str) -> Unreachable:
+    """What is known of a call whose server ended without an answer."""
+    return Unreachable(
+        f"the server of {key} went away in mid-call: the outcome is unknown",
+        "look at `quadctl status`, then ask again",
+    )
 
 
 def has_match(end: zenoh.Querier | zenoh.Publisher) -> bool:

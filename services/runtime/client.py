@@ -23,6 +23,9 @@ M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
+_BACKLOG = 10_000
+"""Messages kept for a slow reader; the oldest go first beyond."""
+
 _LOOK = 0.1
 """Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
 
@@ -34,41 +37,43 @@ declared, takes a second."""
 class Client:
     """One connection to a realm's hub, for as long as a `with` block lasts."""
 
-    def __init__(
-        self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3.0
-    ) -> None:
+    def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3) -> None:
         """`timeout` (s) bounds every reply.
 
         Raises Unreachable when no hub is there, TimedOut when it does not answer.
         """
         self.vehicle, self.timeout = vehicle, timeout
         self._realm, self._connect = Realm(realm), connect
-        self._session = _connect(self._realm, connect, timeout)
+        self.session = _connect(self._realm, connect, timeout)
         self._since, self._held = time.time(), list[object]()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._session.info.routers_zid():
-            self._session.close()
+        if self.session.info.routers_zid():
+            self.session.close()
         else:
             _lost.append(self)
 
-    def call(self, service: Service[Q, R], request: Q, timeout: float | None = None) -> R:
+    def call(
+        self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""
+    ) -> R:
         """Call a service once; raises Unreachable, TimedOut or what the server replied.
 
-        `timeout` (s) is for a call that is one of several under one deadline.
+        `timeout` (s) is for a call that is one of several under one deadline; `boot` names the
+        boot that a reset is to begin.
         """
         try:
-            return Caller(self._session, self.vehicle, service).call(request, self._within(timeout))
+            caller = Caller(self.session, self.vehicle, service)
+            return caller.call(request, self._within(timeout), boot)
         except Unreachable as problem:
             raise self.explained(problem, service.node) from problem
 
     def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
         try:
-            return Asker(self._session, key).ask(payload, encoding, self.timeout)
+            return Asker(self.session, key).ask(payload, encoding, self.timeout)
         except Unreachable as problem:
             raise self.explained(problem) from problem
 
@@ -82,7 +87,7 @@ class Client:
         )
         while (left := deadline - time.monotonic()) > 0:
             # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
-            for reply in self._session.get(
+            for reply in self.session.get(
                 key,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -113,18 +118,18 @@ class Client:
             raise self.silent(topic.key(self.vehicle), readings.unread)
         return message
 
-    def hear(self, *topics: Topic[M]) -> "Readings[M]":
-        """Hear topics, decoded."""
+    def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "Readings[M]":
+        """Hear topics, decoded; up to `backlog` messages wait for their reader."""
         from services.runtime.hearing import Readings
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
-        return Readings(self.listen(*types), types)
+        return Readings(self.listen(*types, backlog=backlog), types)
 
-    def listen(self, *keys: str) -> "Stream":
-        """Hear keys or key expressions."""
+    def listen(self, *keys: str, backlog: int = _BACKLOG) -> "Stream":
+        """Hear keys or key expressions; up to `backlog` messages wait for their reader."""
         from services.runtime.hearing import Stream
 
-        stream = Stream(self._session, keys)
+        stream = Stream(self.session, keys, backlog)
         self._held.append(stream)
         return stream
 
@@ -182,7 +187,7 @@ class Client:
         """Publish on a key."""
         from services.runtime.outlet import Outlet
 
-        outlet = Outlet(self._session, key, encoding)
+        outlet = Outlet(self.session, key, encoding)
         self._held.append(outlet)
         return outlet
 
@@ -195,13 +200,13 @@ class Client:
 
         Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
         """
-        found = roster.nodes(self._session, self.vehicle, self._within(timeout))
+        found = roster.nodes(self.session, self.vehicle, self._within(timeout))
         self._check_hub()
         return found
 
     def offers(self, timeout: float | None = None) -> list[graph.Offer]:
         """The topics and services of the ready nodes; raises as `nodes`."""
-        found = roster.offers(self._session, self.vehicle, self._within(timeout))
+        found = roster.offers(self.session, self.vehicle, self._within(timeout))
         self._check_hub()
         return found
 
@@ -210,7 +215,7 @@ class Client:
 
     def _check_hub(self) -> None:
         # Without a connection there is nobody to ask, and the answer is empty at once.
-        if not self._session.info.routers_zid():
+        if not self.session.info.routers_zid():
             from services.runtime import missing
 
             raise missing.hub_lost(None if self._connect else self._realm, self._since)

@@ -13,9 +13,6 @@ from services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
 
-_BACKLOG = 10_000
-"""Messages kept for a slow reader; the oldest go first beyond."""
-
 
 class Message(NamedTuple):
     """What came on a key.
@@ -32,9 +29,10 @@ class Message(NamedTuple):
 
 
 class Stream:
-    """Messages as they come, of one key or several."""
+    """Messages as they come, of one key or several; of more than `backlog` the oldest go first."""
 
-    def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
+    def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
+        self._backlog = backlog
         self._queue: SimpleQueue[Message] = SimpleQueue()
         callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
@@ -46,10 +44,15 @@ class Stream:
         except Empty:
             return None
 
+    @property
+    def waiting(self) -> int:
+        """How many messages have come that are not yet read."""
+        return self._queue.qsize()
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
-        if self._queue.qsize() >= _BACKLOG:
+        if self._queue.qsize() >= self._backlog:
             with suppress(Empty):  # the reader was quicker
                 self._queue.get_nowait()
         self._queue.put(
@@ -73,6 +76,11 @@ class Readings(Generic[M]):
         """`types` has the type of each key that the stream hears."""
         self.unread: Invalid | None = None
         self._stream, self._types = stream, types
+
+    @property
+    def waiting(self) -> int:
+        """How many messages have come that are not yet read."""
+        return self._stream.waiting
 
     def next(self, timeout: float) -> M | None:
         """The next message that can be read, None when none comes within so many seconds."""

@@ -19,6 +19,7 @@ from schemas.describe import schema_hash
 from services.runtime import foreign, graph, roster
 from services.runtime.errors import AlreadyServed
 from services.runtime.publisher import Publisher
+from services.runtime.schedule import Schedule
 from services.runtime.serving import Server
 from services.runtime.subscription import Subscription
 
@@ -52,13 +53,19 @@ class Node:
         self._offers: list[Callable[[], graph.Offer]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._subscriptions: list[Subscription[Any]] = []
+        self._schedule = Schedule()
         self._ready = self._retimed = False
         self._waits = 0
         self.stopping = False
         self.on_params: Callable[[], None] | None = None
 
-    def publisher(self, topic: Topic[M], hz: Callable[[], float] | None = None) -> Publisher[M]:
-        """Offer a topic, at its declared rate or at what `hz` says now and after each change."""
+    def publisher(
+        self, topic: Topic[M], hz: Callable[[], float] | None = None, *, waits: bool = False
+    ) -> Publisher[M]:
+        """Offer a topic, at its declared rate or at what `hz` says now and after each change.
+
+        In lock-step, nothing of what it `waits` to publish is lost to a slow subscriber.
+        """
         key, digest = topic.key(self.vehicle), schema_hash(topic.type)
 
         def offer() -> graph.Offer:
@@ -67,7 +74,7 @@ class Node:
             return graph.Offer("@pub", self.name, name, digest, rate, key)
 
         self._offers.append(offer)
-        publisher = Publisher(self._session, key, topic)
+        publisher = Publisher(self._session, key, topic, waits=waits)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         return publisher
@@ -76,7 +83,11 @@ class Node:
         self, topic: Topic[M], handler: Callable[[M], None] | None = None, depth: int = _DEPTH
     ) -> Subscription[M]:
         """Hear a topic; the handler, where there is one, is called on the loop."""
-        subscription = Subscription(topic, self._inbox.put, lambda: self._waits > 0, handler, depth)
+
+        def awaited() -> bool:
+            return self._waits > 0 or self._schedule.holding
+
+        subscription = Subscription(topic, self._inbox.put, awaited, handler, depth)
         self._subscriptions.append(subscription)
         self._declared.append(
             self._session.declare_subscriber(
@@ -86,12 +97,12 @@ class Node:
         )
         return subscription
 
-    def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> None:
+    def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> Server[Q, R]:
         """Answer a service; the handler is called on the loop and may raise a QuadctlError.
 
         Raises AlreadyServed when another node answers it.
         """
-        server = Server(self.vehicle, service, handler)
+        server = Server(self.vehicle, service, handler, self._schedule)
         for other in self._others:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
@@ -99,6 +110,19 @@ class Node:
         offer = graph.Offer("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer)
+        return server
+
+    def clock(self, boot: str, stamp: float) -> None:
+        """It is `stamp` (simulated s) of `boot`: the calls held for that time are executed now."""
+        self._schedule.advance(boot, stamp, time.time())
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether calls are held for times of this boot.
+
+        The flight is then to be the same whatever the machine's load: at any speed in lock-step.
+        """
+        return self._schedule.under_way
 
     def params_changed(self) -> None:
         """Tell the service, where it wants to know, that its parameters have new values."""
@@ -148,8 +172,9 @@ class Node:
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
         deadline = time.monotonic() + timeout
-        self._catch_up()
+        # Counted first: what comes between the two would wake nobody and not be seen.
         self._waits += 1
+        self._catch_up()
         try:
             while not condition():
                 if self.stopping or not self._serve_one(deadline):

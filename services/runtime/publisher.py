@@ -12,11 +12,22 @@ M = TypeVar("M", bound=Struct)
 
 
 class Publisher(Generic[M]):
-    """Publishes one topic. A latched one also answers `get` with the last message."""
+    """Publishes one topic. A latched one also answers `get` with the last message.
 
-    def __init__(self, session: zenoh.Session, key: str, topic: Topic[M]) -> None:
+    In real time what a slow subscriber has no room for is dropped. With `waits` it is waited for,
+    up to the second that the hub gives it.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, key: str, topic: Topic[M], *, waits: bool = False
+    ) -> None:
         self._key, self._encoding = key, wire.encoding(topic.type)
-        self._publisher = session.declare_publisher(key, encoding=self._encoding)
+        control = zenoh.CongestionControl
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=self._encoding,
+            congestion_control=control.BLOCK if waits else control.DROP,
+        )
         self._last = b""
 
     def put(self, message: M) -> None:

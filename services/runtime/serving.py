@@ -1,4 +1,4 @@
-"""The server's side of a service: every query that arrives is answered, none twice executed."""
+"""The server's side of a service: every query that arrives is answered, none executed twice."""
 
 import logging
 import time
@@ -10,8 +10,10 @@ import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service
+from schemas.envelope import Call
 from services.runtime import wire
 from services.runtime.errors import Expired, Invalid, QuadctlError
+from services.runtime.schedule import Held, Schedule
 
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
@@ -28,43 +30,78 @@ Answer = tuple[bool, bytes]
 class Server(Generic[Q, R]):
     """Turns the queries of one service into calls of a handler.
 
-    `answer` runs on the node's loop. The handler may raise a QuadctlError to refuse.
+    `answer` runs on the node's loop. The handler may raise a QuadctlError to refuse. A call for a
+    simulated time waits in `schedule` and is answered when that has come.
     """
 
-    def __init__(self, vehicle: str, service: Service[Q, R], handler: Callable[[Q], R]) -> None:
+    def __init__(
+        self,
+        vehicle: str,
+        service: Service[Q, R],
+        handler: Callable[[Q], R],
+        schedule: Schedule | None = None,
+    ) -> None:
         self.key = service.key(vehicle)
+        self.call: Call | None = None
+        """What goes with the request that is being executed, where anything does."""
         self._service, self._handler = service, handler
+        self._schedule = schedule or Schedule()
         self._encoding = wire.encoding(service.response)
         self._answers: OrderedDict[str, Answer] = OrderedDict()
+        self._held: dict[str, list[zenoh.Query]] = {}
 
     def answer(self, query: zenoh.Query) -> None:
-        """Reply to one query, come what may."""
+        """Reply to one query, come what may: now, or when its simulated time has come."""
+        try:
+            call = self._call(query)
+            answer = self._execute(query, None) if call is None else self._once(call, query)
+        except QuadctlError as error:
+            answer = False, wire.encode_error(error)
+        if answer is not None:
+            self._reply(query, answer)
+
+    def _call(self, query: zenoh.Query) -> Call | None:
+        if str(query.key_expr) != self.key:
+            raise Invalid(
+                f"'{query.key_expr}' is a pattern, and services are not called by pattern",
+                f"call {self.key}",
+            )
+        return wire.decode_call(query.attachment.to_bytes() if query.attachment else None)
+
+    def _once(self, call: Call, query: zenoh.Query) -> Answer | None:
+        """The first answer to this call, None where it is yet to be given."""
+        if call.id in self._held:
+            self._held[call.id].append(query)
+            return None
+        if call.id not in self._answers:
+            if call.deadline < time.time():
+                raise Expired("the call came after its deadline and was not executed")
+            if call.at is not None:
+                self._hold(call, call.at, query)
+                return None
+            self._remember(call.id, self._execute(query, call))
+        return self._answers[call.id]
+
+    def _hold(self, call: Call, at: float, query: zenoh.Query) -> None:
+        def settle(problem: QuadctlError | None) -> None:
+            answer = (False, wire.encode_error(problem)) if problem else self._execute(query, call)
+            self._remember(call.id, answer)
+            for waiting in self._held.pop(call.id):
+                self._reply(waiting, answer)
+
+        self._schedule.hold(Held(call.boot, at, call.deadline, settle))
+        self._held[call.id] = [query]
+
+    def _reply(self, query: zenoh.Query, answer: Answer) -> None:
+        ok, payload = answer
         with query:
-            ok, payload = self._answer(query)
             if ok:
                 query.reply(self.key, payload, encoding=self._encoding)
             else:
                 query.reply_err(payload, encoding=wire.ERROR_ENCODING)
 
-    def _answer(self, query: zenoh.Query) -> Answer:
-        try:
-            if str(query.key_expr) != self.key:
-                raise Invalid(
-                    f"'{query.key_expr}' is a pattern, and services are not called by pattern",
-                    f"call {self.key}",
-                )
-            call = wire.decode_call(query.attachment.to_bytes() if query.attachment else None)
-            if call is None:
-                return self._execute(query)
-            if call.id not in self._answers:
-                if call.deadline < time.time():
-                    raise Expired("the call came after its deadline and was not executed")
-                self._remember(call.id, self._execute(query))
-            return self._answers[call.id]
-        except QuadctlError as error:
-            return False, wire.encode_error(error)
-
-    def _execute(self, query: zenoh.Query) -> Answer:
+    def _execute(self, query: zenoh.Query, call: Call | None) -> Answer:
+        self.call = call
         try:
             payload = query.payload.to_bytes() if query.payload is not None else b""
             said = str(query.encoding) if query.encoding is not None else ""

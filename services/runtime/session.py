@@ -34,6 +34,9 @@ CLIENT_THREADS = (
 _RETRY_MS = 10
 """A client waits for a starting hub in steps of this; 10 ms costs nothing and delays nobody."""
 _LEASE_MS = 1000
+_ROOM_US = 1_000_000
+"""The hub waits so long (us) for who has no room for a message that must not be dropped, and then
+drops him. Less than the 2 s after which a process that does not answer is taken for frozen."""
 
 
 class Address(Struct, frozen=True):
@@ -59,6 +62,8 @@ def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Sessi
     """Open the hub; where it has a password, that is kept in the realm's folder."""
     config = _common(address)
     config["mode"] = "router"
+    block = {"wait_before_close": _ROOM_US}
+    config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
     config["listen"] = {"endpoints": [address.endpoint, *params.hub.listen]}
     # Routers sleep this long before they answer; there is nobody to scout for.
     config["scouting"]["delay"] = 0

@@ -45,9 +45,11 @@ class Safety:
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params
-        self._states, self._setpoints = node.publisher(STATE), node.publisher(SETPOINT)
+        self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
+        self._setpoints = node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
         self._answered, self._waiting, self._seen = -1, False, 0.0
+        self._deciding = False
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
         self._poses = node.listen(POSE, self._on_pose)
         node.listen(REQUEST, self._on_waypoint)
@@ -66,8 +68,9 @@ class Safety:
 
     def watch(self) -> None:
         """Stop the flight where poses have stopped coming; in lock-step the clock does that."""
+        in_lock_step = self._params.dynamics.speed != 1 or self._node.in_mission
         late = time.monotonic() - self._seen > self._params.safety.pose_timeout
-        if late and self._params.dynamics.speed == 1:
+        if late and not in_lock_step:
             self.monitor.lose()
             self._send_setpoint()
 
@@ -77,7 +80,7 @@ class Safety:
             self._node.log.info(line)
 
     def _send_setpoint(self) -> None:
-        if self.monitor.situation.boot:
+        if self.monitor.situation.boot and not self._deciding:
             self._setpoints.put(self.monitor.setpoint())
 
     def _wait_for_pose(self) -> None:
@@ -100,6 +103,10 @@ class Safety:
             return
         self._answered = period
         self.monitor.see(pose)
+        # The flight goes on with the first answer: it must say what all that was held decided.
+        self._deciding = True
+        self._node.clock(pose.boot, pose.stamp)
+        self._deciding = False
         self._send_setpoint()
         self._poses.rest(self._rest)
 

@@ -149,9 +149,9 @@ class Bare:
         return arrived
 
 
-def ticket(seconds: float, call_id: str = "") -> bytes:
-    """A command's attachment: an id, and a deadline that many seconds from now."""
-    return pack({"id": call_id or uuid.uuid4().hex, "deadline": time.time() + seconds})
+def ticket(seconds: float, call_id: str = "", **more: Any) -> bytes:
+    """A command's attachment: an id, a deadline that many seconds from now, and what else it says."""
+    return pack({"id": call_id or uuid.uuid4().hex, "deadline": time.time() + seconds, **more})
 
 
 def gap(a: dict[str, float], b: dict[str, float]) -> float:

@@ -31,6 +31,7 @@ LINES = (
     Line("goto 0 0 1 --no-wait", 0, {"hub": 4, "safety": 4, "dynamics": 5}),
     Line("hold", 0, {"hub": 4, "safety": 4}),
     Line("reset", 0, {"hub": 4, "dynamics": 4}),
+    Line("fly mission.toml", 0, {"hub": 4, **_NODES}),
     Line("state", 0, {"hub": 4, "safety": 4, "dynamics": 4}),
     Line("calibrate", 0, {"hub": 4, "pressure": 4}),
     Line("calibrate --unset", 0, {"hub": 4, "pressure": 4}),

@@ -117,6 +117,7 @@ def patient_lab() -> Iterator[Lab]:
         made.start("--set", "supervise.answer_timeout=60")
         made.file("[pressure]\nnoise = 2e-5\n")
         made.file("", "saved.toml")
+        made.file('rows = [{ at = 0.05, do = "hold" }]\nend = 0.1', "mission.toml")
         eventually(lambda: made.quadctl("goto", 0, 0, 1).code == 0)
         yield made
 

@@ -11,6 +11,7 @@ from schemas.requests import GotoRequest, GotoResponse
 from schemas.topics import GOTO
 from services.runtime import serving, wire
 from services.runtime.errors import Invalid, NotReady, Refused
+from services.runtime.schedule import Schedule
 from services.runtime.serving import Server
 
 KEY = "uav/@srv/goto"
@@ -66,7 +67,8 @@ class Bench:
     def __init__(self, fault: Exception | None = None) -> None:
         self.executed: list[GotoRequest] = []
         self.fault = fault
-        self.server = Server("uav", GOTO, self._goto)
+        self.schedule = Schedule()
+        self.server = Server("uav", GOTO, self._goto, self.schedule)
 
     def _goto(self, request: GotoRequest) -> GotoResponse:
         self.executed.append(request)
@@ -209,3 +211,53 @@ def test_a_handlers_answer_that_is_no_message_is_a_fault(caplog: pytest.LogCaptu
     query: Any = Query()
     Server("uav", GOTO, wrong).answer(query)
     assert query.replies[0][1]["code"] == "internal"
+
+
+def test_a_call_for_a_time_is_executed_and_answered_then():
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    held: Any = Query(call=Call("a", LATER, at=2.0))
+    again: Any = Query(call=Call("a", LATER, at=2.0))
+    other: Any = Query(call=Call("b", LATER, at=1.5, boot="b"))
+    for query in (held, again, other):
+        bench.server.answer(query)
+    assert (bench.executed, held.replies) == ([], [])
+    # What is not for a time does not wait for what is.
+    assert bench.ask() == number(1)
+    bench.schedule.advance("b", 2.0, 0.0)
+    assert other.replies == [number(2)]
+    assert held.replies == again.replies == [number(3)]
+    assert [query.open for query in (held, again, other)] == [False] * 3
+    assert bench.ask(call=Call("a", LATER, at=2.0)) == number(3)
+    assert len(bench.executed) == 3
+
+
+def test_a_call_whose_time_or_boot_is_over_is_not_executed():
+    bench = Bench()
+    bench.fails("not_ready", call=Call("early", LATER, at=5.0))
+    bench.schedule.advance("b", 1.0, 0.0)
+    assert "it is 1 s" in bench.fails("expired", call=Call("late", LATER, at=1.0))["message"]
+    held: Any = Query(call=Call("a", LATER, at=2.0))
+    bench.server.answer(held)
+    bench.schedule.advance("c", 0.0, 0.0)
+    ((kind, error),) = held.replies
+    assert (kind, error["code"], held.open) == ("error", "expired", False)
+    assert bench.fails("expired", call=Call("a", LATER)) == error
+    assert bench.executed == []
+
+
+def test_what_a_held_call_asks_is_checked_when_it_is_executed():
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    held: Any = Query(b"nonsense", call=Call("a", LATER, at=2.0))
+    bench.server.answer(held)
+    bench.schedule.advance("b", 2.0, 0.0)
+    assert held.replies[0][1]["code"] == "invalid"
+
+
+def test_a_handler_can_see_what_goes_with_its_request():
+    bench = Bench()
+    bench.ask(call=Call("a", LATER, boot="mine"))
+    assert bench.server.call == Call("a", LATER, boot="mine")
+    bench.ask()
+    assert bench.server.call is None

@@ -1,0 +1,145 @@
+"""A mission: what is asked of the vehicle at which simulated time. Pure.
+
+end = 12.0
+rows = [
+{ at = 2.5, do = "goto", x = 1.0, y = 2.0, z = 1.0 },
+{ at = 3.0, do = "cage", on = false },
+]
+"""
+
+import re
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta, Struct
+
+from schemas.contract import Service
+from schemas.requests import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
+from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
+from schemas.units import Metres
+from services.runtime.errors import Invalid
+from services.runtime.named import nearest
+
+AFTER = 5.0
+"""A mission that does not say when it ends does so this long (simulated s) after its last row."""
+_MOST = 5_000
+"""Rows of a mission: fewer than the calls that a node holds."""
+
+Time = Annotated[float, Meta(ge=0, le=86_400)]
+"""Simulated s since the vehicle stood at its start."""
+
+
+class Goto(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="goto"):
+    """Ask for a goal, m; with `replace` also in the middle of a flight."""
+
+    at: Time
+    x: Metres
+    y: Metres
+    z: Metres
+    replace: bool = False
+
+    def call(self) -> tuple[Service[Any, Any], Struct]:
+        """What is asked of whom."""
+        return GOTO, GotoRequest(self.x, self.y, self.z, self.replace)
+
+    def __str__(self) -> str:
+        return f"goto {self.x:g} {self.y:g} {self.z:g}{' --replace' if self.replace else ''}"
+
+
+class Cage(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="cage"):
+    """Turn the cage on or off."""
+
+    at: Time
+    on: bool
+
+    def call(self) -> tuple[Service[Any, Any], Struct]:
+        """What is asked of whom."""
+        return TOGGLE_CAGE, ToggleCageRequest(self.on)
+
+    def __str__(self) -> str:
+        return f"cage {'on' if self.on else 'off'}"
+
+
+class Hold(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="hold"):
+    """Stop at the stopping point."""
+
+    at: Time
+
+    def call(self) -> tuple[Service[Any, Any], Struct]:
+        """What is asked of whom."""
+        return HOLD, HoldRequest()
+
+    def __str__(self) -> str:
+        return "hold"
+
+
+class Calibrate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="calibrate"):
+    """Zero the barometer, or with `unset` drop its baseline."""
+
+    at: Time
+    unset: bool = False
+
+    def call(self) -> tuple[Service[Any, Any], Struct]:
+        """What is asked of whom."""
+        return CALIBRATE, CalibrateRequest(not self.unset)
+
+    def __str__(self) -> str:
+        return f"calibrate{' --unset' if self.unset else ''}"
+
+
+Row = Goto | Cage | Hold | Calibrate
+_KINDS = {"goto": Goto, "cage": Cage, "hold": Hold, "calibrate": Calibrate}
+
+
+class Mission(Struct, frozen=True):
+    """Rows in the order of their times, equal ones as in the file, and the time (s) of its end."""
+
+    rows: list[Row]
+    end: float
+
+
+class _File(Struct, forbid_unknown_fields=True):
+    rows: Annotated[list[dict[str, Any]], Meta(min_length=1, max_length=_MOST)]
+    end: Time | None = None
+
+
+def mission(tables: dict[str, Any], source: str) -> Mission:
+    """The mission that a file's tables describe; raises Invalid, which names the row."""
+    try:
+        file = msgspec.convert(tables, _File)
+    except msgspec.ValidationError as error:
+        raise Invalid(
+            f"{source}: {_plain(error)}",
+            'a mission is `end = 12.0` and `rows = [{ at = 2.5, do = "goto", x = 1.0, ... }]`',
+        ) from error
+    rows = [_row(said, f"{source}: row {number}") for number, said in enumerate(file.rows, 1)]
+    last = max(row.at for row in rows)
+    if file.end is not None and file.end < last:
+        raise Invalid(f"{source}: end = {file.end:g}: the last row is for {last:g} s", "end later")
+    end = last + AFTER if file.end is None else file.end
+    return Mission(sorted(rows, key=lambda row: row.at), end)
+
+
+def _row(said: dict[str, Any], place: str) -> Row:
+    do = said.get("do", "")
+    if str(do) not in _KINDS:
+        what = f"do = {do!r} is no command" if "do" in said else "it does not say what to do"
+        known = f"there are {', '.join(_KINDS)}"
+        raise Invalid(f"{place}: {what}", nearest(str(do), _KINDS) or known)
+    kind = _KINDS[do]
+    try:
+        row: Row = msgspec.convert(said, kind)
+    except msgspec.ValidationError as error:
+        unknown = next((name for name in said if name not in {"do", *kind.__struct_fields__}), "")
+        hint = nearest(unknown, kind.__struct_fields__) if unknown else ""
+        fields = ", ".join(kind.__struct_fields__)
+        raise Invalid(f"{place}: {_plain(error)}", hint or f"{do} takes {fields}") from error
+    return row
+
+
+def _plain(error: msgspec.ValidationError) -> str:
+    """`x: expected float, got str`, from msgspec's own words."""
+    what, _, where = str(error).partition(" - at `$")
+    name = re.sub(r"\[\.{3}\]", "", where.rstrip("`")).lstrip(".")
+    text = (what[:1].lower() + what[1:]).replace("`", "")
+    return f"{name}: {text}" if name else text

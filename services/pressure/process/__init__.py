@@ -1,0 +1,1 @@
+"""What of the barometer touches the bus, the clock and files."""

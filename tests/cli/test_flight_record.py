@@ -1,0 +1,109 @@
+"""The record of a flight: what counts in its digests, what does not, and what makes it void."""
+
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from cli.fly.record import Record
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import CageSize, Pose, Pressure, SafetyState
+from services.runtime.errors import QuadctlError
+
+END, HZ = 0.3, 10.0
+
+
+def pose(seq: int, boot: str = "b") -> Pose:
+    still = Velocity(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
+    return Pose(boot, seq, seq / 100, Position(seq / 10, 0.0, 1.0), *still)
+
+
+def state(stamp: float, request: int, reason: str = "", boot: str = "b") -> SafetyState:
+    where, cage = Position(0.0, 0.0, 1.0), CageSize(5.0, 5.0, 5.0)
+    return SafetyState(boot, stamp, request, "HOVERING", where, True, cage, reason)
+
+
+def reading(stamp: float, value: float = 1013.0) -> Pressure:
+    return Pressure(stamp, value, 0.0, 0, 0.0)
+
+
+def flight() -> list[Any]:
+    """A whole one, with what is there before and after it."""
+    before = [pose(77, "a"), reading(1234.0), state(3.0, 8, boot="a")]
+    poses = [pose(seq) for seq in range(31)]
+    states = [state(0.0, 9, "anew"), state(0.1, 10, "far"), state(0.3, 11, "far")]
+    return [*before, *poses, *states, *(reading(stamp) for stamp in (0.0, 0.1, 0.2, 0.3))]
+
+
+def digests(messages: list[Any], boot: str = "b") -> dict[str, Any]:
+    record = Record(boot, END, HZ)
+    for message in messages:
+        record.add(message)
+    record.check()
+    return record.document()
+
+
+def test_what_belongs_to_the_flight_is_counted():
+    found = digests(flight())
+    assert found["counts"] == {"poses": 31, "transitions": 3, "pressure": 4}
+    names = ("hash", "poses", "transitions", "pressure")
+    assert len({found[name] for name in names}) == 4
+    assert all(len(bytes.fromhex(found[name])) == 32 for name in names)
+
+
+def test_the_boots_name_and_what_was_before_and_after_do_not_count():
+    other = [replace(m, boot="c") if getattr(m, "boot", "") == "b" else m for m in flight()]
+    other = [replace(m, request=m.request + 5) if isinstance(m, SafetyState) else m for m in other]
+    later = [pose(31, "c"), state(0.35, 99, boot="c"), reading(0.4)]
+    assert digests([*other[1:], *later], "c") == digests(flight())
+
+
+def test_neither_does_what_is_said_twice():
+    messages = flight()
+    again = [m for m in messages for m in (m, m)]
+    still_so = [replace(messages[-5], stamp=0.3)]
+    assert isinstance(still_so[0], SafetyState)
+    assert digests([*again, *still_so]) == digests(messages)
+
+
+@pytest.mark.parametrize(
+    ("number", "field", "value", "log"),
+    [
+        (10, "velocity", Velocity(0.0, 0.0, 5e-324), "poses"),
+        (34, "reason", "other", "transitions"),
+        (35, "request", 11, "transitions"),
+        (-1, "pressure", 1013.0000000000001, "pressure"),
+    ],
+)
+def test_every_bit_of_the_rest_counts(number: int, field: str, value: Any, log: str):
+    messages = flight()
+    messages[number] = replace(messages[number], **{field: value})
+    found, usual = digests(messages), digests(flight())
+    differs = {name for name in ("poses", "transitions", "pressure") if found[name] != usual[name]}
+    assert differs == {log}
+    assert found["hash"] != usual["hash"]
+
+
+def test_a_lost_pose_makes_it_void():
+    messages = flight()
+    del messages[10]
+    with pytest.raises(QuadctlError, match="the poses 7 to 7 were lost"):
+        digests(messages)
+
+
+def test_a_lost_reading_makes_it_void():
+    with pytest.raises(QuadctlError, match="of 4 readings of the barometer 3 came"):
+        digests(flight()[:-1])
+
+
+def test_another_boot_makes_it_void():
+    with pytest.raises(QuadctlError, match=r"began anew after 0\.06 s"):
+        digests([*flight()[:10], pose(0, "c")])
+
+
+def test_an_end_that_did_not_come_makes_it_void():
+    record = Record("b", END, HZ)
+    record.add(pose(0))
+    record.add(reading(0.0))
+    with pytest.raises(QuadctlError, match="not whole"):
+        record.check()

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from msgspec import Struct
 
-Names = Literal["", "topic", "service", "node", "param", "setting", "type", "field"]
+Names = Literal["", "topic", "service", "node", "param", "setting", "type", "field", "vehicle"]
 """What a shell completes a word with; `field` is one of the service or topic named before."""
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from services.runtime import vehicles
 from services.runtime.errors import UsageError
 from services.runtime.realm import default_name, vehicle_name
 
@@ -15,25 +16,40 @@ LONGEST_TIMEOUT = 86_400
 COMMON: dict[str, tuple[type, str]] = {
     "realm": (str, "Name of the isolated run (env QUADCTL_REALM, default: default)."),
     "connect": (str, "A hub's Zenoh endpoint, as tls/host:7447, instead of the realm's."),
-    "vehicle": (str, "First chunk of every key (env QUADCTL_VEHICLE, default: uav)."),
+    "vehicle": (str, "Whose keys are meant (env QUADCTL_VEHICLE, default: the only one)."),
     "timeout": (float, f"Seconds to wait for a reply (default: {DEFAULT_TIMEOUT:g})."),
     "json": (bool, "Machine-readable output."),
 }
 
 
 class Options(Struct, frozen=True):
-    """What the common options say."""
+    """What the common options say; `named` is the vehicle that they name, or empty."""
 
     realm: str
     connect: str
-    vehicle: str
+    named: str
     json: bool
     timeout: float
+
+    @property
+    def vehicle(self) -> str:
+        """The vehicle meant: the one named, else the only one there is.
+
+        Raises UsageError where there are several.
+        """
+        return self.named or vehicles.the_only(self.realm, self.connect, self.timeout)
+
+    @property
+    def vehicles(self) -> list[str]:
+        """All vehicles of the run that the one meant belongs to, itself among them."""
+        there = vehicles.of(self.realm, self.connect, self.timeout)
+        return there if self.vehicle in there else [self.vehicle]
 
 
 def options_of(said: Mapping[str, Any]) -> Options:
     """From what the line says, the environment, and the defaults; raises UsageError."""
     timeout = said.get("timeout", DEFAULT_TIMEOUT)
+    named = said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE")
     if not 0 < timeout <= LONGEST_TIMEOUT:
         raise UsageError(
             f"--timeout {timeout:g}: not a time",
@@ -42,7 +58,7 @@ def options_of(said: Mapping[str, Any]) -> Options:
     return Options(
         realm=said.get("realm") or default_name(),
         connect=said.get("connect", ""),
-        vehicle=vehicle_name(said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE") or "uav"),
+        named=vehicle_name(named) if named else "",
         json=said.get("json", False),
         timeout=timeout,
     )

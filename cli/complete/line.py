@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from cli import table
 from cli.complete import live
-from cli.declare import Arg, Opt, Word, takes_signed, words_of
-from cli.options import COMMON, options_of
+from cli.declare import Arg, Names, Opt, Word, takes_signed, words_of
+from cli.options import COMMON, Options, options_of
 
 _COMMON = {f"--{name}": (type_, about) for name, (type_, about) in COMMON.items()}
 _FIRST = {
@@ -41,7 +41,7 @@ def _fitting(before: list[str], begun: str, *, explain: bool) -> Iterable[Found]
     for text in rest:
         if text.startswith("-"):
             if _takes_value(text) and _value(text, rest, common) is None:
-                return []
+                return _of_common(text, begun, common)
         elif (path := f"{path} {text}".lstrip()) in table.COMMANDS:
             return _of_command(path, list(rest), begun, common)
     if begun.startswith("-"):
@@ -72,7 +72,7 @@ def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) 
                 return _words(named[option], begun, common, said)
         elif _takes_value(text):
             if _value(text, line, common) is None:
-                return []
+                return _of_common(text, begun, common)
         elif not text.startswith("-") or takes_signed(declared):
             said.append((placed[0], text) if placed else (declared[0], text))
             placed = placed if placed and placed[0].many else placed[1:]
@@ -94,12 +94,22 @@ def _words(
     if word.type is Path:
         return map(Found, _files(begun))
     subject = next((text for other, text in said if other.said.complete in live.SUBJECTS), "")
-    options = options_of({k: v for k, v in common.items() if k != "timeout"})
-    names = live.names(word.said.complete, options, begun, subject)
+    names = live.names(word.said.complete, _reach(common), begun, subject)
     if word.said.complete == "field":
         given = {text.partition("=")[0] for _, text in said}
         names = (name for name in names if name.removesuffix("=") not in given)
     return map(Found, names)
+
+
+def _of_common(option: str, begun: str, common: dict[str, str]) -> Iterable[Found]:
+    """What the value of a common option can be: a live vehicle."""
+    kind: Names = "vehicle" if option == "--vehicle" else ""
+    return map(Found, live.names(kind, _reach(common), begun, ""))
+
+
+def _reach(common: dict[str, str]) -> Options:
+    """The options that say where to look; a shell's patience is its own."""
+    return options_of({k: v for k, v in common.items() if k != "timeout"})
 
 
 def _files(begun: str) -> Iterator[str]:

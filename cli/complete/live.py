@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from cli import names as known
+from cli import which
 from cli.declare import Names
 from cli.options import Options
 from cli.param.names import nodes_with_params
@@ -14,11 +15,12 @@ from schemas.params import Params
 from schemas.requests import GetParamsRequest
 from schemas.topics import get_params
 from services.runtime.client import Client
-from services.runtime.errors import QuadctlError
+from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.named import flatten
 
 SUBJECTS = ("topic", "service")
 """What has fields."""
+_ALL = "*"
 _PATIENCE = 0.1
 """Seconds that live names may take to come: a shell that waits for longer seems stuck."""
 
@@ -41,19 +43,29 @@ def _names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[
     if kind == "setting":
         return [f"{name}=" for name, _ in flatten(msgspec.to_builtins(Params()))]
     if kind == "field":
-        return [f"{field}=" for field in known.fields_of(subject, options.vehicle)]
+        vehicle = which.about_topic(options, subject).named or _vehicle(options)
+        return [f"{field}=" for field in known.fields_of(subject, vehicle)]
     if kind == "type":
         return known.types()
     until = time.monotonic() + _PATIENCE
-    with Client(
-        options.realm, options.vehicle, connect=options.connect, timeout=_PATIENCE
-    ) as client:
+    vehicle = _vehicle(options)
+    with Client(options.realm, vehicle, connect=options.connect, timeout=_PATIENCE) as client:
         return list(_live(kind, client, begun, until))
+
+
+def _vehicle(options: Options) -> str:
+    """The one that is meant; of several the pattern of them all."""
+    try:
+        return options.vehicle
+    except UsageError:
+        return _ALL
 
 
 def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str]:
     if kind == "node":
-        yield from client.nodes()
+        yield from sorted({*client.nodes()})
+    elif kind == "vehicle":
+        yield from client.vehicles()
     elif kind == "param":
         for node in nodes_with_params(client):
             client.timeout = max(until - time.monotonic(), 0.001)
@@ -65,7 +77,7 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
         offers = (offer for offer in client.offers() if offer.kind == wanted)
         if begun.startswith("/"):
             yield from (f"/{offer.key}" for offer in offers)
-        elif begun.startswith(f"{client.vehicle}/"):
+        elif client.vehicle == _ALL or begun.startswith(f"{client.vehicle}/"):
             yield from (offer.key for offer in offers)
         else:
             yield from (offer.name for offer in offers)

@@ -18,6 +18,7 @@ from services.runtime.hearing import Stream
 from services.runtime.launch import Launch
 from services.runtime.realm import Realm
 from services.runtime.template import lab_params
+from services.runtime.vehicles import DEFAULT
 
 _FAULT_FOUND = 8
 
@@ -36,10 +37,11 @@ def demo(
 
     realm = Realm(f"demo-{os.getpid()}")
     params = lab_params()
-    launch = Launch(realm.name, options.vehicle, params, [], str(Path.cwd()))
+    vehicle = options.named or DEFAULT
+    launch = Launch(realm.name, {vehicle: params}, [], str(Path.cwd()))
     detach(launch)
     try:
-        with Client(realm.name, options.vehicle, timeout=options.timeout) as client:
+        with Client(realm.name, vehicle, timeout=options.timeout) as client:
             flown = client.listen(POSE.key(client.vehicle), PRESSURE.key(client.vehicle))
             lab = Lab(client, params, realm.logs / "safety.log")
             report = [

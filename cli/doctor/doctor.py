@@ -49,15 +49,13 @@ def _judged(facts: Facts, options: Options) -> Iterator[Check]:
     if isinstance(facts.place, UsageError):
         yield failed("realm", facts.place.message, facts.place.hint)
     elif facts.place is not None:
-        yield from _place(facts.place, options)
+        yield from _place(facts.place, options.realm, facts.vehicle)
     if facts.found is not None:
-        yield from bus(facts.found, facts.record, facts.settings, options.vehicle)
+        yield from bus(facts.found, facts.record, facts.settings, facts.vehicle)
 
 
-def _place(place: Place, options: Options) -> Iterator[Check]:
-    yield run.realm(
-        options.realm, place.folder, place.neighbours, options.vehicle, place.before.get("up")
-    )
+def _place(place: Place, realm: str, vehicle: str) -> Iterator[Check]:
+    yield run.realm(realm, place.folder, place.neighbours, vehicle, place.before.get("up"))
     yield run.leftovers(place.neighbours)
     yield from run.nodes(place.folder, place.before)
     if place.before:

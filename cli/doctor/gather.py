@@ -11,11 +11,12 @@ from cli.doctor.machine import Disk, Process, disk, process
 from cli.doctor.settings import Settings, settings
 from cli.doctor.watch import Watch
 from cli.options import Options
-from services.runtime.errors import QuadctlError, UsageError
+from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from services.runtime.realm import Realm
 from services.runtime.record import RunRecord
 from services.runtime.session import Address, address_of
 from services.runtime.survey import Survey
+from services.runtime.vehicles import DEFAULT
 
 
 class Place(NamedTuple):
@@ -34,6 +35,7 @@ class Facts(NamedTuple):
     `place` is None where a hub is named instead of a realm, `found` where there is no hub to ask.
     """
 
+    vehicle: str
     installed: Installed
     settings: Settings
     disks: list[Disk]
@@ -50,21 +52,31 @@ class Facts(NamedTuple):
 
 def gather(options: Options) -> Facts:
     """Look at everything; takes at most `options.timeout` s, and about two."""
+    vehicle, vehicles = _meant(options)
     realm, problem = _realm(options)
     here = folder(realm) if realm else None
     address = Address(options.connect) if options.connect else None
     if realm and here and (here.live or here.by_hand):
         address = address_of(realm)
-    watch = Watch(address, options.vehicle, options.timeout)
+    watch = Watch(address, vehicle, options.timeout)
     began, before = time.monotonic(), _processes(here)
-    install, file, disks = installed(), settings(), _disks(realm)
+    install, file, disks = installed(), settings(vehicle, vehicles), _disks(realm)
     around = neighbours(realm) if realm else None
     found = watch.result()
     place: Place | UsageError | None = problem
     if here and around:
         seconds = time.monotonic() - began
         place = Place(here, around, before, _processes(here), seconds)
-    return Facts(install, file, disks, place, found)
+    return Facts(vehicle, install, file, disks, place, found)
+
+
+def _meant(options: Options) -> tuple[str, list[str]]:
+    """The vehicle, and all of its run; a hub that does not answer is a finding, told below."""
+    try:
+        return options.vehicle, options.vehicles
+    except (Unreachable, TimedOut):
+        vehicle = options.named or DEFAULT
+        return vehicle, [vehicle]
 
 
 def _realm(options: Options) -> tuple[Realm | None, UsageError | None]:

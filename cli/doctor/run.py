@@ -6,6 +6,7 @@ from cli.doctor.check import Check, failed, passed, warned
 from cli.doctor.folder import Folder, Neighbours
 from cli.doctor.machine import Process
 from services.runtime.record import ProcessRecord
+from services.runtime.vehicles import listed
 
 _PRIVATE = 0o077
 _FROZEN = {"T", "t"}
@@ -47,11 +48,12 @@ def realm(
             f"the supervisor of {name}, process {found.run.pid}, is frozen (stopped by a signal)",
             f"`kill -CONT {found.run.pid}`, or `fg` where it was stopped with Ctrl-Z",
         )
-    if found.run.vehicle != vehicle:
+    if vehicle not in found.run.vehicles:
+        there = listed(found.run.vehicles)
         return failed(
             "realm",
-            f"{name} runs the vehicle {found.run.vehicle}, and {vehicle} was asked for",
-            f"`quadctl doctor --vehicle {found.run.vehicle}`, or `unset QUADCTL_VEHICLE`",
+            f"{name} runs the vehicle {there}, and {vehicle} was asked for",
+            f"`quadctl doctor --vehicle {found.run.vehicles[0]}`, or `unset QUADCTL_VEHICLE`",
         )
     if not found.socket:
         return failed(

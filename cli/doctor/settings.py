@@ -1,6 +1,6 @@
 """Judges the parameter file here, and the running nodes' parameters by it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,8 +8,8 @@ import msgspec
 
 from cli.doctor.check import Check, failed, passed, warned
 from services.runtime.errors import Invalid
+from services.runtime.fleet import load
 from services.runtime.named import flatten
-from services.runtime.params import load
 
 FILE = Path("quad.toml")
 _SHOWN = 5
@@ -29,12 +29,12 @@ class Settings(NamedTuple):
         return self.source != _DEFAULTS
 
 
-def settings(file: Path = FILE) -> Settings:
-    """Read them."""
+def settings(vehicle: str, vehicles: Sequence[str], file: Path = FILE) -> Settings:
+    """Read those of one of a run's vehicles."""
     there = file.exists()
     source = f"./{file}" if there else _DEFAULTS
     try:
-        params = load(file if there else None)
+        params = load(file if there else None, (), vehicles)[vehicle]
     except Invalid as error:
         return Settings(source, {}, error)
     return Settings(source, dict(flatten(msgspec.to_builtins(params))))

@@ -1,6 +1,6 @@
 """What differs between two sets of parameters, and how it is told."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +8,11 @@ import msgspec
 from msgspec import Struct
 
 from cli import output
+from cli.options import Options
 from cli.param.running import TABLES, Values
-from services.runtime import toml
+from services.runtime import fleet, toml
 from services.runtime.named import flatten
-from services.runtime.params import load
+from services.runtime.params import gather
 
 DEFAULT_FILE = Path("quad.toml")
 
@@ -39,9 +40,15 @@ def changes(before: Values, after: Values) -> list[Change]:
     return [change for change in found if change.before != change.after]
 
 
-def file_values(file: Path | None) -> Values:
-    """Every parameter as `up FILE` would take it, the defaults where there is no file."""
-    tables = msgspec.to_builtins(load(file))
+def file_values(file: Path | None, options: Options) -> Values:
+    """Every parameter of the vehicle meant as `up FILE` would take it; without a file the defaults."""
+    return values_of(*gather(file), options)
+
+
+def values_of(tables: Mapping[str, Any], source: str, options: Options) -> Values:
+    """The same of a file's tables; raises Invalid, naming the source."""
+    params = fleet.of(tables, source, options.vehicles)[options.vehicle]
+    tables = msgspec.to_builtins(params)
     return dict(flatten({name: table for name, table in tables.items() if table}))
 
 

@@ -21,7 +21,7 @@ def diff(
     Example: quadctl param diff quad.toml
     """
     source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
-    said = file_values(source)
+    said = file_values(source, options)
     with Running(options) as running:
         now = running.whole()
     found = changes(known_of(said, now), now)

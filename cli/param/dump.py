@@ -28,7 +28,7 @@ def dump(
     with Running(options) as running:
         values = running.get(names) if names else running.whole()
     if not names:
-        known_of(file_values(None), values)
+        known_of(file_values(None, options), values)
     text = toml.document(values)
     if file is not None:
         replace(file, text.encode())

@@ -3,15 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
-
 from cli import output
 from cli.declare import Arg
 from cli.options import Options
-from cli.param.changes import Change, changes, known_of, lines
+from cli.param.changes import Change, changes, known_of, lines, values_of
 from cli.param.running import Running, Values
 from services.runtime.declared import fixed_at_launch
 from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.fleet import said_of
 from services.runtime.named import flatten, put
 from services.runtime.params import check, read
 
@@ -24,7 +23,7 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
 
     Example: quadctl param load tuned.toml
     """
-    said = _said(file)
+    said = _said(file, options)
     with Running(options) as running:
         now = running.whole()
         wanted = known_of(said, now)
@@ -38,11 +37,12 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
         lines(found)
 
 
-def _said(file: Path) -> Values:
+def _said(file: Path, options: Options) -> Values:
     """What the file itself names, each value as its type has it; raises Invalid."""
     tables = read(file)
-    whole = dict(flatten(msgspec.to_builtins(check(tables, str(file)))))
-    return {name: whole[name] for name, _ in flatten(tables) if name in whole}
+    whole = values_of(tables, str(file), options)
+    named = flatten(said_of(tables, options.vehicle, options.vehicles))
+    return {name: whole[name] for name, _ in named if name in whole}
 
 
 def _check(values: Values, file: Path) -> None:

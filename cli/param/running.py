@@ -109,7 +109,7 @@ class Running:
             return {}
         realm = Realm(self._options.realm)
         try:
-            kept = msgspec.to_builtins(snapshot.read(realm) or {})
+            kept = msgspec.to_builtins(snapshot.read(realm, self._options.vehicle) or {})
         except FileNotFoundError as error:
             raise not_running(realm) from error
         # Of `processes` there may be nothing to say.

@@ -83,7 +83,7 @@ class Screen:
     def _measure(self, rows: list[ProcessRecord], now: float) -> None:
         if self._rates is None:
             # Not before now: what has threads cannot fork, and the processes are forked.
-            self._rates = Rates(Realm(self._launch.realm), self._launch.vehicle)
+            self._rates = Rates(Realm(self._launch.realm), self._launch.vehicles)
         pids = [row.pid for row in rows if row.pid]
         memory = {pid: taken for pid in pids if (taken := usage.memory(pid)) is not None}
         self._taken = Taken(self._rates.look(), memory, self._shares.look(pids, now))

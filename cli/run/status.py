@@ -9,6 +9,7 @@ from cli.run.usage import memory
 from services.runtime import record
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord
+from services.runtime.vehicles import listed
 
 
 def status(options: Options) -> None:
@@ -20,7 +21,10 @@ def status(options: Options) -> None:
     if options.json:
         output.document(run)
         return
-    output.line(f"realm {run.realm}, vehicle {run.vehicle}, supervised by process {run.pid}")
+    some = "vehicle" if len(run.vehicles) == 1 else "vehicles"
+    output.line(
+        f"realm {run.realm}, {some} {listed(run.vehicles)}, supervised by process {run.pid}"
+    )
     rows = (_row(node) for node in run.nodes)
     output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
 

@@ -10,11 +10,12 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.run import terminal
 from cli.run.status import status
+from services.runtime import fleet
 from services.runtime import up as running
 from services.runtime.detach import detach as in_background
 from services.runtime.launch import Launch
-from services.runtime.params import load
 from services.runtime.supervise import Supervisor
+from services.runtime.vehicles import DEFAULT
 
 _DEFAULT_FILE = Path("quad.toml")
 
@@ -27,6 +28,9 @@ def up(
     detach: Annotated[
         bool, Opt("Return when all processes are ready.", ("--detach", "-d"))
     ] = False,
+    vehicles: Annotated[
+        int | None, Opt("Fly so many vehicles: uav0, uav1 .. (default: one, uav).", metavar="N")
+    ] = None,
     without: Annotated[list[str] | None, Opt("Leave a process out.", metavar="NODE")] = None,
     settings: Annotated[
         list[str] | None,
@@ -35,12 +39,16 @@ def up(
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
 
+    Several vehicles start on a grid of 2 m; --set uav3.safety.takeoff=2 sets one's own parameter.
+
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
     source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
-    params = load(source, settings or ())
+    stem = options.named or DEFAULT
+    names = [stem] if vehicles is None else fleet.names(stem, vehicles)
+    parameters = fleet.load(source, settings or (), names)
     folder = source.resolve().parent if source else Path.cwd()
-    launch = Launch(options.realm, options.vehicle, params, without or [], str(folder))
+    launch = Launch(options.realm, parameters, without or [], str(folder))
     launch.processes()
     if detach:
         in_background(launch)

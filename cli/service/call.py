@@ -9,6 +9,7 @@ from cli.arguments import message_of, table_of
 from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.service import lookup
+from cli.which import about_service
 from schemas.contract import Service
 from schemas.topics import STATE
 from services.runtime.errors import Refused, Unreachable, UsageError
@@ -37,6 +38,7 @@ def call(
     """
     if form not in _FORMS:
         raise UsageError(f"--as {form}: no such form", f"it is {' or '.join(_FORMS)}")
+    options = about_service(options, name)
     service = lookup.declared(name, options.vehicle)
     words = arguments or []
     reply = _ours(options, service, words) if service else _theirs(options, name, words, form)

@@ -6,6 +6,7 @@ from cli import output
 from cli.declare import Arg
 from cli.options import Options
 from cli.service import lookup
+from cli.which import about_service
 from schemas.describe import service_definition
 from services.runtime.errors import Unreachable
 
@@ -15,6 +16,7 @@ def info(options: Options, name: Annotated[str, Arg("A service.", complete="serv
 
     Example: quadctl service info calibrate_pressure
     """
+    options = about_service(options, name)
     ours = lookup.declared(name, options.vehicle)
     with lookup.connect(options, name) as client:
         offer = lookup.offered(client, ours.key(client.vehicle) if ours else name)

@@ -8,6 +8,7 @@ from cli.declare import Arg, Opt
 from cli.names import checked_key
 from cli.options import Options
 from cli.topic.shown import NoField, field_of, shown
+from cli.which import about_topic
 from services.runtime.client import Client
 from services.runtime.errors import Invalid
 from services.runtime.hearing import Message
@@ -27,6 +28,7 @@ def echo(
 
     Example: quadctl topic echo sensors/pressure -n 3
     """
+    options = about_topic(options, topic)
     key = checked_key(topic, options.vehicle)
     with bus.connect(options) as client:
         echoed = _Echo(client, key, field)

@@ -6,6 +6,7 @@ from cli import bus, output
 from cli.declare import Arg
 from cli.names import single_key, topic_of
 from cli.options import Options
+from cli.which import about_topic
 from schemas.contract import Topic
 from schemas.describe import definition, schema_hash
 from schemas.topics import TOPICS
@@ -21,6 +22,7 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
 
     Example: quadctl topic info sensors/pressure
     """
+    options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
     with bus.connect(options) as client:
         outlet = client.outlet(key)

@@ -8,6 +8,7 @@ from cli.declare import Arg, Opt
 from cli.names import single_key, topic_of
 from cli.options import Options
 from cli.topic.payload import Payload, payload_of
+from cli.which import about_topic
 from services.runtime.client import Client
 from services.runtime.errors import Invalid, Unreachable, UsageError
 
@@ -44,6 +45,7 @@ def pub(
     if topic == "-1" and words:
         (topic, *words), once = words, True
     wanted = _count(rate, count, once=once)
+    options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
     payload = payload_of(key, options.vehicle, words, form)
     with bus.connect(options) as client:

@@ -10,6 +10,7 @@ from cli.names import checked_key
 from cli.options import Options
 from cli.topic.figures import Heard, Measure, bandwidth, rate
 from cli.topic.figures import delay as delay_of
+from cli.which import about_topic
 from services.runtime.errors import Invalid
 from services.runtime.hearing import Message
 
@@ -55,6 +56,7 @@ def delay(options: Options, topic: Topic, window: Window = None, count: Count = 
 def _measure(
     options: Options, topic: str, window: int, count: int | None, measure: Measure
 ) -> None:
+    options = about_topic(options, topic)
     key = checked_key(topic, options.vehicle)
     heard: deque[Heard] = deque(maxlen=window)
     seen, told, due = 0, 0, time.monotonic() + _PERIOD

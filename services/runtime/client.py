@@ -1,6 +1,5 @@
 """A command's way onto the bus: connects at once or fails at once, and never hangs."""
 
-import contextlib
 import time
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -11,9 +10,9 @@ from schemas.contract import Service, Topic
 from services.runtime import graph, roster, wire
 from services.runtime.calls import Asker, Caller
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.reach import reach
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord, is_live, not_running
-from services.runtime.session import address_of, open_client
+from services.runtime.record import ProcessRecord
 
 if TYPE_CHECKING:
     from services.runtime.hearing import Readings, Stream
@@ -44,7 +43,7 @@ class Client:
         """
         self.vehicle, self.timeout = vehicle, timeout
         self._realm, self._connect = Realm(realm), connect
-        self.session = _connect(self._realm, connect, timeout)
+        self.session = reach(self._realm, connect, timeout)
         self._since, self._held = time.time(), list[object]()
 
     def __enter__(self) -> Self:
@@ -204,6 +203,12 @@ class Client:
         self._check_hub()
         return found
 
+    def vehicles(self) -> list[str]:
+        """The vehicles that have a ready node; raises as `nodes`."""
+        found = roster.vehicles(self.session, self.timeout)
+        self._check_hub()
+        return found
+
     def offers(self, timeout: float | None = None) -> list[graph.Offer]:
         """The topics and services of the ready nodes; raises as `nodes`."""
         found = roster.offers(self.session, self.vehicle, self._within(timeout))
@@ -219,32 +224,3 @@ class Client:
             from services.runtime import missing
 
             raise missing.hub_lost(None if self._connect else self._realm, self._since)
-
-
-def _connect(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
-    """Connect at once, or fail at once; only a hub that is being restarted is waited for."""
-    address, began = address_of(realm, connect), time.monotonic()
-    silent = f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s"
-    try:
-        return open_client(address, timeout=timeout)
-    except TimedOut as problem:
-        if connect:
-            raise
-        raise TimedOut(
-            silent,
-            "its process is frozen or busy: it is restarted by itself, or with"
-            " `quadctl node restart hub`",
-        ) from problem
-    except Unreachable:
-        if connect:
-            raise
-        if not is_live(realm):
-            raise not_running(realm) from None
-        left = timeout - (time.monotonic() - began)
-        if left > 0:
-            with contextlib.suppress(Unreachable):
-                return open_client(address, wait=left, timeout=left)
-        raise Unreachable(
-            silent,
-            "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
-        ) from None

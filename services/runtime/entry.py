@@ -5,6 +5,8 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -14,12 +16,15 @@ from schemas.params import Params
 from schemas.topics import get_params, set_params
 from services.runtime import params as parameters
 from services.runtime import session, snapshot
+from services.runtime.crew import Crew
 from services.runtime.ending import stop_on_signals
 from services.runtime.errors import QuadctlError
+from services.runtime.fleet import said_of
 from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
 from services.runtime.node import Node
 from services.runtime.realm import Realm, default_name, vehicle_name
+from services.runtime.vehicles import DEFAULT
 
 Run = Callable[[Node, Params], None]
 
@@ -30,10 +35,13 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
     """Run a node until SIGINT, SIGTERM, or its supervisor's death; never returns.
 
     Reads the command line (`--help` tells), opens the session, serves the node's parameters
-    and calls `run(node, params)`. `opening` replaces the way the session is opened.
+    and calls `run(node, params)`, for each of several vehicles on a thread of its own. `opening` replaces the way the session is opened.
     """
     options = _parse(name)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    several = len(_vehicles(options)) > 1
+    # The thread of a vehicle's service has its name.
+    line = "%(threadName)s: %(message)s" if several else "%(message)s"
+    logging.basicConfig(level=logging.INFO, format=line, stream=sys.stderr)
     for level in (logging.WARNING, logging.ERROR):
         logging.addLevelName(level, logging.getLevelName(level).lower())
     try:
@@ -51,31 +59,47 @@ def _run(
 ) -> int:
     realm = Realm(options.realm)
     realm.create()
-    params = _params(realm, options)
-    with FileLock(realm.folder / f"{options.vehicle}.{name}.lock", f"the node {name}"):
+    fleet = _params(realm, options)
+    with ExitStack() as held:
+        for vehicle in fleet:
+            lock = FileLock(realm.folder / f"{vehicle}.{name}.lock", f"the node {name}")
+            held.enter_context(lock)
         address = session.address_of(realm, options.connect)
-        with opening(address, params, realm) as opened:
-            restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
-            node = Node(name, vehicle_name(options.vehicle), opened, restarted=restarted)
-            stop_on_signals(node.stop)
+        opened = held.enter_context(opening(address, next(iter(fleet.values())), realm))
+        restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
+        crew = Crew()
+        for vehicle, params in fleet.items():
+            node = Node(name, vehicle, opened, restarted=restarted)
             _serve_params(node, params, realm)
-            run(node, params)
+            crew.take(vehicle, node.loop, partial(run, node, params))
+        stop_on_signals(crew.stop)
+        crew.run()
     return 0
 
 
 def _parse(name: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=f"quadctl's node {name}, one process.")
     parser.add_argument("--realm", default=default_name())
-    parser.add_argument("--vehicle", default=os.environ.get("QUADCTL_VEHICLE", "uav"))
+    parser.add_argument("--vehicle", action="append", help="may be given several times")
     parser.add_argument("--connect", default="", help="a hub's endpoint, as tls/host:7447")
     parser.add_argument("--config", type=Path, help="a TOML file, in place of the run's own")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     return parser.parse_args()
 
 
-def _params(realm: Realm, options: argparse.Namespace) -> Params:
-    running = None if options.config else snapshot.read(realm)
-    return parameters.load(options.config, options.set, running)
+def _vehicles(options: argparse.Namespace) -> list[str]:
+    said = os.environ.get("QUADCTL_VEHICLES") or os.environ.get("QUADCTL_VEHICLE")
+    return options.vehicle or (said or DEFAULT).split(",")
+
+
+def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
+    vehicles = [vehicle_name(vehicle) for vehicle in _vehicles(options)]
+    found = {}
+    for vehicle in vehicles:
+        running = None if options.config else snapshot.read(realm, vehicle)
+        table, source = parameters.gather(options.config, options.set, running)
+        found[vehicle] = parameters.check(said_of(table, vehicle, vehicles), source)
+    return found
 
 
 def _open_client(address: session.Address, _params: Params, _realm: Realm) -> zenoh.Session:
@@ -84,8 +108,7 @@ def _open_client(address: session.Address, _params: Params, _realm: Realm) -> ze
 
 def _serve_params(node: Node, params: Params, realm: Realm) -> None:
     def save(table: Any) -> None:
-        if realm.params.is_dir():
-            snapshot.save(realm.params, node.name, table)
+        snapshot.save(realm, node.vehicle, node.name, table)
 
     live = LiveParams(node.name, params, save, node.params_changed)
     node.serve(get_params(node.name), live.get)

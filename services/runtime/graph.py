@@ -42,6 +42,11 @@ def offer_key(vehicle: str, offer: Offer) -> str:
     return f"{node_key(vehicle, offer.node)}/{offered}"
 
 
+def vehicle_of(key: str) -> str:
+    """The vehicle that a liveliness key is about."""
+    return key.partition("/")[0]
+
+
 def node_of(key: str) -> str | None:
     """The node whose readiness a liveliness key tells, None where it tells something else."""
     match key.split("/"):

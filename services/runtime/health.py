@@ -1,7 +1,7 @@
 """Who has announced itself and who still answers, as the supervisor sees it over the bus."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import zenoh
 
@@ -17,18 +17,20 @@ Post = Callable[[Callable[[], None]], None]
 class Health:
     """Connects on a thread of its own, because the hub may be long in coming.
 
-    `on_ready(name)` and `on_answer(name)` are posted to the supervisor's loop.
+    A process is there when its node of every vehicle is; since these live and die together, the
+    first vehicle's is asked whether it answers. `on_ready(name)` and `on_answer(name)` are posted to the supervisor's loop.
     """
 
     def __init__(
         self,
         address: Address,
-        vehicle: str,
+        vehicles: Sequence[str],
         post: Post,
         on_ready: Callable[[str], None],
         on_answer: Callable[[str], None],
     ) -> None:
-        self._address, self._vehicle, self._post = address, vehicle, post
+        self._address, self._vehicles, self._post = address, frozenset(vehicles), post
+        self._pinged, self._seen = vehicles[0], dict[str, set[str]]()
         self._on_ready, self._on_answer = on_ready, on_answer
         self._session: zenoh.Session | None = None
         self._tokens: zenoh.Subscriber[None] | None = None
@@ -48,7 +50,7 @@ class Health:
                 self._post(lambda: self._on_answer(name))
 
         self._session.get(
-            service.key(self._vehicle),
+            service.key(self._pinged),
             zenoh.handlers.Callback(on_reply, indirect=False),
             payload=wire.encode(GetParamsRequest([f"{name}.ping"])),
             encoding=wire.encoding(service.request),
@@ -67,13 +69,21 @@ class Health:
             except Unreachable:
                 continue
             self._tokens = session.liveliness().declare_subscriber(
-                graph.node_key(self._vehicle, "*"),
+                graph.node_key("*", "*"),
                 zenoh.handlers.Callback(self._on_token, indirect=False),
                 history=True,
             )
             self._session = session
 
     def _on_token(self, sample: zenoh.Sample) -> None:
-        name = graph.node_of(str(sample.key_expr))
-        if name is not None and sample.kind == zenoh.SampleKind.PUT:
+        key = str(sample.key_expr)
+        name, vehicle = graph.node_of(key), graph.vehicle_of(key)
+        if name is None or vehicle not in self._vehicles:
+            return
+        seen = self._seen.setdefault(name, set())
+        if sample.kind == zenoh.SampleKind.DELETE:
+            seen.discard(vehicle)
+            return
+        seen.add(vehicle)
+        if seen == self._vehicles:
             self._post(lambda: self._on_ready(name))

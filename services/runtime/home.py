@@ -36,7 +36,7 @@ class Home:
 
     def write(self, rows: list[ProcessRecord]) -> None:
         """Write the record; raises OSError."""
-        run = RunRecord(self.realm.name, os.getpid(), self._launch.vehicle, rows)
+        run = RunRecord(self.realm.name, os.getpid(), self._launch.vehicles, rows)
         record.write(self.realm, run)
 
     def mend(self, tell: Callable[[str], None]) -> bool:
@@ -69,7 +69,7 @@ class Home:
         self._lock.release()
 
     def _furnish(self) -> None:
-        snapshot.save_all(self.realm, self._launch.params)
+        snapshot.save_all(self.realm, self._launch.fleet)
         write_atomically(self.realm.address, msgspec.json.encode(self.address))
 
     def __enter__(self) -> Self:

@@ -22,13 +22,25 @@ _ATTEMPTS = 100
 
 
 class Launch(Struct, frozen=True):
-    """All that a supervisor needs to know. `[processes]` commands run in `folder`."""
+    """All that a supervisor needs to know: each vehicle's parameters among it.
+
+    `[processes]` commands run in `folder`.
+    """
 
     realm: str
-    vehicle: str
-    params: Params
+    fleet: dict[str, Params]
     without: list[str]
     folder: str
+
+    @property
+    def vehicles(self) -> list[str]:
+        """The names of the vehicles."""
+        return list(self.fleet)
+
+    @property
+    def params(self) -> Params:
+        """What is the same for all vehicles: the first one's tables of the hub and the run."""
+        return self.fleet[self.vehicles[0]]
 
     def processes(self) -> tuple[Process, ...]:
         """What is to run; raises Invalid for a command, or a hub, that is not there."""
@@ -60,7 +72,8 @@ class Launch(Struct, frozen=True):
         path = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
         return {
             "QUADCTL_REALM": self.realm,
-            "QUADCTL_VEHICLE": self.vehicle,
+            "QUADCTL_VEHICLES": ",".join(self.vehicles),
+            "QUADCTL_VEHICLE": self.vehicles[0] if len(self.vehicles) == 1 else "",
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
             "PYTHONUNBUFFERED": "1",

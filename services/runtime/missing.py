@@ -18,7 +18,7 @@ def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[Proces
     run = _run(realm)
     return [
         node
-        for node in (run.nodes if run and run.vehicle == vehicle else ())
+        for node in (run.nodes if run and vehicle in run.vehicles else ())
         if node.name in NODES and node.name not in live and _is_there(node)
     ]
 

@@ -1,14 +1,8 @@
-"""A node: one process on the bus, with one loop that alone touches its state.
-
-Zenoh's threads only post to the inbox. The loop serves it between ticks, so that a call is
-answered on arrival and a handler never runs beside another.
-"""
+"""A node: a service of one vehicle on the bus, with one loop that alone touches its state."""
 
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator
-from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 import zenoh
@@ -18,6 +12,7 @@ from schemas.contract import Service, Topic
 from schemas.describe import schema_hash
 from services.runtime import foreign, graph, roster
 from services.runtime.errors import AlreadyServed
+from services.runtime.loop import Loop
 from services.runtime.publisher import Publisher
 from services.runtime.schedule import Schedule
 from services.runtime.serving import Server
@@ -28,8 +23,6 @@ Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 _DEPTH = 64
-_LATE = 0.1
-"""A loop that is later than this (s) drops the ticks it missed instead of hurrying after them."""
 
 
 class Node:
@@ -48,15 +41,12 @@ class Node:
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
         self.log = logging.getLogger(name)
         self._session = session
-        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self.loop = Loop()
         self._declared: list[Any] = []
         self._offers: list[Callable[[], graph.Offer]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        self._subscriptions: list[Subscription[Any]] = []
         self._schedule = Schedule()
-        self._ready = self._retimed = False
-        self._waits = 0
-        self.stopping = False
+        self._ready = False
         self.on_params: Callable[[], None] | None = None
 
     def publisher(
@@ -85,10 +75,10 @@ class Node:
         """Hear a topic; the handler, where there is one, is called on the loop."""
 
         def awaited() -> bool:
-            return self._waits > 0 or self._schedule.holding
+            return self.loop.waits or self._schedule.holding
 
-        subscription = Subscription(topic, self._inbox.put, awaited, handler, depth)
-        self._subscriptions.append(subscription)
+        subscription = Subscription(topic, self.loop.post, awaited, handler, depth)
+        self.loop.attend(subscription.catch_up)
         self._declared.append(
             self._session.declare_subscriber(
                 topic.key(self.vehicle),
@@ -128,7 +118,7 @@ class Node:
         """Tell the service, where it wants to know, that its parameters have new values."""
         if self.on_params is not None:
             self.on_params()
-        self._retimed = True
+        self.loop.retime()
         if self._ready:
             self._announce()
 
@@ -142,90 +132,32 @@ class Node:
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Yield monotonic seconds at a rate, serving the inbox in between, until stopped.
-
-        Ticks are counted, not added up, so none is lost to rounding. A callable rate is read
-        at every tick and whenever parameters change: a new one counts from the last tick.
-        """
+        """Announce the node; then as Loop.ticks, at a rate that parameters may change."""
         self.ready()
-        rate_now = hz if callable(hz) else lambda: hz
-        rate, start, count = rate_now(), time.monotonic(), 0
-        last = start
-        while self._serve_until(start + count / rate):
-            now = time.monotonic()
-            if rate_now() != rate:
-                rate, start, count = rate_now(), last, 1
-            elif now >= start + count / rate:
-                self._catch_up()
-                last = now
-                yield now
-                count += 1
-                if time.monotonic() > start + count / rate + _LATE:
-                    start, count = time.monotonic(), 1
+        return self.loop.ticks(hz)
 
     def spin(self) -> None:
         """Serve the inbox until stopped, for a node with no rhythm of its own."""
         self.ready()
-        while self._serve_until(math.inf):
-            pass
+        self.loop.spin()
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
-        deadline = time.monotonic() + timeout
-        # Counted first: what comes between the two would wake nobody and not be seen.
-        self._waits += 1
-        self._catch_up()
-        try:
-            while not condition():
-                if self.stopping or not self._serve_one(deadline):
-                    return False
-            return True
-        finally:
-            self._waits -= 1
+        return self.loop.wait_for(condition, timeout)
 
-    def stop(self) -> None:
-        """End the loop soon; safe to call from a signal handler and from other threads."""
-        self.stopping = True
-        self._inbox.put(lambda: None)
-
-    def _serve_until(self, deadline: float) -> bool:
-        """Serve the inbox until a time on the monotonic clock; False when the node is stopped.
-
-        Returns early when parameters change. What waits already is served even when the time has
-        passed, and no more than that: a loop that is late still answers, and a flood does not
-        hold up its ticks.
-        """
-        for _ in range(self._inbox.qsize()):
-            self._inbox.get_nowait()()
-        while not self.stopping and not self._retimed and self._serve_one(deadline):
-            pass
-        self._retimed = False
-        return not self.stopping
-
-    def _catch_up(self) -> None:
-        for subscription in self._subscriptions:
-            subscription.catch_up()
-
-    def _serve_one(self, deadline: float) -> bool:
-        left = deadline - time.monotonic()
-        if left <= 0:
-            return False
-        try:
-            # An untimed wait can miss a signal, so even an endless one looks up now and then.
-            item = self._inbox.get(timeout=min(left, 0.5))
-        except Empty:
-            return True
-        item()
-        return True
+    @property
+    def stopping(self) -> bool:
+        """Whether the loop is to end."""
+        return self.loop.stopping
 
     def _answer_queries(self, key: str, answer: Callable[[zenoh.Query], None]) -> None:
         def on_query(query: zenoh.Query) -> None:
             foreign.stay()
-            self._inbox.put(lambda: on_turn(query))
+            self.loop.post(lambda: on_turn(query))
 
         def on_turn(query: zenoh.Query) -> None:
             # What was said before the question counts in the answer.
-            self._catch_up()
+            self.loop.catch_up()
             answer(query)
 
         callback = zenoh.handlers.Callback(on_query, indirect=False)

@@ -21,6 +21,13 @@ def load(file: Path | None, settings: Iterable[str] = (), running: Params | None
 
     Raises Invalid with the file, the path in it, what was expected and the nearest name.
     """
+    return check(*gather(file, settings, running))
+
+
+def gather(
+    file: Path | None, settings: Iterable[str] = (), running: Params | None = None
+) -> tuple[dict[str, Any], str]:
+    """The tables that `load` checks, and where they come from."""
     table = msgspec.to_builtins(running or {}) if file is None else read(file)
     source = "the defaults" if file is None else str(file)
     for setting in settings:
@@ -29,7 +36,7 @@ def load(file: Path | None, settings: Iterable[str] = (), running: Params | None
             raise Invalid(f"--set {setting}: no '='", "write --set safety.virtual_cage.x=3")
         put(table, name.strip(), value_of(text.strip()), f"--set {setting}")
         source += f" with --set {setting}"
-    return check(table, source)
+    return table, source
 
 
 def check(table: Mapping[str, Any], source: str) -> Params:

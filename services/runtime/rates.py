@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -25,8 +26,9 @@ and no Python runs for each: they wait in a ring until looked at."""
 class Rates:
     """Connects on a thread of its own, because the hub may be long in coming."""
 
-    def __init__(self, realm: Realm, vehicle: str) -> None:
-        self._realm, self._vehicle = realm, vehicle
+    def __init__(self, realm: Realm, vehicles: Sequence[str]) -> None:
+        self._realm = realm
+        self._of = vehicles[0] if len(vehicles) == 1 else "*"
         self._session: zenoh.Session | None = None
         self._counting: list[tuple[str, _Ring]] = []
         self._began = -_COUNT_EVERY
@@ -47,7 +49,7 @@ class Rates:
                     self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_MOST)),
                 )
                 for topic in TOPICS
-                if topic.node and topic.hz and (key := topic.key(self._vehicle))
+                if topic.node and topic.hz and (key := topic.key(self._of))
             ]
         return self._rates
 

@@ -23,11 +23,11 @@ class ProcessRecord(Struct, frozen=True):
 
 
 class RunRecord(Struct, frozen=True):
-    """A live run: the supervisor's pid, its vehicle and its processes, the hub among them."""
+    """A live run: the supervisor's pid, its vehicles and its processes, the hub among them."""
 
     realm: str
     pid: int
-    vehicle: str
+    vehicles: list[str]
     nodes: list[ProcessRecord]
 
 

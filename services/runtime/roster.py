@@ -15,6 +15,11 @@ def nodes(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> li
     return sorted(name for name in found if name is not None)
 
 
+def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
+    """The vehicles that have a ready node; raises as `nodes`."""
+    return sorted({graph.vehicle_of(key) for key in _keys(session, "*/@node/*", timeout)})
+
+
 def offers(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[graph.Offer]:
     """Every topic and service that live nodes offer; raises as `nodes`."""
     keys = [

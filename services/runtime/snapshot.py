@@ -1,5 +1,9 @@
-"""The parameters of a run as they are now, one file a node, each written by that node alone."""
+"""The parameters of a run as they are now: a folder a vehicle, and a file a node in it.
 
+Each file is written by that node alone.
+"""
+
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +15,20 @@ from services.runtime.params import check
 from services.runtime.realm import Realm, write_atomically
 
 
-def save_all(realm: Realm, params: Params) -> None:
-    """Write every table; done once, at launch, before anything starts. Raises OSError."""
-    realm.params.mkdir(exist_ok=True)
-    for name, table in msgspec.to_builtins(params).items():
-        _write(realm.params, name, table)
+def save_all(realm: Realm, fleet: Mapping[str, Params]) -> None:
+    """Write every table of each vehicle; done once, before anything starts. Raises OSError."""
+    for vehicle, params in fleet.items():
+        folder = realm.params / vehicle
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in msgspec.to_builtins(params).items():
+            _write(folder, name, table)
 
 
-def save(folder: Path, name: str, table: Any) -> None:
-    """Write one table; raises QuadctlError where the disk does not take it."""
+def save(realm: Realm, vehicle: str, name: str, table: Any) -> None:
+    """Write one table of a live run; raises QuadctlError where the disk does not take it."""
+    folder = realm.params / vehicle
+    if not folder.is_dir():
+        return
     try:
         _write(folder, name, table)
     except OSError as error:
@@ -33,8 +42,9 @@ def _write(folder: Path, name: str, table: Any) -> None:
     write_atomically(folder / f"{name}.json", msgspec.json.encode(table))
 
 
-def read(realm: Realm) -> Params | None:
-    """The run's parameters, None where there is no run."""
-    files = sorted(realm.params.glob("[!.]*.json"))
+def read(realm: Realm, vehicle: str) -> Params | None:
+    """A vehicle's parameters, None where the run has no such vehicle, or there is no run."""
+    folder = realm.params / vehicle
+    files = sorted(folder.glob("[!.]*.json"))
     tables = {file.stem: msgspec.json.decode(file.read_bytes()) for file in files}
-    return check(tables, str(realm.params)) if tables else None
+    return check(tables, str(folder)) if tables else None

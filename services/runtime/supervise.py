@@ -93,7 +93,7 @@ class Supervisor:
                 row.child.listen()
         self._health = Health(
             self._home.address,
-            self._launch.vehicle,
+            self._launch.vehicles,
             self._inbox.put,
             self._on_ready,
             self._on_answer,

@@ -31,7 +31,7 @@ SERVICE = [
 ]
 NODES = ["dynamics", "hub", "pressure", "safety"]
 POSE = next(offer for offer in TOPIC if offer.type == "Pose")
-RUN = RunRecord("lab", 5, "uav", [ProcessRecord(name, 9, "ready", 0) for name in NODES])
+RUN = RunRecord("lab", 5, ["uav"], [ProcessRecord(name, 9, "ready", 0) for name in NODES])
 
 
 def heard(count: int, hz: float, pace: float = 1.0, source: str = "a", age: float = 0.001) -> Heard:

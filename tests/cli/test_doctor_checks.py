@@ -22,7 +22,7 @@ INSTALLED = Installed(
     OURS, OURS, {}, [],
 )  # fmt: skip
 READY = ProcessRecord("pressure", 7, "ready", 0)
-RUN = RunRecord("lab", 5, "uav", [READY])
+RUN = RunRecord("lab", 5, ["uav"], [READY])
 LIVE = Folder("/run/lab", 0o700, True, True, "5", False, True, RUN, {})
 GONE = LIVE._replace(live=False, run=None, mode=None, holder="", socket=False)
 ALONE = Neighbours("/run", [], [])
@@ -104,7 +104,7 @@ def test_processor_and_memory(expected: str, said: str, seconds: float, memory: 
         ("FAIL", "mode 0755", LIVE._replace(mode=0o755)),
         ("FAIL", "another user", LIVE._replace(owned=False)),
         ("FAIL", "process 9 holds", LIVE._replace(holder="9")),
-        ("FAIL", "the vehicle cat", LIVE._replace(run=replace(RUN, vehicle="cat"))),
+        ("FAIL", "the vehicle cat", LIVE._replace(run=replace(RUN, vehicles=["cat"]))),
         ("FAIL", "hub.sock is gone", LIVE._replace(socket=False)),
         ("WARN", "just starting", LIVE._replace(run=None)),
         ("WARN", "by hand", LIVE._replace(live=False, by_hand=True)),

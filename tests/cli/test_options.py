@@ -42,7 +42,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
 
 def test_by_default(quadctl: Quadctl, seen: list[Options]):
     quadctl("type", "list")
-    assert seen[0] == Options("default", "", "uav", False, 3.0)
+    assert seen[0] == Options("default", "", "", False, 3.0)
 
 
 def test_the_environment_goes_before_the_defaults_and_the_line_before_it(
@@ -68,7 +68,7 @@ def test_the_innermost_place_counts(quadctl: Quadctl, seen: list[Options]):
 def test_one_command_does_not_remember_anothers_options(quadctl: Quadctl, seen: list[Options]):
     quadctl("type", "list", "--realm", "other", "--json")
     quadctl("type", "list")
-    assert seen[1] == Options("default", "", "uav", False, 3.0)
+    assert seen[1] == Options("default", "", "", False, 3.0)
 
 
 WRONG = [

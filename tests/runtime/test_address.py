@@ -78,7 +78,7 @@ def test_a_realm_is_held_once(realm: Realm):
 
 
 def test_a_child_finds_its_realm_and_its_python():
-    launch = Launch("lab", "drone", Params(), [], "/")
+    launch = Launch("lab", {"drone": Params()}, [], "/")
     found = launch.environment(3)
     assert (found["QUADCTL_REALM"], found["QUADCTL_VEHICLE"]) == ("lab", "drone")
     assert (found["QUADCTL_RESTARTS"], found["QUADCTL_SUPERVISED"]) == ("3", "1")
@@ -88,5 +88,5 @@ def test_a_child_finds_its_realm_and_its_python():
 
 
 def test_a_launch_reaches_the_background_as_it_is():
-    launch = Launch("lab", "uav", Params(processes={"mine": ["a", "b"]}), ["safety"], "/tmp")
+    launch = Launch("lab", {"uav": Params(processes={"mine": ["a", "b"]})}, ["safety"], "/tmp")
     assert msgspec.json.decode(msgspec.json.encode(launch), type=Launch) == launch

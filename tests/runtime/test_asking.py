@@ -28,7 +28,7 @@ def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Realm]:
 def write(realm: Realm, pid: int, state: State, restarts: int) -> ProcessRecord:
     pressure = ProcessRecord("pressure", pid, state, restarts)
     hub = ProcessRecord("hub", 11, "ready", 0)
-    record.write(realm, RunRecord("lab", 10, "uav", [hub, pressure]))
+    record.write(realm, RunRecord("lab", 10, ["uav"], [hub, pressure]))
     return pressure
 
 

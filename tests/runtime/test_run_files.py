@@ -18,7 +18,7 @@ from services.runtime.lock import FileLock
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
 
-RUN = RunRecord("lab", 4711, "uav", [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
+RUN = RunRecord("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
 
 
 def test_without_a_run_there_is_no_snapshot(realm: Realm):
-    assert snapshot.read(realm) is None
+    assert snapshot.read(realm, "uav") is None
 
 
 def test_what_was_saved_is_read(realm: Realm):
@@ -40,42 +40,42 @@ def test_what_was_saved_is_read(realm: Realm):
         pressure=PressureParams(noise=1e-300),
         processes={"mine": ["sleep", "9"]},
     )
-    snapshot.save_all(realm, params)
-    assert snapshot.read(realm) == params
-    snapshot.save_all(realm, Params())
-    assert snapshot.read(realm) == Params()
+    snapshot.save_all(realm, {"uav": params})
+    assert snapshot.read(realm, "uav") == params
+    snapshot.save_all(realm, {"uav": Params()})
+    assert snapshot.read(realm, "uav") == Params()
 
 
 def test_one_nodes_change_leaves_the_others_alone(realm: Realm):
-    snapshot.save_all(realm, Params())
-    snapshot.save(realm.params, "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
-    assert snapshot.read(realm) == Params(pressure=PressureParams(rate=20.0))
+    snapshot.save_all(realm, {"uav": Params()})
+    snapshot.save(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+    assert snapshot.read(realm, "uav") == Params(pressure=PressureParams(rate=20.0))
 
 
 def test_half_a_file_that_is_being_written_is_not_read(realm: Realm):
-    snapshot.save_all(realm, Params())
-    (realm.params / ".safety.json.4711").write_text('{"takeo')
-    (realm.params / ".safety.json").write_text('{"takeo')
-    assert snapshot.read(realm) == Params()
+    snapshot.save_all(realm, {"uav": Params()})
+    (realm.params / "uav" / ".safety.json.4711").write_text('{"takeo')
+    (realm.params / "uav" / ".safety.json").write_text('{"takeo')
+    assert snapshot.read(realm, "uav") == Params()
 
 
 def test_a_change_that_the_disk_does_not_take_is_an_error_that_says_so(realm: Realm):
-    snapshot.save_all(realm, Params())
+    snapshot.save_all(realm, {"uav": Params()})
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
     try:
         with pytest.raises(QuadctlError, match="of pressure cannot be kept in "):
-            snapshot.save(realm.params, "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+            snapshot.save(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert snapshot.read(realm) == Params()
+    assert snapshot.read(realm, "uav") == Params()
 
 
 def test_a_snapshot_is_checked_like_a_file(realm: Realm):
-    snapshot.save_all(realm, Params())
-    snapshot.save(realm.params, "safety", {"takeoff": -1})
+    snapshot.save_all(realm, {"uav": Params()})
+    snapshot.save(realm, "uav", "safety", {"takeoff": -1})
     with pytest.raises(Invalid, match=r"safety\.takeoff") as caught:
-        snapshot.read(realm)
+        snapshot.read(realm, "uav")
     assert str(realm.params) in caught.value.message
 
 
@@ -102,7 +102,7 @@ def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm
 
 def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
     with subprocess.Popen(["sleep", "99"]) as deaf, FileLock(realm.lock, "the realm"):
-        record.write(realm, RunRecord("lab", deaf.pid, "uav", []))
+        record.write(realm, RunRecord("lab", deaf.pid, ["uav"], []))
         with pytest.raises(TimedOut, match=rf"process {deaf.pid} has not ended within 0.05 s"):
             halt(realm, 0.05)
         assert deaf.wait() == -signal.SIGTERM
@@ -125,6 +125,6 @@ def test_the_record_is_the_document_of_status(realm: Realm):
     assert msgspec.json.decode(realm.record.read_bytes()) == {
         "realm": "lab",
         "pid": 4711,
-        "vehicle": "uav",
+        "vehicles": ["uav"],
         "nodes": [{"name": "hub", "pid": 4712, "state": "ready", "restarts": 0, "started": 1.5}],
     }

@@ -1,0 +1,36 @@
+"""Which vehicle is meant by a name: a full key says it itself."""
+
+from msgspec import structs
+
+from cli.options import Options
+from schemas.topics import TOPICS
+from services.runtime import vehicles
+
+
+def about_topic(options: Options, name: str) -> Options:
+    """The options, with the vehicle that a topic's full key names.
+
+    For a key that is nobody's, or a pattern, it does not matter which of several vehicles asks.
+    """
+    bare = name.strip("/")
+    if any(topic.name == bare for topic in TOPICS):
+        return options
+    there = _there(options)
+    return _named(options, bare, there, there[0]) if len(there) > 1 else options
+
+
+def about_service(options: Options, name: str) -> Options:
+    """The options, with the vehicle that a service's full key names."""
+    return _named(options, name.strip("/"), _there(options), "")
+
+
+def _there(options: Options) -> list[str]:
+    if options.named:
+        return [options.named]
+    return vehicles.of(options.realm, options.connect, options.timeout)
+
+
+def _named(options: Options, bare: str, there: list[str], otherwise: str) -> Options:
+    first = bare.partition("/")[0]
+    named = first if first in there else otherwise
+    return structs.replace(options, named=named) if named else options

@@ -1,0 +1,44 @@
+"""The way to a realm's hub."""
+
+import contextlib
+import time
+
+import zenoh
+
+from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.realm import Realm
+from services.runtime.record import is_live, not_running
+from services.runtime.session import address_of, open_client
+
+
+def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
+    """Connect at once, or fail at once; only a hub that is being restarted is waited for.
+
+    `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub is
+    there, TimedOut when it does not answer in time (s).
+    """
+    address, began = address_of(realm, connect), time.monotonic()
+    silent = f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s"
+    try:
+        return open_client(address, timeout=timeout)
+    except TimedOut as problem:
+        if connect:
+            raise
+        raise TimedOut(
+            silent,
+            "its process is frozen or busy: it is restarted by itself, or with"
+            " `quadctl node restart hub`",
+        ) from problem
+    except Unreachable:
+        if connect:
+            raise
+        if not is_live(realm):
+            raise not_running(realm) from None
+        left = timeout - (time.monotonic() - began)
+        if left > 0:
+            with contextlib.suppress(Unreachable):
+                return open_client(address, wait=left, timeout=left)
+        raise Unreachable(
+            silent,
+            "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
+        ) from None

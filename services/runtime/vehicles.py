@@ -1,0 +1,53 @@
+"""Which vehicle is meant where none is named."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from services.runtime import record
+from services.runtime.errors import Unreachable, UsageError
+from services.runtime.realm import Realm
+
+DEFAULT = "uav"
+_MOST_LISTED = 12
+
+
+def the_only(realm: str, connect: str, timeout: float) -> str:
+    """The vehicle of a run that has one, `uav` where nothing runs; of a hub, where one is named.
+
+    Raises UsageError where there are several, and over `connect` what a Client does (timeout in s).
+    """
+    there = of(realm, connect, timeout)
+    if len(there) > 1 and DEFAULT not in there:
+        raise UsageError(
+            f"there are several vehicles: {listed(there)}",
+            f"say which: --vehicle {there[0]}, or set QUADCTL_VEHICLE",
+        )
+    return there[0] if len(there) == 1 else DEFAULT
+
+
+def of(realm: str, connect: str, timeout: float) -> list[str]:
+    """The vehicles of a run, or of a hub where one is named; raises as `the_only` over that."""
+    return _at(realm, connect, timeout) if connect else _in(realm)
+
+
+def listed(vehicles: Sequence[str]) -> str:
+    """Their names for a message."""
+    if len(vehicles) <= _MOST_LISTED:
+        return ", ".join(vehicles)
+    return f"{vehicles[0]} .. {vehicles[-1]} ({len(vehicles)})"
+
+
+def _in(realm: str) -> list[str]:
+    try:
+        return record.read(Realm(realm)).vehicles
+    except (Unreachable, UsageError):
+        # Told by whoever needs the run, or the realm's name.
+        return []
+
+
+@lru_cache
+def _at(realm: str, connect: str, timeout: float) -> list[str]:
+    from services.runtime.client import Client
+
+    with Client(realm, DEFAULT, connect=connect, timeout=timeout) as client:
+        return client.vehicles()

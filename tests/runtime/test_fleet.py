@@ -1,0 +1,93 @@
+"""Many vehicles' parameters: what they share, what one has of its own, and where they start."""
+
+import math
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from schemas.params import Params
+from services.runtime import fleet
+from services.runtime.errors import Invalid, UsageError
+
+
+def test_one_vehicle_has_what_the_file_says(tmp_path: Path):
+    file = tmp_path / "lab.toml"
+    file.write_text("[safety]\ntakeoff = 3.0\n[dynamics]\nseed = 5\nstart = { x = 1.0 }")
+    loaded = fleet.load(file)["uav"]
+    assert (loaded.safety.takeoff, loaded.dynamics.seed, loaded.dynamics.start.x) == (3.0, 5, 1.0)
+    assert fleet.load(None) == {"uav": Params()}
+
+
+def test_names_count_from_nought():
+    assert fleet.names("uav", 3) == ["uav0", "uav1", "uav2"]
+    for count in (0, -1, 1001):
+        with pytest.raises(UsageError, match="not a number of vehicles"):
+            fleet.names("uav", count)
+
+
+@given(st.integers(1, 60))
+def test_they_start_two_metres_apart_around_the_start(count: int):
+    starts = [
+        (params.dynamics.start.x, params.dynamics.start.y)
+        for params in fleet.load(
+            None, ["dynamics.start.x=7", "dynamics.seed=3"], fleet.names("uav", count)
+        ).values()
+    ]
+    assert len(set(starts)) == count
+    apart = [math.dist(a, b) for a, b in combinations(starts, 2)]
+    assert min(apart, default=2.0) == 2.0
+    side = 2 * (math.ceil(math.sqrt(count)) - 1)
+    assert all(abs(x - 7) <= side / 2 and abs(y) <= side / 2 for x, y in starts)
+
+
+def test_each_has_a_seed_of_its_own():
+    seeds = [p.dynamics.seed for p in fleet.load(None, ["dynamics.seed=8"], ["a", "b"]).values()]
+    assert seeds == [8, 9]
+
+
+def test_one_has_parameters_of_its_own_from_file_and_line(tmp_path: Path):
+    file = tmp_path / "lab.toml"
+    file.write_text(
+        "[safety]\ntakeoff = 1.5\n[uav1.safety]\ntakeoff = 2.5\n[uav1.dynamics]\nseed = 7"
+    )
+    first, second = fleet.load(
+        file, ["uav0.safety.virtual_cage.x=9", "uav1.dynamics.start.x=-4"], ["uav0", "uav1"]
+    ).values()
+    assert (first.safety.takeoff, second.safety.takeoff) == (1.5, 2.5)
+    assert (first.safety.virtual_cage.x, second.safety.virtual_cage.x) == (9.0, 5.0)
+    assert (first.dynamics.start.x, second.dynamics.start.x) == (-1.0, -4.0)
+    assert (first.dynamics.seed, second.dynamics.seed) == (0, 7)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("uav2.safety.takeoff=1", "unknown parameter uav2"),
+        ("uav0.safety.takeof=1", "unknown parameter safety.takeof"),
+        ("uav0.safety.takeoff=-1", "safety.takeoff: expected `float` >= 0"),
+        ("uav0=1", "uav0 is a vehicle, and not a parameter"),
+        ("uav0.hub.transport=tcp", "uav0.hub: there is one for all vehicles"),
+        ("uav0.dynamics.speed=2", "uav0.dynamics.speed: there is one for all vehicles"),
+        ("safety.takeof=1", "unknown parameter safety.takeof"),
+    ],
+)
+def test_what_is_wrong_is_told(setting: str, said: str):
+    with pytest.raises(Invalid) as caught:
+        fleet.load(None, [setting], ["uav0", "uav1"])
+    assert said in caught.value.message
+    assert caught.value.hint
+
+
+def test_a_vehicle_that_is_not_there_is_told_with_those_that_are():
+    with pytest.raises(Invalid) as caught:
+        fleet.load(None, ["uav20.safety.takeoff=1"], fleet.names("uav", 20))
+    assert "the vehicles are uav0 .. uav19 (20)" in caught.value.hint
+
+
+def test_a_file_says_of_one_what_it_says_of_all_and_of_it_alone():
+    table = {"safety": {"takeoff": 1.0}, "a": {"safety": {"cage_on": False}}, "b": {"hub": {}}}
+    said = fleet.said_of(table, "a", ["a", "b"])
+    assert said == {"safety": {"takeoff": 1.0, "cage_on": False}}

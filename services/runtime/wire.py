@@ -65,7 +65,7 @@ def is_typed(said: str) -> bool:
 
 def check_schema(type_: type[Struct], said: str) -> None:
     """Raise SchemaMismatch where the sender's encoding names another type or digest."""
-    if not is_typed(said):
+    if said == encoding(type_) or not is_typed(said):
         return
     name, _, digest = said.removeprefix(_PREFIX).partition("#")
     if name != type_.__name__ or (digest and digest != schema_hash(type_)):

@@ -11,6 +11,7 @@ from msgspec import Meta, Struct, field
 from schemas.barometer import PressureParams
 from schemas.units import Metres
 from schemas.vehicle import ControlParams, VehicleParams
+from schemas.wind import WindParams
 
 CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
 """A cage smaller than the vehicle would hold nothing, so 0.2 m is the least."""
@@ -98,7 +99,7 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
         Meta(
             ge=0,
             lt=2**31,
-            description="of all random numbers, the sensors' noise among them",
+            description="of all random numbers, the gusts and the sensors' noise among them",
             extra={"unit": ""},
         ),
     ] = 0
@@ -111,6 +112,7 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
             extra={"unit": "s"},
         ),
     ] = 0.15
+    wind: WindParams = field(default_factory=WindParams)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
 

@@ -16,6 +16,13 @@ class InertiaParams(Struct, forbid_unknown_fields=True):
     z: Annotated[float, Meta(ge=1e-6, le=100)] = 0.0069
 
 
+class RotorDragParams(Struct, forbid_unknown_fields=True):
+    """A rotor's force against air that moves across its axis, and along it, N/(rad/s)/(m/s)."""
+
+    across: Annotated[float, Meta(ge=0, le=0.001)] = 0.0
+    along: Annotated[float, Meta(ge=0, le=0.001)] = 0.0
+
+
 class VehicleParams(Struct, forbid_unknown_fields=True):
     """Body and rotors of a quadrotor in X configuration."""
 
@@ -57,6 +64,16 @@ class VehicleParams(Struct, forbid_unknown_fields=True):
     drag: Annotated[
         float, Meta(ge=0, le=100, description="force per |v| v", extra={"unit": "N/(m/s)^2"})
     ] = 0.1
+    linear_drag: Annotated[
+        float, Meta(ge=0, le=10, description="force per v", extra={"unit": "N/(m/s)"})
+    ] = 0.0
+    rotor_drag: Annotated[
+        RotorDragParams,
+        Meta(
+            description="force per motor speed and airspeed, summed over the rotors",
+            extra={"unit": "N/(rad/s)/(m/s)"},
+        ),
+    ] = field(default_factory=RotorDragParams)
 
 
 class ControlParams(Struct, forbid_unknown_fields=True):

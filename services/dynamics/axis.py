@@ -83,32 +83,50 @@ def advance(
     the stop that ends on the goal. Limits that are kept stay kept; speed beyond its limit comes
     back within it.
     """
-    h = PERIOD
     if heading == 0.0:
-        p, v, a = brake(p, v, a, goal, most_a, j, h)
+        p, v, a = brake(p, v, a, goal, most_a, j, PERIOD)
     else:
-        v0 = heading * v
-        a0 = heading * a
-        # With the acceleration then taken away at full jerk, though in whole periods (which may
-        # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
-        over = v0 + 0.5 * h * a0 - most_v
-        cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
-        high = -cap if over > 0.0 else cap
-        high = high if high > -most_a else -most_a
-        # While moving away, a pull back beyond the limit is held, as the stop holds it.
-        most = a0 if (v0 < 0.0) & (a0 > most_a) else most_a
-        high = high if high < most else most
-        high = high if high < a0 + j * h else a0 + j * h
-        high = high if high > a0 - j * h else a0 - j * h
-        jerk = heading * (high - a0) / h
-        p1, v1, a1 = ramp(p, v, a, jerk, h)
-        if heading * (p1 + stop(v1, a1, most_a, j) - goal) > 0.0:
+        p1, v1, a1, jerk, past = press(p, v, a, goal, heading, most_v, most_a, j)
+        if past > 0.0:
             t = switch(p, v, a, jerk, goal, heading, most_a, j)
             p1, v1, a1 = ramp(p, v, a, jerk, t)
-            p1, v1, a1 = brake(p1, v1, a1, goal, most_a, j, h - t)
+            p1, v1, a1 = brake(p1, v1, a1, goal, most_a, j, PERIOD - t)
             heading = 0.0
         p, v, a = p1, v1, a1
     return p, v, a, heading
+
+
+def press(
+    p: float,
+    v: float,
+    a: float,
+    goal: float,
+    heading: float,
+    most_v: float,
+    most_a: float,
+    j: float,
+) -> tuple[float, float, float, float, float]:
+    """The motion one period on under the highest acceleration permitted towards the heading.
+
+    Then the jerk that this takes, m/s^3, and how far past the goal a stop from there would end, m.
+    """
+    h = PERIOD
+    v0 = heading * v
+    a0 = heading * a
+    # With the acceleration then taken away at full jerk, though in whole periods (which may
+    # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
+    over = v0 + 0.5 * h * a0 - most_v
+    cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
+    high = -cap if over > 0.0 else cap
+    high = high if high > -most_a else -most_a
+    # While moving away, a pull back beyond the limit is held, as the stop holds it.
+    most = a0 if (v0 < 0.0) & (a0 > most_a) else most_a
+    high = high if high < most else most
+    high = high if high < a0 + j * h else a0 + j * h
+    high = high if high > a0 - j * h else a0 - j * h
+    jerk = heading * (high - a0) / h
+    p1, v1, a1 = ramp(p, v, a, jerk, h)
+    return p1, v1, a1, jerk, heading * (p1 + stop(v1, a1, most_a, j) - goal)
 
 
 def switch(

@@ -2,7 +2,8 @@
 
 Every error is taken against a setpoint that is smooth up to its snap, and what the setpoint asks
 for is fed forward at each level: acceleration and drag as force, jerk as body rates, snap as
-torque. Feedback is then left with disturbances only.
+torque. The mean wind counts as known, as if estimated: without it the vehicle would hover beside
+its setpoint, downwind. Feedback is then left with gusts and other disturbances.
 
 World frame ENU, body frame FLU, SI units. Straight-line text, as in rigidbody.py.
 """
@@ -11,6 +12,7 @@ from math import sqrt, tan
 
 from schemas.params import DynamicsParams
 from services.dynamics.rigidbody import STEP, State
+from services.dynamics.rotor import hover_speed
 
 STEPS = 4
 """Integration steps in one control period: 250 Hz."""
@@ -28,7 +30,7 @@ TINY = 1e-12
 """Added under a root whose value is divided by; far below anything that matters, above 0."""
 
 Gains = tuple[float, ...]
-"""18 floats made by `control_constants`."""
+"""23 floats made by `control_constants`."""
 
 Setpoint = tuple[float, ...]
 """15 floats: position, velocity, acceleration, jerk and led snap, each x, y, z, world frame."""
@@ -44,6 +46,9 @@ def control_constants(params: DynamicsParams) -> Gains:
     vehicle = params.vehicle
     gains = params.control
     inertia = vehicle.inertia
+    wind = params.wind.mean
+    # Of rotor drag what there is in hover: across the rotors to the sides, along them upwards.
+    turning = 4.0 * hover_speed(vehicle) / vehicle.mass
     full = 4.0 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2
     return (
         gains.position_gain,
@@ -64,6 +69,11 @@ def control_constants(params: DynamicsParams) -> Gains:
         inertia.z - inertia.y,
         inertia.x - inertia.z,
         inertia.y - inertia.x,
+        vehicle.linear_drag / vehicle.mass + turning * vehicle.rotor_drag.across,
+        turning * (vehicle.rotor_drag.along - vehicle.rotor_drag.across),
+        wind.x,
+        wind.y,
+        wind.z,
     )
 
 
@@ -78,17 +88,21 @@ def specific_force(
     """
     px, py, pz, vx, vy, vz, _, _, _, _, _, _, _, _, _, _, _ = state
     rx, ry, rz, sx, sy, sz, ax, ay, az, _, _, _, _, _, _ = setpoint
-    kp, fastest, kv, drag, g, least, most, tilt, _, _, _, _, _, _, _, _, _, _ = gains
+    (kp, fastest, kv, drag, g, least, most, tilt, _, _, _, _, _, _, _, _, _, _,
+     linear, upward, ux, uy, uz) = gains
     # The correction is what is limited: the setpoint keeps its own limit of speed.
     ex = kp * (rx - px)
     ey = kp * (ry - py)
     ez = kp * (rz - pz)
     n = sqrt(ex * ex + ey * ey + ez * ez + TINY)
     k = fastest / n if n > fastest else 1.0
-    d = drag * sqrt(sx * sx + sy * sy + sz * sz)
-    fx = ax + kv * (k * ex + sx - vx) + d * sx
-    fy = ay + kv * (k * ey + sy - vy) + d * sy
-    fz = az + kv * (k * ez + sz - vz) + d * sz + g
+    ux = sx - ux
+    uy = sy - uy
+    uz = sz - uz
+    d = linear + drag * sqrt(ux * ux + uy * uy + uz * uz)
+    fx = ax + kv * (k * ex + sx - vx) + d * ux
+    fy = ay + kv * (k * ey + sy - vy) + d * uy
+    fz = az + kv * (k * ez + sz - vz) + d * uz + upward * uz + g
     fz = least if fz < least else fz
     fz = most if fz > most else fz
     h = sqrt(fx * fx + fy * fy + TINY)
@@ -106,24 +120,28 @@ def control(
     """
     _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = state
     _, _, _, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz = setpoint
-    _, _, _, drag, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz = gains
+    (_, _, _, drag, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz,
+     linear, _, ux, uy, uz) = gains
     fx, fy, fz, free = specific_force(state, setpoint, gains)
     f = 1.0 / sqrt(fx * fx + fy * fy + fz * fz)
     zx = fx * f
     zy = fy * f
     zz = fz * f
     # Snap and jerk of the specific force: the setpoint's and, without its lesser terms, drag's.
-    air = sqrt(sx * sx + sy * sy + sz * sz + TINY)
-    d = drag * air
+    ux = sx - ux
+    uy = sy - uy
+    uz = sz - uz
+    air = sqrt(ux * ux + uy * uy + uz * uz + TINY)
+    d = linear + drag * air
     k = drag / air
-    e = k * (sx * jx + sy * jy + sz * jz)
-    nx = nx + d * jx + e * sx
-    ny = ny + d * jy + e * sy
-    nz = nz + d * jz + e * sz
-    e = k * (sx * ax + sy * ay + sz * az)
-    jx = jx + d * ax + e * sx
-    jy = jy + d * ay + e * sy
-    jz = jz + d * az + e * sz
+    e = k * (ux * jx + uy * jy + uz * jz)
+    nx = nx + d * jx + e * ux
+    ny = ny + d * jy + e * uy
+    nz = nz + d * jz + e * uz
+    e = k * (ux * ax + uy * ay + uz * az)
+    jx = jx + d * ax + e * ux
+    jy = jy + d * ay + e * uy
+    jz = jz + d * az + e * uz
     # First and second rate of the thrust's direction, across it; a clamped tilt is not led on.
     k = f * free
     along = jx * zx + jy * zy + jz * zz

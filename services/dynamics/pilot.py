@@ -11,12 +11,13 @@ is an `if` on its own.
 
 from math import nan
 
-from services.dynamics import setpoint
+from services.dynamics import setpoint, wind
 from services.dynamics.controller import Gains, Setpoint, control
 from services.dynamics.rigidbody import Body, Motors, State, step
 from services.dynamics.rotor import Mixer, mix
 from services.dynamics.setpoint import Plan
 from services.dynamics.sharing import Limits
+from services.dynamics.wind import Air, Weather
 
 HOP = 0.1
 """Height of a hop, m: less than any cage is high."""
@@ -44,9 +45,9 @@ Mode = tuple[float, float, float, float, float, float, float, float]
 to come after this one, 2 to 0; and the point that it was told of last, nan before the first."""
 
 
-Constants = tuple[Body, Gains, Mixer, Limits, float, float]
+Constants = tuple[Body, Gains, Mixer, Limits, float, float, Weather]
 """What a vehicle's parameters come to: of the body, the controller, the mixer and the setpoint, its
-weight (N) and the control periods that its motors take to spin up."""
+weight (N), the control periods that its motors take to spin up, and the weather."""
 
 
 def fresh(*, standing: bool) -> Mode:
@@ -179,23 +180,25 @@ def rest(state: State, command: Motors, plan: Plan, mode: Mode, limits: Limits) 
 
 
 def control_period(
-    state: State, command: Motors, plan: Plan, mode: Mode, constants: Constants
-) -> tuple[Motors, Plan, Mode]:
-    """The motors' command for one control period, and plan and mode at its end."""
-    _, gains, mixer, limits, weight, _ = constants
+    state: State, command: Motors, plan: Plan, mode: Mode, air: Air, constants: Constants
+) -> tuple[Motors, Plan, Mode, Air]:
+    """Motors' command and air for one control period, and plan and mode at its end."""
+    _, gains, mixer, limits, weight, _, weather = constants
     if mode[2] < PERIODS_TO_REST:
+        if weather[4] > 0.0:
+            air = wind.blow(air, weather)
         mode, kind = choose(state, plan, mode, limits)
         wanted = setpoint.setpoint_of(plan, limits)
         command = act(state, wanted, kind, weight, gains, mixer)
         plan, mode = lead_on(plan, mode, kind, limits)
         mode = rest(state, command, plan, mode, limits)
-    return command, plan, mode
+    return command, plan, mode, air
 
 
 def move(
-    state: State, command: Motors, mode: Mode, wind: tuple[float, float, float], body: Body
+    state: State, command: Motors, mode: Mode, flow: tuple[float, float, float], body: Body
 ) -> State:
-    """The state one step later; of a vehicle at rest, the same."""
+    """The state one step later, in air that moves with `flow`; of a vehicle at rest, the same."""
     if mode[2] < PERIODS_TO_REST:
-        state = step(state, command, wind, body)
+        state = step(state, command, flow, body)
     return state

@@ -5,8 +5,9 @@ position (m, world), velocity (m/s, world), quaternion w, x, y, z (body to world
 (rad/s, body) and motor speeds (rad/s). Rotors, seen from above: front left, rear left, rear
 right, front right; the first and third push the body to yaw left, the others right.
 
-The functions are straight-line text over floats: a branch is a conditional expression, so the
-same text can be run on arrays and compiled. Loops over steps belong to the caller.
+The functions are straight-line text over floats: a branch is a conditional expression, or where it
+saves work an `if` on its own, so the same text can be run on arrays and compiled. Loops over steps
+belong to the caller.
 """
 
 from math import exp, sqrt
@@ -23,7 +24,7 @@ Motors = tuple[float, float, float, float]
 """Motor speeds or their commands, rad/s."""
 
 Body = tuple[float, ...]
-"""15 floats made by `body_constants`."""
+"""18 floats made by `body_constants`."""
 
 
 def body_constants(vehicle: VehicleParams, step: float = STEP) -> Body:
@@ -34,6 +35,9 @@ def body_constants(vehicle: VehicleParams, step: float = STEP) -> Body:
         vehicle.torque_coefficient,
         vehicle.arm / sqrt(2.0) * vehicle.thrust_coefficient,
         vehicle.drag / vehicle.mass,
+        vehicle.linear_drag / vehicle.mass,
+        vehicle.rotor_drag.across / vehicle.mass,
+        vehicle.rotor_drag.along / vehicle.mass,
         1.0 / vehicle.mass,
         vehicle.gravity,
         inertia.z - inertia.y,
@@ -56,10 +60,11 @@ def derivative(
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
     """Rates of velocity, quaternion and body rates, in this order; position's is the velocity.
 
-    Newton and Euler's equations with the gyroscopic term. Thrust k w^2 acts along body z; drag
-    is d |v - u| (v - u) against the motion through air that moves with u (m/s, world).
+    Newton and Euler's equations with the gyroscopic term. Thrust k w^2 acts along body z. The
+    motion through air that moves with u (m/s, world) is resisted by the body, with |v - u| (v - u)
+    and v - u, and by the rotors, with the sum of their speeds times v - u, across and along body z.
     """
-    kf, km, kl, drag, im, g, gx, gy, gz, ix, iy, iz, _, _, _ = body
+    kf, km, kl, drag, linear, across, along, im, g, gx, gy, gz, ix, iy, iz, _, _, _ = body
     s0 = m0 * m0
     s1 = m1 * m1
     s2 = m2 * m2
@@ -70,11 +75,18 @@ def derivative(
     ax = vx - ux
     ay = vy - uy
     az = vz - uz
-    k = -drag * sqrt(ax * ax + ay * ay + az * az)
+    k = linear + drag * sqrt(ax * ax + ay * ay + az * az)
+    zx = 2.0 * (qx * qz + qw * qy)
+    zy = 2.0 * (qy * qz - qw * qx)
+    zz = 1.0 - 2.0 * (qx * qx + qy * qy)
+    if across + along > 0.0:
+        m = m0 + m1 + m2 + m3
+        k = k + across * m
+        lift = lift + (across - along) * m * (zx * ax + zy * ay + zz * az)
     return (
-        2.0 * (qx * qz + qw * qy) * lift + k * ax,
-        2.0 * (qy * qz - qw * qx) * lift + k * ay,
-        (1.0 - 2.0 * (qx * qx + qy * qy)) * lift + k * az - g,
+        zx * lift - k * ax,
+        zy * lift - k * ay,
+        zz * lift - k * az - g,
         0.5 * (-qx * wx - qy * wy - qz * wz),
         0.5 * (qw * wx + qy * wz - qz * wy),
         0.5 * (qw * wy - qx * wz + qz * wx),
@@ -98,9 +110,9 @@ def step(
     px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
     c0, c1, c2, c3 = command
     ux, uy, uz = wind
-    half_decay = body[12]
-    decay = body[13]
-    h = body[14]
+    half_decay = body[15]
+    decay = body[16]
+    h = body[17]
     d0 = m0 - c0
     d1 = m1 - c1
     d2 = m2 - c2

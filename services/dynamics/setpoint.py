@@ -102,14 +102,22 @@ def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
             p, v, a, goal, heading, share * most_v, share * most_a, share * most_j
         )
         jerk = (a - old) / PERIOD
-    # The exact response of lags in series to a constant jerk.
+    j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)
+    return (p, v, a, goal, heading, share, j1, j2, j3), 1.0 if moves else 0.0
+
+
+def lagged(
+    j1: float, j2: float, j3: float, jerk: float, decay: float, ratio: float
+) -> tuple[float, float, float]:
+    """The jerk after one, two and three lags, m/s^3: the exact response to a constant one."""
     c1 = j1 - jerk
     c2 = j2 - jerk
     c3 = j3 - jerk
-    j1 = jerk + c1 * decay
-    j2 = jerk + (c2 + ratio * c1) * decay
-    j3 = jerk + (c3 + ratio * (c2 + 0.5 * ratio * c1)) * decay
-    return (p, v, a, goal, heading, share, j1, j2, j3), 1.0 if moves else 0.0
+    return (
+        jerk + c1 * decay,
+        jerk + (c2 + ratio * c1) * decay,
+        jerk + (c3 + ratio * (c2 + 0.5 * ratio * c1)) * decay,
+    )
 
 
 def settle(axis: Axis) -> Axis:

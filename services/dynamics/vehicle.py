@@ -7,12 +7,13 @@ count of integration steps, so equal calls give equal bits.
 from math import ceil
 
 from schemas.params import DynamicsParams
-from services.dynamics import pilot, setpoint
+from services.dynamics import pilot, setpoint, wind
 from services.dynamics.controller import PERIOD, STEPS, control_constants
 from services.dynamics.pilot import Constants, Mode, fresh
 from services.dynamics.rigidbody import STEP, Motors, State, body_constants
 from services.dynamics.rotor import hover_speed, mixer_constants
 from services.dynamics.setpoint import Plan, limits_of
+from services.dynamics.wind import Air, initial_air, weather_of
 
 LAGS_TO_SPIN_UP = 5.0
 """Motor lags to wait at hover command before take-off: then 1.3 % of the weight is missing."""
@@ -20,10 +21,8 @@ LAGS_TO_SPIN_UP = 5.0
 Vector = tuple[float, float, float]
 """x, y, z."""
 
-Lane = tuple[State, Motors, Plan, Mode]
-"""All that a vehicle is at one moment: state, motors' command, plan and mode."""
-
-STILL_AIR: Vector = (0.0, 0.0, 0.0)
+Lane = tuple[State, Motors, Plan, Mode, Air]
+"""All that a vehicle is at one moment: state, motors' command, plan and mode, and its air."""
 
 
 def constants_of(params: DynamicsParams) -> Constants:
@@ -36,6 +35,7 @@ def constants_of(params: DynamicsParams) -> Constants:
         limits_of(params),
         vehicle.mass * vehicle.gravity,
         float(ceil(LAGS_TO_SPIN_UP * vehicle.motor_lag / PERIOD)),
+        weather_of(params),
     )
 
 
@@ -48,7 +48,8 @@ def initial(params: DynamicsParams) -> Lane:
     still = (0.0, 0.0, 0.0)
     state: State = (*start, *still, 1.0, 0.0, 0.0, 0.0, *still, *command)
     mode = fresh(standing=stands)
-    return state, command, setpoint.resting(*start, limits_of(params)), mode
+    plan = setpoint.resting(*start, limits_of(params))
+    return state, command, plan, mode, initial_air(params)
 
 
 class Vehicle:
@@ -65,7 +66,7 @@ class Vehicle:
         self.steps = 0
         """Integration steps since boot."""
         self._constants = constants_of(params)
-        self._state, self._command, self._plan, self._mode = initial(params)
+        self._state, self._command, self._plan, self._mode, self._air = initial(params)
 
     def configure(self, params: DynamicsParams) -> None:
         """Take new parameters (all but `start`) in flight; the state goes on undisturbed."""
@@ -74,6 +75,7 @@ class Vehicle:
         if old[3][:3] != limits[:3]:
             self._plan = setpoint.relimit(self._plan, limits)
         self._mode = pilot.woken(self._mode)
+        self._air = wind.changed(self._air, self._constants[6])
 
     @property
     def time(self) -> float:
@@ -116,6 +118,12 @@ class Vehicle:
         return m0, m1, m2, m3
 
     @property
+    def wind(self) -> Vector:
+        """Velocity of the air, m/s, world."""
+        x, y, z, _, _, _ = self._air
+        return x, y, z
+
+    @property
     def setpoint(self) -> Vector:
         """Where the controller wants the vehicle now, m, world."""
         return pilot.place(self._plan, self._constants[3])
@@ -146,11 +154,15 @@ class Vehicle:
     def advance(self, steps: int) -> None:
         """Run this many integration steps of 1 ms; every fourth since boot is a control step."""
         state, command, plan, mode = self._state, self._command, self._plan, self._mode
-        constants = self._constants
-        body = constants[0]
+        air, constants = self._air, self._constants
+        body, flow = constants[0], air[0:3]
         for count in range(self.steps, self.steps + steps):
             if count % STEPS == 0:
-                command, plan, mode = pilot.control_period(state, command, plan, mode, constants)
-            state = pilot.move(state, command, mode, STILL_AIR, body)
+                command, plan, mode, air = pilot.control_period(
+                    state, command, plan, mode, air, constants
+                )
+                flow = air[0:3]
+            state = pilot.move(state, command, mode, flow, body)
         self._state, self._command, self._plan, self._mode = state, command, plan, mode
+        self._air = air
         self.steps += steps

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from schemas.params import DynamicsParams, StartParams
+from schemas.vehicle import RotorDragParams
+from schemas.wind import MeanWindParams, WindParams
 from services.dynamics.fleet import kernel
 from services.dynamics.fleet.arrays import CHUNK, ArrayFleet
 from services.dynamics.fleet.compiled import CompiledFleet
@@ -47,6 +49,11 @@ def vehicles(count: int, seed: int) -> list[DynamicsParams]:
         if number % 3 == 1:
             params.vehicle.mass = 1.2
             params.control.max_speed = 3.0
+        if number % 3 == 2:
+            params.vehicle.linear_drag = 0.05
+            params.vehicle.rotor_drag = RotorDragParams(across=5e-5, along=2e-5)
+            params.wind = WindParams(MeanWindParams(2.0, -1.0, 0.3), gust=1.0)
+        params.seed = number
         made.append(params)
     return made
 

@@ -15,13 +15,14 @@ from services.dynamics.fleet.text import merged
 from services.dynamics.fleet.vectorise import Vectorise
 from services.dynamics.pilot import Mode
 from services.dynamics.setpoint import Plan
-from services.dynamics.vehicle import STILL_AIR, constants_of, initial
+from services.dynamics.vehicle import constants_of, initial
 
 CHUNK = 1024
 """Vehicles that are stepped together: their arrays fit the processor's caches."""
 
 
-def _on_arrays(*names: str) -> list[Callable[..., Any]]:
+def on_arrays(*names: str) -> list[Callable[..., Any]]:
+    """Functions of the model's text (`pilot_move` is `pilot.move`), a vehicle to each element."""
     functions = [Vectorise().visit(function) for function in merged(names)]
     tree = ast.fix_missing_locations(ast.Module(functions, []))
     found: dict[str, Any] = {"sqrt": np.sqrt, "select": select, "branch": branch}
@@ -29,7 +30,7 @@ def _on_arrays(*names: str) -> list[Callable[..., Any]]:
     return [found[name] for name in names]
 
 
-_control_period, _move = _on_arrays("pilot_control_period", "pilot_move")
+_control_period, _move = on_arrays("pilot_control_period", "pilot_move")
 
 
 class ArrayFleet:
@@ -69,28 +70,31 @@ class _Chunk:
         self._lanes: Value = stack([initial(each) for each in params])
 
     def goto(self, lane: int, x: float, y: float, z: float) -> None:
-        _, _, _, limits, _, spin_up = one(self._constants, lane)
-        _, _, plan, mode = one(self._lanes, lane)
+        _, _, _, limits, _, spin_up, _ = one(self._constants, lane)
+        _, _, plan, mode, _ = one(self._lanes, lane)
         self._tell(lane, pilot.goto(plan, mode, x, y, z, spin_up, limits))
 
     def brake(self, lane: int) -> None:
-        _, _, plan, mode = one(self._lanes, lane)
+        _, _, plan, mode, _ = one(self._lanes, lane)
         self._tell(lane, pilot.brake(plan, mode, one(self._constants, lane)[3]))
 
     def _tell(self, lane: int, new: tuple[Plan, Mode]) -> None:
-        state, command, *told = self._lanes
-        self._lanes = (state, command, *put(tuple(told), np.array([lane]), new, self._count))
+        state, command, plan, mode, air = self._lanes
+        plan, mode = put((plan, mode), np.array([lane]), new, self._count)
+        self._lanes = state, command, plan, mode, air
 
     def advance(self, start: int, steps: int) -> None:
-        state, command, plan, mode = self._lanes
+        state, command, plan, mode, air = self._lanes
         constants = self._constants
         # Of a selection both sides are computed, also the one that is not defined.
         with np.errstate(divide="ignore", invalid="ignore"):
             for count in range(start, start + steps):
                 if count % STEPS == 0:
-                    command, plan, mode = _control_period(state, command, plan, mode, constants)
-                state = _move(state, command, mode, STILL_AIR, constants[0])
-        self._lanes = state, command, plan, mode
+                    command, plan, mode, air = _control_period(
+                        state, command, plan, mode, air, constants
+                    )
+                state = _move(state, command, mode, air[0:3], constants[0])
+        self._lanes = state, command, plan, mode, air
 
     def states(self) -> npt.NDArray[np.float64]:
         rows = np.empty((17, self._count))

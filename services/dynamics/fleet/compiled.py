@@ -8,13 +8,17 @@ import numpy.typing as npt
 
 from schemas.params import DynamicsParams
 from services.dynamics import pilot
-from services.dynamics.fleet.kernel import ROWS, STORED, WIDTH
+from services.dynamics.fleet.kernel import CONSTANTS, LAYOUT, ROWS, STORED, WIDTH, span
 from services.dynamics.pilot import Mode
 from services.dynamics.setpoint import Plan
 from services.dynamics.vehicle import constants_of, initial
 
 Rows = npt.NDArray[np.float64]
 Kernel = Callable[[Rows, Rows, int, int], None]
+
+_TOLD = span(LAYOUT, "plan", "mode")
+"""What a command changes."""
+_LIMITS, _SPIN_UP = span(CONSTANTS, "limits"), span(CONSTANTS, "spin_up").start
 
 
 class CompiledFleet:
@@ -36,8 +40,10 @@ class CompiledFleet:
                 block, lane = divmod(place, WIDTH)
                 self._places[number] = len(rows) + block, lane
             rows += [constants] * -(-len(numbers) // WIDTH)
-        self._constants = np.array(rows)
-        self._blocks = np.empty((len(rows), ROWS * WIDTH))
+        self.constants = np.array(rows)
+        """A row for each block, see kernel.py."""
+        self.blocks = np.empty((len(rows), ROWS * WIDTH))
+        """The vehicles' numbers, see kernel.py."""
         # Lanes without a vehicle stand on the floor.
         still = initial(DynamicsParams())
         self._rows[:, :STORED, :] = np.array(_flat(still))[None, :, None]
@@ -47,7 +53,7 @@ class CompiledFleet:
 
     @property
     def _rows(self) -> npt.NDArray[np.float64]:
-        return self._blocks.reshape(-1, ROWS, WIDTH)
+        return self.blocks.reshape(-1, ROWS, WIDTH)
 
     def goto(self, number: int, x: float, y: float, z: float) -> None:
         """Send one vehicle to a point, m, world."""
@@ -61,7 +67,7 @@ class CompiledFleet:
 
     def advance(self, steps: int) -> None:
         """Run this many integration steps of 1 ms; every fourth since boot is a control step."""
-        self._advance(self._blocks, self._constants, self.steps, steps)
+        self._advance(self.blocks, self.constants, self.steps, steps)
         self.steps += steps
 
     def states(self) -> npt.NDArray[np.float64]:
@@ -70,17 +76,17 @@ class CompiledFleet:
 
     def _told(self, number: int) -> tuple[Plan, Mode, tuple[float, ...], float]:
         block, lane = self._places[number]
-        row: list[float] = self._rows[block, 21:STORED, lane].tolist()
+        row: list[float] = self._rows[block, _TOLD, lane].tolist()
         x, y, z = (tuple(row[i : i + 9]) for i in (0, 9, 18))
         moving, crowded, periods, still = row[27:31]
-        constants: list[float] = self._constants[block].tolist()
+        constants: list[float] = self.constants[block].tolist()
         mode: Any = tuple(row[31:])
         plan = (x, y, z, moving, crowded, periods, still)
-        return plan, mode, tuple(constants[39:47]), constants[48]
+        return plan, mode, tuple(constants[_LIMITS]), constants[_SPIN_UP]
 
     def _tell(self, number: int, told: tuple[Plan, Mode]) -> None:
         block, lane = self._places[number]
-        self._rows[block, 21:STORED, lane] = _flat(told)
+        self._rows[block, _TOLD, lane] = _flat(told)
 
 
 def _flat(value: Any) -> list[float]:

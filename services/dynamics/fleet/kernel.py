@@ -6,36 +6,52 @@ Floating point stays strict; fast arithmetic would gain nothing and cost the equ
 """
 
 import ast
+from collections.abc import Mapping
 
 from services.dynamics.controller import STEPS
 from services.dynamics.fleet.text import merged
+from services.dynamics.glide import PLAIN, RARE
 from services.dynamics.pilot import PERIODS_TO_REST
 
 WIDTH = 64
 """Vehicles in a block."""
 
-LAYOUT = {"state": 17, "command": 4, "plan": 31, "mode": 8, "wanted": 15, "kind": 1}
-"""Rows of a block; the last two are left by one loop for the next."""
+LAYOUT = {"state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 15, "kind": 1, "rare": 1}  # fmt: skip
+"""Rows of a block; the last three are left by one loop for the next."""
 
-CONSTANTS = {"body": 15, "gains": 18, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1}
+CONSTANTS = {
+    "body": 18, "gains": 23, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 5,
+}  # fmt: skip
 """A block's constants, in one row."""
 
-STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode"))
+STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode", "air"))
 ROWS = sum(LAYOUT.values())
 
-_ACTS = ("pilot_act", "rigidbody_step")
-_DECIDES = ("pilot_choose", "setpoint_setpoint_of", "pilot_lead_on", "pilot_rest")
+_TOGETHER = (
+    "wind_blow", "pilot_choose", "setpoint_setpoint_of", "pilot_act", "glide_glide", "pilot_rest",
+    "rigidbody_step",
+)  # fmt: skip
+"""What has no loops, so that all of a block's vehicles take it side by side."""
+_ALONE = ("pilot_lead_on",)
+"""What a vehicle does by itself, now and then."""
+
+
+def span(rows: Mapping[str, int], first: str, last: str = "") -> slice:
+    """Where the rows from one name to another stand."""
+    names = list(rows)
+    start, end = names.index(first), names.index(last or first) + 1
+    return slice(sum(rows[n] for n in names[:start]), sum(rows[n] for n in names[:end]))
 
 
 def source() -> str:
     """A module whose `advance(blocks, constants, start, steps)` runs integration steps of 1 ms.
 
-    `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` (blocks, 49). It is
-    compiled at its first call; numba keeps what it compiled beside the module.
+    `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
+    each. It is compiled at its first call; numba keeps what it compiled beside the module.
     """
-    inlined = {function.name for function in merged(_ACTS)}
+    inlined = {function.name for function in merged(_TOGETHER)}
     parts = ["import numpy as np", "from math import sqrt", "from numba import njit"]
-    for function in merged((*_ACTS, *_DECIDES)):
+    for function in merged((*_TOGETHER, *_ALONE)):
         inline = "forceinline=True" if function.name in inlined else "inline='never'"
         parts += [f"@njit(error_model='numpy', {inline})", ast.unparse(function)]
     return "\n".join([*parts, *_rows(), _KERNEL, ""])
@@ -60,6 +76,11 @@ def _rows() -> list[str]:
     return lines
 
 
+_PUT_PLAN = "\n".join(
+    f"        q[_plan{i} + n] = after[{i}] if plain else before[{i}]" for i in range(LAYOUT["plan"])
+)
+"""One by one: numba knows no tuple of so many conditional expressions."""
+
 _KERNEL = f"""
 @njit(forceinline=True)
 def _plan_of(v):
@@ -72,11 +93,35 @@ def _flat(p):
 
 
 @njit(error_model='numpy', inline='never')
-def _decide(q, n, limits):
-    mode, kind = pilot_choose(_state(q, n), _plan_of(_plan(q, n)), _mode(q, n), limits)
-    _put_mode(q, n, mode)
-    _put_kind(q, n, (kind,))
-    _put_wanted(q, n, setpoint_setpoint_of(_plan_of(_plan(q, n)), limits))
+def _decide(q, c):
+    limits = _get_limits(c)
+    for n in range(np.uint64({WIDTH})):
+        old = _mode(q, n)
+        plan = _plan_of(_plan(q, n))
+        mode, kind = pilot_choose(_state(q, n), plan, old, limits)
+        live = old[2] < {PERIODS_TO_REST}
+        _put_mode(q, n, ({", ".join(f"mode[{i}] if live else old[{i}]" for i in range(8))}))
+        _put_kind(q, n, (kind,))
+        _put_wanted(q, n, setpoint_setpoint_of(plan, limits))
+
+
+@njit(error_model='numpy', inline='never')
+def _glide(q, c):
+    limits = _get_limits(c)
+    for n in range(np.uint64({WIDTH})):
+        before = _plan(q, n)
+        mode = _mode(q, n)
+        live = mode[2] < {PERIODS_TO_REST}
+        flies = live & (_kind(q, n)[0] == 2.0)
+        plan, due = glide_glide(_plan_of(before), limits)
+        rare = flies & ((due == {RARE}) | (mode[4] > 0.0))
+        plain = flies & (due == {PLAIN}) & (mode[4] == 0.0)
+        after = _flat(plan)
+{_PUT_PLAN}
+        rests = live & (rare == False)
+        calm = pilot_rest(_state(q, n), _command(q, n), _plan_of(_plan(q, n)), mode, limits)[2]
+        q[_mode2 + n] = calm if rests else mode[2]
+        _put_rare(q, n, (1.0 if rare else 0.0,))
 
 
 @njit(error_model='numpy', inline='never')
@@ -102,11 +147,21 @@ def _act(q, c):
 
 
 @njit(error_model='numpy', inline='never')
+def _blow(q, c):
+    weather = _get_weather(c)
+    for n in range(np.uint64({WIDTH})):
+        old = _air(q, n)
+        new = wind_blow(old, weather)
+        live = q[_mode2 + n] < {PERIODS_TO_REST}
+        _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
+
+
+@njit(error_model='numpy', inline='never')
 def _move(q, c):
     body = _get_body(c)
     for n in range(np.uint64({WIDTH})):
         s = _state(q, n)
-        t = rigidbody_step(s, _command(q, n), (0.0, 0.0, 0.0), body)
+        t = rigidbody_step(s, _command(q, n), _air(q, n)[0:3], body)
         live = q[_mode2 + n] < {PERIODS_TO_REST}
         _put_state(q, n, (
             {", ".join(f"t[{i}] if live else s[{i}]" for i in range(LAYOUT["state"]))}))
@@ -120,12 +175,13 @@ def advance(blocks, constants, start, steps):
         limits = _get_limits(c)
         for count in range(start, start + steps):
             if count % {STEPS} == 0:
-                for n in range(np.uint64({WIDTH})):
-                    if q[_mode2 + n] < {PERIODS_TO_REST}:
-                        _decide(q, n, limits)
+                if _get_weather(c)[4] > 0.0:
+                    _blow(q, c)
+                _decide(q, c)
                 _act(q, c)
+                _glide(q, c)
                 for n in range(np.uint64({WIDTH})):
-                    if q[_mode2 + n] < {PERIODS_TO_REST}:
+                    if q[_rare0 + n] > 0.0:
                         _lead_on(q, n, limits)
             _move(q, c)
 """

@@ -10,9 +10,19 @@ import inspect
 from collections.abc import Iterable, Iterator
 from types import ModuleType
 
-from services.dynamics import axis, controller, pilot, rigidbody, rotor, setpoint, sharing
+from services.dynamics import (
+    axis,
+    controller,
+    glide,
+    pilot,
+    rigidbody,
+    rotor,
+    setpoint,
+    sharing,
+    wind,
+)
 
-MODULES = (rigidbody, rotor, controller, axis, sharing, setpoint, pilot)
+MODULES = (rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot)
 """Where the model's text stands, each after those that it imports."""
 
 BUILTINS = {"abs", "range", "sqrt"}

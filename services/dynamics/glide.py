@@ -1,0 +1,67 @@
+"""The setpoint's everyday period, without branches, for processors that take vehicles by the dozen.
+
+`setpoint.advance` has loops for what is rare: finding the moment from which an axis brakes, and
+sharing the limits anew. Here such a period is only told from the others, which are done as there,
+to the bit. Straight-line text, as in rigidbody.py; SI units.
+"""
+
+from services.dynamics.axis import brake, press
+from services.dynamics.controller import PERIOD
+from services.dynamics.setpoint import REDIVIDE, Plan, lagged
+from services.dynamics.sharing import Axis, Limits
+
+NOTHING = 0.0
+"""The setpoint is at rest: no new plan."""
+PLAIN = 1.0
+"""The new plan is `setpoint.advance`'s."""
+RARE = 2.0
+"""The new plan is not: ask `setpoint.advance`."""
+
+
+def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
+    """An axis one period on; 1 if it moved, else 0; and 1 if it should have begun to brake."""
+    p, v, a, goal, heading, share, j1, j2, j3 = axis
+    most_v, most_a, most_j, _, decay, ratio, _, _ = limits
+    most_v = share * most_v
+    most_a = share * most_a
+    most_j = share * most_j
+    moves = (v != 0.0) | (a != 0.0) | (p != goal)
+    brakes = heading == 0.0
+    p1, v1, a1 = brake(p, v, a, goal, most_a, most_j, PERIOD)
+    p2, v2, a2, _, past = press(p, v, a, goal, heading, most_v, most_a, most_j)
+    p2 = p1 if brakes else p2
+    v2 = v1 if brakes else v2
+    a2 = a1 if brakes else a2
+    jerk = (a2 - a) / PERIOD if moves else 0.0
+    j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)
+    turns = moves & (heading != 0.0) & (past > 0.0)
+    return (
+        (
+            p2 if moves else p,
+            v2 if moves else v,
+            a2 if moves else a,
+            goal,
+            heading,
+            share,
+            j1,
+            j2,
+            j3,
+        ),
+        1.0 if moves else 0.0,
+        1.0 if turns else 0.0,
+    )
+
+
+def glide(plan: Plan, limits: Limits) -> tuple[Plan, float]:
+    """The plan one control period on, and which of NOTHING, PLAIN and RARE it is."""
+    x, y, z, moving, crowded, periods, still = plan
+    x, mx, tx = axis_on(x, limits)
+    y, my, ty = axis_on(y, limits)
+    z, mz, tz = axis_on(z, limits)
+    now = mx + my + mz
+    periods = 0.0 if periods + 1.0 == REDIVIDE else periods + 1.0
+    rests = 0.0 if now > 0.0 else still + 1.0
+    divides = (now < moving) | ((crowded > 0.0) & (periods == 0.0))
+    rare = (tx + ty + tz > 0.0) | divides | (rests >= limits[7])
+    kind = RARE if rare else PLAIN
+    return (x, y, z, now, crowded, periods, rests), kind if still < limits[7] else NOTHING

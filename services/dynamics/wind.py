@@ -1,0 +1,104 @@
+"""Moving air: a steady wind, and gusts that make the same flight again from the same seed.
+
+A gust is Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes: white noise
+through a first-order lag. What carries it past the vehicle is the mean wind and its own turbulence,
+so its time is the length scale over the speed of both.
+
+The noise must be the same to the bit in plain Python, on arrays and compiled. Three multiplicative
+generators with different moduli run in whole numbers below 2^53, which floats hold exactly; a draw
+is the sum of their three uniform numbers (Irwin and Hall's distribution), which the lag turns into
+a normal one. Their periods together are far beyond any fleet's need.
+
+World frame ENU, SI units. Straight-line text, as in rigidbody.py.
+"""
+
+from math import exp, sqrt
+
+from schemas.params import DynamicsParams
+from services.dynamics.controller import PERIOD
+
+Air = tuple[float, float, float, float, float, float]
+"""The air's velocity (m/s, world) and the three generators' states, whole numbers."""
+
+Weather = tuple[float, float, float, float, float]
+"""The mean wind (m/s, world), what a gust keeps of itself in a control period, and the RMS of what
+is added (m/s); 0 without gusts."""
+
+A1, M1 = 48271.0, 2147483647.0
+"""Park, Miller and Stockmeyer's generator (CACM 1993)."""
+A2, M2 = 40014.0, 2147483563.0
+A3, M3 = 40692.0, 2147483399.0
+"""L'Ecuyer's two (CACM 1988)."""
+
+WHOLE = 6755399441055744.0
+"""1.5 * 2^52: added and taken away again, it leaves the nearest whole number."""
+
+_MASK = 2**64 - 1
+
+
+def weather_of(params: DynamicsParams) -> Weather:
+    """What `blow` needs of the parameters."""
+    wind = params.wind
+    mean = wind.mean
+    speed = sqrt(mean.x**2 + mean.y**2 + mean.z**2 + wind.gust**2)
+    keep = exp(-PERIOD * speed / wind.gust_length)
+    return (mean.x, mean.y, mean.z, keep, wind.gust * sqrt(1.0 - keep * keep))
+
+
+def initial_air(params: DynamicsParams) -> Air:
+    """The air at boot, in the midst of a gust; another for each seed."""
+    mean, gust = params.wind.mean, params.wind.gust
+    s1, s2, s3 = (
+        1.0 + _scattered(3 * params.seed + i) % int(m - 1.0) for i, m in enumerate((M1, M2, M3))
+    )
+    nx, s1, s2, s3 = noise(s1, s2, s3)
+    ny, s1, s2, s3 = noise(s1, s2, s3)
+    nz, s1, s2, s3 = noise(s1, s2, s3)
+    return (mean.x + gust * nx, mean.y + gust * ny, mean.z + gust * nz, s1, s2, s3)
+
+
+def changed(air: Air, weather: Weather) -> Air:
+    """The air under new parameters: gusts go on from what they are, a steady wind is at once."""
+    _, _, _, s1, s2, s3 = air
+    wx, wy, wz, _, stir = weather
+    return air if stir > 0.0 else (wx, wy, wz, s1, s2, s3)
+
+
+def follower(s: float, a: float, m: float) -> float:
+    """The state after `s` of a generator: a s mod m, between 1 and m - 1."""
+    s = a * s
+    s = s - m * ((s / m + WHOLE) - WHOLE)
+    return s if s > 0.0 else s + m
+
+
+def noise(s1: float, s2: float, s3: float) -> tuple[float, float, float, float]:
+    """A number of mean 0 and variance 1, between -3 and 3, and the generators' next states."""
+    s1 = follower(s1, A1, M1)
+    s2 = follower(s2, A2, M2)
+    s3 = follower(s3, A3, M3)
+    return 2.0 * (s1 / M1 + s2 / M2 + s3 / M3) - 3.0, s1, s2, s3
+
+
+def blow(air: Air, weather: Weather) -> Air:
+    """The air one control period on."""
+    ux, uy, uz, s1, s2, s3 = air
+    wx, wy, wz, keep, stir = weather
+    nx, s1, s2, s3 = noise(s1, s2, s3)
+    ny, s1, s2, s3 = noise(s1, s2, s3)
+    nz, s1, s2, s3 = noise(s1, s2, s3)
+    return (
+        wx + keep * (ux - wx) + stir * nx,
+        wy + keep * (uy - wy) + stir * ny,
+        wz + keep * (uz - wz) + stir * nz,
+        s1,
+        s2,
+        s3,
+    )
+
+
+def _scattered(seed: int) -> int:
+    """64 bits in which neighbouring seeds have nothing in common (SplitMix64)."""
+    x = (seed + 1) * 0x9E3779B97F4A7C15 & _MASK
+    x = (x ^ x >> 30) * 0xBF58476D1CE4E5B9 & _MASK
+    x = (x ^ x >> 27) * 0x94D049BB133111EB & _MASK
+    return x ^ x >> 31

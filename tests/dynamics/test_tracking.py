@@ -1,0 +1,77 @@
+"""How closely the vehicle keeps to a smooth setpoint: what feeding forward is for."""
+
+from math import cos, dist, sin
+
+import pytest
+
+from schemas.params import DynamicsParams, StartParams
+from services.dynamics.controller import PERIOD, STEPS
+from services.dynamics.pilot import act
+from services.dynamics.rigidbody import step
+from services.dynamics.vehicle import Vehicle, constants_of, initial
+
+CALM = (0.0, 0.0, 0.0)
+
+
+def circle(radius: float, speed: float, t: float, led: float) -> tuple[float, ...]:
+    """Position to snap on a circle 10 m up; the snap is that of `led` seconds later."""
+    w = speed / radius
+    c, s, ahead = cos(w * t), sin(w * t), w * (t + led)
+    return (
+        radius * c, radius * s, 10.0,
+        -radius * w * s, radius * w * c, 0.0,
+        -radius * w**2 * c, -radius * w**2 * s, 0.0,
+        radius * w**3 * s, -radius * w**3 * c, 0.0,
+        radius * w**4 * cos(ahead), radius * w**4 * sin(ahead), 0.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("jerk", "within"), [(True, 0.03), (False, 1.0)])
+def test_a_circle_at_four_metres_per_second_is_kept_to_three_centimetres(jerk, within):
+    params = DynamicsParams(start=StartParams(4.0, 0.0, 10.0))
+    body, gains, mixer, _, weight, _, _ = constants_of(params)
+    state, command, *_ = initial(params)
+    state = (*state[:3], 0.0, 4.0, 0.0, *state[6:])
+    errors = []
+    for number in range(3000):
+        t = number * PERIOD
+        wanted = circle(4.0, 4.0, t, gains[8])
+        errors.append(dist(state[:3], wanted[:3]))
+        if not jerk:
+            wanted = (*wanted[:9], *(0.0,) * 6)
+        command = act(state, wanted, 2.0, weight, gains, mixer)
+        for _ in range(STEPS):
+            state = step(state, command, CALM, body)
+    settled = max(errors[1500:])
+    assert settled < within
+    # Without jerk as body rates and snap as torque it is further off: the test can tell.
+    assert jerk or settled > 0.06
+
+
+def test_a_move_of_one_metre_is_followed_to_seven_millimetres_without_overshoot():
+    vehicle = Vehicle(DynamicsParams(start=StartParams(0.0, 0.0, 10.0)))
+    vehicle.goto(1.0, 0.0, 10.0)
+    off, furthest = 0.0, 0.0
+    for _ in range(800):
+        vehicle.advance(4)
+        off = max(off, dist(vehicle.position, vehicle.setpoint))
+        furthest = max(furthest, vehicle.position[0])
+    assert off < 0.007
+    assert furthest < 1.0 + 1e-4
+    assert dist(vehicle.position, (1.0, 0.0, 10.0)) < 1e-4
+
+
+def test_a_goal_moved_in_flight_does_not_jerk_the_vehicle():
+    vehicle = Vehicle(DynamicsParams(start=StartParams(0.0, 0.0, 10.0)))
+    jerks = []
+    before, last = vehicle.velocity, (0.0, 0.0, 0.0)
+    for number in range(2500):
+        if number % 250 == 0:
+            vehicle.goto(4.0 * cos(number), 4.0 * sin(number), 10.0 + sin(2.0 * number))
+        vehicle.advance(STEPS)
+        assert dist(vehicle.position, vehicle.setpoint) < 0.05
+        now = tuple((a - b) / PERIOD for a, b in zip(vehicle.velocity, before, strict=True))
+        jerks.append(dist(now, last) / PERIOD)
+        before, last = vehicle.velocity, now
+    # The setpoint's jerk is at most 40 m/s^3, shared by three axes; nothing adds a step to it.
+    assert max(jerks) < 2.0 * 40.0

@@ -10,20 +10,25 @@ from benchmarks.report import limits, number, ratio
 from benchmarks.rows import Row
 
 _README = Path(__file__).parents[1] / "README.md"
-_BEGIN, _END = "<!-- figures -->", "<!-- /figures -->"
 
 
 def write(document: Mapping[str, Any]) -> None:
     """Put the table between its two marks."""
+    replace("figures", table(document))
+
+
+def replace(name: str, table: str) -> None:
+    """Put a table between the marks of that name."""
     text = _README.read_text(encoding="utf-8")
-    _README.write_text(between(text, table(document)), encoding="utf-8")
+    _README.write_text(between(text, name, table), encoding="utf-8")
 
 
-def between(text: str, table: str) -> str:
+def between(text: str, name: str, table: str) -> str:
     """The text with what stands between the marks replaced."""
-    head, rest = text.split(_BEGIN)
-    _, tail = rest.split(_END)
-    return f"{head}{_BEGIN}\n{table}{_END}{tail}"
+    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+    head, rest = text.split(begin)
+    _, tail = rest.split(end)
+    return f"{head}{begin}\n{table}{end}{tail}"
 
 
 def table(document: Mapping[str, Any]) -> str:

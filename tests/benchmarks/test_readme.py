@@ -48,9 +48,9 @@ def test_each_row_tells_ours_the_peers_the_bar_and_the_verdict():
 
 def test_only_what_is_between_the_marks_changes():
     text = "before\n<!-- figures -->\nold\n<!-- /figures -->\nafter\n"
-    fresh = readme.between(text, "new\n")
+    fresh = readme.between(text, "figures", "new\n")
     assert fresh == "before\n<!-- figures -->\nnew\n<!-- /figures -->\nafter\n"
-    assert readme.between(fresh, "new\n") == fresh
+    assert readme.between(fresh, "figures", "new\n") == fresh
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,84 @@
+"""Measures how fast the flight model is beside its peers, each in turn in a process of its own.
+
+    python -m benchmarks.model [--only NAME]... [--write] [--check] [--out FILE]
+
+Peers are installed below .cache when first needed. With --write: model.json and the README's table.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from benchmarks import machine, readme
+from benchmarks.model import environments
+from benchmarks.model.environments import Missing
+from benchmarks.model.figures import BARS, RUNNERS, tables
+from benchmarks.model.flops import step_flops
+
+FILE = Path(__file__).parents[1] / "model.json"
+_OURS = ("plain", "arrays", "compiled")
+
+
+def main() -> int:
+    options = _parser().parse_args()
+    if options.write and options.only:
+        _parser().error("--write is for a whole run: leave out --only")
+    found: dict[str, Any] = {
+        "machine": machine.described(), "flops": step_flops(), "peak": 0.0,
+        "rates": {}, "imports": {}, "memory": {}, "versions": {}, "missing": {},
+    }  # fmt: skip
+    for runner in RUNNERS:
+        key = runner.key
+        if options.only and key not in options.only:
+            found["missing"][key] = "not measured"
+            continue
+        try:
+            said = json.loads(_measured(key))
+        except Missing as error:
+            found["missing"][key] = str(error)
+            print(f"{runner.name}: {error}", file=sys.stderr)
+            continue
+        found["peak"] = said["rates"].pop("peak", {}).get("1", found["peak"])
+        found["rates"][key], found["imports"][key] = said["rates"], said["import"]
+        found["versions"][key], found["memory"][key] = said["version"], said["memory"]
+        print(f"{runner.name}: {json.dumps(said['rates'])}", flush=True)
+    print(tables(found))
+    for path in ([FILE] if options.write else []) + ([options.out] if options.out else []):
+        path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if options.write:
+        readme.replace("model", tables(found))
+    missed = [bar for bar in BARS if bar.verdict(found["rates"]) == "missed"]
+    return 1 if options.check and missed else 0
+
+
+def _measured(key: str) -> str:
+    """What a runner printed of its figures; raises Missing."""
+    if key in environments.PACKAGES:
+        return environments.run(key, f"{key}_speed")
+    words = ["benchmarks.model.ours", key] if key in _OURS else ["benchmarks.model.reference"]
+    done = subprocess.run(
+        [sys.executable, "-m", *words],
+        cwd=environments.ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode:
+        raise Missing(done.stderr.strip().splitlines()[-1])
+    return done.stdout
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = [runner.key for runner in RUNNERS]
+    parser.add_argument("--only", action="append", choices=names, help="measure this one alone")
+    parser.add_argument("--write", action="store_true", help="model.json and the README's table")
+    parser.add_argument("--check", action="store_true", help="exit 1 where a bar is missed")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures there, as JSON")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

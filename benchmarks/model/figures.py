@@ -1,0 +1,127 @@
+"""The figures of one run: who was measured, the bars, and the README's two tables. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.bars import Verdict
+from benchmarks.model.peers.timing import COUNTS
+from benchmarks.report import number
+
+
+@dataclass(frozen=True)
+class Runner:
+    """One who flies; `numbers` says of which type and by which scheme."""
+
+    key: str
+    name: str
+    numbers: str
+
+
+RUNNERS = (
+    Runner("plain", "quadctl, plain Python", "double, RK4"),
+    Runner("arrays", "quadctl, numpy", "double, RK4"),
+    Runner("compiled", "quadctl, numba", "double, RK4"),
+    Runner("reference", "the same by hand in C++", "double, RK4"),
+    Runner("rotorpy", "rotorpy", "double, RK45 adaptive"),
+    Runner("rotorpybatch", "rotorpy, torch", "double, RK4"),
+    Runner("mujoco", "mujoco", "double, RK4"),
+    Runner("crazyflow", "crazyflow, JAX", "single, RK4"),
+)
+
+Rates = Mapping[str, Mapping[str, Mapping[str, float]]]
+"""Vehicle-steps per second by runner, by what was run and by the number of vehicles as text."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Ours at least so many times a peer's, steps without a controller on one core, in one run."""
+
+    ours: str
+    count: int
+    factor: float
+    peer: str
+    peers_count: int
+
+    def ratio(self, rates: Rates) -> float | None:
+        """Ours divided by the peer's; None where the peer was not measured."""
+        theirs = rates.get(self.peer, {}).get("dynamics", {}).get(str(self.peers_count))
+        ours = rates.get(self.ours, {}).get("dynamics", {}).get(str(self.count))
+        return ours / theirs if ours and theirs else None
+
+    def verdict(self, rates: Rates) -> Verdict:
+        """Whether the ratio reaches it."""
+        ratio = self.ratio(rates)
+        if ratio is None:
+            return "not compared"
+        return "holds" if ratio >= self.factor else "missed"
+
+
+BARS = (
+    Bar("plain", 1, 40, "rotorpy", 1),
+    Bar("arrays", 10_000, 75, "rotorpybatch", 10_000),
+    Bar("compiled", 10_000, 0.9, "reference", 10_000),
+    Bar("compiled", 10_000, 20, "crazyflow", 10_000),
+)
+
+
+def tables(document: Mapping[str, Any]) -> str:
+    """The speeds, and the bars with their verdicts."""
+    heads = ["vehicle-steps/s, one core", "", *(f"{count:,}" for count in COUNTS)]
+    heads += ["with controller", "whole flight", "of peak", "import", "memory"]
+    lines = [f"| {' | '.join(heads)} |", "|---|---|" + "---:|" * (len(heads) - 2)]
+    lines += [_line(runner, document) for runner in RUNNERS]
+    lines += ["", "| steps alone | ratio | bar | |", "|---|---|---|---|"]
+    names = {runner.key: runner.name for runner in RUNNERS}
+    rates: Rates = document["rates"]
+    for bar in BARS:
+        ratio = bar.ratio(rates)
+        ours = f"{names[bar.ours]} at {bar.count:,} : {names[bar.peer]} at {bar.peers_count:,}"
+        shown = "-" if ratio is None else number(ratio)
+        verdict = bar.verdict(rates)
+        bold = f"**{verdict}**" if verdict == "missed" else verdict
+        lines.append(f"| {ours} | {shown} | >= {bar.factor:g} | {bold} |")
+    machine = document["machine"]
+    measured = (
+        f"A step is 1 ms. Measured by `python -m benchmarks.model --write` on {machine['processor']},"
+        f" Python {machine['python']}, {machine['date']}, commit {machine['commit']}, load"
+        f" {machine['load']}; the peers' versions:"
+        f" {', '.join(f'{key} {said}' for key, said in document['versions'].items())}."
+    )
+    lines += ["", measured]
+    return "\n".join(lines) + "\n"
+
+
+def _line(runner: Runner, document: Mapping[str, Any]) -> str:
+    key = runner.key
+    if key in document["missing"]:
+        return f"| {runner.name} | {document['missing'][key]} |" + " |" * (len(COUNTS) + 5)
+    rates = document["rates"][key]
+    alone = rates["dynamics"]
+    most = max(alone.values())
+    part = most * document["flops"] / (document["peak"] * 1e9) if _same_model(key) else None
+    cells = [_speed(alone.get(str(count))) for count in COUNTS]
+    cells += [_speed(_most(rates.get(mode))) for mode in ("control", "flight")]
+    cells.append("" if part is None else f"{100 * part:.2g} %")
+    imported = document["imports"][key]
+    cells.append(f"{number(imported)} s" if imported else "")
+    cells.append(f"{number(document['memory'][key])} MB")
+    return f"| {runner.name} | {runner.numbers} | {' | '.join(cells)} |"
+
+
+def _same_model(key: str) -> bool:
+    """Whether a runner's step has the operations that were counted."""
+    return key in {"plain", "arrays", "compiled", "reference"}
+
+
+def _most(rates: Mapping[str, float] | None) -> float | None:
+    return max(rates.values()) if rates else None
+
+
+def _speed(value: float | None) -> str:
+    if value is None:
+        return ""
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if value >= size:
+            return f"{number(value / size)} {letter}"
+    return number(value)

@@ -1,0 +1,44 @@
+"""How fast something goes, in any environment. Standard library only."""
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+COUNTS = (1, 10, 100, 1000, 10_000, 100_000)
+"""Vehicles at once."""
+_ROUNDS = 5
+_SECONDS = 0.3
+"""What one round takes, about; the best of the rounds counts, what else ran only slows them."""
+
+Rates = dict[str, dict[int, float]]
+"""Vehicle-steps per second, by what was run and the number of vehicles."""
+
+
+def rate(run: Callable[[int], None], vehicle_steps: float) -> float:
+    """Vehicle-steps per second of `run(calls)`, where each call makes that many."""
+    run(1)  # compiled, loaded, allocated
+    calls, seconds = 1, 0.0
+    while seconds < _SECONDS:
+        seconds = _timed(run, calls)
+        if seconds < _SECONDS:
+            calls = max(2 * calls, int(calls * _SECONDS / max(seconds, 1e-6)))
+    best = min([seconds, *(_timed(run, calls) for _ in range(_ROUNDS))])
+    return vehicle_steps * calls / best
+
+
+def _timed(run: Callable[[int], None], calls: int) -> float:
+    began = time.perf_counter()
+    run(calls)
+    return time.perf_counter() - began
+
+
+def memory() -> float:
+    """What the process has in memory, MB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * 4096 / 1e6
+
+
+def tell(version: str, imported: float, rates: Rates) -> None:
+    """Print what was measured, for the one who asked; `imported` is the import's time, s."""
+    print(json.dumps({"version": version, "import": imported, "memory": memory(), "rates": rates}))

@@ -5,6 +5,7 @@ import os
 import sys
 
 from cli import (
+    alone,
     lean,  # noqa: F401 - before all that imports msgspec
     output,
     quick,
@@ -57,6 +58,7 @@ def _run(words: list[str]) -> None:
         if fits is not None:
             output.line(fits)
             return
+    words = alone.given(words)
     line = quick.read(words)
     if line is None:
         from cli import typed

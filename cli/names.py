@@ -3,8 +3,8 @@
 import re
 from typing import Any
 
-from schemas.contract import Service, Topic
-from schemas.topics import SERVICES, TOPICS, get_params, set_params
+from schemas.contract import Service
+from schemas.topics import SERVICES, TOPICS, get_params, set_params, topic_of
 from services.runtime.errors import Invalid
 from services.runtime.named import nearest
 
@@ -50,12 +50,6 @@ def _canonical(key: str) -> str:
         else:
             chunks.append(wild)
     return "/".join(chunks)
-
-
-def topic_of(key: str) -> Topic[Any] | None:
-    """The declared topic that a full key belongs to, whatever the vehicle."""
-    _, _, name = key.partition("/")
-    return next((topic for topic in TOPICS if topic.name == name), None)
 
 
 def types() -> dict[str, str]:

@@ -23,6 +23,13 @@ COMMANDS = {
     "cage on": "cli.lab.cage:on",
     "cage off": "cli.lab.cage:off",
     "cage show": "cli.lab.cage:show",
+    "record": "cli.record.record:record",
+    "replay": "cli.record.replay:replay",
+    "plot": "cli.plot.plot:plot",
+    "bag info": "cli.bag.info:info",
+    "bag check": "cli.bag.check:check",
+    "bag repair": "cli.bag.repair:repair",
+    "bag export": "cli.bag.export:export",
     "topic list": "cli.topic.list:list_",
     "topic info": "cli.topic.info:info",
     "topic echo": "cli.topic.echo:echo",
@@ -53,6 +60,7 @@ COMMANDS = {
 
 GROUPS = {
     "cage": "The virtual cage.",
+    "bag": "Recordings.",
     "topic": "What is published.",
     "service": "What can be called.",
     "param": "Parameters of the running system.",

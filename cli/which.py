@@ -19,6 +19,12 @@ def about_topic(options: Options, name: str) -> Options:
     return _named(options, bare, there, there[0]) if len(there) > 1 else options
 
 
+def anyone(options: Options) -> Options:
+    """The options, with one of the vehicles where it does not matter which asks."""
+    there = _there(options)
+    return structs.replace(options, named=there[0]) if there else options
+
+
 def about_service(options: Options, name: str) -> Options:
     """The options, with the vehicle that a service's full key names."""
     return _named(options, name.strip("/"), _there(options), "")

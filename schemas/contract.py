@@ -41,13 +41,23 @@ class Topic(Generic[M]):
 
 
 class Service(Generic[Q, R]):
-    """A request and its response, on a key that one process answers."""
+    """A request and its response, on a key that one process answers.
+
+    One that only `reads` changes nothing, and nobody is told of its calls.
+    """
 
     def __init__(
-        self, name: str, request: type[Q], response: type[R], *, node: str, doc: str
+        self,
+        name: str,
+        request: type[Q],
+        response: type[R],
+        *,
+        node: str,
+        doc: str,
+        reads: bool = False,
     ) -> None:
         self.name, self.request, self.response = name, request, response
-        self.node, self.doc = node, doc
+        self.node, self.doc, self.reads = node, doc, reads
 
     @property
     def type_name(self) -> str:

@@ -1,6 +1,6 @@
 """What travels on the topics."""
 
-from typing import Literal
+from typing import Any, Literal
 
 from msgspec import Struct
 
@@ -95,3 +95,20 @@ class Info(Struct, frozen=True):
     vehicle: Text
     services: dict[str, str]
     topics: dict[str, str]
+
+
+class Called(Struct, frozen=True):
+    """A call that a node has executed: what was asked of which service, and what came of it.
+
+    `boot` and `stamp` (s) are the simulated time that the node had come to; `held` says that the
+    call was made ahead, for that time. Where it was refused `response` is empty, and `error` says
+    why.
+    """
+
+    boot: Boot
+    stamp: Seconds
+    service: Text
+    held: bool
+    request: dict[str, Any]
+    response: dict[str, Any]
+    error: Text

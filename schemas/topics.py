@@ -3,7 +3,7 @@
 from typing import Any
 
 from schemas.contract import Service, Topic
-from schemas.messages import Info, Pose, Pressure, SafetyState, Setpoint, Waypoint
+from schemas.messages import Called, Info, Pose, Pressure, SafetyState, Setpoint, Waypoint
 from schemas.requests import (
     CalibrateRequest,
     CalibrateResponse,
@@ -34,6 +34,9 @@ REQUEST = Topic(
 SETPOINT = Topic("input/position", Setpoint, node="safety", hz=20, doc="The verified setpoint.")
 
 INFO = Topic("info", Info, node="safety", hz=0, doc="Who serves what.", latched=True)
+
+_CALLS = "@call/"
+"""A chunk that wildcards do not match: who listens to everything is not told of calls as well."""
 
 TOPICS: tuple[Topic[Any], ...] = (POSE, PRESSURE, STATE, REQUEST, SETPOINT, INFO)
 
@@ -68,6 +71,7 @@ def get_params(node: str) -> Service[GetParamsRequest, GetParamsResponse]:
         GetParamsResponse,
         node=node,
         doc=f"Read the parameters of {node}.",
+        reads=True,
     )
 
 
@@ -80,3 +84,22 @@ def set_params(node: str) -> Service[SetParamsRequest, SetParamsResponse]:
         node=node,
         doc=f"Change the parameters of {node}.",
     )
+
+
+def called(service: Service[Any, Any]) -> Topic[Called]:
+    """What tells of every executed call of a service that may change something."""
+    return Topic(
+        f"{_CALLS}{service.name}",
+        Called,
+        node=service.node,
+        hz=0,
+        doc=f"The calls of {service.name}, as they were executed.",
+    )
+
+
+def topic_of(key: str) -> Topic[Any] | None:
+    """The topic that a full key belongs to, whatever the vehicle."""
+    _, _, name = key.partition("/")
+    if name.startswith(_CALLS):
+        return Topic(name, Called, node="", hz=0, doc="Calls, as they were executed.")
+    return next((topic for topic in TOPICS if topic.name == name), None)

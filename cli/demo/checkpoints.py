@@ -38,18 +38,15 @@ class Evidence(NamedTuple):
 
 
 class Lab:
-    """A live system under test, and the requests that were made of it."""
+    """A live system under test."""
 
     def __init__(self, client: Client, params: Params, safety_log: Path) -> None:
         self.client, self.params, self.safety_log = client, params, safety_log
-        self.accepted: list[Position] = []
-        self.rejected: list[Position] = []
 
     def goto(self, goal: Position) -> tuple[str, Flight]:
         """Ask for a goal and fly there; returns why it was refused, empty when it was taken."""
         flight = Flight(self.client, goal)
         reply = self.client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z))
-        (self.accepted if reply.accepted else self.rejected).append(goal)
         if reply.accepted:
             flight.begin()
             flight.watch(patience(self.client, flight.distance))

@@ -2,7 +2,6 @@
 
 import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,11 +9,9 @@ from cli import output
 from cli.declare import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
 from cli.options import Options
-from schemas.topics import POSE, PRESSURE
 from services.runtime.client import Client
 from services.runtime.detach import detach
 from services.runtime.halt import halt
-from services.runtime.hearing import Stream
 from services.runtime.launch import Launch
 from services.runtime.realm import Realm
 from services.runtime.template import lab_params
@@ -33,7 +30,8 @@ def demo(
 
     Example: quadctl demo --picture flight.svg
     """
-    from cli.demo.picture import draw
+    from cli.plot.flight import Flight, wanted
+    from cli.plot.picture import draw
 
     realm = Realm(f"demo-{os.getpid()}")
     params = lab_params()
@@ -42,13 +40,16 @@ def demo(
     detach(launch)
     try:
         with Client(realm.name, vehicle, timeout=options.timeout) as client:
-            flown = client.listen(POSE.key(client.vehicle), PRESSURE.key(client.vehicle))
+            heard = client.listen(*wanted([client.vehicle]), backlog=100_000)
             lab = Lab(client, params, realm.logs / "safety.log")
             report = [
                 _fly(number, title, list(checkpoint(lab)), quiet=options.json)
                 for number, (title, checkpoint) in enumerate(CHECKPOINTS, start=1)
             ]
-            draw(picture, lab, list(_drain(flown)))
+            flight = Flight()
+            while (message := heard.next(0)) is not None:
+                flight.add(message.key, message.payload, message.encoding)
+            draw(picture, flight, "quadctl demo: the lab's four checkpoints, flown")
     finally:
         halt(realm)
     holds = all(checkpoint["holds"] for checkpoint in report)
@@ -69,8 +70,3 @@ def _fly(number: int, title: str, evidence: list[Any], *, quiet: bool) -> dict[s
             output.line(f"  {'ok  ' if item.holds else 'FAIL'}  {item.text}")
     texts = [{"holds": item.holds, "text": item.text} for item in evidence]
     return {"name": title, "holds": holds, "evidence": texts}
-
-
-def _drain(stream: Stream) -> Iterator[Any]:
-    while (message := stream.next(0)) is not None:
-        yield message

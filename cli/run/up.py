@@ -36,6 +36,10 @@ def up(
         list[str] | None,
         Opt("Override a parameter of the file.", ("--set",), "NAME=VALUE", complete="setting"),
     ] = None,
+    record: Annotated[
+        str | None,
+        Opt("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
+    ] = None,
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
 
@@ -48,7 +52,8 @@ def up(
     names = [stem] if vehicles is None else fleet.names(stem, vehicles)
     parameters = fleet.load(source, settings or (), names)
     folder = source.resolve().parent if source else Path.cwd()
-    launch = Launch(options.realm, parameters, without or [], str(folder))
+    recording = "" if record is None else _recording(record)
+    launch = Launch(options.realm, parameters, without or [], str(folder), recording)
     launch.processes()
     if detach:
         in_background(launch)
@@ -59,6 +64,15 @@ def up(
         return
     if _watch(launch) == signal.SIGINT:
         sys.exit(128 + signal.SIGINT)
+
+
+def _recording(name: str) -> str:
+    """The file to record to, its name whole: the recorder works in a folder of its own."""
+    from cli.record.files import default_file, free
+
+    file = Path(name) if name else default_file()
+    free(file)
+    return str(file.resolve())
 
 
 def _watch(launch: Launch) -> int:

@@ -4,12 +4,12 @@ from typing import Annotated, Any
 
 from cli import bus, output
 from cli.declare import Arg
-from cli.names import single_key, topic_of
+from cli.names import single_key
 from cli.options import Options
 from cli.which import about_topic
 from schemas.contract import Topic
 from schemas.describe import definition, schema_hash
-from schemas.topics import TOPICS
+from schemas.topics import TOPICS, topic_of
 from services.runtime.errors import Unreachable
 from services.runtime.graph import Offer
 from services.runtime.named import nearest

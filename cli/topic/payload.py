@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cli.arguments import is_data, is_pairs, message_of, table_of, without_type
-from cli.names import topic_of
+from schemas.topics import topic_of
 from services.runtime import wire
 from services.runtime.errors import Invalid, UsageError
 

@@ -5,10 +5,11 @@ from typing import Annotated
 
 from cli import bus, output
 from cli.declare import Arg, Opt
-from cli.names import single_key, topic_of
+from cli.names import single_key
 from cli.options import Options
 from cli.topic.payload import Payload, payload_of
 from cli.which import about_topic
+from schemas.topics import topic_of
 from services.runtime.client import Client
 from services.runtime.errors import Invalid, Unreachable, UsageError
 

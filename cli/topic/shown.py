@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from cli.names import topic_of
+from schemas.topics import topic_of
 from services.runtime import wire
 from services.runtime.errors import Invalid
 from services.runtime.hearing import Message

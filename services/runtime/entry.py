@@ -69,7 +69,8 @@ def _run(
         restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
         crew = Crew()
         for vehicle, params in fleet.items():
-            node = Node(name, vehicle, opened, restarted=restarted)
+            first = vehicle == next(iter(fleet))
+            node = Node(name, vehicle, opened, restarted=restarted, first=first)
             _serve_params(node, params, realm)
             crew.take(vehicle, node.loop, partial(run, node, params))
         stop_on_signals(crew.stop)

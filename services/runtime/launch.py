@@ -24,13 +24,15 @@ _ATTEMPTS = 100
 class Launch(Struct, frozen=True):
     """All that a supervisor needs to know: each vehicle's parameters among it.
 
-    `[processes]` commands run in `folder`.
+    `[processes]` commands run in `folder`. The run is recorded to the file `record`, where one is
+    named.
     """
 
     realm: str
     fleet: dict[str, Params]
     without: list[str]
     folder: str
+    record: str = ""
 
     @property
     def vehicles(self) -> list[str]:
@@ -44,7 +46,7 @@ class Launch(Struct, frozen=True):
 
     def processes(self) -> tuple[Process, ...]:
         """What is to run; raises Invalid for a command, or a hub, that is not there."""
-        rows = table(self.params.processes, self.without)
+        rows = table(self.params.processes, self.without, record=bool(self.record))
         self._check_hub(rows)
         path = self.environment(0)["PATH"]
         for process in rows:
@@ -76,6 +78,7 @@ class Launch(Struct, frozen=True):
             "QUADCTL_VEHICLE": self.vehicles[0] if len(self.vehicles) == 1 else "",
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
+            "QUADCTL_RECORD": self.record,
             "PYTHONUNBUFFERED": "1",
             "PATH": path,
         }

@@ -12,11 +12,13 @@ from schemas.contract import Service, Topic
 from schemas.describe import schema_hash
 from services.runtime import foreign, graph, roster
 from services.runtime.errors import AlreadyServed
+from services.runtime.journal import journal_of
 from services.runtime.loop import Loop
 from services.runtime.publisher import Publisher
 from services.runtime.schedule import Schedule
 from services.runtime.serving import Server
 from services.runtime.subscription import Subscription
+from services.runtime.tap import Tap
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -29,13 +31,21 @@ class Node:
     """What a service sees of the world: topics, services, ticks."""
 
     def __init__(
-        self, name: str, vehicle: str, session: zenoh.Session, *, restarted: bool = False
+        self,
+        name: str,
+        vehicle: str,
+        session: zenoh.Session,
+        *,
+        restarted: bool = False,
+        first: bool = True,
     ) -> None:
         """`restarted` says that the supervisor started this process in a dead one's place.
 
+        `first` is the node of a process's first vehicle.
+
         Raises AlreadyServed when another process is this node.
         """
-        self.name, self.vehicle, self.restarted = name, vehicle, restarted
+        self.name, self.vehicle, self.restarted, self.first = name, vehicle, restarted, first
         self._others = roster.offers(session, vehicle)
         if name in roster.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
@@ -87,12 +97,17 @@ class Node:
         )
         return subscription
 
+    def tap(self, keys: tuple[str, ...]) -> Tap:
+        """Hear all that comes on keys or key expressions, undecoded."""
+        return Tap(self._session, keys)
+
     def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> Server[Q, R]:
         """Answer a service; the handler is called on the loop and may raise a QuadctlError.
 
         Raises AlreadyServed when another node answers it.
         """
-        server = Server(self.vehicle, service, handler, self._schedule)
+        journal = journal_of(self._session, self.vehicle, service, self._schedule)
+        server = Server(self.vehicle, service, handler, self._schedule, journal)
         for other in self._others:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")

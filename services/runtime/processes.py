@@ -11,6 +11,9 @@ from services.runtime.errors import AlreadyServed, Invalid
 NODES = ("hub", "dynamics", "pressure", "safety")
 """Our own nodes, in the order in which they start; a new service is one more name."""
 
+RECORDER = "recorder"
+"""Comes besides them where a run is to be recorded."""
+
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 State = Literal["starting", "ready", "restarting", "down"]
@@ -22,6 +25,10 @@ HEALTHY = 10.0
 MOST_QUICK_DEATHS = 5
 START_TIMEOUT = 10.0
 """Seconds that a process may take to announce itself."""
+GRACE = 0.3
+"""Seconds that a process may take to end when asked, before it is killed."""
+_RECORDERS_GRACE = 3.0
+"""It has an index to write: of each hour that it has recorded, a quarter of a second."""
 SETTLED = 1.0
 """Seconds that a command which announces nothing must run before it counts as ready."""
 _DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
@@ -32,23 +39,28 @@ class Process(NamedTuple):
     """A command to run under a name.
 
     `must_announce` where it is a node of ours or in the place of one; another command counts as
-    ready when it has run for a moment. `stranger` where the file names the command.
+    ready when it has run for a moment. `stranger` where the file names the command. Asked to end, it
+    has `grace` (s) to do so.
     """
 
     name: str
     command: tuple[str, ...]
     must_announce: bool = True
     stranger: bool = False
+    grace: float = GRACE
 
 
 def table(
-    commands: Mapping[str, str | list[str]], without: Collection[str] = ()
+    commands: Mapping[str, str | list[str]], without: Collection[str] = (), *, record: bool = False
 ) -> tuple[Process, ...]:
     """Our nodes and the file's `[processes]`, which replace ours by name or come besides.
 
+    The recorder is among ours where there is something to `record`.
+
     Raises Invalid for a name to leave out that is not there.
     """
-    names = [*NODES, *(name for name in commands if name not in NODES)]
+    ours = (*NODES, RECORDER) if record else NODES
+    names = [*ours, *(name for name in commands if name not in ours)]
     for name in without:
         if name not in names:
             known = ", ".join(names)
@@ -58,7 +70,13 @@ def table(
         if not _NAME.fullmatch(name) or name == "up":
             raise Invalid(f"processes.{name}: no name for a process", "use letters, digits, _, -")
     return tuple(
-        Process(name, _command(name, commands), name in NODES, name in commands)
+        Process(
+            name,
+            _command(name, commands),
+            name in ours,
+            name in commands,
+            _RECORDERS_GRACE if name == RECORDER else GRACE,
+        )
         for name in names
         if name not in without
     )

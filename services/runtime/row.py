@@ -6,11 +6,8 @@ from collections.abc import Callable
 
 from services.runtime.child import Child
 from services.runtime.lines import MOST, Said
-from services.runtime.processes import Life, Process
+from services.runtime.processes import GRACE, Life, Process
 from services.runtime.record import ProcessRecord
-
-GRACE = 0.3
-"""Seconds that a process may take to end when asked, before it is killed."""
 
 
 class Row:
@@ -67,7 +64,7 @@ class Row:
         self._due = now
         if self.child is not None:
             self.child.terminate()
-            self._kill_at = now + GRACE
+            self._kill_at = now + self.process.grace
 
     def announced(self, now: float) -> None:
         """It was seen on the bus."""

@@ -38,6 +38,11 @@ class Schedule:
         """Whether a call waits for a time of the boot that is now."""
 
     @property
+    def now(self) -> tuple[str, float]:
+        """The boot and the time in it (simulated s) last seen; "" and 0 before the first."""
+        return self._boot, self._stamp
+
+    @property
     def holding(self) -> bool:
         """Whether any call waits."""
         return bool(self._held)

@@ -13,6 +13,7 @@ from schemas.contract import Service
 from schemas.envelope import Call
 from services.runtime import wire
 from services.runtime.errors import Expired, Invalid, QuadctlError
+from services.runtime.journal import Journal
 from services.runtime.schedule import Held, Schedule
 
 Q = TypeVar("Q", bound=Struct)
@@ -31,7 +32,8 @@ class Server(Generic[Q, R]):
     """Turns the queries of one service into calls of a handler.
 
     `answer` runs on the node's loop. The handler may raise a QuadctlError to refuse. A call for a
-    simulated time waits in `schedule` and is answered when that has come.
+    simulated time waits in `schedule` and is answered when that has come. `journal` is told of all
+    that is executed.
     """
 
     def __init__(
@@ -40,12 +42,13 @@ class Server(Generic[Q, R]):
         service: Service[Q, R],
         handler: Callable[[Q], R],
         schedule: Schedule | None = None,
+        journal: Journal | None = None,
     ) -> None:
         self.key = service.key(vehicle)
         self.call: Call | None = None
         """What goes with the request that is being executed, where anything does."""
         self._service, self._handler = service, handler
-        self._schedule = schedule or Schedule()
+        self._schedule, self._journal = schedule or Schedule(), journal
         self._encoding = wire.encoding(service.response)
         self._answers: OrderedDict[str, Answer] = OrderedDict()
         self._held: dict[str, list[zenoh.Query]] = {}
@@ -105,9 +108,17 @@ class Server(Generic[Q, R]):
         try:
             payload = query.payload.to_bytes() if query.payload is not None else b""
             said = str(query.encoding) if query.encoding is not None else ""
-            return True, wire.encode(
-                self._handler(wire.decode(self._service.request, payload, said))
-            )
+            request = wire.decode(self._service.request, payload, said)
+        except QuadctlError as error:
+            return False, wire.encode_error(error)
+        answer = self._handle(request)
+        if self._journal is not None:
+            self._journal.tell(request, answer, held=call is not None and call.at is not None)
+        return answer
+
+    def _handle(self, request: Q) -> Answer:
+        try:
+            return True, wire.encode(self._handler(request))
         except QuadctlError as error:
             return False, wire.encode_error(error)
         except Exception:  # noqa: BLE001 - whatever a handler does wrong is answered

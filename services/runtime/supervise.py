@@ -13,9 +13,9 @@ from services.runtime.health import Health
 from services.runtime.home import Home
 from services.runtime.launch import Launch
 from services.runtime.logs import Logs
-from services.runtime.processes import QUICK, START_TIMEOUT, Process
+from services.runtime.processes import GRACE, QUICK, START_TIMEOUT, Process
 from services.runtime.record import ProcessRecord
-from services.runtime.row import GRACE, Row
+from services.runtime.row import Row
 
 _PING_EVERY = 0.5
 _LOOK_EVERY = 0.1
@@ -198,12 +198,13 @@ class Supervisor:
     def _stop_all(self) -> None:
         # The hub last, so that the others can still say goodbye.
         for names in (self._rows.keys() - {"hub"}, self._rows.keys() & {"hub"}):
-            children = [child for name in names if (child := self._rows[name].child)]
-            for child in children:
+            rows = [self._rows[name] for name in names]
+            children = [(child, row.process.grace) for row in rows if (child := row.child)]
+            for child, _ in children:
                 child.terminate()
-            deadline = time.monotonic() + GRACE
-            for child in children:
-                child.wait(deadline - time.monotonic())
+            asked = time.monotonic()
+            for child, grace in children:
+                child.wait(asked + grace - time.monotonic())
                 # What has ended by itself may have left something behind.
                 child.kill()
                 child.wait(GRACE)

@@ -14,7 +14,7 @@ from services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMi
 M = TypeVar("M", bound=Struct)
 
 ERROR_ENCODING = "application/json;quadctl.Error"
-_PREFIX = "application/msgpack;quadctl."
+PREFIX = "application/msgpack;quadctl."
 
 encode = msgspec.msgpack.encode
 
@@ -22,7 +22,7 @@ encode = msgspec.msgpack.encode
 @cache
 def encoding(type_: type[Struct]) -> str:
     """The Zenoh encoding of a type, as `application/msgpack;quadctl.Pose#0a1b2c3d`."""
-    return f"{_PREFIX}{type_.__name__}#{schema_hash(type_)}"
+    return f"{PREFIX}{type_.__name__}#{schema_hash(type_)}"
 
 
 _building = threading.Lock()
@@ -60,16 +60,21 @@ def decode(type_: type[M], payload: bytes, said: str) -> M:
 
 def is_typed(said: str) -> bool:
     """Whether a sender's encoding names one of our types."""
-    return said.startswith(_PREFIX)
+    return said.startswith(PREFIX)
+
+
+def type_name(said: str) -> str:
+    """The name of our type in a sender's encoding, empty where there is none."""
+    return said.removeprefix(PREFIX).partition("#")[0] if is_typed(said) else ""
 
 
 def check_schema(type_: type[Struct], said: str) -> None:
     """Raise SchemaMismatch where the sender's encoding names another type or digest."""
     if said == encoding(type_) or not is_typed(said):
         return
-    name, _, digest = said.removeprefix(_PREFIX).partition("#")
+    name, _, digest = said.removeprefix(PREFIX).partition("#")
     if name != type_.__name__ or (digest and digest != schema_hash(type_)):
-        ours = encoding(type_).removeprefix(_PREFIX)
+        ours = encoding(type_).removeprefix(PREFIX)
         raise SchemaMismatch(
             f"schema mismatch: the sender has {name}#{digest}, this side has {ours}",
             "install the same version of quadctl on both sides",

@@ -4,8 +4,8 @@ from typing import cast
 
 from services.runtime.child import Child
 from services.runtime.lines import Said
-from services.runtime.processes import SETTLED, Process
-from services.runtime.row import GRACE, Row
+from services.runtime.processes import GRACE, SETTLED, Process
+from services.runtime.row import Row
 
 
 class Fake:

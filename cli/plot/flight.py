@@ -1,0 +1,127 @@
+"""What there is to draw of a flight, vehicle by vehicle, gathered from its messages."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from msgspec import Struct
+
+from schemas.geometry import Position
+from schemas.messages import CageSize, Called, Pose, Pressure, SafetyState, Waypoint
+from schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, called, topic_of
+from services.runtime import wire
+from services.runtime.errors import Invalid
+
+
+class Spot(NamedTuple):
+    """A place that was asked for, at a time, s."""
+
+    at: float
+    x: float
+    y: float
+    z: float
+
+
+class Phase(NamedTuple):
+    """What safety was from a time (s) on."""
+
+    at: float
+    state: str
+    cage_on: bool
+    cage: CageSize
+
+
+class Track:
+    """One vehicle's flight. Time is simulated, in s; a new boot goes on where the last one ended."""
+
+    def __init__(self) -> None:
+        self.path: list[tuple[float, float, float, float]] = []
+        """Time and position, m."""
+        self.air: list[tuple[float, float, float]] = []
+        """Time, what the pressure topic shows, and the baseline, hPa."""
+        self.phases: list[Phase] = []
+        self.taken: list[Spot] = []
+        self.refused: list[Spot] = []
+        self.boots: list[float] = []
+        self._boot, self._base, self._now = "", 0.0, 0.0
+        self._goal: Position | None = None
+        self._asked: Waypoint | None = None
+
+    @property
+    def end(self) -> float:
+        """The time that it has come to."""
+        return self._now
+
+    def add(self, message: Struct) -> None:
+        """Take a message of this vehicle."""
+        match message:
+            case Pose():
+                self._fly(message)
+            case Pressure():
+                at = self._base + message.stamp
+                if at <= self._now + 1:  # else it is of the boot before
+                    self.air.append((at, message.pressure, message.baseline))
+            case SafetyState() if message.boot == self._boot:
+                self._tell(message)
+            case Waypoint():
+                self._asked = message
+            case Called() if message.service == GOTO.name:
+                self._ask(message)
+
+    def _fly(self, pose: Pose) -> None:
+        if pose.boot != self._boot:
+            if self._boot:
+                self._base = self._now
+                self.boots.append(self._now)
+            self._boot = pose.boot
+        self._now = max(self._now, self._base + pose.stamp)
+        p = pose.position
+        self.path.append((self._now, p.x, p.y, p.z))
+
+    def _tell(self, state: SafetyState) -> None:
+        at = max(self._base + state.stamp, self.phases[-1].at if self.phases else 0.0)
+        phase = Phase(at, state.state, state.cage_on, state.cage)
+        if not self.phases or self.phases[-1][1:] != phase[1:]:
+            self.phases.append(phase)
+        if self._asked is not None and state.state != "VERIFYING":
+            # Its verdict stands in the state alone.
+            if state.reason:
+                self.refused.append(Spot(at, self._asked.x, self._asked.y, self._asked.z))
+            self._asked = None
+        # Its own goals, as the take-off's, are asked for by nobody.
+        if state.state == "MOVING" and state.goal != self._goal:
+            self._goal = state.goal
+            self.taken.append(Spot(at, state.goal.x, state.goal.y, state.goal.z))
+
+    def _ask(self, call: Called) -> None:
+        if call.response.get("accepted") is False:
+            x, y, z = (float(call.request[axis]) for axis in "xyz")
+            self.refused.append(Spot(self._now, x, y, z))
+
+
+class Flight:
+    """The tracks of all vehicles, by name."""
+
+    def __init__(self) -> None:
+        self.tracks: dict[str, Track] = {}
+
+    def add(self, key: str, payload: bytes, said: str) -> None:
+        """Take a message of any key; what is none of ours, or cannot be read, is passed over."""
+        topic: Any = topic_of(key)
+        if topic is None:
+            return
+        try:
+            message = wire.decode(topic.type, payload, said)
+        except Invalid:
+            return
+        vehicle = key.partition("/")[0]
+        self.tracks.setdefault(vehicle, Track()).add(message)
+
+    def flown(self) -> dict[str, Track]:
+        """The vehicles of which there is a path."""
+        return {name: track for name, track in self.tracks.items() if track.path}
+
+
+def wanted(vehicles: Iterable[str]) -> list[str]:
+    """The keys to listen to for a picture."""
+    topics = (POSE, PRESSURE, STATE, REQUEST, called(GOTO))
+    return [topic.key(vehicle) for vehicle in vehicles for topic in topics]

@@ -1,0 +1,82 @@
+"""`plot`: a picture of a flight that was recorded, or of what is flown now."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+from cli import bus, output
+from cli.declare import Arg, Opt
+from cli.lab.progress import Progress
+from cli.options import LONGEST_TIMEOUT, Options
+from cli.plot.flight import Flight, wanted
+from services.runtime.errors import Invalid, UsageError
+
+
+def plot(
+    options: Options,
+    file: Annotated[Path | None, Arg("A recording, MCAP.", "FILE")] = None,
+    live: Annotated[
+        bool, Opt("Draw what is flown from now on, until Ctrl-C or --duration.")
+    ] = False,
+    picture: Annotated[
+        Path | None, Opt("PNG or SVG (default: FILE.png, or live.png).", ("-o", "--output"))
+    ] = None,
+    duration: Annotated[
+        float, Opt("Seconds to draw of a live flight.", ("-d", "--duration"))
+    ] = 10.0,
+) -> None:
+    """Draw a flight: path in the cage from above and the side, height, pressure, safety's states.
+
+    Example: quadctl plot flight.mcap -o flight.png
+    """
+    if live is (file is not None):
+        raise UsageError("what is to be drawn?", "name a recording, or give --live")
+    if not 0 < duration <= LONGEST_TIMEOUT:
+        raise Invalid(f"--duration {duration:g}: not a time", "give seconds, more than 0")
+    from cli.plot.picture import draw
+
+    target = picture or (file.with_suffix(".png") if file else Path("live.png"))
+    flight = _recorded(file) if file else _live(options, duration)
+    draw(target, flight, file.name if file else f"realm {options.realm}, live")
+    flown = flight.flown()
+    document = {
+        "file": str(target),
+        "vehicles": list(flown),
+        "poses": sum(len(track.path) for track in flown.values()),
+        "seconds": max(track.end for track in flown.values()),
+    }
+    output.either(options, document, f"drew {document['seconds']:.1f} s of flight: {target}")
+
+
+def _recorded(file: Path) -> Flight:
+    from services.runtime.bag.reader import Bag
+
+    flight, bag = Flight(), Bag(file)
+    for message in bag.messages():
+        if not message.derived:
+            flight.add(message.key, message.payload, message.encoding)
+    if bag.cut:
+        output.note(f"the recording is cut: {bag.cut}")
+    return flight
+
+
+def _live(options: Options, duration: float) -> Flight:
+    flight = Flight()
+    with bus.connect(options) as client, Progress("listening", quiet=options.json) as progress:
+        stream = client.listen(*wanted(["*"]), backlog=1_000_000)
+        began = heard = time.monotonic()
+        try:
+            while (now := time.monotonic()) < began + duration:
+                # A pose at least comes at any time; where none does, there will be no picture.
+                message = stream.next(min(began + duration - now, client.timeout))
+                if message is not None:
+                    heard = now
+                    flight.add(message.key, message.payload, message.encoding)
+                    progress.update((now - began) / duration, f"{now - began:.1f} s")
+                elif now - heard >= client.timeout:
+                    break
+        except KeyboardInterrupt:
+            output.note("stopped listening: drawing what came")
+        if not flight.flown():
+            raise client.silent("*/pose")
+    return flight

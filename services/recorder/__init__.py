@@ -1,0 +1,1 @@
+"""Records what is said on the bus."""

@@ -1,0 +1,95 @@
+"""A recording as it grows: what came, and what viewers draw of it."""
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from schemas.messages import Pose, SafetyState
+from services.recorder.foxglove import SCENE, TRANSFORM
+from services.recorder.scene import Scene
+from services.runtime.bag.outfile import Outfile
+from services.runtime.bag.writer import BagWriter
+from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.tap import Taken
+
+FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
+"""Where viewers look; no key of Zenoh begins so."""
+
+
+class Recording:
+    """One file; `take` and `end` raise QuadctlError where the disk does not take it."""
+
+    def __init__(self, path: Path, notes: dict[str, str]) -> None:
+        """Make the file, with facts about the run; raises Invalid where that cannot be."""
+        self.path, self.lost = path, 0
+        self._began = time.monotonic()
+        self._scenes: dict[str, Scene] = {}
+        try:
+            self._out = Outfile.create(path)
+        except FileExistsError as error:
+            raise Invalid(f"{path} is there already", "name another file, or remove it") from error
+        except OSError as error:
+            raise Invalid(
+                f"{path} cannot be written: {error.strerror}", "name a place that you may write to"
+            ) from error
+        try:
+            self._bag = BagWriter(self._out)
+            self._bag.note("quadctl", notes)
+            self._bag.flush()
+        except OSError as error:
+            self._out.close()
+            path.unlink(missing_ok=True)
+            raise QuadctlError(f"{path}: {error.strerror}", "make room on its disk") from error
+
+    def take(self, messages: Iterable[Taken]) -> None:
+        """Keep messages, and hand them to the system."""
+        for message in messages:
+            self._keep(message)
+        try:
+            self._bag.flush()
+        except OSError as error:
+            self._bag.close()
+            raise self._stopped(error) from error
+
+    def end(self) -> None:
+        """Make the file whole."""
+        try:
+            self._bag.finish()
+        except OSError as error:
+            raise self._stopped(error) from error
+        finally:
+            self._bag.close()
+
+    def facts(self, state: str) -> dict[str, Any]:
+        """How far it is, for whoever shows it."""
+        bag = self._bag
+        return {
+            "state": state,
+            "file": str(self.path),
+            "seconds": time.monotonic() - self._began,
+            "messages": bag.messages,
+            "keys": len(bag.keys),
+            "bytes": bag.size,
+            "lost": self.lost,
+        }
+
+    def _keep(self, message: Taken) -> None:
+        said = self._bag.add(message).message
+        if not isinstance(said, Pose | SafetyState):
+            return
+        vehicle = message.key.partition("/")[0]
+        scene = self._scenes.get(vehicle)
+        if scene is None:
+            scene = self._scenes[vehicle] = Scene(vehicle)
+        if isinstance(said, Pose):
+            self._bag.derive(FRAMES_KEY, TRANSFORM, scene.frame(said, message.at), message.at)
+        elif update := scene.update(said, message.at):
+            self._bag.derive(SCENE_KEY, SCENE, update, message.at)
+
+    def _stopped(self, error: OSError) -> QuadctlError:
+        return QuadctlError(
+            f"the recording has stopped: {self.path} cannot be written: {error.strerror};"
+            f" {self._bag.size} bytes of it are there",
+            f"make room, then `quadctl bag repair {self.path}` makes it whole",
+        )

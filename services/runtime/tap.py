@@ -1,0 +1,88 @@
+"""All that comes on some keys, undecoded, kept until somebody has the time for it."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+import zenoh
+
+from services.runtime import foreign, roster
+
+_MOST_BYTES = 256 << 20
+"""Payloads that may wait; beyond, what comes is lost, and counted."""
+
+
+class Taken(NamedTuple):
+    """A message as it came: `at` that Unix time, and `published` at that one by its sender, ns."""
+
+    key: str
+    payload: bytes
+    encoding: str
+    at: int
+    published: int
+
+
+class Tap:
+    """Hears keys or key expressions from when it is made; a message once, however many match it.
+
+    Zenoh's thread does no more than put a message aside. `lost` counts those for which there was
+    no room. Times are those of one clock, which does not jump when that of the machine is set.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
+        """Returns once the hub knows of it; raises TimedOut where that does not answer."""
+        self.lost = 0
+        self._session = session
+        self._epoch = time.time_ns() - time.monotonic_ns()
+        self._waiting: deque[tuple[int, zenoh.Sample]] = deque()
+        # Each counted by one thread alone, so that nothing need be locked.
+        self._came = self._went = 0
+        self._patterns = [zenoh.KeyExpr(key) for key in keys]
+        self._subscribers = [
+            session.declare_subscriber(
+                pattern,
+                zenoh.handlers.Callback(self._taker(self._patterns[:count]), indirect=False),
+            )
+            for count, pattern in enumerate(self._patterns)
+        ]
+        roster.nodes(session, "*")
+
+    def ask(self, key: str) -> None:
+        """Have what latched topics hold come as well, where it is listened to."""
+        callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
+        target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        self._session.get(key, callback, target=target, consolidation=consolidation, timeout=1.0)
+
+    def take(self, most: int) -> list[Taken]:
+        """The messages that wait, in the order in which they came, up to so many."""
+        return [self._read(*self._waiting.popleft()) for _ in range(min(most, len(self._waiting)))]
+
+    def _taker(self, others: list[zenoh.KeyExpr]) -> Callable[[zenoh.Sample], None]:
+        """What takes a message, unless one of the other patterns brings it too."""
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            foreign.stay()
+            if not any(other.intersects(sample.key_expr) for other in others):
+                self._put(sample)
+
+        return on_sample
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        foreign.stay()
+        sample = reply.ok
+        if sample and any(pattern.intersects(sample.key_expr) for pattern in self._patterns):
+            self._put(sample)
+
+    def _put(self, sample: zenoh.Sample) -> None:
+        if self._came - self._went > _MOST_BYTES:
+            self.lost += 1
+            return
+        self._came += len(sample.payload)
+        self._waiting.append((time.monotonic_ns(), sample))
+
+    def _read(self, came: int, sample: zenoh.Sample) -> Taken:
+        payload, stamp, at = sample.payload.to_bytes(), sample.timestamp, self._epoch + came
+        self._went += len(payload)
+        published = at if stamp is None else round(stamp.get_time().timestamp() * 1e9)
+        return Taken(str(sample.key_expr), payload, str(sample.encoding), at, published)

@@ -1,0 +1,74 @@
+"""Recordings made without a bus."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import CageSize, Called, Pose, Pressure, SafetyState
+from services.runtime import wire
+from services.runtime.bag.outfile import Outfile
+from services.runtime.bag.writer import BagWriter
+from services.runtime.tap import Taken
+
+SECOND = 1_000_000_000
+BEGAN = 1_800_000_000 * SECOND
+
+
+def pose(seq: int, *, boot: str = "b0", x: float = 0.1, z: float = 1.0) -> Pose:
+    return Pose(
+        boot, seq, seq / 100, Position(x * seq, -0.1, z), Velocity(0.1, 0.0, 0.0),
+        Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 1e-17),
+    )  # fmt: skip
+
+
+def state(stamp: float, **changes: Any) -> SafetyState:
+    whole = SafetyState(
+        "b0", stamp, 0, "HOVERING", Position(0.0, 0.0, 1.0), True, CageSize(5.0, 5.0, 2.0), ""
+    )
+    return msgspec.structs.replace(whole, **changes)
+
+
+def refused(x: float, y: float, z: float) -> Called:
+    asked = {"x": x, "y": y, "z": z, "replace": False}
+    answer = {"accepted": False, "reason": "outside the cage"}
+    return Called("b0", 1.0, "goto", False, asked, answer, "")
+
+
+def pressure(stamp: float, baseline: float = 0.0) -> Pressure:
+    return Pressure(stamp, 1013.0 - baseline, baseline, 0, 0.0)
+
+
+def taken(key: str, message: Any, at: float, said: str | None = None) -> Taken:
+    """A message as it comes from the bus, so many seconds after the recording began."""
+    payload = message if isinstance(message, bytes) else wire.encode(message)
+    type_: Any = type(message)
+    encoding = wire.encoding(type_) if said is None else said
+    came = BEGAN + round(at * SECOND)
+    return Taken(key, payload, encoding, came, came - 1000)
+
+
+def flight(poses: int = 100) -> list[Taken]:
+    """Some seconds of a system as it is, and a stranger's messages among them."""
+    found = [taken("uav/safety/state", state(0.0), 0.0)]
+    for seq in range(poses):
+        found.append(taken("uav/pose", pose(seq), seq / 100))
+        if seq % 10 == 0:
+            found.append(taken("uav/sensors/pressure", pressure(seq / 100), seq / 100))
+            found.append(taken("my/own", b"\x00\xff raw", seq / 100, "zenoh/bytes"))
+    return found
+
+
+def write(path: Path, messages: list[Taken], every: int = 25, *, whole: bool = True) -> Path:
+    """A recording of these, a chunk of each so many, with or without its index."""
+    bag = BagWriter(Outfile.create(path))
+    bag.note("quadctl", {"vehicle": "uav"})
+    for count, message in enumerate(messages, start=1):
+        bag.add(message)
+        if count % every == 0:
+            bag.flush()
+    if whole:
+        bag.finish()
+    bag.close()
+    return path

@@ -34,8 +34,8 @@ class Track:
     """One vehicle's flight. Time is simulated, in s; a new boot goes on where the last one ended."""
 
     def __init__(self) -> None:
-        self.path: list[tuple[float, float, float, float]] = []
-        """Time and position, m."""
+        self.legs: list[list[tuple[float, float, float, float]]] = []
+        """Time and position, m, of each boot."""
         self.air: list[tuple[float, float, float]] = []
         """Time, what the pressure topic shows, and the baseline, hPa."""
         self.phases: list[Phase] = []
@@ -45,6 +45,11 @@ class Track:
         self._boot, self._base, self._now = "", 0.0, 0.0
         self._goal: Position | None = None
         self._asked: Waypoint | None = None
+
+    @property
+    def path(self) -> list[tuple[float, float, float, float]]:
+        """Time and position, m, of all boots."""
+        return [point for leg in self.legs for point in leg]
 
     @property
     def end(self) -> float:
@@ -73,9 +78,10 @@ class Track:
                 self._base = self._now
                 self.boots.append(self._now)
             self._boot = pose.boot
+            self.legs.append([])
         self._now = max(self._now, self._base + pose.stamp)
         p = pose.position
-        self.path.append((self._now, p.x, p.y, p.z))
+        self.legs[-1].append((self._now, p.x, p.y, p.z))
 
     def _tell(self, state: SafetyState) -> None:
         at = max(self._base + state.stamp, self.phases[-1].at if self.phases else 0.0)
@@ -118,7 +124,7 @@ class Flight:
 
     def flown(self) -> dict[str, Track]:
         """The vehicles of which there is a path."""
-        return {name: track for name, track in self.tracks.items() if track.path}
+        return {name: track for name, track in self.tracks.items() if track.legs}
 
 
 def wanted(vehicles: Iterable[str]) -> list[str]:

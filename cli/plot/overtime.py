@@ -1,7 +1,7 @@
 """The part of a flight's picture that shows how it went over time."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 from cli.plot import palette
@@ -16,16 +16,18 @@ def height(axes: Any, tracks: dict[str, Track]) -> None:
     shades = palette.of_vehicles(tracks)
     highest = 0.0
     for name, track in tracks.items():
-        times, heights = [p[0] for p in track.path], [p[3] for p in track.path]
-        axes.plot(times, heights, color=shades[name], label=name)
-        highest = max(highest, *heights)
+        for count, leg in enumerate(track.legs):
+            times, heights = [point[0] for point in leg], [point[3] for point in leg]
+            axes.plot(times, heights, color=shades[name], label="" if count else name)
+            highest = max(highest, *heights)
         for at in track.boots:
             axes.axvline(at, color=palette.CAGE, linestyle=":", linewidth=1)
-        for phase, end in _spans(track):
-            if phase.cage_on:
-                highest = max(highest, phase.cage.z)
-                top = (phase.cage.z, phase.cage.z)
-                axes.plot((phase.at, end), top, color=palette.CAGE, linestyle="--", linewidth=1.2)
+        for (on, cage), spans in groupby(_spans(track), lambda span: span[0][2:]):
+            whole = list(spans)
+            if on:
+                highest = max(highest, cage.z)
+                ends = (whole[0][0].at, whole[-1][1])
+                axes.plot(ends, (cage.z, cage.z), color=palette.CAGE, linestyle="--", linewidth=1.2)
     axes.set_ylim(min(0, axes.get_ylim()[0]), 1.12 * max(highest, 0.1))
     axes.set(title="height, and the top of the cage while it was on", ylabel="z, m")
     if len(tracks) > 1:

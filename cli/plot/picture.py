@@ -9,7 +9,6 @@ from cli.plot.palette import CAGE, REFUSED, TAKEN, of_vehicles
 from schemas.messages import CageSize
 from services.runtime.errors import Invalid, QuadctlError
 
-_LAYOUT: Any = [["above", "height"], ["above", "pressure"], ["side", "states"]]
 _TIME = "simulated time, s"
 
 
@@ -27,23 +26,11 @@ def draw(file: Path, flight: Flight, title: str) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplot_mosaic(
-        _LAYOUT,
-        figsize=(12, 7.5),
-        width_ratios=(1.15, 1),
-        height_ratios=(1.45, 1, 0.85),
-        layout="constrained",
-    )
     tracks = flight.flown()
-    _views(axes["above"], axes["side"], tracks)
-    overtime.height(axes["height"], tracks)
-    overtime.pressure(axes["pressure"], tracks)
-    overtime.states(axes["states"], tracks)
-    begin = min(track.path[0][0] for track in tracks.values())
-    for name in ("height", "pressure", "states"):
-        axes[name].set_xlim(begin, max(begin + 0.1, *(track.end for track in tracks.values())))
-        axes[name].grid(alpha=0.3)
-    axes["states"].set_xlabel(_TIME)
+    figure = plt.figure(figsize=(12, 7.5), layout="constrained")
+    columns = figure.add_gridspec(1, 2, width_ratios=(1.1, 1))
+    _views(figure, columns[0], tracks)
+    _courses(figure, columns[1], tracks)
     figure.suptitle(title, fontsize=14)
     try:
         figure.savefig(file, dpi=120)
@@ -55,31 +42,58 @@ def draw(file: Path, flight: Flight, title: str) -> None:
         plt.close(figure)
 
 
-def _views(above: Any, side: Any, tracks: dict[str, Track]) -> None:
-    """The paths against x: y from above, z from the side."""
-    shades = of_vehicles(tracks)
+def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
+    """The paths against x, y from above and z from the side, on one scale."""
     cages = list(dict.fromkeys(p.cage for track in tracks.values() for p in track.phases))
+    spots = [s for t in tracks.values() for s in (*t.taken, *t.refused)]
+    points = [point for track in tracks.values() for point in track.path] + spots
+    spans = [_span([point[axis] for point in points], axis, cages) for axis in (1, 2, 3)]
+    (_, (left, right)), (depth, _), (tall, _) = ((high - low, (low, high)) for low, high in spans)
+    grid = place.subgridspec(2, 1, height_ratios=(depth, max(tall, 0.2 * depth)))
+    above, side = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
     for axes, up, name in ((above, 2, "y"), (side, 3, "z")):
         for cage in cages:
             _outline(axes, cage, name)
-        for vehicle, track in tracks.items():
-            across = [point[1] for point in track.path]
-            ups = [point[up] for point in track.path]
+        for vehicle, shade in of_vehicles(tracks).items():
             label = "path" if len(tracks) == 1 else vehicle
-            axes.plot(across, ups, color=shades[vehicle], linewidth=1.5, label=label)
-        for spots, marker, colour, label in (
-            ([s for t in tracks.values() for s in t.taken], "o", TAKEN, "accepted"),
-            ([s for t in tracks.values() for s in t.refused], "x", REFUSED, "rejected"),
-        ):
-            _spots(axes, spots, up, marker, colour, label)
-        axes.margins(0.08)
-        axes.set_aspect("equal", adjustable="datalim")
-        title = "path from above" if name == "y" else "path from the side"
-        axes.set(title=title, xlabel="x, m", ylabel=f"{name}, m")
+            for leg in tracks[vehicle].legs:
+                across, ups = [point[1] for point in leg], [point[up] for point in leg]
+                axes.plot(across, ups, color=shade, linewidth=1.5, label=label)
+        _spots(axes, [s for t in tracks.values() for s in t.taken], up, "o", TAKEN, "accepted")
+        _spots(axes, [s for t in tracks.values() for s in t.refused], up, "x", REFUSED, "rejected")
+        axes.set_aspect("equal")
+        axes.set(xlim=(left, right), ylim=spans[up - 1], xlabel="x, m", ylabel=f"{name}, m")
+        axes.set_title("path from above" if name == "y" else "path from the side")
         axes.grid(alpha=0.3)
     handles, labels = side.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    above.legend(unique.values(), unique, loc="upper left", fontsize=9, framealpha=0.9)
+    below = (0.5, -0.2 * max(1.0, depth / max(tall, 0.2 * depth) / 2))
+    side.legend(
+        unique.values(), unique, loc="upper center", bbox_to_anchor=below, ncols=6, frameon=False,
+        fontsize=9,
+    )  # fmt: skip
+
+
+def _courses(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
+    """What there was over time, on one axis of time."""
+    grid = place.subgridspec(3, 1, height_ratios=(1.45, 1, 0.85))
+    begin = min(track.legs[0][0][0] for track in tracks.values())
+    end = max(begin + 0.1, *(track.end for track in tracks.values()))
+    for row, show in enumerate((overtime.height, overtime.pressure, overtime.states)):
+        axes = figure.add_subplot(grid[row])
+        show(axes, tracks)
+        axes.set_xlim(begin, end)
+        axes.grid(alpha=0.3)
+        axes.set_xlabel(_TIME if show is overtime.states else "")
+
+
+def _span(values: list[float], axis: int, cages: list[CageSize]) -> tuple[float, float]:
+    """From the lowest to the highest of the values and the cages' walls, with some room."""
+    walls = [(-c.x, c.x, -c.y, c.y, 0.0, c.z)[2 * axis - 2 : 2 * axis] for c in cages]
+    low = min(*values, *(wall[0] for wall in walls), 0.0)
+    high = max(*values, *(wall[1] for wall in walls), 0.1)
+    room = 0.06 * (high - low)
+    return low - room, high + room
 
 
 def _spots(axes: Any, spots: list[Spot], up: int, marker: str, colour: str, label: str) -> None:

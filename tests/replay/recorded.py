@@ -1,0 +1,77 @@
+"""A recording taken apart: what each service heard and was asked, and what it said to that."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
+from schemas.params import Params
+from schemas.topics import POSE, PRESSURE, REQUEST, SETPOINT, STATE, topic_of
+from services.runtime import wire
+from services.runtime.bag.reader import Bag
+from services.runtime.script import Said
+
+_INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
+
+
+class Recorded:
+    """One vehicle's recording of a flight at a speed other than 1; `boot` is that of the flight.
+
+    At such a speed what a service says hangs on what it hears, and on nothing else.
+    """
+
+    def __init__(self, path: Path) -> None:
+        bag = Bag(path)
+        self.heard: list[tuple[Any, Any]] = []
+        self.calls: list[Called] = []
+        self.said: list[Said] = []
+        for message in bag.messages():
+            topic: Any = topic_of(message.key)
+            if topic is None or message.derived:
+                continue
+            value = wire.decode(topic.type, message.payload, message.encoding)
+            if isinstance(value, Called):
+                self.calls.append(value)
+            elif topic.name in _INPUTS:
+                self.heard.append((_INPUTS[topic.name], value))
+            else:
+                self.said.append(Said(topic.name, value))
+        assert not bag.cut
+        self.params = msgspec.json.decode(bag.notes["quadctl"]["params"], type=Params)
+        self.boot = [value.boot for _, value in self.heard if isinstance(value, Pose)][-1]
+
+    def transitions(self, said: list[Said]) -> list[SafetyState]:
+        """Safety's states in this flight, those left out that only repeat the last one.
+
+        Requests are counted from the flight's first.
+        """
+        found: list[SafetyState] = []
+        replace = msgspec.structs.replace
+        for _, state in said:
+            if isinstance(state, SafetyState) and state.boot == self.boot:
+                last = found[-1] if found else None
+                if last is None or replace(last, stamp=state.stamp) != state:
+                    found.append(state)
+        return [replace(state, request=state.request - found[0].request) for state in found]
+
+    def setpoints(self, said: list[Said]) -> list[Setpoint]:
+        """What safety wanted in this flight."""
+        of_boot = [s for _, s in said if isinstance(s, Setpoint) and s.boot == self.boot]
+        # One that was lost on its way is sent again, which says nothing new.
+        return [s for before, s in zip([None, *of_boot], of_boot, strict=False) if s != before]
+
+    def readings(self, said: list[Said]) -> list[Pressure]:
+        """The barometer's readings in this flight, which begin at 0 s."""
+        found: list[Pressure] = []
+        for name, reading in said:
+            if name != PRESSURE.name or not isinstance(reading, Pressure):
+                continue
+            if reading.stamp == 0:
+                found.clear()
+            if reading.stamp == 0 or (found and reading.stamp > found[-1].stamp):
+                found.append(reading)
+        return found
+
+
+OUTPUTS = (STATE.name, SETPOINT.name, PRESSURE.name)

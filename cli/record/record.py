@@ -10,6 +10,7 @@ from cli.names import checked_key
 from cli.options import LONGEST_TIMEOUT, Options
 from cli.record.files import default_file, free
 from cli.record.recorder import Recorder
+from cli.which import about_topic, anyone
 from services.runtime.errors import Invalid
 
 

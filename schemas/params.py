@@ -57,6 +57,33 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
             extra={"unit": "s"},
         ),
     ] = 0.2
+    max_speed: Annotated[
+        float,
+        Meta(
+            gt=0,
+            le=1000,
+            description="a pose that would take more speed than this to reach stops the flight",
+            extra={"unit": "m/s"},
+        ),
+    ] = 10.0
+    max_deceleration: Annotated[
+        float,
+        Meta(
+            gt=0,
+            le=1000,
+            description="a flight that even so hard a stop would not end in the cage is stopped",
+            extra={"unit": "m/s^2"},
+        ),
+    ] = 10.0
+    margin: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=10,
+            description="how far the vehicle may be off before these stop it; more in wind",
+            extra={"unit": "m"},
+        ),
+    ] = 0.01
 
 
 class StartParams(Struct, forbid_unknown_fields=True):

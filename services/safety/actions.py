@@ -1,9 +1,23 @@
 """What a rule does: the next situation, all but its state."""
 
+from math import dist
+
 from msgspec.structs import astuple, replace
 
 from services.safety.cage import why_below, why_outside
-from services.safety.model import Ask, Booted, Event, Hold, Lost, Situation, Toggle, World
+from services.safety.model import (
+    Ask,
+    Booted,
+    Event,
+    Hold,
+    Lost,
+    Seen,
+    Situation,
+    State,
+    Toggle,
+    World,
+)
+from services.safety.reach import reach, slowing
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -18,10 +32,18 @@ def consider(s: Situation, e: Event, _w: World) -> Situation:
     return replace(s, request=s.request + 1, candidate=e, back=s.state, reason="")
 
 
-def take(s: Situation, _e: Event, _w: World) -> Situation:
-    """Fly to the candidate."""
+def take(s: Situation, _e: Event, w: World) -> Situation:
+    """Fly to the candidate, from outside no farther out than cannot be helped."""
     goal, takeoff = s.candidate.goal, s.candidate.takeoff
-    return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
+    return replace(
+        s, goal=goal, brake=False, settling=False, takeoff=takeoff, beyond=reach(w), reason=""
+    )
+
+
+def follow(s: Situation, _e: Event, w: World) -> Situation:
+    """Fly on; what has been left behind of the way back is not to be gone out again."""
+    out = reach(w)
+    return replace(s, beyond=out) if out != s.beyond and (out < s.beyond or slowing(w)) else s
 
 
 def refuse(s: Situation, _e: Event, w: World) -> Situation:
@@ -55,8 +77,19 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
             reason = f"no pose for {limit:g} s: stopped"
         case Hold():
             reason = "hold: stopped on request"
+        case Seen():
+            reason = f"stopped, the way led {reach(w):.2g} m out of the cage"
         case _:
-            reason = f"stopped, the goal is now {why_outside(s.goal, w.cage)}"
+            done = "hovering in place" if s.state is State.HOVERING else "stopped"
+            reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
+    return replace(s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason)
+
+
+def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
+    """Brake to the stopping point: the vehicle is not where it can be."""
+    way = dist(astuple(w.pose.position), astuple(w.last.position))
+    seconds = w.pose.stamp - w.last.stamp
+    reason = f"stopped, the pose jumped by {way:.3g} m in {seconds:.3g} s"
     return replace(s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason)
 
 
@@ -65,15 +98,20 @@ def settle(s: Situation, _e: Event, w: World) -> Situation:
     return replace(s, goal=w.pose.position, settling=False)
 
 
-def toggle(s: Situation, e: Event, _w: World) -> Situation:
+def toggle(s: Situation, e: Event, w: World) -> Situation:
     """Turn the cage on or off."""
     assert isinstance(e, Toggle)  # noqa: S101 - RULES pairs this action with Toggle alone
-    return replace(s, cage_on=e.cage_on)
+    return replace(s, cage_on=e.cage_on, beyond=reach(w))
 
 
 def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
     """Turn the cage on, and stop, because the goal now lies outside."""
     return stop(toggle(s, e, w), e, w)
+
+
+def resize(s: Situation, _e: Event, w: World) -> Situation:
+    """Fly on in other bounds."""
+    return replace(s, beyond=reach(w))
 
 
 def reboot(s: Situation, e: Event, w: World) -> Situation:

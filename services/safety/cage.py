@@ -1,5 +1,7 @@
 """The virtual cage: closed intervals x in [-cx, cx], y in [-cy, cy], z in [0, cz], metres."""
 
+from math import sqrt
+
 from schemas.geometry import Position
 from schemas.messages import CageSize
 
@@ -21,6 +23,21 @@ def why_outside(point: Position, cage: CageSize) -> str:
         if not low <= value <= high:
             return f"outside the cage: {axis} = {_plain(value)} is beyond [{low:g}, {high:g}]"
     return ""
+
+
+def beyond(point: Position, cage: CageSize) -> float:
+    """How far from the cage a point lies, m; 0 inside."""
+    return sqrt(sum(part * part for part in excess(point, cage)))
+
+
+def excess(point: Position, cage: CageSize) -> tuple[float, float, float]:
+    """How far a point lies beyond the nearest wall on each axis, m, signed; 0 between them."""
+    x, y, z = point.x, point.y, point.z
+    return (
+        x - min(max(x, -cage.x), cage.x),
+        y - min(max(y, -cage.y), cage.y),
+        z - min(max(z, 0.0), cage.z),
+    )
 
 
 def why_below(point: Position) -> str:

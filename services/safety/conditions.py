@@ -6,6 +6,7 @@ from msgspec.structs import astuple
 
 from services.safety.cage import why_below, why_outside
 from services.safety.model import Ask, Event, Situation, State, Toggle, World
+from services.safety.reach import reach, slowing
 
 AT_REST = 0.05
 """A vehicle slower than this (m/s) has come to rest."""
@@ -53,11 +54,30 @@ def arrived(s: Situation, _e: Event, w: World) -> bool:
 
 
 def barred(s: Situation, e: Event, w: World) -> bool:
-    """With the cage as it now is, the goal being flown to lies outside."""
+    """With the cage as it now is, the goal being flown to lies outside.
+
+    A vehicle that has arrived within the range still flies on to its goal; one that stops does not.
+    """
     cage_on = e.cage_on if isinstance(e, Toggle) else s.cage_on
-    return cage_on and bool(why_outside(s.goal, w.cage))
+    return cage_on and not s.brake and bool(why_outside(s.goal, w.cage))
 
 
 def settled(s: Situation, _e: Event, w: World) -> bool:
     """A stop was commanded and the vehicle has come to rest."""
     return s.settling and dist(astuple(w.pose.velocity), (0, 0, 0)) < AT_REST
+
+
+def jumped(_s: Situation, _e: Event, w: World) -> bool:
+    """From the pose before to this one it would have been faster than the vehicle is."""
+    way = dist(astuple(w.pose.position), astuple(w.last.position))
+    seconds = w.pose.stamp - w.last.stamp
+    return way > w.envelope.speed * seconds + w.envelope.margin
+
+
+def straying(s: Situation, _e: Event, w: World) -> bool:
+    """With the cage on, it can no longer stop inside, or on its way back comes no nearer.
+
+    A way out that cannot be helped any more, because the cage came on or shrank around a
+    vehicle at speed, is borne for as long as the vehicle slows down.
+    """
+    return s.cage_on and reach(w) > s.beyond + w.envelope.margin and not slowing(w)

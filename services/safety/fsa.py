@@ -13,13 +13,16 @@ from msgspec.structs import replace
 from services.safety.actions import (
     arrive,
     consider,
+    follow,
     keep,
     reboot,
     refuse,
     refuse_blind,
     refuse_busy,
+    resize,
     settle,
     stop,
+    stop_astonished,
     take,
     toggle,
     toggle_and_stop,
@@ -30,10 +33,12 @@ from services.safety.conditions import (
     barred,
     blind,
     from_flight,
+    jumped,
     may_replace,
     permitted,
     settled,
     stranded,
+    straying,
 )
 from services.safety.model import (
     Ask,
@@ -70,12 +75,15 @@ RULES = (
     Rule(HOVERING,  Ask,     blind,       HOVERING,  refuse_blind),
     Rule(HOVERING,  Ask,     always,      VERIFYING, consider),
     Rule(HOVERING,  Check,   always,      HOVERING,  keep),
+    Rule(HOVERING,  Seen,    jumped,      HOVERING,  stop_astonished),
     Rule(HOVERING,  Seen,    settled,     HOVERING,  settle),
     Rule(HOVERING,  Seen,    always,      HOVERING,  keep),
     Rule(HOVERING,  Lost,    always,      HOVERING,  keep),
     Rule(HOVERING,  Booted,  always,      HOVERING,  reboot),
     Rule(HOVERING,  Hold,    always,      HOVERING,  stop),
+    Rule(HOVERING,  Toggle,  barred,      HOVERING,  toggle_and_stop),
     Rule(HOVERING,  Toggle,  always,      HOVERING,  toggle),
+    Rule(HOVERING,  Resized, barred,      HOVERING,  stop),
     Rule(HOVERING,  Resized, always,      HOVERING,  keep),
     Rule(VERIFYING, Check,   permitted,   MOVING,    take),
     Rule(VERIFYING, Check,   stranded,    HOVERING,  stop),
@@ -92,15 +100,17 @@ RULES = (
     Rule(MOVING,    Ask,     may_replace, VERIFYING, consider),
     Rule(MOVING,    Ask,     always,      MOVING,    refuse_busy),
     Rule(MOVING,    Check,   always,      MOVING,    keep),
+    Rule(MOVING,    Seen,    jumped,      HOVERING,  stop_astonished),
+    Rule(MOVING,    Seen,    straying,    HOVERING,  stop),
     Rule(MOVING,    Seen,    arrived,     HOVERING,  arrive),
-    Rule(MOVING,    Seen,    always,      MOVING,    keep),
+    Rule(MOVING,    Seen,    always,      MOVING,    follow),
     Rule(MOVING,    Lost,    always,      HOVERING,  stop),
     Rule(MOVING,    Booted,  always,      HOVERING,  reboot),
     Rule(MOVING,    Hold,    always,      HOVERING,  stop),
     Rule(MOVING,    Toggle,  barred,      HOVERING,  toggle_and_stop),
     Rule(MOVING,    Toggle,  always,      MOVING,    toggle),
     Rule(MOVING,    Resized, barred,      HOVERING,  stop),
-    Rule(MOVING,    Resized, always,      MOVING,    keep),
+    Rule(MOVING,    Resized, always,      MOVING,    resize),
 )
 # fmt: on
 
@@ -115,5 +125,6 @@ def step(
     for rule in rules:
         fits = rule.at is situation.state and isinstance(event, rule.on)
         if fits and rule.when(situation, event, world):
-            return replace(rule.do(situation, event, world), state=rule.to)
+            after = rule.do(situation, event, world)
+            return after if after.state is rule.to else replace(after, state=rule.to)
     raise LookupError(f"no rule for {situation.state} and {event}")

@@ -61,13 +61,29 @@ class Resized(Struct, frozen=True):
 Event = Ask | Check | Seen | Lost | Booted | Hold | Toggle | Resized
 
 
+class Envelope(Struct, frozen=True):
+    """What the vehicle can do at the most; what is seen to do more is not to be relied on.
+
+    `speed` in m/s, `deceleration` in m/s^2; `margin` is how far (m) it may be off.
+    """
+
+    speed: float
+    deceleration: float
+    margin: float
+
+
 class World(Struct, frozen=True):
-    """What the automaton looks at. `fresh` says that the pose may be relied on."""
+    """What the automaton looks at. `fresh` says that the pose may be relied on.
+
+    `last` is the pose before this one, of the same boot; the first one of a boot is its own.
+    """
 
     pose: Pose
+    last: Pose
     fresh: bool
     cage: CageSize
     acceptance_range: float
+    envelope: Envelope
 
 
 class Situation(Struct, frozen=True):
@@ -75,6 +91,8 @@ class Situation(Struct, frozen=True):
 
     `goal` is flown to or held, with `brake` the vehicle's own stopping point is; `candidate`
     is being verified, and a refusal leads back to `back`. `settling` while a stop goes on.
+    `beyond` is how far (m) out of the cage the flight under way has been let come to a stop: 0
+    but for one from outside, of which it falls as the vehicle comes nearer.
     """
 
     state: State
@@ -87,4 +105,5 @@ class Situation(Struct, frozen=True):
     brake: bool = True
     settling: bool = False
     takeoff: bool = False
+    beyond: float = 0.0
     reason: str = ""

@@ -14,6 +14,7 @@ from services.safety.model import (
     Ask,
     Booted,
     Check,
+    Envelope,
     Event,
     Hold,
     Lost,
@@ -42,7 +43,7 @@ class Monitor:
     ) -> None:
         """After a restart the cage is on, and the vehicle is left where it hovers."""
         self._params, self._tell, self._restarted = params, tell, restarted
-        self.pose = _NO_POSE
+        self.pose = self._last = _NO_POSE
         self.fresh = False
         self._void: set[str] = set()
         self.situation = Situation(
@@ -56,8 +57,9 @@ class Monitor:
         """Take a new pose; one of another boot voids the goal and takes off anew."""
         if self.ignores(pose):
             return
-        self.pose, self.fresh = pose, True
-        if pose.boot != self.situation.boot:
+        same = pose.boot == self.situation.boot
+        self._last, self.pose, self.fresh = self.pose if same else pose, pose, True
+        if not same:
             self._boot()
         self._feed(Seen())
 
@@ -121,14 +123,21 @@ class Monitor:
         return f"the start is {outside}" if self.situation.cage_on and outside else ""
 
     def _feed(self, event: Event) -> None:
-        before = self.situation
-        world = World(self.pose, self.fresh, self._cage(), self._params.acceptance_range)
-        self.situation = step(before, event, world)
-        if self.situation != before or isinstance(event, Resized):
-            self._tell(self.state(), _line(before, self.situation, event))
+        before, params = self.situation, self._params
+        envelope = Envelope(params.max_speed, params.max_deceleration, params.margin)
+        world = World(
+            self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
+        )
+        self.situation = after = step(before, event, world)
+        if after is before and not isinstance(event, Resized):
+            return
+        # How far from outside it has come is nobody else's concern.
+        if replace(after, beyond=before.beyond) != before or isinstance(event, Resized):
+            self._tell(self.state(), _line(before, after, event))
 
     def _cage(self) -> CageSize:
-        return CageSize(*astuple(self._params.virtual_cage))
+        size = self._params.virtual_cage
+        return CageSize(size.x, size.y, size.z)
 
 
 def _line(before: Situation, after: Situation, event: Event) -> str:

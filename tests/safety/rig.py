@@ -27,15 +27,15 @@ class Rig:
         self._stamp = 0.0
 
     def at(self, place: Position, velocity: Velocity = STILL, boot: str = "b1") -> SafetyState:
-        """Show a pose that is newer than the one before."""
-        self._stamp += 0.05
+        """Show a pose that is newer than the one before: by a second, in which one flies far."""
+        self._stamp += 1.0
         self.monitor.see(self.pose(self._stamp, place, velocity, boot))
         return self.state
 
     @staticmethod
     def pose(stamp: float, place: Position, velocity: Velocity = STILL, boot: str = "b1") -> Pose:
         return replace(
-            POSE, stamp=stamp, seq=round(stamp * 20), position=place, velocity=velocity, boot=boot
+            POSE, stamp=stamp, seq=round(stamp), position=place, velocity=velocity, boot=boot
         )
 
     @property

@@ -15,6 +15,7 @@ from services.safety.model import (
     Ask,
     Booted,
     Check,
+    Envelope,
     Event,
     Hold,
     Lost,
@@ -37,12 +38,31 @@ CAGE = CageSize(5.0, 5.0, 2.0)
 
 FLYING, RESTING = Velocity(1.0, 0.0, 0.0), Velocity(0.0, 0.0, 0.049)
 POSE = Pose("b1", 0, 4.0, HERE, FLYING, Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0))
-SEEING = World(POSE, fresh=True, cage=CAGE, acceptance_range=0.5)
+LAST = replace(POSE, position=Position(-0.05, 0.0, 1.0), stamp=3.95)
+ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01)
+SEEING = World(POSE, LAST, fresh=True, cage=CAGE, acceptance_range=0.5, envelope=ENVELOPE)
 BLIND = replace(SEEING, fresh=False)
 AT_REST = replace(SEEING, pose=replace(POSE, velocity=RESTING))
 REBOOTED = replace(SEEING, pose=replace(POSE, boot="b2"))
-NEAR = replace(SEEING, pose=replace(POSE, position=Position(2.501, 0.0, 1.0)))
-AT_RANGE = replace(SEEING, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
+AT_GOAL = replace(SEEING, last=replace(LAST, position=Position(2.45, 0.0, 1.0)))
+NEAR = replace(AT_GOAL, pose=replace(POSE, position=Position(2.501, 0.0, 1.0)))
+LEAPT = replace(SEEING, last=replace(LAST, position=Position(0.511, 0.0, 1.0)))
+RUSHED = replace(SEEING, last=replace(LAST, position=Position(0.509, 0.0, 1.0)))
+LEAPT_TO_REST = replace(LEAPT, pose=AT_REST.pose)
+
+
+def leaving(before: float, x: float = 5.05) -> World:
+    """On its way out at 2 m/s, which takes 0.2 m to stop, after another speed (m/s) before."""
+    pose = replace(POSE, position=Position(x, 0.0, 1.0), velocity=Velocity(2.0, 0.0, 0.0))
+    past = Position(x - 0.1, 0.0, 1.0)
+    last = replace(LAST, position=past, velocity=Velocity(before, 0.0, 0.0))
+    return replace(SEEING, pose=pose, last=last)
+
+
+FASTER, SLOWER = leaving(1.0), leaving(3.0)
+OUT = FASTER.pose.position
+LEAPT_OUT = replace(FASTER, last=replace(FASTER.last, position=HERE))
+AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
 
 PLAIN = Situation(
     state=HOVERING,
@@ -55,6 +75,7 @@ PLAIN = Situation(
     brake=False,
     settling=False,
     takeoff=False,
+    beyond=0.125,
     reason="before",
 )
 
@@ -65,6 +86,9 @@ UNDER = "below the floor: z = -0.25 is less than 0"
 LOST = "no pose for 0.2 s: stopped"
 HELD = "hold: stopped on request"
 BARRED = "stopped, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
+IN_PLACE = "hovering in place, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
+ASTRAY = "stopped, the way led 0.25 m out of the cage"
+JUMPED = "stopped, the pose jumped by 0.511 m in 0.05 s"
 
 
 class Case(NamedTuple):
@@ -93,9 +117,9 @@ class Case(NamedTuple):
         return replace(self.situation, **self.then)
 
 
-def stopped(reason: str) -> dict[str, Any]:
+def stopped(reason: str, goal: Position = HERE) -> dict[str, Any]:
     return {
-        "state": HOVERING, "goal": HERE, "brake": True, "settling": True, "takeoff": False,
+        "state": HOVERING, "goal": goal, "brake": True, "settling": True, "takeoff": False,
         "reason": reason,
     }  # fmt: skip
 
@@ -112,7 +136,11 @@ BOOT = {
     "state": HOVERING, "boot": "b2", "goal": HERE, "brake": True, "settling": False,
     "takeoff": False, "reason": "anew",
 }  # fmt: skip
-TAKEN = {"state": MOVING, "brake": False, "settling": False, "takeoff": False, "reason": ""}
+TAKEN = {
+    "state": MOVING, "brake": False, "settling": False, "takeoff": False, "beyond": 0.0,
+    "reason": "",
+}  # fmt: skip
+INSIDE_AGAIN = {"beyond": 0.0}
 NOTHING: dict[str, Any] = {}
 STOPPING = {"brake": True, "settling": True}
 TAKING_OFF = {"takeoff": True}
@@ -129,6 +157,10 @@ CASES = (
     Case(HOVERING, "always", Ask(OUTSIDE), considered(Ask(OUTSIDE), HOVERING)),
     Case(HOVERING, "always", ASK, considered(ASK, HOVERING), given=FROM_FLIGHT),
     Case(HOVERING, "always", Check(), NOTHING),
+    Case(HOVERING, "jumped", Seen(), stopped(JUMPED), LEAPT),
+    Case(HOVERING, "jumped", Seen(), stopped(JUMPED), LEAPT_TO_REST, STOPPING),
+    Case(HOVERING, "always", Seen(), NOTHING, RUSHED),
+    Case(HOVERING, "always", Seen(), NOTHING, FASTER),
     Case(HOVERING, "settled", Seen(), {"goal": HERE, "settling": False}, AT_REST, STOPPING),
     Case(HOVERING, "always", Seen(), NOTHING),
     Case(HOVERING, "always", Seen(), NOTHING, given=STOPPING),
@@ -139,11 +171,17 @@ CASES = (
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED, STOPPING),
     Case(HOVERING, "always", Hold(), stopped(HELD)),
-    Case(HOVERING, "always", Toggle(cage_on=False), OFF),
-    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True}, given=OFF),
-    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True}, given=OFF | FAR),
+    Case(HOVERING, "barred", Toggle(cage_on=True), stopped(IN_PLACE) | {"cage_on": True} | INSIDE_AGAIN,
+         given=OFF | FAR),
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN, given=FAR),
+    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True} | INSIDE_AGAIN, given=OFF),
+    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True} | INSIDE_AGAIN,
+         given=OFF | FAR | STOPPING),
+    Case(HOVERING, "barred", Resized(), stopped(IN_PLACE), given=FAR),
     Case(HOVERING, "always", Resized(), NOTHING),
-    Case(HOVERING, "always", Resized(), NOTHING, given=FAR),
+    Case(HOVERING, "always", Resized(), NOTHING, given=OFF | FAR),
+    Case(HOVERING, "always", Resized(), NOTHING, given=FAR | STOPPING),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | STOPPING),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | FROM_FLIGHT),
@@ -153,6 +191,8 @@ CASES = (
          given={"candidate": Ask(INSIDE, takeoff=True)}),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE},
          given=FROM_FLIGHT | FAR | FOR_INSIDE),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, "beyond": 0.25}, FASTER,
+         FOR_INSIDE),
     Case(VERIFYING, "stranded", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR),
     Case(VERIFYING, "stranded", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR | TAKING_OFF),
     Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND}, given=FROM_FLIGHT),
@@ -171,7 +211,7 @@ CASES = (
     Case(VERIFYING, "always", Lost(0.2), stopped(LOST)),
     Case(VERIFYING, "always", BOOTED, BOOT, REBOOTED),
     Case(VERIFYING, "always", Hold(), stopped(HELD)),
-    Case(VERIFYING, "always", Toggle(cage_on=False), OFF),
+    Case(VERIFYING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
     Case(VERIFYING, "always", Resized(), NOTHING),
     Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND),
     Case(MOVING, "blind", REPLACE, refused(MOVING, NO_POSE), BLIND),
@@ -183,23 +223,38 @@ CASES = (
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, NEAR),
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", "takeoff": False}, NEAR,
          TAKING_OFF),
-    Case(MOVING, "always", Seen(), NOTHING),
-    Case(MOVING, "always", Seen(), NOTHING, AT_RANGE),
-    Case(MOVING, "always", Seen(), NOTHING, AT_REST, STOPPING),
+    Case(MOVING, "jumped", Seen(), stopped(JUMPED), LEAPT),
+    Case(MOVING, "jumped", Seen(), stopped(JUMPED), LEAPT, TAKING_OFF),
+    Case(MOVING, "jumped", Seen(), stopped("stopped, the pose jumped by 5.05 m in 0.05 s", OUT),
+         LEAPT_OUT),
+    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), FASTER),
+    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), leaving(2.0)),
+    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), FASTER, {"goal": OUT}),
+    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), FASTER, {"beyond": 0.2375}),
+    Case(MOVING, "always", Seen(), NOTHING, FASTER, {"beyond": 0.2425}),
+    Case(MOVING, "always", Seen(), {"beyond": 0.25}, FASTER, {"beyond": 0.5}),
+    Case(MOVING, "always", Seen(), {"beyond": 0.25}, SLOWER),
+    Case(MOVING, "always", Seen(), NOTHING, FASTER, OFF),
+    Case(MOVING, "always", Seen(), INSIDE_AGAIN),
+    Case(MOVING, "always", Seen(), INSIDE_AGAIN, RUSHED),
+    Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_RANGE),
+    Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_REST, STOPPING),
     Case(MOVING, "always", Lost(0.2), stopped(LOST)),
     Case(MOVING, "always", Lost(0.2), stopped(LOST), given=TAKING_OFF),
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED),
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED, TAKING_OFF),
     Case(MOVING, "always", Hold(), stopped(HELD)),
     Case(MOVING, "always", Hold(), stopped(HELD), given=TAKING_OFF),
-    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | {"cage_on": True},
+    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | {"cage_on": True} | INSIDE_AGAIN,
          given=OFF | FAR),
-    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED), given=FAR),
-    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True}, given=OFF),
-    Case(MOVING, "always", Toggle(cage_on=False), OFF),
-    Case(MOVING, "always", Toggle(cage_on=False), OFF, given=FAR),
+    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | INSIDE_AGAIN, given=FAR),
+    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True} | INSIDE_AGAIN, given=OFF),
+    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True, "beyond": 0.25}, FASTER, OFF),
+    Case(MOVING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
+    Case(MOVING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN, given=FAR),
     Case(MOVING, "barred", Resized(), stopped(BARRED), given=FAR),
-    Case(MOVING, "always", Resized(), NOTHING),
-    Case(MOVING, "always", Resized(), NOTHING, given=OFF | FAR),
+    Case(MOVING, "always", Resized(), INSIDE_AGAIN),
+    Case(MOVING, "always", Resized(), {"beyond": 0.25}, FASTER),
+    Case(MOVING, "always", Resized(), INSIDE_AGAIN, given=OFF | FAR),
 )
 # fmt: on

@@ -1,0 +1,20 @@
+"""Writes what the automaton's table says into docs/safety.md: `python -m docs.draw`."""
+
+from pathlib import Path
+
+from services.safety.diagram import diagram, table, words
+
+PAGE = Path(__file__).with_name("safety.md")
+_BEGIN, _END = "<!-- table -->\n", "<!-- /table -->"
+
+
+def drawn(page: str) -> str:
+    """The page with all between its marks made anew from the table."""
+    head, _, rest = page.partition(_BEGIN)
+    _, _, tail = rest.partition(_END)
+    made = f"{diagram()}\n\n{words()}\n\n{table()}"
+    return f"{head}{_BEGIN}{made}\n{_END}{tail}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(drawn(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

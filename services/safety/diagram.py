@@ -1,0 +1,42 @@
+"""The automaton's table, drawn: text for docs/safety.md, which a test holds equal to it."""
+
+from services.safety.fsa import RULES, Rule
+from services.safety.model import State
+
+
+def diagram() -> str:
+    """What changes the state, as a mermaid state diagram."""
+    lines = ["stateDiagram-v2", f"    [*] --> {State.HOVERING.name}"]
+    arrows: dict[tuple[State, State], list[str]] = {}
+    for rule in RULES:
+        if rule.at is not rule.to:
+            arrows.setdefault((rule.at, rule.to), []).append(_cause(rule))
+    for (at, to), causes in arrows.items():
+        lines.append(f"    {at.name} --> {to.name} : {'<br>'.join(causes)}")
+    return "\n".join(["```mermaid", *lines, "```"])
+
+
+def table() -> str:
+    """Every row, in the order in which they are tried."""
+    rows = ["| at | on | when | to | do |", "|---|---|---|---|---|"]
+    for rule in RULES:
+        to = rule.to.name if rule.to is not rule.at else ""
+        cells = rule.at.name, rule.on.__name__, rule.when.__name__, to, rule.do.__name__
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def words() -> str:
+    """What events, conditions and actions say of themselves, each once."""
+    parts: list[tuple[str, str | None]] = []
+    for rule in RULES:
+        parts += [(part.__name__, part.__doc__) for part in (rule.on, rule.when, rule.do)]
+    return "\n".join(
+        f"- `{name}`: {(said or '').strip().partition(chr(10))[0]}"
+        for name, said in sorted(dict(parts).items(), key=lambda part: part[0].lower())
+    )
+
+
+def _cause(rule: Rule) -> str:
+    when = rule.when.__name__
+    return rule.on.__name__ + ("" if when == "always" else f" [{when}]")

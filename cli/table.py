@@ -16,6 +16,7 @@ COMMANDS = {
     "doctor": "cli.doctor.doctor:doctor",
     "goto": "cli.lab.goto:goto",
     "fly": "cli.fly.fly:fly",
+    "campaign": "cli.campaign.campaign:campaign",
     "hold": "cli.lab.control:hold",
     "reset": "cli.lab.control:reset",
     "state": "cli.lab.state:state",

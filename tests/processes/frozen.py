@@ -109,5 +109,8 @@ ENDINGS = (
 )
 """What changes the run, one after the other; they may take longer where they end well."""
 
-ELSEWHERE = {"demo": "it runs on a realm of its own, and asks nobody of this one"}
+ELSEWHERE = {
+    "demo": "it runs on a realm of its own, and asks nobody of this one",
+    "campaign": "it needs no run, and asks nobody",
+}
 """Commands that are in no table, and why."""

@@ -1,0 +1,79 @@
+"""A campaign's process: reads an order from stdin, tells its progress and its report on stdout.
+
+`quadctl campaign` starts it: the command itself imports neither safety nor dynamics. It ends where
+stdin does.
+"""
+
+import os
+import sys
+import threading
+
+import msgspec
+
+from services.campaign.diary import Flown
+from services.campaign.fleets import Plain
+from services.campaign.process.crew import Crew, Worker
+from services.campaign.process.orders import Job, Order, say
+from services.campaign.process.worker import batch
+from services.campaign.report import document, seeds
+from services.runtime.errors import QuadctlError
+
+BATCH = 500
+"""Flights that a worker flies at once: enough for its arrays, few enough to share out evenly."""
+_PATIENCE = 5.0
+"""A worker that is not ready after this (s) has something to compile."""
+
+
+def main() -> None:
+    """Carry out one order; exit 1 with an error document where it cannot be."""
+    order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
+    threading.Thread(target=_watch_stdin, daemon=True).start()
+    try:
+        _replay(order) if order.replay else _campaign(order)
+    except QuadctlError as problem:
+        say({"error": {"message": problem.message, "hint": problem.hint}})
+    sys.stdout.flush()
+    os._exit(0)
+
+
+def _campaign(order: Order) -> None:
+    every = seeds(order.seed, order.flights)
+    size = min(BATCH, -(-order.flights // order.processes))
+    jobs = [
+        Job(first, min(size, every.stop - first), order.seconds, order.faults)
+        for first in every[::size]
+    ]
+    flown: list[Flown] = []
+
+    def on_flown(more: list[Flown]) -> None:
+        flown.extend(more)
+        say({"flown": len(flown)})
+
+    # The first one compiles the vehicle, where that must be; the others find it compiled.
+    first = Worker()
+    note = threading.Timer(
+        _PATIENCE, say, [{"note": "compiling the vehicle, once for this machine"}]
+    )
+    note.start()
+    first.fly(Job(0, 0, order.seconds, order.faults))
+    note.cancel()
+    workers = [first, *(Worker() for _ in range(min(order.processes, len(jobs)) - 1))]
+    Crew(jobs, on_flown).fly(workers)
+    say({"report": document(order.seed, flown)})
+
+
+def _replay(order: Order) -> None:
+    flight = batch(Job(order.seed, 1, order.seconds, order.faults), Plain, log=True)
+    flown = flight.fly()
+    mission, diary = flight.missions[0], flight.lanes[0].diary
+    said = {"start": mission.start, "safety": mission.safety, "log": diary.lines}
+    say({"report": document(order.seed, flown) | said})
+
+
+def _watch_stdin() -> None:
+    sys.stdin.buffer.read()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

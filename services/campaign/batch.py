@@ -1,0 +1,128 @@
+"""A batch of flights, period by period: the vehicles fly, their monitors watch, the score is kept."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from schemas.params import DynamicsParams, StartParams
+from schemas.topics import SETPOINT
+from services.campaign.diary import Flown
+from services.campaign.fleets import Fleet
+from services.campaign.lane import Lane
+from services.campaign.oracle import Floats, Score, farthest
+from services.campaign.rows import Mission
+from services.campaign.watch import Watch
+
+_STEPS = round(1000 / SETPOINT.hz)
+"""Of 1 ms, in a period."""
+_SAMPLES = 5
+"""How often in a period it is looked how far beyond the cage a vehicle is."""
+_RATCHET = 5
+"""Periods after which it is looked how much nearer a vehicle outside has come."""
+
+MakeFleet = Callable[[Sequence[DynamicsParams]], Fleet]
+
+
+class Batch:
+    """Flights of one length, each for itself."""
+
+    def __init__(self, missions: Sequence[Mission], make: MakeFleet, *, log: bool = False) -> None:
+        """Each vehicle at rest on its start; with `log` the diaries keep their lines."""
+        self.missions = missions
+        params = [DynamicsParams(start=StartParams(*mission.start)) for mission in missions]
+        self._silence = DynamicsParams().setpoint_timeout
+        self._fleet = make(params)
+        self.lanes = [Lane(mission, log=log) for mission in missions]
+        count = len(missions)
+        self._score, self._watch = Score(count), Watch(count)
+        self._told: list[object] = [None] * count
+        self._heard, self._unscored = [0.0] * count, [True] * count
+        self._periods = round(missions[0].seconds * SETPOINT.hz)
+        self._track = np.empty((self._periods + 1, 6, count))
+
+    def fly(self) -> list[Flown]:
+        """Fly them to their end."""
+        for period in range(self._periods + 1):
+            self._track[period] = motion = self._fleet.motion()
+            for number in self.awake(period, motion):
+                self._step(number, period, motion)
+            if period % _RATCHET == 0:
+                for number in self._score.returning():
+                    self._score.nearer(number, self._farthest(number, motion))
+            if period < self._periods:
+                self._advance(period)
+        return [self._flown(number) for number in range(len(self.lanes))]
+
+    def awake(self, period: int, motion: Floats) -> list[int]:
+        """The flights whose monitors have something to do."""
+        return self._watch.awake(period, motion, self._track[max(period - 1, 0)])
+
+    def _advance(self, period: int) -> None:
+        for sample in range(1, _SAMPLES + 1):
+            self._fleet.advance(_STEPS // _SAMPLES)
+            now = (period + sample / _SAMPLES) / SETPOINT.hz
+            self._score.sample(self._fleet.motion()[:3], now)
+
+    def _step(self, number: int, period: int, motion: Floats) -> None:
+        lane = self.lanes[number]
+        if lane.seen < period - 1:
+            # Nothing came of it, but the next pose is looked at beside it.
+            lane.see(period - 1, self._track[period - 1, :, number].tolist())
+        here = motion[:, number].tolist()
+        lane.see(period, here)
+        self._unscored[number] |= lane.act(period, here)
+        self._tell(number, lane)
+        if self._unscored[number] and self._told[number] is not None:
+            self._unscored[number] = False
+            if lane.cage_on:
+                self._score.confine(number, lane.size, self._farthest(number, motion))
+            else:
+                self._score.free(number)
+        self._watch.note(number, lane)
+
+    def _tell(self, number: int, lane: Lane) -> None:
+        """The setpoint reaches the vehicle, or it brakes where none does for too long."""
+        setpoint, now = lane.setpoint(), lane.diary.now
+        if now < lane.mute_until:
+            if now - self._heard[number] > self._silence:
+                self._fleet.brake(number)
+            self._told[number] = None
+            return
+        self._heard[number] = now
+        told = (setpoint.brake, setpoint.position)
+        if told == self._told[number]:
+            return
+        self._told[number] = told
+        if setpoint.brake:
+            self._fleet.brake(number)
+        else:
+            place = setpoint.position
+            self._fleet.goto(number, place.x, place.y, place.z)
+
+    def _farthest(self, number: int, motion: Floats) -> float:
+        """How far beyond its cage (m) one vehicle gets that brakes now."""
+        size = self.lanes[number].size
+        px, py, pz, vx, vy, vz = motion[:, number].tolist()
+        here = (px, py, pz)
+        at_most = (px + _reach(vx), py + _reach(vy), pz + _reach(vz))
+        if farthest([here, at_most], size) == 0.0 or vx == vy == vz == 0.0:
+            return farthest([here], size)
+        return farthest([here, *self._fleet.stop(number)], size)
+
+    def _flown(self, number: int) -> Flown:
+        diary, mission = self.lanes[number].diary, self.missions[number]
+        worst, at = self._score.worst[number].item(), self._score.at[number].item()
+        margin = mission.safety.margin
+        if worst > margin:
+            diary.now = at
+            diary.violated(f"more than {margin:g} m beyond the cage")
+        diary.digest.update(np.ascontiguousarray(self._track[:, :, number]).tobytes())
+        return Flown(
+            mission.seed, worst, at, diary.transitions, diary.refusals, diary.stops,
+            diary.arrivals, diary.violations, diary.digest.hexdigest(),
+        )  # fmt: skip
+
+
+def _reach(speed: float) -> float:
+    """More than a stop takes (m) from a speed on an axis, m/s."""
+    return speed * (1.0 + abs(speed))

@@ -1,0 +1,158 @@
+"""One flight's safety: the monitor that flies live, fed with poses and the rows of a mission."""
+
+from math import ceil, inf, isfinite
+
+from msgspec.structs import replace
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import Pose, SafetyState, Setpoint
+from schemas.topics import SETPOINT
+from services.campaign.diary import Diary
+from services.campaign.oracle import Point, inside
+from services.campaign.rows import (
+    Cage,
+    Deaf,
+    Goto,
+    Hold,
+    Jump,
+    Late,
+    Mission,
+    Mute,
+    Range,
+    Resize,
+    Row,
+    text,
+)
+from services.safety.monitor import Monitor
+
+REACTION = 0.3
+"""A flight of which no pose is seen must have been stopped after this, s."""
+_BOOT = "campaign"
+_LEVEL, _STILL = Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
+
+Motion = list[float]
+"""Position (m) and velocity (m/s), x, y, z each."""
+
+
+class Lane:
+    """Safety's side of a flight, in periods of the setpoint."""
+
+    def __init__(self, mission: Mission, *, log: bool = False) -> None:
+        """Before the first pose; with `log` the diary keeps its lines."""
+        self.diary = Diary(log=log)
+        size = mission.safety.virtual_cage
+        self.cage_on, self.size = mission.safety.cage_on, (size.x, size.y, size.z)
+        """The cage as it was commanded."""
+        self.mute_until = 0.0
+        self.params = replace(mission.safety, virtual_cage=replace(size))
+        self.monitor = Monitor(self.params, self._told, restarted=False)
+        self._rows, self._next = mission.rows, 0
+        self._deaf_until = self._heard = 0.0
+        self.seen = -1
+        """The period of the last pose that was shown."""
+
+    @property
+    def wanted(self) -> float:
+        """The period in which there is something to do, whatever the vehicle does."""
+        now = self.diary.now
+        if now <= max(self._deaf_until, self.mute_until):
+            return 0
+        return (
+            ceil(self._rows[self._next].at * SETPOINT.hz) if self._next < len(self._rows) else inf
+        )
+
+    def see(self, period: int, motion: Motion) -> None:
+        """Show a pose, unless it does not get through."""
+        self.seen = period
+        self.diary.now = period / SETPOINT.hz
+        if self.diary.now >= self._deaf_until:
+            self._show(_pose(period, motion))
+
+    def act(self, period: int, motion: Motion) -> bool:
+        """Carry out the rows that are due; whether the cage in force is another one now."""
+        changed = False
+        while self._next < len(self._rows) and self._rows[self._next].at * SETPOINT.hz <= period:
+            row = self._rows[self._next]
+            self._next += 1
+            self.diary.say(text(row))
+            before = self.cage_on, self.size
+            self._do(row, period, motion)
+            changed |= before != (self.cage_on, self.size)
+        age = self.diary.now - self._heard
+        if age > self.params.pose_timeout:
+            self.monitor.lose()
+        if age > REACTION and self.monitor.state().state == "MOVING":
+            self.diary.violated(f"MOVING {REACTION:g} s after the last pose")
+        return changed
+
+    def setpoint(self) -> Setpoint:
+        """What the vehicle is told now."""
+        setpoint = self.monitor.setpoint()
+        if not setpoint.brake:
+            self._expect_permitted(setpoint.position, "sent")
+        return setpoint
+
+    def _do(self, row: Row, period: int, motion: Motion) -> None:
+        match row:
+            case Goto(_, x, y, z, change):
+                if reason := self.monitor.ask(Position(x, y, z), replace=change):
+                    self.diary.refused(reason)
+                elif self.diary.now - self._heard > REACTION:
+                    self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
+            case Hold():
+                self.monitor.hold()
+            case Cage(_, on):
+                self.cage_on = on
+                self.monitor.toggle(cage_on=on)
+            case Resize(_, x, y, z):
+                self.size = x, y, z
+                cage = self.params.virtual_cage
+                cage.x, cage.y, cage.z = x, y, z
+                self.monitor.resize()
+            case Range(_, metres):
+                self.params.acceptance_range = metres
+                self.monitor.resize()
+            case _:
+                self._fail(row, period, motion)
+
+    def _fail(self, row: Deaf | Mute | Jump | Late, period: int, motion: Motion) -> None:
+        match row:
+            case Deaf(at, seconds):
+                self._deaf_until = at + seconds
+            case Mute(at, seconds):
+                self.mute_until = at + seconds
+            case Jump(_, x, y, z):
+                self._show(
+                    _pose(period, [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]])
+                )
+            case Late(_, age):
+                before = self.monitor.pose
+                late = _pose(max(period - round(age * SETPOINT.hz), 0), motion)
+                self._show(late)
+                if self.monitor.pose.stamp < before.stamp:
+                    self.diary.violated("a pose of the past was taken")
+
+    def _show(self, pose: Pose) -> None:
+        if not self.monitor.ignores(pose):
+            self._heard = self.diary.now
+            self.monitor.see(pose)
+
+    def _told(self, state: SafetyState, line: str) -> None:
+        self.diary.told(state, line)
+        if state.state == "MOVING":
+            self._expect_permitted(state.goal, "MOVING")
+
+    def _expect_permitted(self, goal: Position, how: str) -> None:
+        place: Point = (goal.x, goal.y, goal.z)
+        if self.cage_on:
+            if not inside(place, self.size):
+                self.diary.violated(f"{how} to a goal outside with the cage on")
+        elif not (all(map(isfinite, place)) and goal.z >= 0.0):
+            self.diary.violated(f"{how} to a goal that is no place")
+
+
+def _pose(period: int, motion: Motion) -> Pose:
+    # The automaton looks at neither attitude nor body rates.
+    x, y, z, vx, vy, vz = motion
+    stamp = period / SETPOINT.hz
+    return Pose(_BOOT, period, stamp, Position(x, y, z), Velocity(vx, vy, vz), _LEVEL, _STILL)

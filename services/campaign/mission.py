@@ -1,0 +1,125 @@
+"""A random mission: the same for the same random numbers."""
+
+from collections.abc import Iterator, Sequence
+from math import inf, nan, nextafter
+from typing import Protocol, TypeVar
+
+from schemas.params import CageParams, SafetyParams
+from services.campaign.rows import (
+    Cage,
+    Deaf,
+    Goto,
+    Hold,
+    Jump,
+    Late,
+    Mission,
+    Mute,
+    Range,
+    Resize,
+    Row,
+)
+
+T = TypeVar("T")
+Point = tuple[float, float, float]
+
+FAR = 10_000.0
+"""The farthest coordinate that a message may have, m."""
+
+
+class Draws(Protocol):
+    """A stream of random numbers, such as a seeded `random.Random`."""
+
+    def random(self) -> float:
+        """A number in [0, 1), all equally likely."""
+
+    def uniform(self, a: float, b: float, /) -> float:
+        """A number in [a, b], all equally likely."""
+
+
+def mission(seed: int, draws: Draws, seconds: float, *, faults: bool) -> Mission:
+    """A mission of so many simulated seconds; with `faults` messages get lost and poses lie."""
+    size = _size(draws)
+    safety = SafetyParams(
+        acceptance_range=_range(draws),
+        cage_on=draws.random() < 0.85,
+        virtual_cage=CageParams(*size),
+        takeoff=_one(draws, (1.0, 1.0, 0.0, draws.uniform(0.1, 4.0))),
+    )
+    x, y, z = (0.0, 0.0, 0.0) if draws.random() < 0.6 else _point(draws, size)
+    start = (x, y, max(z, 0.0)) if abs(x) + abs(y) + abs(z) < FAR else (0.0, 0.0, 0.0)
+    rows = tuple(_rows(draws, seconds, size, faults=faults))
+    return Mission(seed, seconds, safety, start, rows)
+
+
+def _rows(draws: Draws, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:
+    at, on = _gap(draws), True
+    while at < seconds:
+        kind = draws.random() * (1.15 if faults else 1.0)
+        if kind < 0.62:
+            yield Goto(at, *_point(draws, size), replace=draws.random() < 0.5)
+        elif kind < 0.78:
+            on = draws.random() < 0.3 if on else draws.random() < 0.9
+            yield Cage(at, on)
+        elif kind < 0.86:
+            size = _size(draws)
+            yield Resize(at, *size)
+        elif kind < 0.91:
+            yield Range(at, _range(draws))
+        elif kind < 1.0:
+            yield Hold(at)
+        else:
+            yield _fault(draws, at)
+        at += _gap(draws)
+
+
+def _fault(draws: Draws, at: float) -> Row:
+    kind = draws.random()
+    if kind < 0.3:
+        return Deaf(at, draws.uniform(0.05, 2.0))
+    if kind < 0.6:
+        return Mute(at, draws.uniform(0.05, 2.0))
+    if kind < 0.8:
+        return Jump(at, *(draws.uniform(-3.0, 3.0) for _ in range(3)))
+    return Late(at, draws.uniform(0.05, 1.0))
+
+
+def _gap(draws: Draws) -> float:
+    """Time to the next row: often so short that the flight is still under way, or no time."""
+    return _one(draws, (0.0, draws.uniform(0.0, 0.5), draws.uniform(0.5, 3.0), draws.uniform(2, 8)))
+
+
+def _range(draws: Draws) -> float:
+    return _one(draws, (0.5, 0.5, draws.uniform(0.02, 0.5), draws.uniform(0.5, 5.0)))
+
+
+def _size(draws: Draws) -> Point:
+    small = draws.random() < 0.1
+    most = 1.0 if small else 8.0
+    return draws.uniform(0.2, most), draws.uniform(0.2, most), draws.uniform(0.2, 0.75 * most)
+
+
+def _point(draws: Draws, size: Point) -> Point:
+    """A goal: inside, on a wall, a hair's breadth beyond, outside, far away, or no place."""
+    cx, cy, cz = size
+    place = [draws.uniform(-cx, cx), draws.uniform(-cy, cy), draws.uniform(0.0, cz)]
+    walls = ((-cx, cx), (-cy, cy), (0.0, cz))
+    kind, axis = draws.random(), int(3 * draws.random())
+    wall = _one(draws, walls[axis])
+    if kind < 0.25:
+        # On a wall, on an edge, in a corner.
+        place = [_one(draws, (value, *w)) for value, w in zip(place, walls, strict=True)]
+        place[axis] = wall
+    elif kind < 0.3:
+        place[axis] = nextafter(wall, inf if wall > 0 else -inf)
+    elif kind < 0.5:
+        place[axis] = wall + draws.uniform(0.0, 6.0) * (1.0 if wall > 0 else -1.0)
+    elif kind < 0.55:
+        place = [3.0 * value for value in place]
+    elif kind < 0.58:
+        place[axis] = _one(draws, (nan, inf, -inf, FAR, -FAR))
+    x, y, z = place
+    return x, y, z
+
+
+def _one(draws: Draws, choices: Sequence[T]) -> T:
+    return choices[int(len(choices) * draws.random())]

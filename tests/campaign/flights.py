@@ -1,0 +1,36 @@
+"""Batches of random flights for the tests, in plain Python, and automata with a fault put in."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from random import Random
+
+import pytest
+
+from services.campaign.batch import Batch
+from services.campaign.fleets import Plain
+from services.campaign.mission import mission
+from services.campaign.oracle import Floats
+from services.campaign.rows import Mission
+from services.safety import fsa, monitor
+from services.safety.fsa import RULES, Rule
+
+
+def missions(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> list[Mission]:
+    return [mission(seed, Random(seed), seconds, faults=faults) for seed in seeds]
+
+
+def batch(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> Batch:
+    return Batch(missions(seeds, seconds, faults=faults), Plain)
+
+
+class Sleepless(Batch):
+    """Every monitor sees every pose, as in a live flight."""
+
+    def awake(self, period: int, motion: Floats) -> list[int]:
+        return list(range(len(self.lanes)))
+
+
+def put_in(patch: pytest.MonkeyPatch, change: Callable[[Rule], Rule | None]) -> None:
+    """Have every monitor, live or in a campaign, go by a changed table."""
+    rules = tuple(new for rule in RULES if (new := change(rule)) is not None)
+    patch.setattr(monitor, "step", partial(fsa.step, rules=rules))

@@ -1,0 +1,66 @@
+"""Flights of a campaign: as live ones, without a violation, and with one where a rule is wrong."""
+
+import pytest
+
+from schemas.geometry import Position
+from services.campaign.batch import Batch
+from services.campaign.diary import Flown
+from services.campaign.fleets import Plain
+from services.safety.conditions import always
+from services.safety.fsa import Rule
+from services.safety.model import Check, Resized, State, Toggle
+from tests.campaign.flights import Sleepless, batch, missions, put_in
+from tests.safety.rig import OUTSIDE, Rig
+
+FOUND = range(8)
+
+
+@pytest.fixture(scope="module")
+def flown() -> list[Flown]:
+    return batch(FOUND, 20.0).fly()
+
+
+def test_no_flight_breaks_a_promise(flown: list[Flown]):
+    assert [flight.violations for flight in flown] == [[] for _ in FOUND]
+    assert max(flight.worst for flight in flown) < 0.01
+    assert sum(flight.transitions["VERIFYING -> MOVING"] for flight in flown) > 20
+    assert sum(flight.transitions.get("VERIFYING -> HOVERING", 0) for flight in flown) > 5
+
+
+def test_a_flight_is_the_same_whoever_flies_beside_it(flown: list[Flown]):
+    assert batch([FOUND[3]], 20.0).fly() == [flown[3]]
+
+
+@pytest.mark.parametrize("faults", [False, True])
+def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
+    some = missions(range(20, 24), 15.0, faults=faults)
+    assert Batch(some, Plain).fly() == Sleepless(some, Plain).fly()
+
+
+def unverified(rule: Rule) -> Rule:
+    """Whatever is asked for is flown to."""
+    return rule._replace(when=always) if (rule.on, rule.to) == (Check, State.MOVING) else rule
+
+
+def not_verified_again(rule: Rule) -> Rule | None:
+    """The cage comes on, or shrinks, and nobody looks at the goal."""
+    return None if rule.on in {Toggle, Resized} and rule.when.__name__ == "barred" else rule
+
+
+@pytest.mark.parametrize("change", [unverified, not_verified_again])
+def test_a_broken_automaton_is_found(monkeypatch: pytest.MonkeyPatch, change):
+    put_in(monkeypatch, change)
+    flights = batch(FOUND, 20.0).fly()
+    said = {what for flight in flights for what in flight.violations}
+    assert "MOVING to a goal outside with the cage on" in said
+    assert "more than 0.01 m beyond the cage" in said
+
+
+def test_live_flight_and_campaign_go_by_one_table(
+    monkeypatch: pytest.MonkeyPatch, flown: list[Flown]
+):
+    assert Rig().hovering().monitor.ask(OUTSIDE) != ""
+    put_in(monkeypatch, unverified)
+    assert Rig().hovering().monitor.ask(OUTSIDE) == ""
+    assert Rig().hovering().monitor.ask(Position(0.0, 0.0, 1.0)) == ""
+    assert batch([FOUND[0]], 20.0).fly() != [flown[0]]

@@ -17,7 +17,7 @@ _STEPS = round(1000 / SETPOINT.hz)
 """Of 1 ms, in a period."""
 _SAMPLES = 5
 """How often in a period it is looked how far beyond the cage a vehicle is."""
-_RATCHET = 5
+_RATCHET = 10
 """Periods after which it is looked how much nearer a vehicle outside has come."""
 
 MakeFleet = Callable[[Sequence[DynamicsParams]], Fleet]
@@ -36,7 +36,7 @@ class Batch:
         count = len(missions)
         self._score, self._watch = Score(count), Watch(count)
         self._told: list[object] = [None] * count
-        self._heard, self._unscored = [0.0] * count, [True] * count
+        self._unscored = [True] * count
         self._periods = round(missions[0].seconds * SETPOINT.hz)
         self._track = np.empty((self._periods + 1, 6, count))
 
@@ -70,25 +70,25 @@ class Batch:
             lane.see(period - 1, self._track[period - 1, :, number].tolist())
         here = motion[:, number].tolist()
         lane.see(period, here)
-        self._unscored[number] |= lane.act(period, here)
+        if lane.act(period, here):
+            # What a vehicle does about it that hears nothing is counted from when it hears again.
+            self._unscored[number] = True
+            self._score.free(number)
         self._tell(number, lane)
         if self._unscored[number] and self._told[number] is not None:
             self._unscored[number] = False
             if lane.cage_on:
                 self._score.confine(number, lane.size, self._farthest(number, motion))
-            else:
-                self._score.free(number)
         self._watch.note(number, lane)
 
     def _tell(self, number: int, lane: Lane) -> None:
         """The setpoint reaches the vehicle, or it brakes where none does for too long."""
         setpoint, now = lane.setpoint(), lane.diary.now
         if now < lane.mute_until:
-            if now - self._heard[number] > self._silence:
+            if now - lane.last_told > self._silence:
                 self._fleet.brake(number)
             self._told[number] = None
             return
-        self._heard[number] = now
         told = (setpoint.brake, setpoint.position)
         if told == self._told[number]:
             return
@@ -105,8 +105,9 @@ class Batch:
         px, py, pz, vx, vy, vz = motion[:, number].tolist()
         here = (px, py, pz)
         at_most = (px + _reach(vx), py + _reach(vy), pz + _reach(vz))
-        if farthest([here, at_most], size) == 0.0 or vx == vy == vz == 0.0:
-            return farthest([here], size)
+        now = farthest([here], size)
+        if farthest([here, at_most], size) == now:
+            return now
         return farthest([here, *self._fleet.stop(number)], size)
 
     def _flown(self, number: int) -> Flown:

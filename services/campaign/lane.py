@@ -43,19 +43,19 @@ class Lane:
         size = mission.safety.virtual_cage
         self.cage_on, self.size = mission.safety.cage_on, (size.x, size.y, size.z)
         """The cage as it was commanded."""
-        self.mute_until = 0.0
+        self.mute_until = self.last_told = 0.0
+        """Until when (s) the vehicle hears nothing, and when it last did."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(self.params, self._told, restarted=False)
         self._rows, self._next = mission.rows, 0
-        self._deaf_until = self._heard = 0.0
+        self._deaf_until = self._lied_to = self._heard = 0.0
         self.seen = -1
         """The period of the last pose that was shown."""
 
     @property
     def wanted(self) -> float:
         """The period in which there is something to do, whatever the vehicle does."""
-        now = self.diary.now
-        if now <= max(self._deaf_until, self.mute_until):
+        if self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to):
             return 0
         return (
             ceil(self._rows[self._next].at * SETPOINT.hz) if self._next < len(self._rows) else inf
@@ -116,11 +116,14 @@ class Lane:
                 self._fail(row, period, motion)
 
     def _fail(self, row: Deaf | Mute | Jump | Late, period: int, motion: Motion) -> None:
+        self._lied_to = self.diary.now
         match row:
             case Deaf(at, seconds):
                 self._deaf_until = at + seconds
             case Mute(at, seconds):
-                self.mute_until = at + seconds
+                if self.diary.now >= self.mute_until:
+                    self.last_told = self.diary.now - 1 / SETPOINT.hz
+                self.mute_until = max(self.mute_until, at + seconds)
             case Jump(_, x, y, z):
                 self._show(
                     _pose(period, [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]])

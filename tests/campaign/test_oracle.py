@@ -38,7 +38,7 @@ def test_it_counts_from_when_the_cage_is_on():
 
 def test_put_outside_it_may_go_to_its_stopping_point_and_never_out_again():
     score = Score(1)
-    score.confine(0, SIZE, farthest((6.0, 0.0, 1.0), (7.5, 0.0, 1.0), SIZE))
+    score.confine(0, SIZE, farthest([(6.0, 0.0, 1.0), (7.5, 0.0, 1.0)], SIZE))
     assert at(score, (7.5, 0, 1)) == [0.0]
     score.nearer(0, 1.0)
     score.nearer(0, 2.0)
@@ -56,5 +56,5 @@ def test_only_those_outside_are_looked_at_again():
 
 def test_the_farthest_is_told_axis_by_axis():
     # It may pass the corner of the box that its way lies in.
-    assert farthest((5.3, 0.0, 1.0), (0.0, 4.4, 1.0), SIZE) == pytest.approx(0.5)
-    assert farthest((0.0, 0.0, 1.0), (1.0, 1.0, 2.0), SIZE) == 0.0
+    assert farthest([(5.3, 0.0, 1.0), (0.0, 4.4, 1.0)], SIZE) == pytest.approx(0.5)
+    assert farthest([(0.0, 0.0, 1.0), (1.0, 1.0, 2.0)], SIZE) == 0.0

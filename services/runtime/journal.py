@@ -28,7 +28,9 @@ class Journal:
         self._calls = Publisher(session, topic.key(vehicle), topic)
 
     def tell(self, request: Struct, answer: tuple[bool, bytes], *, held: bool) -> None:
-        """Tell of a request, and of the reply or error reply that it got."""
+        """Tell of a request, and of the reply or error reply that it got, where anybody listens."""
+        if not self._calls.is_heard:
+            return
         boot, stamp = self._schedule.now
         ok, payload = answer
         self._calls.put(

@@ -1,6 +1,6 @@
 """The sending end of a topic."""
 
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -29,6 +29,12 @@ class Publisher(Generic[M]):
             congestion_control=control.BLOCK if waits else control.DROP,
         )
         self._last = b""
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether the hub has told of a listener."""
+        status: Any = self._publisher.matching_status  # the stubs take it for a bool
+        return bool(status.matching)
 
     def put(self, message: M) -> None:
         """Publish a message; numbers must be Python's own, not numpy's."""

@@ -77,7 +77,7 @@ class Bare:
     def __init__(self, endpoint: str, user: str = "", password: str = "") -> None:
         config: dict[str, Any] = {
             "mode": "client",
-            "connect": {"endpoints": [endpoint]},
+            "connect": {"endpoints": [endpoint], "retry": {"period_init_ms": 10}},
             "scouting": {"multicast": {"enabled": False}},
         }
         if user:

@@ -1,0 +1,109 @@
+"""kill -9 of any process at any moment of a flight: a hover, no way out of the cage, and back by itself.
+
+Whoever dies, the vehicle slows down in time: its speed is highest at the latest so long after the
+kill. Of the vehicle's own process what counts is when safety says that the flight has stopped.
+"""
+
+import random
+import signal
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.processes.bare import Bare, gap, speed
+from tests.processes.lab import Lab, private_lab
+from tests.processes.running import eventually
+
+SETPOINT_AGE = 0.15
+"""The age (s) at which a setpoint no longer counts."""
+PROMISED = {"dynamics": 0.3, "safety": SETPOINT_AGE + 0.3, "hub": SETPOINT_AGE + 0.3}
+"""Within how many seconds the vehicle is to brake, or safety to say so."""
+MARGIN = 0.01
+"""What a vehicle may be out of the cage, m."""
+CAGE = {"x": (-5, 5), "y": (-5, 5), "z": (0, 5)}
+
+
+@pytest.fixture(scope="module")
+def caged() -> Iterator[Lab]:
+    """A flying system whose restarts are never too many."""
+    with private_lab() as made:
+        made.start("--set", "dynamics.start.z=1")
+        yield made
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("node", ["hub", "dynamics", "pressure", "safety"])
+def test_five_kills(caged: Lab, node: str):
+    # How soon it brakes is judged by the full count, on a machine with nothing else to do.
+    for seed in range(5):
+        kill_in_flight(caged, node, seed)
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1500)
+def test_a_hundred_kills(caged: Lab):
+    late: dict[str, list[float]] = {"hub": [], "dynamics": [], "pressure": [], "safety": []}
+    for seed in range(100):
+        node = [*late][seed % len(late)]
+        late[node].append(kill_in_flight(caged, node, 1000 + seed))
+    for node, times in late.items():
+        promised = PROMISED.get(node, float("inf"))
+        print(f"{node}: {len(times)} kills, braking after {sorted(times)[len(times) // 2]:.3f} s,"
+              f" at most {max(times):.3f} s, promised {promised:.2f} s")  # fmt: skip
+    assert all(max(times) <= PROMISED.get(node, float("inf")) for node, times in late.items())
+
+
+def kill_in_flight(lab: Lab, node: str, seed: int) -> float:
+    """Kill a process under way; returns after how many seconds the flight was on its way to a hover.
+
+    Holds that the vehicle stays in the cage, and that the next flight goes as if nothing had been.
+    """
+    draw = random.Random(f"{node} {seed}")
+    with lab.bare() as bare:
+        poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
+        begin(bare, draw)
+        time.sleep(draw.uniform(0.1, 1.2))
+        last, old = poses.next()[0], lab.nodes()[node]["pid"]
+        seen, killed = len(states.messages), time.monotonic()
+        lab.signal(node, signal.SIGKILL)
+        stopped = killed
+        if node == "dynamics":
+            states.until(lambda s: s["state"] == "HOVERING", within=5)
+            stopped = time.monotonic()
+        lab.revived(node, old)
+    eventually(lab.is_ready)
+    with lab.bare() as after:
+        if node != "dynamics":
+            flown = after.watch("uav/pose")
+            flown.until(lambda p: speed(p) < 0.05, within=20)
+            poses.messages += flown.messages
+        assert seen <= len(states.messages)
+        for pose in poses.messages:
+            assert all(
+                low - MARGIN <= pose["position"][axis] <= high + MARGIN
+                for axis, (low, high) in CAGE.items()
+            ), (node, seed, pose)
+        after.fly(0.0, 0.0, 1.0)
+    return stopped - killed if node == "dynamics" else time_of_peak(poses.messages, last)
+
+
+def begin(bare: Bare, draw: random.Random) -> None:
+    """Under way to somewhere far off, as likely as not at the wall."""
+    here = bare.watch("uav/pose").next()[0]["position"]
+    while True:
+        goal = {
+            axis: draw.choice((low, high)) if draw.random() < 0.3 else draw.uniform(low, high)
+            for axis, (low, high) in CAGE.items()
+        }
+        if gap(goal, here) > 3:
+            break
+    assert bare.call("goto", **goal, replace=True).value == {"accepted": True, "reason": ""}
+
+
+def time_of_peak(poses: list[dict[str, Any]], last: dict[str, Any]) -> float:
+    """How long after a pose the vehicle was fastest, simulated s, until it stood; 0 where never more."""
+    later = [p for p in poses if p["boot"] == last["boot"] and p["stamp"] >= last["stamp"]]
+    fastest = max(later, key=lambda p: (round(speed(p), 3), -p["stamp"]))
+    return float(fastest["stamp"] - last["stamp"])

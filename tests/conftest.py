@@ -6,9 +6,13 @@ import pytest
 
 from tests.processes.bare import Bare
 from tests.processes.lab import Lab, private_lab
+from tests.proofs import Proofs
+
+PROOFS = pytest.StashKey[Proofs]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.stash[PROOFS] = Proofs()
     config.addinivalue_line("markers", "prove: full counts, for `make prove`; left out otherwise")
 
 
@@ -19,6 +23,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    session.config.stash[PROOFS].write()
+
+
+@pytest.fixture(scope="session")
+def proofs(request: pytest.FixtureRequest) -> Proofs:
+    """Where the long counts leave what they have found."""
+    return request.config.stash[PROOFS]
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ from tests.processes.frozen import (
 )
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import Done, eventually
+from tests.proofs import Proofs
 
 SLACK = 0.2
 """Seconds that a command may take wait beyond its timeout; the start of Python is none of it."""
@@ -63,14 +64,18 @@ def test_at_once(patient: Lab, who: str):
 @pytest.mark.prove
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("who", ["", *FREEZABLE])
-def test_when_the_hub_has_lost_it(patient: Lab, who: str):
+def test_when_the_hub_has_lost_it(patient: Lab, proofs: Proofs, who: str):
     with frozen(patient, who):
         if who in {"dynamics", "pressure", "safety"}:
             with patient.bare() as bare:
                 eventually(lambda: who not in bare.nodes())
         late = {line.words: ended_well(patient, line, who, SLACK) for line in LINES}
     worst = max(late, key=lambda words: late[words])
-    print(f"{who or 'nobody'} frozen: {late[worst]:+.3f} s, {worst}")
+    proofs.add(
+        f"{len(LINES)} commands with {who or 'nobody'} frozen: end, after their timeout, at most",
+        f"{1000 * max(late[worst], 0):.0f} ms (`{worst}`)",
+        f"{1000 * SLACK:.0f} ms",
+    )
 
 
 @pytest.mark.prove

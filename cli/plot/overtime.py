@@ -81,7 +81,7 @@ def states(axes: Any, tracks: dict[str, Track]) -> None:
             colour = palette.TAKEN if phase.cage_on else palette.REFUSED
             axes.plot((phase.at, end), (row - 0.42, row - 0.42), color=colour, linewidth=3)
         refused = [spot.at for spot in track.refused]
-        axes.scatter(refused, [row] * len(refused), 40, palette.REFUSED, "x", zorder=4)
+        axes.scatter(refused, [row] * len(refused), s=40, c=palette.REFUSED, marker="x", zorder=4)
     axes.set_yticks(range(len(tracks)), list(tracks) if len(tracks) > 1 else ["safety"])
     axes.set_ylim(-0.6, len(tracks) - 0.4)
     handles = [Patch(color=colour, label=name) for name, colour in palette.STATES.items()]

@@ -99,7 +99,7 @@ def _span(values: list[float], axis: int, cages: list[CageSize]) -> tuple[float,
 def _spots(axes: Any, spots: list[Spot], up: int, marker: str, colour: str, label: str) -> None:
     if spots:
         x, ups = [spot[1] for spot in spots], [spot[up] for spot in spots]
-        axes.scatter(x, ups, 60, colour, marker, label=label, zorder=3)
+        axes.scatter(x, ups, s=60, c=colour, marker=marker, label=label, zorder=3)
 
 
 def _outline(axes: Any, cage: CageSize, name: str) -> None:

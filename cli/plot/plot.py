@@ -9,6 +9,7 @@ from cli.declare import Arg, Opt
 from cli.lab.progress import Progress
 from cli.options import LONGEST_TIMEOUT, Options
 from cli.plot.flight import Flight, wanted
+from schemas.topics import POSE
 from services.runtime.errors import Invalid, UsageError
 
 
@@ -64,6 +65,8 @@ def _live(options: Options, duration: float) -> Flight:
     flight = Flight()
     with bus.connect(options) as client, Progress("listening", quiet=options.json) as progress:
         stream = client.listen(*wanted(["*"]), backlog=1_000_000)
+        if not options.json:
+            output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")
         began = heard = time.monotonic()
         try:
             while (now := time.monotonic()) < began + duration:
@@ -78,5 +81,5 @@ def _live(options: Options, duration: float) -> Flight:
         except KeyboardInterrupt:
             output.note("stopped listening: drawing what came")
         if not flight.flown():
-            raise client.silent("*/pose")
+            raise client.silent(POSE.key(client.vehicle))
     return flight

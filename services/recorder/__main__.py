@@ -18,7 +18,7 @@ import msgspec
 
 from schemas.params import Params
 from schemas.topics import TOPICS
-from services.recorder.recording import Recording
+from services.recorder.process.recording import Recording
 from services.runtime.entry import start
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.node import Node

@@ -4,11 +4,10 @@ import errno
 import os
 import resource
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
-from services.recorder.recording import Recording
+from services.recorder.process.recording import Recording
 from services.runtime.bag.outfile import Outfile
 from services.runtime.bag.reader import Bag
 from services.runtime.errors import Invalid, QuadctlError
@@ -26,7 +25,6 @@ def room_for(size: int):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has it alone")
 def test_a_full_device_is_told():
     out = Outfile(os.open("/dev/full", os.O_WRONLY))
     out.write(b"something")

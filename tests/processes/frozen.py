@@ -75,6 +75,7 @@ LINES = (
     Line("type show goto"),
     Line("init"),
     Line("doctor", 0, dict.fromkeys(FREEZABLE, 8)),
+    Line("replay flight.mcap", 7, {"hub": 4}),
     Line("up -d", 7),
 )
 """What changes nothing, run with TIMEOUT once the hub has lost the frozen one."""
@@ -109,8 +110,15 @@ ENDINGS = (
 )
 """What changes the run, one after the other; they may take longer where they end well."""
 
+_FILES = "it reads a file, and asks nobody"
 ELSEWHERE = {
     "demo": "it runs on a realm of its own, and asks nobody of this one",
+    "record": "it waits for whatever comes, until Ctrl-C; test_record.py freezes its hub",
+    "plot": "it draws a file, or what comes in a time that is asked for; test_plot.py freezes it",
+    "bag info": _FILES,
+    "bag check": _FILES,
+    "bag repair": _FILES,
+    "bag export": _FILES,
     "campaign": "it needs no run, and asks nobody",
 }
 """Commands that are in no table, and why."""

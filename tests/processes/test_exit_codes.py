@@ -16,7 +16,7 @@ NEEDS_A_RUN = [
     "status", "ps", "down", "state", "hold", "reset", "calibrate", "cage on", "cage off",
     "cage show", "goto 1 2 1", "topic list", "topic echo pose", "service list",
     "service info goto", "service call calibrate_pressure zero=true", "param list",
-    "param get safety.cage_on", "param set safety.takeoff 1", "node list",
+    "param get safety.cage_on", "param set safety.takeoff 1", "node list", "record", "plot --live",
 ]  # fmt: skip
 
 FAILS = {

@@ -4,6 +4,7 @@ import json
 import os
 import select
 import shlex
+import shutil
 import signal
 import subprocess
 import time
@@ -37,6 +38,7 @@ LONGEST_START = 0.6
 BUSY = 1.5
 """The same where other tests run beside: that it ends is shown, not how promptly."""
 NAMES = {2: "usage", 3: "unreachable", 4: "timeout", 5: "refused", 7: "already_served"}
+RECORDING = Path(__file__).parents[1] / "replay" / "cage.mcap"
 
 
 def test_every_command_is_in_a_table():
@@ -123,6 +125,7 @@ def patient_lab() -> Iterator[Lab]:
         made.file("[pressure]\nnoise = 2e-5\n")
         made.file("", "saved.toml")
         made.file('rows = [{ at = 0.05, do = "hold" }]\nend = 0.1', "mission.toml")
+        shutil.copy(RECORDING, made.folder / "flight.mcap")
         eventually(lambda: made.quadctl("goto", 0, 0, 1).code == 0)
         yield made
 

@@ -135,7 +135,8 @@ def summary(path: Path) -> Summary | None:
     with opened(path) as file:
         try:
             return make_reader(file).get_summary()
-        except _TORN:
+        except (*_TORN, OSError):
+            # OSError: it is shorter than what it would end with.
             return None
 
 

@@ -1,0 +1,1 @@
+"""What of the recorder is not pure: its file."""

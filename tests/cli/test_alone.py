@@ -1,0 +1,30 @@
+"""`--record` with a file and without one, to both parsers."""
+
+import pytest
+
+from cli import quick, typed
+from cli.alone import given
+
+
+@pytest.mark.parametrize(
+    ("line", "record", "file"),
+    [
+        ("up --record", "", None),
+        ("up -d --record --json", "", None),
+        ("up --record a.mcap", "a.mcap", None),
+        ("up --record=a.mcap lab.toml", "a.mcap", "lab.toml"),
+        ("up --record lab.toml", "", "lab.toml"),
+        ("up lab.toml", None, "lab.toml"),
+    ],
+)
+@pytest.mark.parametrize("parser", [quick, typed])
+def test_a_file_is_its_value_by_its_ending(line, record, file, parser):
+    read = parser.read(given(line.split()))
+    assert read is not None
+    assert read.values["record"] == record
+    assert (read.values["file"] and str(read.values["file"])) == file
+
+
+def test_other_words_stay_as_they_are():
+    words = ["topic", "pub", "x", "a=", "b.mcap", "--rate", "1"]
+    assert given(words) == words

@@ -25,8 +25,8 @@ def measure_system(results: Results, effort: Effort) -> None:
     """Memory and processor time of the running system, in hover and in flight."""
     with running() as where:
         time.sleep(_SETTLED)
-        hover = _shares(where, effort.seconds, fly=False)
-        flight = _shares(where, effort.seconds, fly=True)
+        hover = shares(where, effort.seconds, fly=False)
+        flight = shares(where, effort.seconds, fly=True)
         memory = {name: proc.pss(pid) for pid, name in where.processes().items()}
     results.notes["hover_processor"], results.notes["flight_processor"] = hover, flight
     results.notes["system_memory"] = memory
@@ -73,7 +73,7 @@ def measure_gone(results: Results, effort: Effort) -> None:
                 results.seconds("gone", "ours", [seen.ask("gone", since=killed)])
 
 
-def _shares(where: Home, seconds: float, *, fly: bool) -> dict[str, float]:
+def shares(where: Home, seconds: float, *, fly: bool) -> dict[str, float]:
     """Each process's share of one core, %, while it hovers or flies for so long."""
     names = where.processes()
     before, began = proc.busy_of(names), time.monotonic()

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks import calls, commands, flights, footprint, launches, lockstep, topics
+from benchmarks import calls, commands, flights, footprint, launches, lockstep, recorder, topics
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.rows import ROWS
@@ -35,4 +35,5 @@ PARTS = (
     Part("footprint", ("gone",), footprint.measure_gone),
     _whole("flights", flights.measure),
     _whole("lockstep", lockstep.measure),
+    _whole("recorder", recorder.measure),
 )  # fmt: skip

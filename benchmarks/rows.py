@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 from benchmarks.bars import AtLeast, AtMost, AtMostTimes, Bar
 
-GROUPS = ("commands", "calls", "topics", "launches", "footprint", "flights", "lockstep")
+GROUPS = (
+    "commands", "calls", "topics", "launches", "footprint", "flights", "lockstep", "recorder",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,9 @@ ROWS = (
     Row("flights", "hover", "hover error, RMS", "m", (AtMost(0.005),)),
     Row("lockstep", "hover_speed", "lock-step: simulated time in hover", "s/s", (AtLeast(50),)),
     Row("lockstep", "mission_speed", "lock-step: the same of a mission", "s/s", ()),
+    Row("recorder", "recorder_processor", "the recorder beside the system in flight, of one core",
+        "%", (AtMost(5),)),
+    Row("recorder", "recorder_rate", "recorded, typed, none lost", "/s", (AtLeast(10_000),)),
 )  # fmt: skip
 
 BY_KEY = {row.key: row for row in ROWS}

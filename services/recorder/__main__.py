@@ -13,23 +13,28 @@ import time
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from schemas.params import Params
 from schemas.topics import TOPICS
 from services.recorder.process.recording import Recording
+from services.runtime import session
 from services.runtime.entry import start
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.node import Node
 from services.runtime.processes import RECORDER
+from services.runtime.realm import Realm
 from services.runtime.tap import Tap
 
 _FLUSHES = 4.0
 """Chunks a second: what is not in a whole chunk is lost with the process. A quarter of a second,
 so that with all delays it is less than half of one."""
-_AT_ONCE = 20_000
-"""Messages that are written without a look at who else wants something."""
+_AT_ONCE, _PAUSE = 100, 0.001
+"""Messages that are written at a stretch, and how long (s) what comes meanwhile is then given: the
+thread that reads needs the interpreter for each message."""
+_HUB_WAIT = 5.0
 _EVERYTHING = ("**", "*/@call/**")
 
 
@@ -41,7 +46,12 @@ def main() -> None:
     sys.argv[1:] = rest
     supervised = bool(os.environ.get("QUADCTL_SUPERVISED"))
     # A run has one recorder; whoever wants another may have it beside.
-    start(RECORDER if supervised else f"{RECORDER}-{os.getpid()}", partial(_attended, options))
+    name = RECORDER if supervised else f"{RECORDER}-{os.getpid()}"
+    start(name, partial(_attended, options), _open)
+
+
+def _open(address: session.Address, _params: Params, _realm: Realm) -> Any:
+    return session.open_client(address, wait=_HUB_WAIT, threads=session.TWO_THREADS)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -99,7 +109,7 @@ def run(options: argparse.Namespace, node: Node, params: Params) -> None:
 def _record(options: argparse.Namespace, node: Node, recording: Recording, tap: Tap) -> None:
     end = time.monotonic() + options.duration
     for count, now in enumerate(node.ticks(_FLUSHES)):
-        recording.take(tap.take(_AT_ONCE))
+        _write(recording, tap)
         if tap.lost > recording.lost:
             node.log.warning("%d messages came that there was no room for", tap.lost)
         recording.lost = tap.lost
@@ -107,9 +117,20 @@ def _record(options: argparse.Namespace, node: Node, recording: Recording, tap: 
             _tell(recording.facts("recording"))
         if now >= end:
             node.loop.stop()
-    while waiting := tap.take(_AT_ONCE):
-        recording.take(waiting)
+    tap.settle()
+    _write(recording, tap)
     recording.end()
+
+
+def _write(recording: Recording, tap: Tap) -> None:
+    """Write what waits now, and no more than that: others want something, too."""
+    left = tap.waiting
+    while left > 0:
+        recording.take(tap.take(min(left, _AT_ONCE)))
+        left -= _AT_ONCE
+        if left > 0:
+            time.sleep(_PAUSE)
+    recording.flush()
 
 
 def _notes(node: Node) -> dict[str, str]:

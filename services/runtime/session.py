@@ -18,7 +18,7 @@ from services.runtime.realm import ADDRESS, Realm, write_atomically
 if TYPE_CHECKING:
     from schemas.params import Params
 
-_HUB_THREADS = (
+TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
@@ -71,11 +71,15 @@ def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Sessi
         users = realm.folder / "hub.users"
         write_atomically(users, f"{address.user}:{address.password}\n".encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
-    return _open(config, _HUB_THREADS)
+    return _open(config, TWO_THREADS)
 
 
-def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) -> zenoh.Session:
+def open_client(
+    address: Address, *, wait: float = 0.0, timeout: float = 5.0, threads: str = CLIENT_THREADS
+) -> zenoh.Session:
     """Open a client of the hub, waiting up to `wait` seconds for it to come up.
+
+    Who reads so much that its one thread would find no time to say that it lives takes two.
 
     With a wait the session also reconnects by itself for as long as it lives, and restores
     what it declared. Raises Unreachable when no hub is there, and without a wait TimedOut when
@@ -96,7 +100,7 @@ def open_client(address: Address, *, wait: float = 0.0, timeout: float = 5.0) ->
         # Samples carry a time, which latched topics and `topic delay` need.
         config["timestamping"] = {"enabled": True}
     try:
-        return _open(config, CLIENT_THREADS)
+        return _open(config, threads)
     except zenoh.ZError as error:
         # Where nobody is there, that is known at once.
         if not wait and time.monotonic() - began >= open_timeout / 1000:

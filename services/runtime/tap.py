@@ -1,5 +1,6 @@
 """All that comes on some keys, undecoded, kept until somebody has the time for it."""
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable
@@ -8,9 +9,14 @@ from typing import NamedTuple
 import zenoh
 
 from services.runtime import foreign, roster
+from services.runtime.errors import TimedOut
 
 _MOST_BYTES = 256 << 20
 """Payloads that may wait; beyond, what comes is lost, and counted."""
+
+
+_SETTLE = 0.5
+"""Seconds that the hub has for that."""
 
 
 class Taken(NamedTuple):
@@ -53,6 +59,16 @@ class Tap:
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
         target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
         self._session.get(key, callback, target=target, consolidation=consolidation, timeout=1.0)
+
+    @property
+    def waiting(self) -> int:
+        """How many messages have come that are not yet taken."""
+        return len(self._waiting)
+
+    def settle(self) -> None:
+        """Return once all has come that the hub had for us; where it does not answer, at once."""
+        with contextlib.suppress(TimedOut):
+            roster.nodes(self._session, "*", _SETTLE)
 
     def take(self, most: int) -> list[Taken]:
         """The messages that wait, in the order in which they came, up to so many."""

@@ -51,6 +51,7 @@ def test_a_recording_on_a_full_disk_stops_and_says_what_to_do(tmp_path):
     def fill() -> None:
         while True:
             recording.take(said[kept[-1] : kept[-1] + 50])
+            recording.flush()
             kept.append(kept[-1] + 50)
 
     with room_for(8_000), pytest.raises(QuadctlError) as raised:

@@ -18,7 +18,7 @@ FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
 
 
 class Recording:
-    """One file; `take` and `end` raise QuadctlError where the disk does not take it."""
+    """One file; `flush` and `end` raise QuadctlError where the disk does not take it."""
 
     def __init__(self, path: Path, notes: dict[str, str]) -> None:
         """Make the file, with facts about the run; raises Invalid where that cannot be."""
@@ -43,9 +43,12 @@ class Recording:
             raise QuadctlError(f"{path}: {error.strerror}", "make room on its disk") from error
 
     def take(self, messages: Iterable[Taken]) -> None:
-        """Keep messages, and hand them to the system."""
+        """Keep messages, until the next `flush`."""
         for message in messages:
             self._keep(message)
+
+    def flush(self) -> None:
+        """Hand what is kept to the system, after which it is not lost with this process."""
         try:
             self._bag.flush()
         except OSError as error:

@@ -1,0 +1,67 @@
+"""What recording costs, and how much of it there may be."""
+
+import itertools
+import json
+import signal
+import subprocess
+import time
+
+import zenoh
+
+from benchmarks.children import Failed
+from benchmarks.effort import Effort
+from benchmarks.footprint import shares
+from benchmarks.ours.node import pose
+from benchmarks.results import Results
+from benchmarks.system import QUADCTL, Home, home, running
+from services.runtime import wire
+from services.runtime.bag.reader import summary
+from services.runtime.session import Address, open_client
+
+_HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
+_SETTLED = 10.0
+_FLOOD_SECONDS = 2.0
+_LONGEST = 10.0
+_ENCODING = wire.encoding(type(pose(0)))
+
+
+def measure(results: Results, effort: Effort) -> None:
+    """The recorder's share of a core beside the default system in flight; and a flood of poses."""
+    with home() as where:
+        where.quadctl("up", "-d", "--record", str(where.folder / "flight.mcap"))
+        time.sleep(_SETTLED)
+        found = shares(where, effort.seconds, fly=True)
+        results.notes["recorder_processor"] = found
+        results.add("recorder_processor", "ours", [found["recorder"]])
+    for run in range(effort.runs):
+        with running(*_HUB_ALONE) as where:
+            results.add("recorder_rate", "ours", [_rate(where)], run=run)
+
+
+def _rate(where: Home) -> float:
+    """Typed messages a second, put without pause, of which none is lost; raises Failed else."""
+    file = where.folder / "flood.mcap"
+    command = [QUADCTL, "record", "flood/*", "-o", str(file), "--json"]
+    recorder = subprocess.Popen(command, env=where.environment, stdout=subprocess.PIPE)
+    assert recorder.stdout is not None
+    recorder.stdout.readline()
+    with open_client(Address(where.endpoint)) as session:
+        publisher = session.declare_publisher(
+            "flood/pose", encoding=_ENCODING, congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        end = time.monotonic() + _FLOOD_SECONDS
+        for sent in itertools.count(1):
+            publisher.put(wire.encode(pose(sent)))
+            if time.monotonic() > end:
+                break
+        # Until what was on its way has come: the recorder says once a second how far it is.
+        for line in recorder.stdout:
+            if json.loads(line)["messages"] >= sent or time.monotonic() > end + _LONGEST:
+                break
+    recorder.send_signal(signal.SIGINT)
+    facts = json.loads(recorder.communicate()[0].splitlines()[-1])
+    found = summary(file)
+    if facts["messages"] != sent or found is None or found.statistics is None:
+        raise Failed(f"of {sent} messages {facts['messages']} were recorded")
+    first, last = found.statistics.message_start_time, found.statistics.message_end_time
+    return (sent - 1) / ((last - first) / 1e9)

@@ -62,7 +62,7 @@ def pressure(axes: Any, tracks: dict[str, Track]) -> None:
     title = "pressure before and after calibration" if alone else "raw pressure"
     axes.set(title=title, ylabel="hPa")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="best", fontsize=8)
+        axes.legend(loc="center right", fontsize=8)
 
 
 def states(axes: Any, tracks: dict[str, Track]) -> None:

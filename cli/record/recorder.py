@@ -12,7 +12,7 @@ from typing import Any, Self
 import msgspec
 
 from cli.options import Options
-from services.runtime.errors import QuadctlError
+from services.runtime.errors import WIRE_ERRORS, QuadctlError
 
 _PATIENCE = 10.0
 """Seconds that it may take to make its file whole."""
@@ -59,7 +59,8 @@ class Recorder:
             facts = msgspec.json.decode(line)
             if facts["state"] == "failed":
                 self._process.wait(_PATIENCE)
-                raise QuadctlError(facts["message"], facts["hint"])
+                kind = WIRE_ERRORS.get(facts["code"], QuadctlError)
+                raise kind(facts["message"], facts["hint"])
             yield facts
             if facts["state"] == "done":
                 return

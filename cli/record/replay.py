@@ -108,16 +108,20 @@ def _somewhere(options: Options) -> Iterator[Client]:
 def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int, float]:
     """Say it all; returns how many messages, and in how many seconds."""
     stage, said = Stage(client.session, plan.keys), 0
-    began = shown = time.monotonic()
+    began = shown = asked = time.monotonic()
     with Progress("replaying", quiet=quiet) as progress:
         for message in plan.messages():
             at = (message.at - plan.begin) / 1e9
-            if speed:
-                time.sleep(max(began + at / speed - time.monotonic(), 0.0))
+            while speed and (left := began + at / speed - time.monotonic()) > 0:
+                # What is said to a hub that is gone is lost, and nobody else would tell.
+                time.sleep(min(left, client.timeout / 2))
+                if time.monotonic() - asked > client.timeout / 2:
+                    client.flush(client.timeout / 2)
+                    asked = time.monotonic()
             stage.put(message.key, message.payload, message.encoding)
             said += 1
             if (now := time.monotonic()) - shown > _SHOWN_EVERY:
                 shown = now
                 progress.update(at / max(plan.seconds, 1e-9), f"{at:.1f} of {plan.seconds:.1f} s")
-    stage.flush()
+    client.flush()
     return said, time.monotonic() - began

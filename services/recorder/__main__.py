@@ -8,8 +8,8 @@ import contextlib
 import logging
 import os
 import sys
-import threading
 import time
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +19,7 @@ import msgspec
 
 from schemas.params import Params
 from schemas.topics import TOPICS
+from services.recorder.process.attended import Attendant
 from services.recorder.process.recording import Recording
 from services.runtime import session
 from services.runtime.entry import start
@@ -37,6 +38,8 @@ thread that reads needs the interpreter for each message."""
 _HUB_WAIT = 5.0
 _EVERYTHING = ("**", "*/@call/**")
 
+Tell = Callable[[dict[str, object]], None]
+
 
 def main() -> None:
     """Read the words that no other node has, and be a node."""
@@ -44,19 +47,28 @@ def main() -> None:
     # Of a realm elsewhere nothing is known but what is said on its bus.
     options.local = not any(word.startswith("--connect") for word in rest)
     sys.argv[1:] = rest
-    supervised = bool(os.environ.get("QUADCTL_SUPERVISED"))
+    if options.attended:
+        # What a run's supervisor says to its own is not for the recorder of a command in that run.
+        for name in ("QUADCTL_SUPERVISED", "QUADCTL_RESTARTS"):
+            os.environ.pop(name, None)
     # A run has one recorder; whoever wants another may have it beside.
-    name = RECORDER if supervised else f"{RECORDER}-{os.getpid()}"
-    start(name, partial(_attended, options), _open)
+    alone = not os.environ.get("QUADCTL_SUPERVISED")
+    name = f"{RECORDER}-{os.getpid()}" if alone else RECORDER
+    start(name, partial(_attended, options), partial(_open, options))
 
 
-def _open(address: session.Address, _params: Params, _realm: Realm) -> Any:
+def _open(
+    options: argparse.Namespace, address: session.Address, _params: Params, realm: Realm
+) -> Any:
+    options.realm = realm
     return session.open_client(address, wait=_HUB_WAIT, threads=session.TWO_THREADS)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("-o", "--output", type=Path, default=os.environ.get("QUADCTL_RECORD"))
+    parser.add_argument(
+        "-o", "--output", type=Path, default=os.environ.get("QUADCTL_RECORD") or None
+    )
     parser.add_argument("--key", action="append", default=[])
     parser.add_argument("--duration", type=float, default=float("inf"))
     # Tells how far it is on stdout, one JSON document a line, and ends when stdin does.
@@ -67,21 +79,24 @@ def _parser() -> argparse.ArgumentParser:
 def _attended(options: argparse.Namespace, node: Node, params: Params) -> None:
     """Run, and tell whoever has started it how it went."""
     if not options.attended:
-        run(options, node, params)
+        run(options, node, params, _tell_nobody)
         return
     node.log.setLevel(logging.WARNING)
-    # Who does not read what is told must not keep the recorder waiting.
-    os.set_blocking(1, False)
-    threading.Thread(target=_watch, args=(node,), daemon=True).start()
+    attendant = Attendant(node)
     try:
-        run(options, node, params)
+        run(options, node, params, attendant.tell)
     except QuadctlError as problem:
-        _tell({"state": "failed", "message": problem.message, "hint": problem.hint})
+        attendant.tell_failure(problem)
         sys.exit(problem.exit_code)
+    finally:
+        _leave_nothing(options.realm, node)
 
 
-def run(options: argparse.Namespace, node: Node, params: Params) -> None:
-    """Record until stopped; of several vehicles' nodes the first one does, for all."""
+def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> None:
+    """Record until stopped, and `tell` about once a second how far it is.
+
+    Of several vehicles' nodes the first one records, for all.
+    """
     if not node.first:
         node.spin()
         return
@@ -97,24 +112,22 @@ def run(options: argparse.Namespace, node: Node, params: Params) -> None:
         if topic.latched:
             tap.ask(f"*/{topic.name}")
     node.log.info("recording to %s", recording.path)
-    _record(options, node, recording, tap)
+    _record(node, recording, tap, tell, time.monotonic() + options.duration)
     facts = recording.facts("done")
     node.log.info(
         "recorded %d messages of %d keys to %s", facts["messages"], facts["keys"], recording.path
     )
-    if options.attended:
-        _tell(facts)
+    tell(facts)
 
 
-def _record(options: argparse.Namespace, node: Node, recording: Recording, tap: Tap) -> None:
-    end = time.monotonic() + options.duration
+def _record(node: Node, recording: Recording, tap: Tap, tell: Tell, end: float) -> None:
     for count, now in enumerate(node.ticks(_FLUSHES)):
         _write(recording, tap)
         if tap.lost > recording.lost:
             node.log.warning("%d messages came that there was no room for", tap.lost)
         recording.lost = tap.lost
-        if options.attended and count % _FLUSHES == 0:
-            _tell(recording.facts("recording"))
+        if count % _FLUSHES == 0:
+            tell(recording.facts("recording"))
         if now >= end:
             node.loop.stop()
     tap.settle()
@@ -149,17 +162,15 @@ def _next_free(path: Path) -> Path:
     return free
 
 
-def _watch(node: Node) -> None:
-    # Who has started us holds the other end: we end, with a whole file, however that one does.
-    while os.read(0, 1 << 10):
-        pass
-    node.loop.stop()
+def _leave_nothing(realm: Realm, node: Node) -> None:
+    """Our name will not be another's: its lock goes, and a folder that was made for it alone."""
+    (realm.folder / f"{node.vehicle}.{node.name}.lock").unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        realm.folder.rmdir()
 
 
-def _tell(facts: dict[str, object]) -> None:
-    # The reader may be gone, or frozen: the recording is whole all the same.
-    with contextlib.suppress(BrokenPipeError, BlockingIOError):
-        os.write(1, msgspec.json.encode(facts) + b"\n")
+def _tell_nobody(_facts: dict[str, object]) -> None:
+    """The log has all that matters."""
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ class Stage:
 
         A vehicle that is live has all of its keys.
         """
-        self._session = session
         vehicles = {key.partition("/")[0] for key in keys}
         for vehicle in sorted(vehicles):
             _refuse_beside_the_living(session, vehicle, keys)
@@ -35,10 +34,6 @@ class Stage:
     def put(self, key: str, payload: bytes, encoding: str) -> None:
         """Say a message."""
         self._outlets[key].put(payload, encoding)
-
-    def flush(self) -> None:
-        """Return once the hub has read all that was said; raises TimedOut."""
-        roster.nodes(self._session, "*")
 
 
 class _Outlet:

@@ -41,7 +41,8 @@ def test_the_second_word_of_a_group():
 
 
 def test_options():
-    assert {"--detach", "-d", "--set", "--vehicles", "--without"} | COMMON == set(words("up -"))
+    own = {"--detach", "-d", "--record", "--set", "--vehicles", "--without"}
+    assert own | COMMON == set(words("up -"))
     assert set(words("cage -")) == COMMON
     assert COMMON | {"--version", "--install-completion", "--show-completion"} == set(words("-"))
     assert words("goto 1 -2 --re") == ["--realm", "--replace"]

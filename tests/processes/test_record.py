@@ -85,6 +85,31 @@ def test_ctrl_c_is_the_good_end_and_the_file_is_whole(room: Lab):
     assert (again.code, again.error["message"]) == (6, "a.mcap is there already")
 
 
+def test_where_no_file_can_be_it_is_told_and_nothing_is_left(room: Lab):
+    done = room.quadctl("record", "-o", "no/such/folder/a.mcap", "--json")
+    assert (done.code, done.out, done.error["code"]) == (6, "", "invalid")
+    assert done.error["message"].startswith("no/such/folder/a.mcap cannot be written: ")
+    assert not list(room.home.glob("*recorder*"))
+
+
+def test_a_run_that_goes_down_and_comes_up_again_is_recorded_on(lab: Lab):
+    lab.start()
+    run = recording(lab, "-o", "twice.mcap")
+    first = lab.first_bare().state()["boot"]
+    assert lab.quadctl("down").code == 0
+    lab.start()
+    file = lab.folder / "twice.mcap"
+    with lab.bare() as bare:
+        second = bare.state()["boot"]
+    eventually(lambda: boots(file) >= {first, second})
+    assert "twice.mcap: " in stopped(run)
+    assert lab.quadctl("bag", "check", "twice.mcap").code == 0
+
+
+def boots(file: Path) -> set[str]:
+    return {m.value["boot"] for m in Bag(file).messages() if m.key == "uav/pose"}
+
+
 def test_only_what_is_asked_for_and_for_so_long(room: Lab):
     words = ("pose", "uav/**", "-o", "b.mcap", "--duration", 0.5, "--json")
     done = room.quadctl("record", *words)
@@ -114,7 +139,7 @@ def test_ten_thousand_a_second_are_all_there(room: Lab):
             publisher.put(pack(payload))
             if number % 100 == 0:
                 time.sleep(max(began + number / 10_000 - time.monotonic(), 0))
-        bare.nodes()
+        eventually(lambda: f'"messages":{BURST},' in run.log)
     facts = json.loads(stopped(run).splitlines()[-1])
     assert (facts["messages"], facts["lost"]) == (BURST, 0)
     numbers = [m.value["n"] for m in Bag(room.folder / "flood.mcap").messages()]

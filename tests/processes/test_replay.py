@@ -30,13 +30,15 @@ def bus(path: Path) -> list[Recorded]:
 
 
 def test_it_is_the_same_again_to_the_byte(stage: Lab):
-    run = stage.spawn(*stage.command("record", "-o", "again.mcap"))
+    first = bus(stage.folder / "flight.mcap")
+    run = stage.spawn(*stage.command("record", "-o", "again.mcap", "--json"))
     eventually(lambda: "recording" in run.log)
     done = stage.quadctl("replay", "flight.mcap", "--speed", 0, "--json")
     assert done.code == 0, done
+    eventually(lambda: f'"messages":{len(first)},' in run.log)
     run.send(signal.SIGINT)
     assert run.wait() == 0
-    first, again = bus(stage.folder / "flight.mcap"), bus(stage.folder / "again.mcap")
+    again = bus(stage.folder / "again.mcap")
     assert done.json["messages"] == len(first)
     assert [(m.key, m.payload, m.encoding) for m in again] == [
         (m.key, m.payload, m.encoding) for m in first
@@ -68,6 +70,14 @@ def test_while_it_goes_on_all_commands_find_what_was(stage: Lab):
     run.send(signal.SIGINT)
     assert run.wait() == 130
     assert stage.quadctl("topic", "list", "--json").json == []
+
+
+def test_a_hub_that_dies_meanwhile_is_told(stage: Lab):
+    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1))
+    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
+    stage.revived("hub", stage.signal("hub", signal.SIGKILL))
+    assert run.wait() == 3, run.log
+    assert "quadctl" in run.log
 
 
 def test_where_nothing_runs_a_hub_does_for_as_long(lab: Lab):

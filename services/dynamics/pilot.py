@@ -1,7 +1,8 @@
 """The pilot: which of the vehicle's ways to be controlled is on, and where its setpoint leads.
 
-It stands with idle motors, spins them up, flies, or lands. Over the floor it hops: a straight way
-along the floor would scrape it, and touching it takes away all speed. A vehicle at rest stands
+It stands with idle motors, spins them up, flies, or lands. Over the floor it hops, and it lands from
+straight above: a way along the floor or down to it aslant would scrape it, and touching it takes away
+all speed. A vehicle at rest stands
 still to the bit until it is told of something new: the steps that are left out would only stir the
 last digits.
 
@@ -76,12 +77,16 @@ def goto(
         calm = 0.0
         braking = 0.0
         if (standing == 0.0) | (z > 0.0) | (here == 0.0):
-            hops = (sz < HOP) & (z < HOP) & (here == 0.0)
+            low = (z < HOP) & (here == 0.0)
+            hops = low & (sz < HOP)
+            # A hop in motion begins where that can end, not back where it was asked for.
+            ex, ey = setpoint.stopping_place(plan, limits)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
-            hop = 2.0 if hops else 0.0
+            hop = 2.0 if hops else 1.0
+            hop = hop if low else 0.0
             plan = setpoint.goto(
-                plan, sx if hops else x, sy if hops else y, HOP if hops else z, limits
+                plan, ex if hops else x, ey if hops else y, HOP if low else z, limits
             )
     return plan, (standing, spin, calm, braking, hop, x, y, z)
 

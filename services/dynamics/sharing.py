@@ -46,7 +46,9 @@ def needed(axis: Axis, limits: Limits) -> float:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             part = stop(v, a, middle * most_a, middle * most_j) / gap
-            fits = (part >= 0.0) & (part <= 1.0)
+            # With too little jerk to end its braking in time it would first pass its stop's end.
+            left = gap * (v + a * abs(a) / (2.0 * middle * most_j))
+            fits = (part >= 0.0) & (part <= 1.0) & (left >= 0.0)
             low = low if fits else middle
             high = middle if fits else high
         share = high

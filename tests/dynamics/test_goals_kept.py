@@ -37,10 +37,12 @@ def test_an_axis_that_brakes_keeps_the_jerk_to_end_its_braking():
 
 
 def test_a_hop_that_is_asked_for_in_motion_does_not_lead_back():
-    vehicle = standing_at(0.0, 0.0, 0.05)
-    vehicle.goto(6.0, 0.0, 0.05)
-    while vehicle.position[0] < 2.0:
+    vehicle = standing_at(0.0, 0.0, 0.01)
+    vehicle.goto(6.0, 0.0, 0.2)
+    while vehicle.position[0] < 0.8:
         vehicle.advance(10)
+    assert vehicle.position[2] < 0.05
+    assert vehicle.velocity[0] > 2
     vehicle.goto(6.0, 1.0, 0.06)
     start, furthest = vehicle.position[0], 0.0
     for _ in range(400):

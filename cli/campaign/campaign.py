@@ -15,6 +15,8 @@ from services.runtime.errors import UsageError
 _FAULT_FOUND = 8
 _MOST = 1_000_000
 """Flights: as many seeds as a campaign has to itself."""
+_STRONGEST = 6.0
+"""Wind (m/s): with its gusts, about what the tilt of the vehicle can hold against."""
 _LARGEST = 2**53
 """Where JSON's readers stop to agree on whole numbers."""
 
@@ -25,6 +27,7 @@ def campaign(
     seed: Annotated[int, Opt("Of all random numbers.", min=0)] = 0,
     seconds: Annotated[float, Opt("Simulated seconds of a flight.")] = 60.0,
     faults: Annotated[bool, Opt("Poses and setpoints get lost, late and false.")] = False,
+    wind: Annotated[float, Opt("Mean wind, m/s, from anywhere, with gusts of a quarter.")] = 0.0,
     replay: Annotated[
         int | None, Opt("Fly the flight of this seed again, with its log.", min=0)
     ] = None,
@@ -40,6 +43,8 @@ def campaign(
     """
     if not 0.05 <= seconds <= 3600:
         raise UsageError(f"--seconds {seconds:g}: no length of a flight", "from 0.05 to 3600")
+    if not 0 <= wind <= _STRONGEST:
+        raise UsageError(f"--wind {wind:g}: no wind to fly in", f"from 0 to {_STRONGEST:g} m/s")
     if flights > _MOST or max(seed * _MOST, replay or 0) > _LARGEST:
         raise UsageError(
             f"--flights {flights}, --seed {seed}: too many",
@@ -50,6 +55,7 @@ def campaign(
         "seed": seed if replay is None else replay,
         "seconds": seconds,
         "faults": faults,
+        "wind": wind,
         "processes": processes or _cores(),
         "replay": replay is not None,
     }

@@ -21,7 +21,9 @@ def lines(report: dict[str, Any], order: dict[str, Any]) -> Iterator[str]:
         yield f"{'arrivals':12} {arrivals['count']:8}  in " + ", ".join(
             f"{arrivals[part]:.2f} s ({part})" for part in parts
         )
-    more = " --faults" if order["faults"] else ""
+    more = (" --faults" if order["faults"] else "") + (
+        f" --wind {order['wind']:g}" if order["wind"] else ""
+    )
     for violation in report["violations"]:
         yield f"VIOLATION    seed {violation['seed']}: {'; '.join(violation['what'])}"
         yield f"  again: quadctl campaign --replay {violation['seed']} --seconds {order['seconds']:g}{more}"

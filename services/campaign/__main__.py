@@ -40,7 +40,7 @@ def _campaign(order: Order) -> None:
     every = seeds(order.seed, order.flights)
     size = min(BATCH, -(-order.flights // order.processes))
     jobs = [
-        Job(first, min(size, every.stop - first), order.seconds, order.faults)
+        Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)
         for first in every[::size]
     ]
     flown: list[Flown] = []
@@ -55,7 +55,7 @@ def _campaign(order: Order) -> None:
         _PATIENCE, say, [{"note": "compiling the vehicle, once for this machine"}]
     )
     note.start()
-    first.fly(Job(0, 0, order.seconds, order.faults))
+    first.fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()
     workers = [first, *(Worker() for _ in range(min(order.processes, len(jobs)) - 1))]
     Crew(jobs, on_flown).fly(workers)
@@ -63,7 +63,7 @@ def _campaign(order: Order) -> None:
 
 
 def _replay(order: Order) -> None:
-    flight = batch(Job(order.seed, 1, order.seconds, order.faults), Plain, log=True)
+    flight = batch(Job(order.seed, 1, order.seconds, order.faults, order.wind), Plain, log=True)
     flown = flight.fly()
     mission, diary = flight.missions[0], flight.lanes[0].diary
     said = {"start": mission.start, "safety": mission.safety, "log": diary.lines}

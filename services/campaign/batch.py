@@ -1,15 +1,17 @@
 """A batch of flights, period by period: the vehicles fly, their monitors watch, the score is kept."""
 
 from collections.abc import Callable, Sequence
+from math import sqrt
 
 import numpy as np
 
 from schemas.params import DynamicsParams, StartParams
 from schemas.topics import SETPOINT
+from schemas.wind import MeanWindParams, WindParams
 from services.campaign.diary import Flown
 from services.campaign.fleets import Fleet
 from services.campaign.lane import Lane
-from services.campaign.oracle import Floats, Score, farthest
+from services.campaign.oracle import Floats, Point, Score, farthest
 from services.campaign.rows import Mission
 from services.campaign.watch import Watch
 
@@ -20,6 +22,9 @@ _SAMPLES = 5
 _RATCHET = 10
 """Periods after which it is looked how much nearer a vehicle outside has come."""
 
+GUST = 0.25
+"""RMS of the gusts on each axis, in mean winds."""
+
 MakeFleet = Callable[[Sequence[DynamicsParams]], Fleet]
 
 
@@ -29,7 +34,7 @@ class Batch:
     def __init__(self, missions: Sequence[Mission], make: MakeFleet, *, log: bool = False) -> None:
         """Each vehicle at rest on its start; with `log` the diaries keep their lines."""
         self.missions = missions
-        params = [DynamicsParams(start=StartParams(*mission.start)) for mission in missions]
+        params = [_params(mission) for mission in missions]
         self._silence = DynamicsParams().setpoint_timeout
         self._fleet = make(params)
         self.lanes = [Lane(mission, log=log) for mission in missions]
@@ -48,7 +53,7 @@ class Batch:
                 self._step(number, period, motion)
             if period % _RATCHET == 0:
                 for number in self._score.returning():
-                    self._score.nearer(number, self._farthest(number, motion))
+                    self._score.nearer(number, farthest(*self._at_most(number, motion)))
             if period < self._periods:
                 self._advance(period)
         return [self._flown(number) for number in range(len(self.lanes))]
@@ -99,14 +104,17 @@ class Batch:
             place = setpoint.position
             self._fleet.goto(number, place.x, place.y, place.z)
 
+    def _at_most(self, number: int, motion: Floats) -> tuple[list[Point], Point]:
+        """Where one vehicle is, a point farther on than it takes it to stop, and its cage."""
+        px, py, pz, vx, vy, vz = motion[:, number].tolist()
+        end = (px + _more_than_a_stop(vx), py + _more_than_a_stop(vy), pz + _more_than_a_stop(vz))
+        return [(px, py, pz), end], self.lanes[number].size
+
     def _farthest(self, number: int, motion: Floats) -> float:
         """How far beyond its cage (m) one vehicle gets that brakes now."""
-        size = self.lanes[number].size
-        px, py, pz, vx, vy, vz = motion[:, number].tolist()
-        here = (px, py, pz)
-        at_most = (px + _reach(vx), py + _reach(vy), pz + _reach(vz))
+        (here, end), size = self._at_most(number, motion)
         now = farthest([here], size)
-        if farthest([here, at_most], size) == now:
+        if farthest([here, end], size) == now:
             return now
         return farthest([here, *self._fleet.stop(number)], size)
 
@@ -124,6 +132,14 @@ class Batch:
         )  # fmt: skip
 
 
-def _reach(speed: float) -> float:
-    """More than a stop takes (m) from a speed on an axis, m/s."""
+def _params(mission: Mission) -> DynamicsParams:
+    east, north = mission.wind
+    gust = GUST * sqrt(east * east + north * north)
+    wind = WindParams(mean=MeanWindParams(east, north), gust=gust)
+    # The gusts of neighbouring flights have nothing in common all the same.
+    return DynamicsParams(start=StartParams(*mission.start), wind=wind, seed=mission.seed % 2**31)
+
+
+def _more_than_a_stop(speed: float) -> float:
+    """A length (m) that no stop takes from a speed on an axis (m/s), with few of the limits for it."""
     return speed * (1.0 + abs(speed))

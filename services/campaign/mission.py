@@ -22,6 +22,10 @@ from services.campaign.rows import (
 T = TypeVar("T")
 Point = tuple[float, float, float]
 
+MARGIN, MARGIN_IN_WIND = 0.01, 0.05
+"""What a vehicle may be beyond the cage, m: in still air, and more by the square of the wind, m/s."""
+DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+"""Of the wind, east and north: few, for vehicles that are flown together share their weather."""
 FAR = 10_000.0
 """The farthest coordinate that a message may have, m."""
 
@@ -36,19 +40,26 @@ class Draws(Protocol):
         """A number in [a, b], all equally likely."""
 
 
-def mission(seed: int, draws: Draws, seconds: float, *, faults: bool) -> Mission:
-    """A mission of so many simulated seconds; with `faults` messages get lost and poses lie."""
+def mission(
+    seed: int, draws: Draws, seconds: float, *, wind: float = 0.0, faults: bool = False
+) -> Mission:
+    """A mission of so many simulated seconds, in wind of a speed, m/s, from anywhere.
+
+    With `faults` messages get lost and poses lie.
+    """
     size = _size(draws)
     safety = SafetyParams(
         acceptance_range=_range(draws),
         cage_on=draws.random() < 0.85,
         virtual_cage=CageParams(*size),
         takeoff=_one(draws, (1.0, 1.0, 0.0, draws.uniform(0.1, 4.0))),
+        margin=MARGIN + MARGIN_IN_WIND * wind * wind,
     )
     x, y, z = (0.0, 0.0, 0.0) if draws.random() < 0.6 else _point(draws, size)
     start = (x, y, max(z, 0.0)) if abs(x) + abs(y) + abs(z) < FAR else (0.0, 0.0, 0.0)
+    east, north = _one(draws, DIRECTIONS)
     rows = tuple(_rows(draws, seconds, size, faults=faults))
-    return Mission(seed, seconds, safety, start, rows)
+    return Mission(seed, seconds, safety, start, (wind * east, wind * north), rows)
 
 
 def _rows(draws: Draws, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:

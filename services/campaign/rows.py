@@ -80,12 +80,13 @@ Row = Goto | Hold | Cage | Resize | Range | Deaf | Mute | Jump | Late
 
 
 class Mission(Struct, frozen=True):
-    """One flight: its seed, the parameters at launch, the start (m), and rows by their times."""
+    """One flight: its seed, parameters at launch, start (m), mean wind (m/s, ENU) and rows in time."""
 
     seed: int
     seconds: float
     safety: SafetyParams
     start: tuple[float, float, float]
+    wind: tuple[float, float]
     rows: tuple[Row, ...]
 
 

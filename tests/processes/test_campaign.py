@@ -84,7 +84,7 @@ def test_a_violation_ends_it_with_8_and_says_how_to_fly_it_again(
 
 
 def test_it_reads_well(report: dict[str, Any]):
-    order = {"seconds": 4.0, "faults": False}
+    order = {"seconds": 4.0, "faults": False, "wind": 0.0}
     first, *rest = lines(report, order)
     assert first.startswith("6 flights of 4 s, worst excursion beyond the cage ")
     assert any(line.startswith("transitions") and "VERIFYING -> MOVING" in line for line in rest)

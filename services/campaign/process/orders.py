@@ -16,6 +16,7 @@ class Order(Struct, frozen=True):
     seed: int
     seconds: float
     faults: bool
+    wind: float
     processes: int
     replay: bool = False
 
@@ -27,6 +28,7 @@ class Job(Struct, frozen=True):
     count: int
     seconds: float
     faults: bool
+    wind: float
 
 
 class Done(Struct, frozen=True):

@@ -37,7 +37,9 @@ def compiled() -> MakeFleet | None:
 def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
     """The flights of a job."""
     seeds = range(job.first, job.first + job.count)
-    missions = [mission(seed, Random(seed), job.seconds, faults=job.faults) for seed in seeds]
+    missions = [
+        mission(seed, Random(seed), job.seconds, wind=job.wind, faults=job.faults) for seed in seeds
+    ]
     return Batch(missions, make, log=log)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from benchmarks import machine, readme
 from benchmarks.model import environments
 from benchmarks.model.environments import Missing
-from benchmarks.model.figures import BARS, RUNNERS, tables
+from benchmarks.model.figures import BARS, RUNNERS, Runner, tables
 from benchmarks.model.flops import step_flops
 
 FILE = Path(__file__).parents[1] / "model.json"
@@ -36,7 +36,7 @@ def main() -> int:
             found["missing"][key] = "not measured"
             continue
         try:
-            said = json.loads(_measured(key))
+            said = json.loads(_measured(runner))
         except Missing as error:
             found["missing"][key] = str(error)
             print(f"{runner.name}: {error}", file=sys.stderr)
@@ -54,10 +54,11 @@ def main() -> int:
     return 1 if options.check and missed else 0
 
 
-def _measured(key: str) -> str:
+def _measured(runner: Runner) -> str:
     """What a runner printed of its figures; raises Missing."""
-    if key in environments.PACKAGES:
-        return environments.run(key, f"{key}_speed")
+    key = runner.key
+    if runner.peer:
+        return environments.run(runner.peer, f"{key}_speed")
     words = ["benchmarks.model.ours", key] if key in _OURS else ["benchmarks.model.reference"]
     done = subprocess.run(
         [sys.executable, "-m", *words],

@@ -11,11 +11,12 @@ from benchmarks.report import number
 
 @dataclass(frozen=True)
 class Runner:
-    """One who flies; `numbers` says of which type and by which scheme."""
+    """One who flies; `numbers` says of which type and by which scheme, `peer` whose environment."""
 
     key: str
     name: str
     numbers: str
+    peer: str = ""
 
 
 RUNNERS = (
@@ -23,10 +24,10 @@ RUNNERS = (
     Runner("arrays", "quadctl, numpy", "double, RK4"),
     Runner("compiled", "quadctl, numba", "double, RK4"),
     Runner("reference", "the same by hand in C++", "double, RK4"),
-    Runner("rotorpy", "rotorpy", "double, RK45 adaptive"),
-    Runner("rotorpybatch", "rotorpy, torch", "double, RK4"),
-    Runner("mujoco", "mujoco", "double, RK4"),
-    Runner("crazyflow", "crazyflow, JAX", "single, RK4"),
+    Runner("rotorpy", "rotorpy", "double, RK45 adaptive", "rotorpy"),
+    Runner("rotorpybatch", "rotorpy, torch", "double, RK4", "rotorpy"),
+    Runner("mujoco", "mujoco", "double, RK4", "mujoco"),
+    Runner("crazyflow", "crazyflow, JAX", "single, RK4", "crazyflow"),
 )
 
 Rates = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -35,7 +36,7 @@ Rates = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 @dataclass(frozen=True)
 class Bar:
-    """Ours at least so many times a peer's, steps without a controller on one core, in one run."""
+    """Ours at least so many times a peer's, steps without a controller, in one run."""
 
     ours: str
     count: int
@@ -67,7 +68,7 @@ BARS = (
 
 def tables(document: Mapping[str, Any]) -> str:
     """The speeds, and the bars with their verdicts."""
-    heads = ["vehicle-steps/s, one core", "", *(f"{count:,}" for count in COUNTS)]
+    heads = ["vehicle-steps per second of one core", "", *(f"{count:,}" for count in COUNTS)]
     heads += ["with controller", "whole flight", "of peak", "import", "memory"]
     lines = [f"| {' | '.join(heads)} |", "|---|---|" + "---:|" * (len(heads) - 2)]
     lines += [_line(runner, document) for runner in RUNNERS]

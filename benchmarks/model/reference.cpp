@@ -158,9 +158,11 @@ void controlled(double* s, double* c, long blocks, long steps, const Body* b, co
 }
 // GFLOP/s of one core at its best: independent chains of fused multiply and add.
 double multiply_add(long turns) {
-    V x = all(1.0000001), y = all(1e-9), a[12];
+    V x = all(1.0000001), y = all(1e-9), a[12], all_of_them = all(0);
+#pragma GCC unroll 12
     for (int i = 0; i < 12; i++) a[i] = all(1.0 + i * 1e-3);
     for (long t = 0; t < turns; t++)
+#pragma GCC unroll 12
         for (int i = 0; i < 12; i++) {
 #ifdef __AVX512F__
             a[i] = (V)_mm512_fmadd_pd((__m512d)a[i], (__m512d)x, (__m512d)y);
@@ -168,9 +170,8 @@ double multiply_add(long turns) {
             a[i] = (V)_mm256_fmadd_pd((__m256d)a[i], (__m256d)x, (__m256d)y);
 #endif
         }
-    double sum = 0;
-    for (int i = 0; i < 12; i++)
-        for (int j = 0; j < L; j++) sum += a[i][j];
-    return sum;
+#pragma GCC unroll 12
+    for (int i = 0; i < 12; i++) all_of_them += a[i];
+    return all_of_them[0] + all_of_them[L - 1];
 }
 }

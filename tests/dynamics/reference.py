@@ -1,5 +1,7 @@
-"""The same vehicle written a second time, with matrices and four rotors in their places, and solved
-by scipy's DOP853 at tolerances near rounding."""
+"""The same vehicle written a second time, with matrices and four rotors in their places.
+
+It is solved by scipy's DOP853 at tolerances near rounding.
+"""
 
 from math import asin, dist, sqrt
 
@@ -11,43 +13,52 @@ from schemas.vehicle import VehicleParams
 Array = np.ndarray
 
 
+def skew(v: Array) -> Array:
+    """The matrix that makes a cross product: skew(a) @ b is a x b."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def rotation(q: Array) -> Array:
     """Body to world, of a quaternion w, x, y, z of any length: Euler and Rodrigues' formula."""
-    w, *v = q
-    x, y, z = v
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + 2.0 * (w * cross + cross @ cross) / (q @ q)
+    cross = skew(q[1:])
+    return np.eye(3) + 2.0 * (q[0] * cross + cross @ cross) / (q @ q)
 
 
 class Reference:
     """A vehicle in steady wind, far above the floor."""
 
     def __init__(self, vehicle: VehicleParams, wind: tuple[float, float, float] = (0, 0, 0)):
-        lever = vehicle.arm / sqrt(2.0)
-        self._vehicle, self._wind = vehicle, np.array(wind)
-        self._places = lever * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+        lever, ratio = vehicle.arm / sqrt(2.0), vehicle.torque_coefficient
+        places = lever * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+        up = np.array([0.0, 0.0, 1.0])
+        senses = (1, -1, 1, -1)
+        self._vehicle, self._wind, self._up = vehicle, np.array(wind), up
+        # A column for each rotor: its torque per squared speed.
+        self._torques = np.array(
+            [
+                vehicle.thrust_coefficient * np.cross(place, up) + sense * ratio * up
+                for place, sense in zip(places, senses, strict=True)
+            ]
+        ).T
         self._inertia = np.diag([vehicle.inertia.x, vehicle.inertia.y, vehicle.inertia.z])
+        self._inverse = np.linalg.inv(self._inertia)
 
     def rates(self, y: Array, motors: Array) -> Array:
         """Time derivative of position, velocity, quaternion and body rates."""
-        vehicle, attitude, w = self._vehicle, rotation(y[6:10]), y[10:13]
-        up = np.array([0.0, 0.0, 1.0])
+        vehicle, attitude, w, up = self._vehicle, rotation(y[6:10]), y[10:13], self._up
         relative = attitude.T @ (y[3:6] - self._wind)
-        force = -(vehicle.linear_drag + vehicle.drag * np.linalg.norm(relative)) * relative
-        torque = np.zeros(3)
-        for place, sense, speed in zip(self._places, (1, -1, 1, -1), motors, strict=True):
-            thrust = vehicle.thrust_coefficient * speed**2 * up
-            along = (relative @ up) * up
-            force = force + thrust
-            force = force - speed * vehicle.rotor_drag.across * (relative - along)
-            force = force - speed * vehicle.rotor_drag.along * along
-            torque = torque + np.cross(place, thrust)
-            torque = torque + sense * vehicle.torque_coefficient * speed**2 * up
-        spin = np.linalg.solve(self._inertia, torque - np.cross(w, self._inertia @ w))
-        omega = np.array(
-            [[0, -w[0], -w[1], -w[2]], [w[0], 0, w[2], -w[1]],
-             [w[1], -w[2], 0, w[0]], [w[2], w[1], -w[0], 0]]
-        )  # fmt: skip
+        speed = sqrt(relative @ relative)
+        along = (relative @ up) * up
+        drag = (vehicle.linear_drag + vehicle.drag * speed) * relative + motors.sum() * (
+            vehicle.rotor_drag.across * (relative - along) + vehicle.rotor_drag.along * along
+        )
+        squares = motors * motors
+        force = vehicle.thrust_coefficient * squares.sum() * up - drag
+        torque = self._torques @ squares
+        spin = self._inverse @ (torque - skew(w) @ (self._inertia @ w))
+        omega = np.zeros((4, 4))
+        omega[0, 1:], omega[1:, 0], omega[1:, 1:] = -w, w, -skew(w)
         acceleration = attitude @ force / vehicle.mass - vehicle.gravity * up
         return np.concatenate([y[3:6], acceleration, 0.5 * omega @ y[6:10], spin])
 
@@ -65,7 +76,6 @@ class Reference:
             method="DOP853",
             rtol=1e-13,
             atol=1e-14,
-            first_step=min(seconds, 0.004),  # its own first guess is far smaller, and costs
         )
         assert solved.success, solved.message
         return np.concatenate([solved.y[:, -1], motors(seconds)])

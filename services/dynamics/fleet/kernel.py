@@ -1,7 +1,8 @@
 """The model compiled by numba: a generated module, one loop over blocks of vehicles.
 
 A block holds WIDTH vehicles, a row of each number, so that the processor takes several vehicles
-at once through what has no branches: the controller, the mixer and the integration step.
+at once through what has no branches: the controller, the mixer, the integration step, and the
+setpoint but for what is rare there, which the vehicles that need it do one after another.
 Floating point stays strict; fast arithmetic would gain nothing and cost the equality to the bit.
 """
 
@@ -16,7 +17,9 @@ from services.dynamics.pilot import PERIODS_TO_REST
 WIDTH = 64
 """Vehicles in a block."""
 
-LAYOUT = {"state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 15, "kind": 1, "rare": 1}  # fmt: skip
+LAYOUT = {
+    "state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 15, "kind": 1, "rare": 1,
+}  # fmt: skip
 """Rows of a block; the last three are left by one loop for the next."""
 
 CONSTANTS = {
@@ -50,11 +53,15 @@ def source() -> str:
     each. It is compiled at its first call; numba keeps what it compiled beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
-    parts = ["import numpy as np", "from math import sqrt", "from numba import njit"]
+    parts = [_HEAD]
     for function in merged((*_TOGETHER, *_ALONE)):
         inline = "forceinline=True" if function.name in inlined else "inline='never'"
         parts += [f"@njit(error_model='numpy', {inline})", ast.unparse(function)]
-    return "\n".join([*parts, *_rows(), _KERNEL, ""])
+    moves = (
+        _MOVE.format(name="_move", flow="(0.0, 0.0, 0.0)"),
+        _MOVE.format(name="_move_in_wind", flow="_air(q, n)[0:3]"),
+    )
+    return "\n".join([*parts, *_rows(), *moves, _KERNEL, ""])
 
 
 def _rows() -> list[str]:
@@ -75,6 +82,32 @@ def _rows() -> list[str]:
         first += count
     return lines
 
+
+_HEAD = """
+import llvmlite.binding
+import numpy as np
+from math import sqrt
+from numba import config, njit
+
+# LLVM takes half of a vector of 512 bits, lest the processor slow down for a moment; code that is
+# nothing but vectors is faster with all of it. Numba asks once, before it compiles anything.
+_features = llvmlite.binding.get_host_cpu_features()
+if config.CPU_FEATURES is None and _features.get("avx512f"):
+    config.CPU_FEATURES = _features.flatten() + ",-prefer-256-bit"
+"""
+
+_MOVE = f"""
+@njit(error_model='numpy', inline='never')
+def {{name}}(q, c):
+    body = _get_body(c)
+    for n in range(np.uint64({WIDTH})):
+        s = _state(q, n)
+        t = rigidbody_step(s, _command(q, n), {{flow}}, body)
+        live = q[_mode2 + n] < {PERIODS_TO_REST}
+        _put_state(q, n, (
+            {", ".join(f"t[{i}] if live else s[{i}]" for i in range(LAYOUT["state"]))}))
+"""
+"""One integration step; still air, which is common, goes without its row."""
 
 _PUT_PLAN = "\n".join(
     f"        q[_plan{i} + n] = after[{i}] if plain else before[{i}]" for i in range(LAYOUT["plan"])
@@ -156,26 +189,17 @@ def _blow(q, c):
         _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
 
 
-@njit(error_model='numpy', inline='never')
-def _move(q, c):
-    body = _get_body(c)
-    for n in range(np.uint64({WIDTH})):
-        s = _state(q, n)
-        t = rigidbody_step(s, _command(q, n), _air(q, n)[0:3], body)
-        live = q[_mode2 + n] < {PERIODS_TO_REST}
-        _put_state(q, n, (
-            {", ".join(f"t[{i}] if live else s[{i}]" for i in range(LAYOUT["state"]))}))
-
-
 @njit(error_model='numpy', nogil=True, cache=True)
 def advance(blocks, constants, start, steps):
     for b in range(blocks.shape[0]):
         q = blocks[b]
         c = constants[b]
         limits = _get_limits(c)
+        weather = _get_weather(c)
+        windy = (weather[0] != 0.0) | (weather[1] != 0.0) | (weather[2] != 0.0) | (weather[4] > 0.0)
         for count in range(start, start + steps):
             if count % {STEPS} == 0:
-                if _get_weather(c)[4] > 0.0:
+                if weather[4] > 0.0:
                     _blow(q, c)
                 _decide(q, c)
                 _act(q, c)
@@ -183,5 +207,8 @@ def advance(blocks, constants, start, steps):
                 for n in range(np.uint64({WIDTH})):
                     if q[_rare0 + n] > 0.0:
                         _lead_on(q, n, limits)
-            _move(q, c)
+            if windy:
+                _move_in_wind(q, c)
+            else:
+                _move(q, c)
 """

@@ -1,0 +1,70 @@
+"""The benchmark of the flight model: what is made of its figures."""
+
+import pytest
+
+from benchmarks.model import scenario
+from benchmarks.model.figures import BARS, RUNNERS, Bar, tables
+from benchmarks.model.flops import step_flops
+from benchmarks.model.flown import fly
+from benchmarks.model.peers.mujoco_model import xml
+
+MACHINE = {"processor": "2 x Abacus", "python": "3.11", "date": "2026-11-21", "commit": "0a1b2c3",
+           "load": 0.5}  # fmt: skip
+
+
+def document(**rates):
+    measured = {key: {"dynamics": found} for key, found in rates.items()}
+    return {
+        "machine": MACHINE, "flops": 700, "peak": 70.0, "rates": measured,
+        "imports": dict.fromkeys(rates, 0.1), "memory": dict.fromkeys(rates, 12.0),
+        "versions": dict.fromkeys(rates, "1.0"),
+        "missing": {r.key: "not installed" for r in RUNNERS if r.key not in rates},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("theirs", "verdict"), [(100.0, "holds"), (101.0, "missed"), (None, "not compared")]
+)
+def test_a_bar_is_a_ratio_of_one_run(theirs, verdict):
+    bar = Bar("plain", 1, 40, "rotorpy", 1)
+    rates = {"plain": {"dynamics": {"1": 4000.0}}}
+    if theirs:
+        rates["rotorpy"] = {"dynamics": {"1": theirs}}
+    assert bar.verdict(rates) == verdict
+
+
+def test_the_table_has_a_line_for_each_and_says_who_is_missing():
+    lines = tables(document(plain={"1": 1e5}, compiled={"1": 1e6, "10000": 3e7})).splitlines()
+    assert "| quadctl, plain Python | double, RK4 | 100 k |" in lines[2]
+    assert "30 M |" in lines[4]
+    assert "30 % |" in lines[4]  # 3e7 steps of 700 operations, of 70 GFLOP/s
+    assert "not installed" in lines[6]
+    assert len({line.count("|") for line in lines[: 2 + len(RUNNERS)]}) == 1
+    assert sum("not compared" in line for line in lines) == len(BARS)
+    assert "commit 0a1b2c3, load 0.5" in lines[-1]
+
+
+def test_every_bar_is_between_runners():
+    known = {runner.key for runner in RUNNERS}
+    assert {bar.ours for bar in BARS} | {bar.peer for bar in BARS} <= known
+
+
+def test_a_step_has_the_operations_that_it_was_designed_with():
+    assert 600 < step_flops() < 750
+
+
+def test_a_scenario_is_known_by_its_numbers_but_not_by_its_tolerance():
+    flight = scenario.FLIGHTS["rotorpy"]
+    assert scenario.digest(flight) == scenario.digest(scenario.Flight(1.0, wind=flight.wind))
+    assert scenario.digest(flight) != scenario.digest(scenario.Flight(2e-9))
+
+
+@pytest.mark.parametrize("name", scenario.FLIGHTS)
+def test_no_scenario_comes_near_the_floor(name):
+    assert min(state[2] for state in fly(scenario.FLIGHTS[name])) > 900.0
+
+
+def test_the_model_for_mujoco_has_our_rotors():
+    text = xml(scenario.FLIGHTS["mujoco"].vehicle, "RK4", lag=False)
+    assert text.count("<general") == 4
+    assert 'mass="1.0"' in text

@@ -33,4 +33,4 @@ class Attendant:
         # The attendant holds the other end: it is closed however that one ends.
         while os.read(0, 1 << 10):
             pass
-        self._node.stop()
+        self._node.loop.stop()

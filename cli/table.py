@@ -17,6 +17,7 @@ COMMANDS = {
     "goto": "cli.lab.goto:goto",
     "fly": "cli.fly.fly:fly",
     "campaign": "cli.campaign.campaign:campaign",
+    "fuzz": "cli.fuzz.fuzz:fuzz",
     "hold": "cli.lab.control:hold",
     "reset": "cli.lab.control:reset",
     "state": "cli.lab.state:state",

@@ -120,5 +120,6 @@ ELSEWHERE = {
     "bag repair": _FILES,
     "bag export": _FILES,
     "campaign": "it needs no run, and asks nobody",
+    "fuzz": "it throws as much as it is asked to; test_fuzz.py freezes a node before it",
 }
 """Commands that are in no table, and why."""

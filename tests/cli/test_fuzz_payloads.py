@@ -1,0 +1,72 @@
+"""What `fuzz` throws: reproducible, of every kind, and nothing that a reader may take."""
+
+import random
+from itertools import islice
+from typing import Any
+
+import msgspec
+import pytest
+from msgspec import Struct
+
+from cli.fuzz.payloads import Payload, refused
+from schemas.requests import GotoRequest, HoldRequest, SetParamsRequest
+from schemas.topics import SERVICES, TOPICS, get_params, set_params
+from services.runtime import wire
+from services.runtime.errors import Invalid
+
+TYPES = [
+    *(topic.type for topic in TOPICS),
+    *(service.request for service in (*SERVICES, get_params("a"), set_params("a"))),
+]
+
+
+@pytest.mark.parametrize("type_", TYPES, ids=lambda t: t.__name__)
+def test_no_reader_may_take_any(type_: type[Struct]):
+    for payload in islice(refused(type_, random.Random(1)), 300):
+        with pytest.raises(Invalid):
+            _read(type_, payload)
+
+
+def test_the_same_seed_makes_the_same_and_another_others():
+    def some(seed: int) -> list[Any]:
+        return list(islice(refused(GotoRequest, random.Random(seed)), 50))
+
+    assert some(3) == some(3)
+    assert some(3) != some(4)
+
+
+def test_they_are_of_many_kinds():
+    payloads = list(islice(refused(GotoRequest, random.Random(0)), 500))
+    reasons = set()
+    for payload in payloads:
+        try:
+            wire.decode(GotoRequest, payload.data, payload.encoding)
+        except Invalid as problem:
+            reasons.add(problem.message[:40])
+    assert len(reasons) >= 10
+    assert any(payload.attachment for payload in payloads)
+    assert not any(
+        p.attachment for p in islice(refused(GotoRequest, random.Random(0), called=False), 99)
+    )
+    decoded = [_fields(payload.data) for payload in payloads]
+    assert any(fields.get("x") != fields.get("x") for fields in decoded), "NaN"
+    assert any(fields.get("y") in {float("inf"), float("-inf")} for fields in decoded)
+
+
+def test_of_a_type_with_nothing_in_it_there_are_some_too():
+    assert len(list(islice(refused(HoldRequest, random.Random(0)), 100))) == 100
+    assert len(list(islice(refused(SetParamsRequest, random.Random(0)), 100))) == 100
+
+
+def _read(type_: type[Struct], payload: Payload) -> None:
+    wire.decode(type_, payload.data, payload.encoding)
+    wire.decode_call(payload.attachment)
+
+
+def _fields(data: bytes) -> dict[str, Any]:
+    try:
+        found = msgspec.msgpack.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return {}
+    values = found if isinstance(found, dict) else {}
+    return {name: value for name, value in values.items() if isinstance(value, float)}

@@ -32,6 +32,9 @@ COMMANDS = {
     "bag check": "cli.bag.check:check",
     "bag repair": "cli.bag.repair:repair",
     "bag export": "cli.bag.export:export",
+    "fault list": "cli.fault.fault:list_",
+    "fault inject": "cli.fault.fault:inject",
+    "fault clear": "cli.fault.fault:clear",
     "topic list": "cli.topic.list:list_",
     "topic info": "cli.topic.info:info",
     "topic echo": "cli.topic.echo:echo",
@@ -63,6 +66,7 @@ COMMANDS = {
 GROUPS = {
     "cage": "The virtual cage.",
     "bag": "Recordings.",
+    "fault": "What goes wrong, to order.",
     "topic": "What is published.",
     "service": "What can be called.",
     "param": "Parameters of the running system.",

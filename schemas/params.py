@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 
 from schemas.barometer import PressureParams
+from schemas.faults import FlightFaultParams
 from schemas.units import Metres
 from schemas.vehicle import ControlParams, VehicleParams
 from schemas.wind import WindParams
@@ -142,11 +143,17 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
     wind: WindParams = field(default_factory=WindParams)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
+    fault: FlightFaultParams = field(default_factory=FlightFaultParams)
 
     def __post_init__(self) -> None:
         """Poses fall on steps of the 1 ms integration; raises ValueError where they cannot."""
         if (1000 / self.rate) % 1:
             raise ValueError(f"rate {self.rate} Hz: 1000 / rate must be a whole number")
+        if self.speed != 1 and self.fault.pose in {"frozen", "delayed"}:
+            raise ValueError(
+                f"fault.pose {self.fault.pose}: in lock-step (speed {self.speed:g}) the clock would"
+                " wait for the pose for ever; it needs speed 1"
+            )
 
 
 _PORTS = ("tcp", "udp", "tls", "quic", "ws")

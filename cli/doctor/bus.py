@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from cli.doctor import offers, topics
 from cli.doctor.check import Check, failed, passed, warned
-from cli.doctor.settings import Settings, parameters
+from cli.doctor.settings import Settings, faults, parameters
 from services.runtime.errors import QuadctlError
 from services.runtime.record import RunRecord
 from services.runtime.survey import Survey
@@ -35,3 +35,4 @@ def bus(
     replies = (answer.values for answers in found.answers.values() for answer in answers)
     running = {name: value for values in replies for name, value in values.items()}
     yield parameters(settings, running)
+    yield faults(running)

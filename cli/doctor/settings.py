@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cli.doctor.check import Check, failed, passed, warned
+from cli.fault.catalogue import active
 from services.runtime.errors import Invalid
 from services.runtime.fleet import load
 from services.runtime.named import flatten
@@ -68,3 +69,11 @@ def parameters(found: Settings, running: Mapping[str, Any]) -> Check:
             + (f", `quadctl param load {FILE}` takes the file's" if found.is_file else ""),
         )
     return passed("parameters", f"{len(running)} values are those of {found.source}")
+
+
+def faults(running: Mapping[str, Any]) -> Check:
+    """No fault has been put in by name."""
+    there = active(running)
+    if there:
+        return warned("faults", f"put in: {', '.join(there)}", "`quadctl fault clear`")
+    return passed("faults", "none is put in")

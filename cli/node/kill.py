@@ -36,11 +36,16 @@ def kill(
     signal_ = number.upper().removeprefix("SIG")
     if signal_ not in _DONE or not hasattr(signal, f"SIG{signal_}"):
         raise UsageError(f"--signal {number}: no such signal", f"one of {', '.join(_DONE)}")
-    run = record.read(Realm(options.realm))
-    process = _process(run, name)
-    _send(process, getattr(signal, f"SIG{signal_}"))
+    process = signalled(options, name, signal_)
     said = {"name": process.name, "pid": process.pid, "signal": signal_}
     output.either(options, said, f"{process.name} (process {process.pid}): {_DONE[signal_]}")
+
+
+def signalled(options: Options, name: str, signal_: str) -> ProcessRecord:
+    """Send a signal, as KILL, to a node's process; raises Unreachable where there is none."""
+    process = _process(record.read(Realm(options.realm)), name)
+    _send(process, getattr(signal, f"SIG{signal_}"))
+    return process
 
 
 def _process(run: RunRecord, name: str) -> ProcessRecord:

@@ -2,13 +2,17 @@
 
 import time
 
+import msgspec
+
 from cli import output
+from cli.fault.catalogue import active
+from cli.fault.kept import values_of
 from cli.options import Options
 from cli.run.rows import duration
 from cli.run.usage import memory
 from services.runtime import record
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord
+from services.runtime.record import ProcessRecord, RunRecord
 from services.runtime.vehicles import listed
 
 
@@ -17,9 +21,11 @@ def status(options: Options) -> None:
 
     Example: quadctl status --json
     """
-    run = record.read(Realm(options.realm))
+    realm = Realm(options.realm)
+    run = record.read(realm)
+    faults = _faults(realm, run)
     if options.json:
-        output.document(run)
+        output.document(msgspec.to_builtins(run) | {"faults": faults})
         return
     some = "vehicle" if len(run.vehicles) == 1 else "vehicles"
     output.line(
@@ -27,6 +33,17 @@ def status(options: Options) -> None:
     )
     rows = (_row(node) for node in run.nodes)
     output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
+    for fault in faults:
+        output.line(f"fault: {fault}; `quadctl fault clear` takes it out")
+
+
+def _faults(realm: Realm, run: RunRecord) -> list[str]:
+    """The faults put in by name, as `uav pose-frozen`."""
+    return [
+        f"{vehicle} {fault}"
+        for vehicle in run.vehicles
+        for fault in active(values_of(realm, vehicle))
+    ]
 
 
 def _row(node: ProcessRecord) -> tuple[object, ...]:

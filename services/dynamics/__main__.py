@@ -8,6 +8,7 @@ from schemas.messages import Pose, Setpoint
 from schemas.params import Params
 from schemas.requests import ResetRequest, ResetResponse
 from schemas.topics import POSE, RESET, SETPOINT
+from services.dynamics.reported import Reported
 from services.dynamics.vehicle import Vehicle
 from services.runtime.entry import start
 from services.runtime.errors import Refused
@@ -26,6 +27,7 @@ class Simulation:
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params.dynamics
+        self._reported = Reported(params.dynamics.fault)
         self._boots: set[str] = set()
         self.boot()
         self.poses = node.publisher(
@@ -69,17 +71,16 @@ class Simulation:
     def publish(self) -> None:
         """Publish the pose as it is."""
         vehicle = self._vehicle
-        self.poses.put(
-            Pose(
-                self._boot,
-                self._seq,
-                self._stamp,
-                Position(*vehicle.position),
-                Velocity(*vehicle.velocity),
-                Quaternion(*vehicle.orientation),
-                BodyRates(*vehicle.body_rates),
-            )
+        pose = Pose(
+            self._boot,
+            self._seq,
+            self._stamp,
+            Position(*vehicle.position),
+            Velocity(*vehicle.velocity),
+            Quaternion(*vehicle.orientation),
+            BodyRates(*vehicle.body_rates),
         )
+        self.poses.put(self._reported.through(pose))
 
     def brake(self) -> None:
         """Come to a hover at the stopping point."""

@@ -6,7 +6,10 @@ count of integration steps, so equal calls give equal bits.
 
 from math import ceil
 
+from msgspec.structs import replace
+
 from schemas.params import DynamicsParams
+from schemas.vehicle import VehicleParams
 from services.dynamics import pilot, setpoint, wind
 from services.dynamics.controller import PERIOD, STEPS, control_constants
 from services.dynamics.pilot import Constants, Mode, fresh
@@ -29,7 +32,7 @@ def constants_of(params: DynamicsParams) -> Constants:
     """What the model needs of the parameters."""
     vehicle = params.vehicle
     return (
-        body_constants(vehicle),
+        body_constants(_true(params)),
         control_constants(params),
         mixer_constants(vehicle, PERIOD),
         limits_of(params),
@@ -37,6 +40,14 @@ def constants_of(params: DynamicsParams) -> Constants:
         float(ceil(LAGS_TO_SPIN_UP * vehicle.motor_lag / PERIOD)),
         weather_of(params),
     )
+
+
+def _true(params: DynamicsParams) -> VehicleParams:
+    """The vehicle as it is, where the controller takes it for sound."""
+    share = params.fault.motors
+    if share == 1:
+        return params.vehicle
+    return replace(params.vehicle, thrust_coefficient=share * params.vehicle.thrust_coefficient)
 
 
 def initial(params: DynamicsParams) -> Lane:

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from schemas.params import Params
+from services.runtime import kept
 from services.runtime.errors import QuadctlError
 from services.runtime.params import check
 from services.runtime.realm import Realm, write_atomically
@@ -44,7 +45,5 @@ def _write(folder: Path, name: str, table: Any) -> None:
 
 def read(realm: Realm, vehicle: str) -> Params | None:
     """A vehicle's parameters, None where the run has no such vehicle, or there is no run."""
-    folder = realm.params / vehicle
-    files = sorted(folder.glob("[!.]*.json"))
-    tables = {file.stem: msgspec.json.decode(file.read_bytes()) for file in files}
-    return check(tables, str(folder)) if tables else None
+    tables = kept.tables(realm, vehicle)
+    return check(tables, str(realm.params / vehicle)) if tables else None

@@ -50,6 +50,12 @@ def has_ended(pid: int) -> bool:
     return stat[0] in "ZX" if stat else _PROC.is_dir()
 
 
+def is_frozen(pid: int) -> bool:
+    """Whether a process is stopped by a signal; False where that is not told."""
+    stat = _stat(pid)
+    return bool(stat) and stat[0] in "Tt"
+
+
 def _stat(pid: int) -> list[str]:
     text = _read(pid, "stat")
     # The name, in brackets, may hold blanks and brackets itself.

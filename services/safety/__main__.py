@@ -49,7 +49,7 @@ class Safety:
         self._setpoints = node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
         self._answered, self._waiting, self._seen = -1, False, 0.0
-        self._deciding = False
+        self._newest, self._deciding = ("", -1.0), False
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
         self._poses = node.listen(POSE, self._on_pose)
         node.listen(REQUEST, self._on_waypoint)
@@ -94,7 +94,9 @@ class Safety:
     def _on_pose(self, pose: Pose) -> None:
         if self.monitor.ignores(pose):
             return
-        self._seen = self._poses.received
+        if (pose.boot, pose.stamp) != self._newest:
+            # The same one again and again is no news of the vehicle.
+            self._newest, self._seen = (pose.boot, pose.stamp), self._poses.received
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq:

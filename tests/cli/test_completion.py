@@ -94,7 +94,7 @@ def test_bash_says_the_line_or_its_words_and_a_number(
     assert bash("quadctl cage o") == ["off", "on"]
     assert bash("quadctl cage ") == bash("quadctl cage ", COMP_CWORD="2")
     assert bash("quadctl cage o more", COMP_CWORD="2") == ["off", "on"]
-    assert bash("quadctl 'ca") == ["cage", "calibrate"]
+    assert bash("quadctl 'cal") == ["calibrate"]
     assert bash("quadctl init a") == [r"a\ b.toml"]
     assert bash("quadctl") == bash("quadctl ") == words("")
 

@@ -74,6 +74,7 @@ LINES = (
     Line("type list"),
     Line("type show goto"),
     Line("init"),
+    Line("fault list"),
     Line("doctor", 0, dict.fromkeys(FREEZABLE, 8)),
     Line("replay flight.mcap", 7, {"hub": 4}),
     Line("up -d", 7),
@@ -120,6 +121,8 @@ ELSEWHERE = {
     "bag repair": _FILES,
     "bag export": _FILES,
     "campaign": "it needs no run, and asks nobody",
+    "fault inject": "it sets a parameter as `param set` does, or sends a signal as `node kill`",
+    "fault clear": "the same",
     "fuzz": "it throws as much as it is asked to; test_fuzz.py freezes a node before it",
 }
 """Commands that are in no table, and why."""

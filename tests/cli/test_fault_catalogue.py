@@ -1,0 +1,28 @@
+"""The catalogue of faults: each is a parameter that there is, and told while it is in."""
+
+import msgspec
+import pytest
+
+from cli.fault.catalogue import FAULTS, Fault, active
+from schemas.params import Params
+from services.runtime.named import flatten
+
+DEFAULTS = dict(flatten(msgspec.to_builtins(Params())))
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_each_is_a_parameter_at_its_default_when_it_is_out(fault: Fault):
+    assert DEFAULTS[fault.parameter] == fault.sound
+    assert fault.parameter.startswith(f"{fault.node}.")
+    msgspec.convert(_nested(fault.parameter, fault.value), Params)
+    assert active(DEFAULTS | {fault.parameter: fault.value}) == [fault.name]
+
+
+def test_nothing_is_in_by_default_and_a_number_counts_however_small():
+    assert active(DEFAULTS) == active({}) == []
+    assert active(DEFAULTS | {"dynamics.wind.gust": 0.1}) == ["gust"]
+
+
+def _nested(name: str, value: object) -> dict[str, object]:
+    first, _, rest = name.partition(".")
+    return {first: _nested(rest, value) if rest else value}

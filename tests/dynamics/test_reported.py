@@ -1,0 +1,64 @@
+"""The pose that is told, with each fault that it can have."""
+
+from msgspec import structs
+
+from schemas.faults import FlightFaultParams
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import Pose
+from schemas.params import DynamicsParams
+from services.dynamics.reported import Reported
+from services.dynamics.vehicle import Vehicle
+
+
+def pose(seq: int, boot: str = "a") -> Pose:
+    return Pose(
+        boot, seq, seq / 100, Position(seq, 0.0, 1.0), Velocity(0.0, 0.0, 0.0),
+        Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0),
+    )  # fmt: skip
+
+
+def test_a_sound_one_is_told_as_it_is():
+    reported = Reported(FlightFaultParams())
+    assert all(reported.through(pose(n)) is not None for n in range(3))
+    given = pose(4)
+    assert reported.through(given) is given
+
+
+def test_a_frozen_one_is_the_last_that_was_told():
+    params = FlightFaultParams()
+    reported = Reported(params)
+    last = reported.through(pose(1))
+    params.pose = "frozen"
+    assert [reported.through(pose(n)) for n in (2, 3)] == [last, last]
+    params.pose = "none"
+    assert reported.through(pose(4)) == pose(4)
+
+
+def test_a_delayed_one_is_of_that_time_ago():
+    params = FlightFaultParams(pose="delayed", delay=0.05)
+    reported = Reported(params)
+    told = [reported.through(pose(n)).seq for n in range(12)]
+    assert told == [0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6]
+    # Of a boot that is over nothing is told.
+    assert reported.through(pose(0, "b")).boot == "b"
+
+
+def test_a_jump_is_off_the_true_place_and_nothing_else():
+    reported = Reported(FlightFaultParams(pose="jump", jump=-2.0))
+    told = reported.through(pose(3))
+    assert told.position == Position(1.0, 0.0, 1.0)
+    assert structs.replace(told, position=pose(3).position) == pose(3)
+
+
+def test_weak_motors_let_the_vehicle_sink_and_it_stays_in_the_air():
+    sound, weak = DynamicsParams(), DynamicsParams(fault=FlightFaultParams(motors=0.9))
+    heights = []
+    for params in (sound, weak):
+        params.start.z = 2.0
+        vehicle = Vehicle(params)
+        vehicle.goto(0.0, 0.0, 2.5)
+        vehicle.advance(5000)
+        heights.append(vehicle.position[2])
+    assert abs(heights[0] - 2.5) < 1e-6
+    # A tenth of the weight, against the gains of height and speed: 0.1 g / (1.6 x 4) m.
+    assert abs(heights[1] - (2.5 - 0.981 / 6.4)) < 0.02

@@ -1,0 +1,114 @@
+"""Faults to order: put in by name, shown, survived, and taken out."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.processes.bare import Bare, speed
+from tests.processes.lab import Lab, private_lab
+from tests.processes.running import eventually
+
+FAR = {"x": 4.5, "y": 0.0, "z": 1.0}
+
+
+@pytest.fixture(scope="module")
+def taught() -> Iterator[Lab]:
+    """A system for faults."""
+    with private_lab() as made:
+        made.start("--set", "dynamics.start.z=1")
+        yield made
+
+
+@pytest.fixture
+def sound(taught: Lab) -> Iterator[Bare]:
+    """It without any, hovering at its start."""
+    assert taught.quadctl("fault", "clear").code == 0
+    with taught.bare() as bare:
+        boot = bare.state()["boot"]
+        states = bare.watch("uav/safety/state")
+        assert bare.call("reset").ok
+        states.until(lambda s: s["boot"] != boot and s["state"] == "HOVERING")
+        yield bare
+    assert taught.quadctl("fault", "clear").code == 0
+
+
+def test_what_is_in_is_shown_by_list_status_and_doctor(taught: Lab, sound: Bare):
+    assert taught.quadctl("status", "--json").json["faults"] == []
+    put = taught.quadctl("fault", "inject", "barometer-off", "--json")
+    assert (put.code, put.json) == (0, {"injected": "barometer-off"})
+    listed = taught.quadctl("fault", "list", "--json").json
+    assert [row["name"] for row in listed if row["active"]] == ["barometer-off"]
+    assert taught.quadctl("status", "--json").json["faults"] == ["uav barometer-off"]
+    assert "fault: uav barometer-off" in taught.quadctl("status").out
+    checks = {c["name"]: c for c in taught.quadctl("doctor", "--json", timeout=60).json["checks"]}
+    assert checks["faults"]["verdict"] == "WARN"
+    assert checks["faults"]["fix"].startswith("`quadctl fault clear")
+    gone = taught.quadctl("fault", "clear", "--json")
+    assert gone.json == {"cleared": ["barometer-off"]}
+    assert taught.quadctl("fault", "clear").out == "no fault is in\n"
+
+
+@pytest.mark.parametrize("fault", ["pose-frozen", "pose-delayed", "pose-jump"])
+def test_a_bad_pose_stops_a_flight_with_its_reason(taught: Lab, sound: Bare, fault: str):
+    states, poses = sound.watch("uav/safety/state"), sound.watch("uav/pose")
+    assert sound.call("goto", **FAR).value["accepted"]
+    poses.until(lambda p: speed(p) > 1)
+    assert taught.quadctl("fault", "inject", fault).code == 0
+    stopped = states.until(lambda s: s["state"] == "HOVERING", within=5)
+    if fault != "pose-delayed":
+        # What comes half a second late is old at first, and then as regular as ever.
+        assert stopped["reason"]
+    assert taught.quadctl("fault", "clear", fault).code == 0
+    flown = taught.quadctl("goto", 0, 0, 1, "--json")
+    assert (flown.code, flown.json["arrived"]) == (0, True)
+
+
+def test_weak_motors_and_gusts_are_flown_with(taught: Lab, sound: Bare):
+    for fault in ("motor-weak", "gust"):
+        assert taught.quadctl("fault", "inject", fault).code == 0
+    assert taught.quadctl("goto", 2, 1, 1, "--json").json["arrived"]
+
+
+def test_a_killed_process_and_a_cut_bus_come_back(taught: Lab, sound: Bare):
+    old = taught.nodes()["pressure"]["pid"]
+    assert taught.quadctl("fault", "inject", "pressure-killed").code == 0
+    taught.revived("pressure", old)
+    hub = taught.nodes()["hub"]["pid"]
+    assert taught.quadctl("fault", "inject", "bus-cut").code == 0
+    taught.revived("hub", hub)
+    eventually(taught.is_ready)
+    assert taught.quadctl("goto", 1, 0, 1).code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["inject", "pose-froze"], 2, "did you mean pose-frozen?"),
+        (["inject", "nobody-killed"], 2, "there is no fault nobody-killed"),
+        (["clear", "nonsense"], 2, "there is no fault nonsense"),
+    ],
+)
+def test_what_is_no_fault_is_told(taught: Lab, words: list[str], code: int, said: str):
+    done = taught.quadctl("fault", *words)
+    assert (done.code, done.out) == (code, "")
+    assert said in done.err
+
+
+def test_what_would_stop_the_clock_is_refused_in_lock_step(lab: Lab):
+    done = lab.quadctl("fault", "list")
+    assert done.code == 3
+    lab.start("--set", "dynamics.speed=0")
+    refused = lab.quadctl("fault", "inject", "pose-frozen")
+    assert refused.code == 6
+    assert "the clock would wait for the pose for ever" in refused.err
+
+
+def test_a_frozen_process_goes_on_when_that_is_taken_out(lab: Lab):
+    lab.start("--set", "supervise.answer_timeout=60")
+    old = lab.nodes()
+    assert lab.quadctl("fault", "inject", "safety-frozen").code == 0
+    eventually(lambda: "in  safety-frozen" in lab.quadctl("fault", "list").out)
+    assert lab.quadctl("goto", 1, 0, 1, "--timeout", 1).code == 4
+    assert lab.quadctl("fault", "clear").out == "safety-frozen is out\n"
+    assert lab.quadctl("goto", 1, 0, 1).code == 0
+    assert lab.nodes() == old

@@ -123,6 +123,6 @@ ELSEWHERE = {
     "campaign": "it needs no run, and asks nobody",
     "fault inject": "it sets a parameter as `param set` does, or sends a signal as `node kill`",
     "fault clear": "the same",
-    "fuzz": "it throws as much as it is asked to; test_fuzz.py freezes a node before it",
+    "fuzz": "it throws as much as it is asked to; test_fuzz_command.py freezes a node before it",
 }
 """Commands that are in no table, and why."""

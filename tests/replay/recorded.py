@@ -7,7 +7,7 @@ import msgspec
 
 from schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
 from schemas.params import Params
-from schemas.topics import POSE, PRESSURE, REQUEST, SETPOINT, STATE, topic_of
+from schemas.topics import POSE, PRESSURE, REQUEST, topic_of
 from services.runtime import wire
 from services.runtime.bag.reader import Bag
 from services.runtime.script import Said
@@ -72,6 +72,3 @@ class Recorded:
             if reading.stamp == 0 or (found and reading.stamp > found[-1].stamp):
                 found.append(reading)
         return found
-
-
-OUTPUTS = (STATE.name, SETPOINT.name, PRESSURE.name)

@@ -73,10 +73,10 @@ def _live(options: Options, duration: float) -> Flight:
                 # A pose at least comes at any time; where none does, there will be no picture.
                 message = stream.next(min(began + duration - now, client.timeout))
                 if message is not None:
-                    heard = now
+                    heard = time.monotonic()
                     flight.add(message.key, message.payload, message.encoding)
                     progress.update((now - began) / duration, f"{now - began:.1f} s")
-                elif now - heard >= client.timeout:
+                elif time.monotonic() - heard >= client.timeout:
                     break
         except KeyboardInterrupt:
             output.note("stopped listening: drawing what came")

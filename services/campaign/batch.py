@@ -11,7 +11,7 @@ from schemas.wind import MeanWindParams, WindParams
 from services.campaign.diary import Flown
 from services.campaign.fleets import Fleet
 from services.campaign.lane import Lane
-from services.campaign.oracle import Floats, Point, Score, farthest
+from services.campaign.oracle import Floats, Score, farthest
 from services.campaign.rows import Mission
 from services.campaign.watch import Watch
 
@@ -21,6 +21,8 @@ _SAMPLES = 5
 """How often in a period it is looked how far beyond the cage a vehicle is."""
 _RATCHET = 10
 """Periods after which it is looked how much nearer a vehicle outside has come."""
+_SLOW = 0.3
+"""Speed on an axis, m/s."""
 
 GUST = 0.25
 """RMS of the gusts on each axis, in mean winds."""
@@ -52,8 +54,11 @@ class Batch:
             for number in self.awake(period, motion):
                 self._step(number, period, motion)
             if period % _RATCHET == 0:
+                # In full flight its stop is far away; it is looked at where it comes to rest.
+                slow = (np.abs(motion[3:]) < _SLOW).all(axis=0)
                 for number in self._score.returning():
-                    self._score.nearer(number, farthest(*self._at_most(number, motion)))
+                    if slow[number]:
+                        self._score.nearer(number, self._farthest(number, motion))
             if period < self._periods:
                 self._advance(period)
         return [self._flown(number) for number in range(len(self.lanes))]
@@ -104,19 +109,10 @@ class Batch:
             place = setpoint.position
             self._fleet.goto(number, place.x, place.y, place.z)
 
-    def _at_most(self, number: int, motion: Floats) -> tuple[list[Point], Point]:
-        """Where one vehicle is, a point farther on than it takes it to stop, and its cage."""
-        px, py, pz, vx, vy, vz = motion[:, number].tolist()
-        end = (px + _more_than_a_stop(vx), py + _more_than_a_stop(vy), pz + _more_than_a_stop(vz))
-        return [(px, py, pz), end], self.lanes[number].size
-
     def _farthest(self, number: int, motion: Floats) -> float:
         """How far beyond its cage (m) one vehicle gets that brakes now."""
-        (here, end), size = self._at_most(number, motion)
-        now = farthest([here], size)
-        if farthest([here, end], size) == now:
-            return now
-        return farthest([here, *self._fleet.stop(number)], size)
+        here = motion[:3, number].tolist()
+        return farthest([here, *self._fleet.stop(number)], self.lanes[number].size)
 
     def _flown(self, number: int) -> Flown:
         diary, mission = self.lanes[number].diary, self.missions[number]
@@ -125,6 +121,7 @@ class Batch:
         if worst > margin:
             diary.now = at
             diary.violated(f"more than {margin:g} m beyond the cage")
+        diary.digest.update(repr(worst).encode())
         diary.digest.update(np.ascontiguousarray(self._track[:, :, number]).tobytes())
         return Flown(
             mission.seed, worst, at, diary.transitions, diary.refusals, diary.stops,
@@ -138,8 +135,3 @@ def _params(mission: Mission) -> DynamicsParams:
     wind = WindParams(mean=MeanWindParams(east, north), gust=gust)
     # The gusts of neighbouring flights have nothing in common all the same.
     return DynamicsParams(start=StartParams(*mission.start), wind=wind, seed=mission.seed % 2**31)
-
-
-def _more_than_a_stop(speed: float) -> float:
-    """A length (m) that no stop takes from a speed on an axis (m/s), with few of the limits for it."""
-    return speed * (1.0 + abs(speed))

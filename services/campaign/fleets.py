@@ -18,7 +18,7 @@ from services.dynamics.vehicle import Vehicle
 Point = tuple[float, float, float]
 Floats = npt.NDArray[np.float64]
 
-_LAGS = 9.0
+_LAGS = 6.0
 """Lags of the setpoint after which it is on its path's last stretch."""
 _EVERY = 4
 """Control periods between the points of a stop."""
@@ -97,10 +97,11 @@ class _Braking(Vehicle):
 
 def _stop(plan: Plan, mode: Mode, limits: Limits) -> Sequence[Point]:
     """The setpoint's way to its stopping point; it lags behind its own path, which may have turned."""
-    plan, _ = pilot.brake(plan, mode, limits)
     points = [pilot.place(plan, limits)]
-    lag = max(round(_LAGS * limits[3] / PERIOD), 1)
-    for count in range(lag):
+    if setpoint.at_rest(plan, limits):
+        return points
+    plan, _ = pilot.brake(plan, mode, limits)
+    for count in range(round(_LAGS * limits[3] / PERIOD)):
         plan = setpoint.advance(plan, limits)
         if count % _EVERY == 0:
             points.append(pilot.place(plan, limits))

@@ -22,7 +22,7 @@ def inside(point: Point, size: Point) -> bool:
     return -cx <= x <= cx and -cy <= y <= cy and 0.0 <= z <= cz
 
 
-def farthest(corners: Sequence[Point], size: Point) -> float:
+def farthest(corners: Sequence[Sequence[float]], size: Point) -> float:
     """How far beyond the cage (m) a vehicle can get that stays in the box around some points."""
     outs = [
         max(_out(value, *wall) for value in values)

@@ -204,7 +204,7 @@ def test_braking_ends_ahead_without_turning_back(goal, seconds):
     trajectory.brake()
     stops = trajectory.goal
     way = [g - s for g, s in zip(goal, start, strict=True)]
-    for s in fly(trajectory, 3.0):
+    for s in fly(trajectory, 4.0):
         assert sum(v * w for v, w in zip(s[3:6], way, strict=True)) >= -ROUNDING
     assert trajectory.setpoint[:3] == stops
 

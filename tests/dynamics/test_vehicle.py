@@ -81,7 +81,7 @@ def test_it_takes_off_without_overshoot_or_sliding():
 def test_it_lands_and_its_motors_stop_and_it_takes_off_again():
     vehicle = at(z=2.0)
     vehicle.goto(2.0, 0.0, 0.0)
-    vehicle.advance(4000)
+    vehicle.advance(6000)
     assert vehicle.standing
     assert vehicle.position == pytest.approx((2.0, 0.0, 0.0), abs=0.005)
     assert max(vehicle.motors) < 1e-3

@@ -72,5 +72,4 @@ class Diary:
 
 def _kind(reason: str) -> str:
     """What a reason says before it comes to numbers."""
-    head = reason.partition(":")[0].partition(" by ")[0].partition(" for ")[0]
-    return " ".join(word for word in head.split() if not word[0].isdigit())
+    return reason.partition(":")[0].partition(" by ")[0].partition(" for ")[0]

@@ -78,7 +78,7 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
         case Hold():
             reason = "hold: stopped on request"
         case Seen():
-            reason = f"stopped, the way led {reach(w):.2g} m out of the cage"
+            reason = f"stopped, the way led out of the cage by {reach(w):.2g} m"
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
             reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"

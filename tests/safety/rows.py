@@ -87,7 +87,7 @@ LOST = "no pose for 0.2 s: stopped"
 HELD = "hold: stopped on request"
 BARRED = "stopped, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
 IN_PLACE = "hovering in place, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
-ASTRAY = "stopped, the way led 0.25 m out of the cage"
+ASTRAY = "stopped, the way led out of the cage by 0.25 m"
 JUMPED = "stopped, the pose jumped by 0.511 m in 0.05 s"
 
 

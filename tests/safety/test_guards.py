@@ -59,7 +59,7 @@ def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
     # From 6.5 m/s it takes 2.1 m at the least.
     state = rig.at(along(3.0), going(6.5))
     assert (state.state, state.goal.x) == ("HOVERING", 3.0)
-    assert state.reason == "stopped, the way led 0.11 m out of the cage"
+    assert state.reason == "stopped, the way led out of the cage by 0.11 m"
 
 
 def test_with_the_cage_off_nobody_minds():
@@ -83,7 +83,7 @@ def test_the_way_back_comes_nearer_at_every_step():
         assert rig.at(along(x), going(-0.5)).state == "MOVING"
     state = rig.at(along(5.5), going(0.1))
     assert state.state == "HOVERING"
-    assert state.reason == "stopped, the way led 0.5 m out of the cage"
+    assert state.reason == "stopped, the way led out of the cage by 0.5 m"
     # It hovers there, and may be sent inside again.
     rig.at(along(5.5))
     assert rig.monitor.ask(OUTSIDE) != ""

@@ -55,7 +55,7 @@ class Batch:
                 self._step(number, period, motion)
             if period % _RATCHET == 0:
                 # In full flight its stop is far away; it is looked at where it comes to rest.
-                slow = (np.abs(motion[3:]) < _SLOW).all(axis=0)
+                slow = np.abs(motion[3:]).max(axis=0) < _SLOW
                 for number in self._score.returning():
                     if slow[number]:
                         self._score.nearer(number, self._farthest(number, motion))

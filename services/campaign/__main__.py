@@ -7,6 +7,7 @@ stdin does.
 import os
 import sys
 import threading
+from importlib.util import find_spec
 
 import msgspec
 
@@ -20,6 +21,8 @@ from services.runtime.errors import QuadctlError
 
 BATCH = 500
 """Flights that a worker flies at once: enough for its arrays, few enough to share out evenly."""
+FEW = 8
+"""The same in plain Python, where it makes no difference but to the progress that is seen."""
 _PATIENCE = 5.0
 """A worker that is not ready after this (s) has something to compile."""
 
@@ -38,7 +41,10 @@ def main() -> None:
 
 def _campaign(order: Order) -> None:
     every = seeds(order.seed, order.flights)
-    size = min(BATCH, -(-order.flights // order.processes))
+    is_fast = find_spec("numba") is not None
+    if not is_fast:
+        say({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes far longer"})
+    size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
     jobs = [
         Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)
         for first in every[::size]

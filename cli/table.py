@@ -14,6 +14,7 @@ COMMANDS = {
     "init": "cli.run.init:init",
     "demo": "cli.demo.demo:demo",
     "doctor": "cli.doctor.doctor:doctor",
+    "console": "cli.console.console:console",
     "goto": "cli.lab.goto:goto",
     "fly": "cli.fly.fly:fly",
     "campaign": "cli.campaign.campaign:campaign",

@@ -1,0 +1,86 @@
+"""One page in one browser: its panels, what it may do, and the pictures it is sent."""
+
+import asyncio
+import time
+from pathlib import Path
+
+from nicegui import run, ui
+
+from cli.console import frame
+from cli.console.acts import Act, Acts
+from cli.console.board import TICK
+from cli.console.link import Link
+from cli.console.panels.flight import Flight
+from cli.console.panels.journal import Journal
+from cli.console.panels.parameters import Parameters
+from cli.console.panels.processes import Processes
+from cli.console.panels.readings import Readings
+from cli.console.panels.safety import Safety
+from cli.console.panels.top import top
+from cli.console.parts import Live
+from schemas.geometry import Position
+from services.runtime.errors import QuadctlError
+
+_CSS = (Path(__file__).parent / "assets" / "console.css").read_text(encoding="utf-8")
+_GONE = 60.0
+"""Seconds without an answer after which a browser that holds its connection is given up."""
+
+
+class Page:
+    """What is shown to one browser; `control` says whether it may do anything."""
+
+    def __init__(self, link: Link, vehicles: list[str], *, control: bool) -> None:
+        self.link, self.vehicles, self.control = link, vehicles, control
+        self.acts = Acts(link)
+        self.target: Position | None = None
+
+    def build(self) -> None:
+        """Lay the page out."""
+        ui.add_css(_CSS)
+        ui.colors(primary="#1f5fbf", positive="#1a7f37", negative="#b42318", warning="#9a6700")
+        ui.context.client.content.classes(replace="page")
+        self._live = Live()
+        top(self)
+        with ui.element("main").classes("grid"):
+            flight = Flight(self)
+            with ui.element("div").classes("side"):
+                safety, readings = Safety(self), Readings(self)
+            with ui.element("div").classes("lower"):
+                journal, processes = Journal(), Processes(self)
+            parameters = Parameters(self)
+        self._panels = (flight, safety, readings, journal, processes, parameters)
+
+    async def do(self, act: Act) -> bool:
+        """Carry something out, on a thread, and tell how it went; the only way to do anything."""
+        if not self.control:
+            ui.notify("This page only watches: the address with the token controls", type="warning")
+            return False
+        try:
+            text = await run.io_bound(act)
+        except QuadctlError as problem:
+            ui.notify(problem.message, caption=problem.hint or None, type="negative", timeout=6000)
+            return False
+        if text:
+            ui.notify(text, type="positive")
+        return True
+
+    async def feed(self) -> None:
+        """Send pictures for as long as the browser is there.
+
+        The next is made when it has the last one, of what is newest then: a slow browser sees
+        fewer, and nothing waits for it.
+        """
+        client, seen = ui.context.client, frame.NOTHING_SEEN
+        while not client.is_deleted:
+            began = time.monotonic()
+            picture = self.link.see(lambda board: frame.frame(board, seen, self.target))  # noqa: B023 - called at once
+            try:
+                got = await self._live.show(picture, timeout=_GONE)
+            except TimeoutError:
+                return
+            if got == picture["seen"]:
+                seen = (picture["epoch"], picture["seen"])
+            now = self.link.see(lambda board: board.glance())
+            for panel in self._panels:
+                panel.refresh(now)
+            await asyncio.sleep(max(0.0, began + TICK - time.monotonic()))

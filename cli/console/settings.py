@@ -1,0 +1,101 @@
+"""The parameters as a page shows them: a table at a time, each with how it is edited. Pure."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from msgspec import Struct, inspect
+
+from schemas.describe import bounds_text, type_name
+from services.runtime import declared, toml
+from services.runtime.declared import Entry, fixed_at_launch
+from services.runtime.errors import Invalid
+from services.runtime.named import value_of
+
+Way = Literal["switch", "choice", "text"]
+
+
+class Setting(Struct, frozen=True):
+    """One parameter: `way` says how it is edited, `choices` has what there is to choose from."""
+
+    name: str
+    label: str
+    way: Way
+    choices: tuple[str, ...]
+    facts: str
+    about: str
+    fixed: bool
+
+    def read(self, said: Any) -> Any:
+        """The value that a user has typed or chosen; raises Invalid for what is none."""
+        if self.way != "text":
+            return said
+        text = str(said).strip()
+        if not text:
+            raise Invalid(f"{self.name}: there is no value", self.facts)
+        return value_of(text)
+
+
+class Table(Struct, frozen=True):
+    """A table of the file."""
+
+    name: str
+    about: str
+    settings: tuple[Setting, ...]
+
+
+def tables(values: Mapping[str, Any]) -> list[Table]:
+    """Every table of the file, and those that only a user's own node has."""
+    leaves = declared.leaves()
+    found: dict[str, list[Setting]] = {}
+    abouts = {section.name: section.about for section in declared.sections()}
+    for section in declared.sections():
+        own = [
+            _setting(leaf, section.name)
+            for entry in section.entries
+            for leaf in leaves.values()
+            if leaf.name == entry.name or leaf.name.startswith(f"{entry.name}.")
+        ]
+        if own:
+            found[section.name] = own
+    for name in values:
+        if name not in leaves:
+            node = name.partition(".")[0]
+            abouts.setdefault(node, f"of the node {node}")
+            found.setdefault(node, []).append(_unknown(name, node))
+    return [Table(name, abouts[name], tuple(own)) for name, own in found.items()]
+
+
+def shown(value: Any) -> str:
+    """A value as it is typed."""
+    return value if isinstance(value, str) and value else toml.word(value)
+
+
+def _setting(leaf: Entry, table: str) -> Setting:
+    way: Way = "text"
+    choices: tuple[str, ...] = ()
+    match leaf.type:
+        case inspect.BoolType():
+            way = "switch"
+        case inspect.LiteralType():
+            way, choices = "choice", tuple(str(value) for value in leaf.type.values)
+    return Setting(
+        leaf.name,
+        leaf.name.removeprefix(f"{table}."),
+        way,
+        choices,
+        " · ".join(_facts(leaf, way)),
+        leaf.about,
+        fixed_at_launch(leaf.name),
+    )
+
+
+def _facts(leaf: Entry, way: Way) -> Iterator[str]:
+    if way == "text":
+        yield f"{bounds_text(leaf.type)} {leaf.unit}".strip() or type_name(leaf.type)
+    yield f"default {toml.word(leaf.default)}"
+    if fixed_at_launch(leaf.name):
+        yield "set at launch"
+
+
+def _unknown(name: str, node: str) -> Setting:
+    return Setting(name, name.removeprefix(f"{node}."), "text", (), "", "", fixed=False)

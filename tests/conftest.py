@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.console import chromium
 from tests.processes.bare import Bare
 from tests.processes.lab import Lab, private_lab
 from tests.proofs import Proofs
@@ -14,12 +15,24 @@ PROOFS = pytest.StashKey[Proofs]()
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[PROOFS] = Proofs()
     config.addinivalue_line("markers", "prove: full counts, for `make prove`; left out otherwise")
+    config.addinivalue_line("markers", "browser: drives a Chromium; left out, loudly, without one")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.option.markexpr:
-        return
-    left_out = [item for item in items if item.get_closest_marker("prove")]
+    if not chromium.wanted():
+        _leave_out("browser", config, items)
+    if not config.option.markexpr:
+        _leave_out("prove", config, items)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if not chromium.wanted():
+        terminalreporter.section("NOT TESTED", yellow=True, bold=True)
+        terminalreporter.write_line(chromium.MISSING)
+
+
+def _leave_out(marker: str, config: pytest.Config, items: list[pytest.Item]) -> None:
+    left_out = [item for item in items if item.get_closest_marker(marker)]
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]

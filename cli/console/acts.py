@@ -11,13 +11,14 @@ from cli.console.settings import Setting, shown
 from schemas.geometry import Position
 from schemas.requests import (
     CalibrateRequest,
+    GetParamsRequest,
     GotoRequest,
     HoldRequest,
     ResetRequest,
     SetParamsRequest,
     ToggleCageRequest,
 )
-from schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, set_params
+from schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
 from services.runtime.asking import ask_restart, wait_restarted
 from services.runtime.errors import Invalid, Refused, Unreachable
 
@@ -70,13 +71,16 @@ class Acts:
         """Set a parameter of the running node."""
         value = setting.read(said)
         node = setting.name.partition(".")[0]
-        reply = self._link.client.call(set_params(node), SetParamsRequest({setting.name: value}))
+        client = self._link.client
+        reply = client.call(set_params(node), SetParamsRequest({setting.name: value}))
         if not reply.success:
             raise Invalid(reply.reason, "nothing was changed")
-        text = f"{setting.name} = {shown(value)}"
+        # As the node has it: of 4 it makes 4.0.
+        now = client.call(get_params(node), GetParamsRequest([setting.name])).values
+        text = f"{setting.name} = {shown(now[setting.name])}"
 
         def take(board: Board) -> None:
-            board.values[setting.name] = value
+            board.values |= now
             board.note(_now(board), "setting", text)
 
         self._link.see(take)

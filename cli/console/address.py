@@ -4,7 +4,7 @@ import errno
 import socket
 from ipaddress import ip_address
 
-from services.runtime.errors import AlreadyServed, QuadctlError
+from services.runtime.errors import AlreadyServed, QuadctlError, UsageError
 
 _MOST = 65_535
 
@@ -12,10 +12,10 @@ _MOST = 65_535
 def bound(host: str, port: int, *, exactly: bool) -> socket.socket:
     """A socket that listens on a port, or on a free one where that is taken and not `exactly`.
 
-    Raises AlreadyServed for a taken port, QuadctlError where there can be none.
+    Raises AlreadyServed for a taken port, UsageError for what is none.
     """
     if not 0 <= port <= _MOST:
-        raise QuadctlError(f"--port {port}: there is no such port", f"0 (any) to {_MOST}")
+        raise UsageError(f"--port {port}: there is no such port", f"0 (any) to {_MOST}")
     family = socket.AF_INET6 if ip_address(host).version == 6 else socket.AF_INET
     made = socket.socket(family, socket.SOCK_STREAM)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from cli.console.board import Board
+from cli.console.board import Board, Sample
 from cli.console.verdicts import bounds, point
 from schemas.geometry import Position
 from schemas.messages import Pose
@@ -36,7 +36,7 @@ def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[
         "pose": [*_xyz(pose.position), *_turn(pose)] if pose else None,
         "target": _xyz(target) if target else None,
         "refused": [_xyz(goal) for goal in board.refused],
-        "samples": [[s.stamp, s.x, s.y, s.z, s.pressure, s.baseline] for s in new],
+        "samples": [_sample(sample) for sample in new],
         "read": readouts(board, target),
     }
 
@@ -75,11 +75,20 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
 _LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}
 
 
+def _sample(s: Sample) -> list[float | None]:
+    return [round(s.stamp, 3), _fine(s.x), _fine(s.y), _fine(s.z), s.pressure, s.baseline]
+
+
 def _xyz(at: Position) -> list[float]:
-    return [at.x, at.y, at.z]
+    return [_fine(at.x), _fine(at.y), _fine(at.z)]
+
+
+def _fine(part: float) -> float:
+    """To a tenth of a millimetre: a hovering vehicle looks still, and is not drawn again."""
+    return round(part, 4)
 
 
 def _turn(pose: Pose) -> list[float]:
     """As three.js wants a quaternion: x, y, z, w."""
     q = pose.orientation
-    return [q.x, q.y, q.z, q.w]
+    return [_fine(q.x), _fine(q.y), _fine(q.z), _fine(q.w)]

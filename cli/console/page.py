@@ -3,6 +3,7 @@
 import asyncio
 import time
 from pathlib import Path
+from typing import Literal
 
 from nicegui import run, ui
 
@@ -25,6 +26,8 @@ _CSS = (Path(__file__).parent / "assets" / "console.css").read_text(encoding="ut
 _GONE = 60.0
 """Seconds without an answer after which a browser that holds its connection is given up."""
 
+Kind = Literal["positive", "negative", "warning"]
+
 
 class Page:
     """What is shown to one browser; `control` says whether it may do anything."""
@@ -36,6 +39,7 @@ class Page:
 
     def build(self) -> None:
         """Lay the page out."""
+        self._client = ui.context.client
         ui.add_css(_CSS)
         ui.colors(primary="#1f5fbf", positive="#1a7f37", negative="#b42318", warning="#9a6700")
         ui.context.client.content.classes(replace="page")
@@ -53,16 +57,22 @@ class Page:
     async def do(self, act: Act) -> bool:
         """Carry something out, on a thread, and tell how it went; the only way to do anything."""
         if not self.control:
-            ui.notify("This page only watches: the address with the token controls", type="warning")
+            self._tell("this page only watches: the address with the token controls", "warning")
             return False
         try:
             text = await run.io_bound(act)
         except QuadctlError as problem:
-            ui.notify(problem.message, caption=problem.hint or None, type="negative", timeout=6000)
+            self._tell(problem.message, "negative", problem.hint)
             return False
         if text:
-            ui.notify(text, type="positive")
+            self._tell(text, "positive")
         return True
+
+    def _tell(self, text: str, kind: Kind, hint: str = "") -> None:
+        # What was clicked may be gone from the page meanwhile, and so may the page.
+        if not self._client.is_deleted:
+            with self._client:
+                ui.notify(text, type=kind, caption=hint or None, timeout=6000)
 
     async def feed(self) -> None:
         """Send pictures for as long as the browser is there.
@@ -70,8 +80,8 @@ class Page:
         The next is made when it has the last one, of what is newest then: a slow browser sees
         fewer, and nothing waits for it.
         """
-        client, seen = ui.context.client, frame.NOTHING_SEEN
-        while not client.is_deleted:
+        seen = frame.NOTHING_SEEN
+        while not self._client.is_deleted:
             began = time.monotonic()
             picture = self.link.see(lambda board: frame.frame(board, seen, self.target))  # noqa: B023 - called at once
             try:

@@ -9,35 +9,32 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
 
+from tests.console import chromium
 from tests.processes.running import eventually
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-MISSING = (
-    "the console's tests drive a Chromium, and there is none on the path: `apt install chromium`"
-    " (Debian), a Chrome from elsewhere, or leave them out: --ignore=tests/console/live"
-)
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update", "--disable-default-apps",
-    "--disable-dev-shm-usage", "--disable-extensions", "--mute-audio", "--hide-scrollbars",
+    "--disable-dev-shm-usage", "--disable-extensions", "--mute-audio", "--disable-background-timer-throttling", "--disable-renderer-backgrounding",
+    "--disable-backgrounding-occluded-windows", "--hide-scrollbars",
     "--remote-debugging-port=0", "--remote-allow-origins=*", "about:blank",
 )  # fmt: skip
-DESKTOP, PHONE = (1440, 900), (390, 844)
+DESKTOP, PHONE = (1100, 800), (390, 844)
 
 
 class Browser:
     """One process; each `Tab` of it is a window of its own size."""
 
     def __init__(self, folder: Path) -> None:
-        name = next(filter(None, map(shutil.which, NAMES)), None)
-        assert name is not None, MISSING
+        name = chromium.found()
+        assert name is not None, chromium.MISSING
         self._folder = folder
         # Its own helpers would outlive a plain kill: the group ends as a whole.
         self._popen = subprocess.Popen(
@@ -72,10 +69,12 @@ class Tab:
         self.requests: list[str] = []
         self.errors: list[str] = []
         self._numbers = itertools.count(1)
-        self._socket: ClientConnection = connect(browser.address, max_size=None)
+        self._open = contextlib.ExitStack()
+        self._socket = self._open.enter_context(connect(browser.address, max_size=None))
+        self._session = ""
         target = self._ask("Target.createTarget", url="about:blank")["targetId"]
         attached = self._ask("Target.attachToTarget", targetId=target, flatten=True)
-        self._session: str = attached["sessionId"]
+        self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self._ask(f"{domain}.enable")
         width, height = size
@@ -85,8 +84,6 @@ class Tab:
         )  # fmt: skip
         self._target = target
         self.go(url)
-
-    _session = ""
 
     def go(self, url: str) -> None:
         self._ask("Page.navigate", url=url)
@@ -154,7 +151,7 @@ class Tab:
         session, self._session = self._session, ""
         if session:
             self._ask("Target.closeTarget", targetId=self._target)
-            self._socket.close()
+            self._open.close()
 
     def _ask(self, method: str, **params: Any) -> dict[str, Any]:
         number = next(self._numbers)
@@ -182,9 +179,6 @@ class Tab:
                 self.errors.append(str(params["exceptionDetails"]))
             case "Log.entryAdded" if params["entry"]["level"] == "error":
                 self.errors.append(str(params["entry"]))
-
-
-Open = Callable[[str, tuple[int, int]], Tab]
 
 
 @contextlib.contextmanager

@@ -124,5 +124,6 @@ ELSEWHERE = {
     "fault inject": "it sets a parameter as `param set` does, or sends a signal as `node kill`",
     "fault clear": "the same",
     "fuzz": "it throws as much as it is asked to; test_fuzz_command.py freezes a node before it",
+    "console": "it goes on until Ctrl-C: tests/console",
 }
 """Commands that are in no table, and why."""

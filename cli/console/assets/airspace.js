@@ -77,7 +77,7 @@ export default {
       return true;
     },
     take(frame) {
-      const told = JSON.stringify([frame.cage, frame.cage_on, frame.pose, frame.goal, frame.target, frame.refused, frame.samples.length && 0]);
+      const told = JSON.stringify([frame.cage, frame.cage_on, frame.pose, frame.goal, frame.target, frame.refused]);
       if (frame.fresh) this.path = [];
       if (!frame.fresh && told === this.told) return;
       this.told = told;

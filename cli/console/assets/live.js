@@ -1,7 +1,7 @@
 // Takes a picture from the server and hands it to the scene, the plots and the texts. What it
 // returns tells the server that this browser is ready for the next one.
 export default {
-  template: `<div hidden></div>`,
+  template: `<div hidden class="live"></div>`,
   mounted() {
     this.verified = null;
     document.body.dataset.link = "lost";

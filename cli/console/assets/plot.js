@@ -1,5 +1,6 @@
 // The last minute of one value, on a canvas.
 const MINUTE = 60;
+const AGAIN = 400; // ms; in a quarter of that the line moves by less than a pixel
 const LEFT = 62;
 const BOTTOM = 18;
 const TOP = 6;
@@ -31,7 +32,7 @@ export default {
       const newest = this.samples.at(-1);
       const one = (sample) => this.since < 0 || sample[this.since] === newest[this.since];
       this.samples = this.samples.filter((sample) => sample[0] > newest[0] - MINUTE && one(sample));
-      this.draw();
+      if (frame.fresh || performance.now() - this.drawn > AGAIN) this.draw();
     },
     range() {
       const values = this.samples.map((sample) => sample[this.field]).filter((value) => value !== null);
@@ -42,6 +43,7 @@ export default {
       return [low - room, high + room];
     },
     draw() {
+      this.drawn = performance.now();
       const { clientWidth: width, clientHeight: height } = this.canvas;
       const dots = window.devicePixelRatio || 1;
       this.canvas.width = width * dots;

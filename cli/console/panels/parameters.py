@@ -7,7 +7,7 @@ from nicegui import ui
 
 from cli.console.board import Glance
 from cli.console.panels.card import card
-from cli.console.settings import Setting, Table, shown, tables
+from cli.console.settings import Setting, shown, tables
 
 if TYPE_CHECKING:
     from cli.console.page import Page
@@ -33,9 +33,9 @@ class Parameters:
                 for name in self._tables:
                     ui.tab(name)
             choice.value = _FIRST
-            choice.on_value_change(lambda event: self._show(self._tables[str(event.value)]))
+            choice.on_value_change(lambda event: self._show(str(event.value)))
             self._rows = ui.element("div").classes("rows")
-        self._show(self._tables[_FIRST])
+        self._show(_FIRST)
 
     def refresh(self, now: Glance) -> None:
         """Show values that have changed, whoever has changed them."""
@@ -45,7 +45,10 @@ class Parameters:
                 self._told[name] = value
                 field.value = value if setting.way != "text" else shown(value)
 
-    def _show(self, table: Table) -> None:
+    def _show(self, name: str) -> None:
+        table = self._tables.get(name)
+        if table is None:
+            return  # no tab of ours: whatever a browser sends
         self._fields.clear()
         self._told.clear()
         self._rows.clear()
@@ -79,14 +82,20 @@ class Parameters:
         return field
 
     async def _commit(self, setting: Setting) -> None:
-        _, field = self._fields[setting.name]
-        if setting.name not in self._told or setting.name in self._busy:
+        _, field = self._fields.get(setting.name, (None, None))
+        if field is None or setting.name in self._busy:
             return
-        told, said = self._told[setting.name], field.value
-        before = told if setting.way != "text" else shown(told)
-        if said == before:
+        said, before = field.value, self._before(setting)
+        if said == before or (setting.way == "text" and not said):
             return  # left as it was, or it has followed the parameter, not a finger
         self._busy.add(setting.name)
         if not await self._page.do(lambda: self._page.acts.change(setting, said)):
             field.value = before
         self._busy.discard(setting.name)
+
+    def _before(self, setting: Setting) -> Any:
+        """What the field has shown, None where the value is not known."""
+        if setting.name not in self._told:
+            return None
+        told = self._told[setting.name]
+        return told if setting.way != "text" else shown(told)

@@ -1,0 +1,72 @@
+"""The drawing of the automaton, the parameters as they are edited, and the log as HTML."""
+
+import re
+
+import pytest
+
+from cli.console.automaton import STATES, WAYS, drawing
+from cli.console.panels.journal import line
+from cli.console.settings import shown, tables
+from cli.console.verdicts import Verdict
+from schemas.params import FIXED_AT_LAUNCH
+from services.runtime import declared
+from services.runtime.errors import Invalid
+from services.safety.fsa import RULES
+
+SETTINGS = {setting.name: setting for table in tables({}) for setting in table.settings}
+
+
+def test_the_ways_drawn_are_those_of_safetys_table():
+    assert set(WAYS) == {(rule.at.name, rule.to.name) for rule in RULES if rule.at != rule.to}
+
+
+def test_the_drawing_has_every_state_and_stays_in_its_frame():
+    svg = drawing()
+    assert [f"state-{name}" in svg for name in STATES] == [True] * 3
+    width = float(re.findall(r'viewBox="0 0 (\d+)', svg)[0])
+    assert all(0 <= float(x) <= width for x in re.findall(r' x="([\d.]+)"', svg))
+
+
+def test_every_declared_parameter_is_there_with_its_bounds_and_meaning():
+    assert set(SETTINGS) == set(declared.leaves())
+    speed = SETTINGS["dynamics.control.max_speed"]
+    assert speed.facts == "[0.01, 100] m/s · default 5.0"
+    assert all(setting.about for setting in SETTINGS.values())
+
+
+def test_what_is_fixed_at_launch_says_so_and_cannot_be_edited():
+    fixed = {name for name, setting in SETTINGS.items() if setting.fixed}
+    assert fixed == {*FIXED_AT_LAUNCH, "supervise.answer_timeout", "processes"}
+    assert all("set at launch" in SETTINGS[name].facts for name in fixed)
+
+
+def test_each_type_is_edited_in_its_way():
+    assert SETTINGS["safety.cage_on"].way == "switch"
+    assert set(SETTINGS["pressure.fault.kind"].choices) == {
+        "none", "stuck", "off", "glitch", "delay"
+    }  # fmt: skip
+    assert SETTINGS["safety.takeoff"].way == "text"
+
+
+@pytest.mark.parametrize(("said", "value"), [("2", 2), (" 1e-3 ", 0.001), ("-1", -1)])
+def test_a_number_is_read_as_typed(said, value):
+    assert SETTINGS["safety.takeoff"].read(said) == value
+
+
+def test_nothing_typed_is_no_value():
+    with pytest.raises(Invalid, match=r"safety\.takeoff"):
+        SETTINGS["safety.takeoff"].read("  ")
+
+
+@pytest.mark.parametrize("value", [1.0, 5, "word", "", True, [1, 2], "two words"])
+def test_what_is_shown_reads_as_what_it_was(value):
+    assert SETTINGS["safety.takeoff"].read(shown(value)) == value
+
+
+def test_a_users_own_node_has_a_table_too():
+    [own] = [table for table in tables({"mine.gain": 2.0}) if table.name == "mine"]
+    assert [(setting.label, setting.fixed) for setting in own.settings] == [("gain", False)]
+
+
+def test_a_reason_cannot_bring_markup():
+    assert "<img" not in line(Verdict(1.0, "refused", "<img src=x onerror=alert(1)>"))

@@ -133,7 +133,7 @@ export default {
     },
     sees(x, y, z) {
       const at = new THREE.Vector3(x, y, z).project(this.camera);
-      return Math.max(Math.abs(at.x), Math.abs(at.y)) < 0.84;
+      return Math.max(Math.abs(at.x), Math.abs(at.y)) < 0.88;
     },
     fit() {
       const { clientWidth: width, clientHeight: height } = this.$el;

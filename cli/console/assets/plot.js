@@ -3,7 +3,7 @@ const MINUTE = 60;
 const AGAIN = 400; // ms; in a quarter of that the line moves by less than a pixel
 const LEFT = 62;
 const BOTTOM = 18;
-const TOP = 6;
+const TOP = 10;
 
 export default {
   template: `

@@ -2,7 +2,7 @@
 import { CSS2DObject, THREE } from "nicegui-scene";
 
 const COLOURS = {
-  floor: "#f4f6f8", grid: "#c9d1d9", cage: "#1f5fbf", trail: "#1f5fbf", body: "#24292f", nose: "#d1480c",
+  floor: "#f4f6f8", grid: "#c9d1d9", cage: "#1f5fbf", trail: "#d1480c", body: "#24292f", nose: "#d1480c",
   rotor: "#57606a", goal: "#1a7f37", refused: "#b42318", aim: "#8250df",
 };
 const SIZE = 0.35; // m from the centre to a rotor, as drawn: larger than life, to be seen

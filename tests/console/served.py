@@ -26,7 +26,7 @@ def served(lab: Lab, *words: str) -> Iterator[Console]:
     yield Console(process, said["url"], said["watch"])
     if not process.ended:
         process.send(signal.SIGINT)
-    assert process.wait() == 130, process.log
+    assert process.wait(30.0) == 130, process.log
     assert "Traceback" not in process.log, process.log
 
 

@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks import calls, commands, flights, footprint, launches, lockstep, recorder, topics
+from benchmarks import (
+    calls, commands, flights, footprint, launches, lockstep, page, recorder, topics,
+)  # fmt: skip
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.rows import ROWS
@@ -36,4 +38,5 @@ PARTS = (
     _whole("flights", flights.measure),
     _whole("lockstep", lockstep.measure),
     _whole("recorder", recorder.measure),
+    _whole("console", page.measure),
 )  # fmt: skip

@@ -6,6 +6,7 @@ from benchmarks.bars import AtLeast, AtMost, AtMostTimes, Bar
 
 GROUPS = (
     "commands", "calls", "topics", "launches", "footprint", "flights", "lockstep", "recorder",
+    "console",
 )  # fmt: skip
 
 
@@ -71,6 +72,11 @@ ROWS = (
     Row("recorder", "recorder_processor", "the recorder beside the system in flight, of one core",
         "%", (AtMost(5),)),
     Row("recorder", "recorder_rate", "recorded, typed, none lost", "/s", (AtLeast(10_000),)),
+    Row("console", "page", "`console`: a page until it shows the vehicle", "s", (AtMost(2),)),
+    Row("console", "console_processor", "`console` with a page at 10 Hz, of one core", "%",
+        (AtMost(10),)),
+    Row("console", "console_memory", "memory of `console` with a page (PSS)", "MB",
+        (AtMost(100),)),
 )  # fmt: skip
 
 BY_KEY = {row.key: row for row in ROWS}

@@ -21,6 +21,8 @@ class Processes:
         self._shown: tuple[ProcessRecord, ...] = ()
         with card("Processes", "processes"):
             self._rows = ui.element("div").classes("rows")
+            if page.link.realm is None:
+                ui.html("They run on another machine.", sanitize=False, tag="p").classes("rows")
 
     def refresh(self, now: Glance) -> None:
         """Show them as they are."""

@@ -1,6 +1,7 @@
 """Where the console listens, and how a browser finds it."""
 
 import errno
+import os
 import socket
 from ipaddress import ip_address
 
@@ -18,7 +19,9 @@ def bound(host: str, port: int, *, exactly: bool) -> socket.socket:
         raise UsageError(f"--port {port}: there is no such port", f"0 (any) to {_MOST}")
     family = socket.AF_INET6 if ip_address(host).version == 6 else socket.AF_INET
     made = socket.socket(family, socket.SOCK_STREAM)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if os.name == "posix":
+        # A port just left is free again; on Windows this would take one that is in use.
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         made.bind((host, port))
         made.listen()

@@ -4,7 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks import (
-    calls, commands, flights, footprint, launches, lockstep, page, recorder, topics,
+    calls,
+    commands,
+    flights,
+    footprint,
+    launches,
+    lockstep,
+    page,
+    recorder,
+    topics,
 )  # fmt: skip
 from benchmarks.effort import Effort
 from benchmarks.results import Results

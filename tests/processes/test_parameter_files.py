@@ -32,7 +32,6 @@ def tuned(started: Lab) -> Iterator[Lab]:
     (started.folder / "quad.toml").unlink()
     assert started.quadctl("init").code == 0
     yield started
-    assert started.quadctl("param", "load", "quad.toml").code == 6, "its seed is not the file's"
     done = started.quadctl("param", "load", started.file(LAUNCH))
     assert (done.code, done.err) == (0, "")
 
@@ -96,6 +95,16 @@ def test_what_was_set_differs_and_is_saved_with_every_comment_kept(tuned: Lab):
     inode = file.stat().st_ino
     assert tuned.quadctl("param", "save", "--json").json == {"file": "quad.toml", "changed": []}
     assert file.stat().st_ino == inode
+
+
+def test_the_file_as_init_writes_it_is_taken_but_for_another_seed(tuned: Lab):
+    refused = tuned.quadctl("param", "load", "quad.toml")
+    assert (refused.code, refused.out) == (6, "")
+    assert "fixed at launch: dynamics.seed: 7 -> 0" in refused.err
+    file = tuned.folder / "quad.toml"
+    told = file.read_text(encoding="utf-8").replace("seed = 0", "seed = 7")
+    file.write_text(told.replace("answer_timeout = 2.0", "answer_timeout = 3.0"), encoding="utf-8")
+    assert tuned.quadctl("param", "load", "quad.toml") == (0, "", "")
 
 
 def test_a_file_that_cannot_be_taken_whole_changes_nothing(tuned: Lab):

@@ -1,0 +1,1 @@
+"""`quadctl bag`: recordings."""

@@ -1,0 +1,1 @@
+"""`quadctl campaign`: flights by the thousand."""

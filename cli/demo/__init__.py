@@ -1,0 +1,1 @@
+"""`quadctl demo`: the whole lab."""

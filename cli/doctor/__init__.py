@@ -1,0 +1,1 @@
+"""`quadctl doctor`: everything that can be wrong."""

@@ -1,0 +1,1 @@
+"""`quadctl fault`: what goes wrong, to order."""

@@ -1,0 +1,1 @@
+"""`quadctl fly`: missions."""

@@ -1,0 +1,1 @@
+"""`quadctl fuzz`: what nobody may take."""

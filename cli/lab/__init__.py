@@ -1,0 +1,1 @@
+"""Flying: goto, cage, calibrate, hold, reset, state."""

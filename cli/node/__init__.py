@@ -1,0 +1,1 @@
+"""`quadctl node`: the processes on the bus."""

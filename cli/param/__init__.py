@@ -1,0 +1,1 @@
+"""`quadctl param`: parameters of the running system."""

@@ -1,0 +1,1 @@
+"""`quadctl plot`: pictures of flights."""

@@ -1,0 +1,1 @@
+"""`quadctl record` and `replay`."""

@@ -1,0 +1,1 @@
+"""The run as a whole: up, down, status, init."""

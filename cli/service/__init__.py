@@ -1,0 +1,1 @@
+"""`quadctl service`: what can be called."""

@@ -1,0 +1,1 @@
+"""`quadctl topic`: what is published."""

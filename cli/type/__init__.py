@@ -1,0 +1,1 @@
+"""`quadctl type`: messages and services, field by field."""

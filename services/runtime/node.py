@@ -9,8 +9,7 @@ import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service, Topic
-from schemas.describe import schema_hash
-from services.runtime import foreign, graph, roster
+from services.runtime import foreign, graph, roster, wire
 from services.runtime.errors import AlreadyServed
 from services.runtime.journal import journal_of
 from services.runtime.loop import Loop
@@ -66,7 +65,7 @@ class Node:
 
         In lock-step, nothing of what it `waits` to publish is lost to a slow subscriber.
         """
-        key, digest = topic.key(self.vehicle), schema_hash(topic.type)
+        key, digest = topic.key(self.vehicle), wire.digest(topic.type)
 
         def offer() -> graph.Offer:
             rate = topic.hz if hz is None else hz()
@@ -111,7 +110,7 @@ class Node:
         for other in self._others:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
-        name, digest = service.type_name, schema_hash(service.request)
+        name, digest = service.type_name, wire.digest(service.request)
         offer = graph.Offer("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer)

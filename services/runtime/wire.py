@@ -19,14 +19,21 @@ PREFIX = "application/msgpack;quadctl."
 encode = msgspec.msgpack.encode
 
 
+_building = threading.Lock()
+"""msgspec shows a type that is half built to a second thread, whose process then crashes."""
+
+
+@cache
+def digest(type_: type[Struct]) -> str:
+    """The first 8 hex digits of the digest of a type's schema; safe to ask from any thread."""
+    with _building:
+        return schema_hash(type_)
+
+
 @cache
 def encoding(type_: type[Struct]) -> str:
     """The Zenoh encoding of a type, as `application/msgpack;quadctl.Pose#0a1b2c3d`."""
-    return f"{PREFIX}{type_.__name__}#{schema_hash(type_)}"
-
-
-_building = threading.Lock()
-"""msgspec shows a type that is half built to a second thread, whose process then crashes."""
+    return f"{PREFIX}{type_.__name__}#{digest(type_)}"
 
 
 @cache
@@ -72,11 +79,11 @@ def check_schema(type_: type[Struct], said: str) -> None:
     """Raise SchemaMismatch where the sender's encoding names another type or digest."""
     if said == encoding(type_) or not is_typed(said):
         return
-    name, _, digest = said.removeprefix(PREFIX).partition("#")
-    if name != type_.__name__ or (digest and digest != schema_hash(type_)):
+    name, _, theirs = said.removeprefix(PREFIX).partition("#")
+    if name != type_.__name__ or (theirs and theirs != digest(type_)):
         ours = encoding(type_).removeprefix(PREFIX)
         raise SchemaMismatch(
-            f"schema mismatch: the sender has {name}#{digest}, this side has {ours}",
+            f"schema mismatch: the sender has {name}#{theirs}, this side has {ours}",
             "install the same version of quadctl on both sides",
         )
 

@@ -50,7 +50,7 @@ def test_every_bar_is_between_runners():
 
 
 def test_a_step_has_the_operations_that_it_was_designed_with():
-    assert 600 < step_flops() < 750
+    assert 500 < step_flops() < 750
 
 
 def test_a_scenario_is_known_by_its_numbers_but_not_by_its_tolerance():

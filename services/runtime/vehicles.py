@@ -6,6 +6,7 @@ from functools import lru_cache
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.realm import Realm
+from services.runtime.secure.endpoints import is_secure
 
 DEFAULT = "uav"
 _MOST_LISTED = 12
@@ -49,5 +50,11 @@ def _in(realm: str) -> list[str]:
 def _at(realm: str, connect: str, timeout: float) -> list[str]:
     from services.runtime.client import Client
 
+    if is_secure(connect):
+        from services.runtime.secure.identity import needed
+
+        # Who may see one vehicle means that one.
+        if (ours := needed(connect).name.vehicles) != ["*"]:
+            return ours
     with Client(realm, DEFAULT, connect=connect, timeout=timeout) as client:
         return client.vehicles()

@@ -6,6 +6,7 @@ from msgspec import Meta, Struct, field
 
 _PORTS = ("tcp", "udp", "tls", "quic", "ws")
 """Zenoh's protocols on host:port."""
+_SECURE = ("tls/", "quic/")
 _LOCAL = ("unixsock-stream",)
 """Zenoh's protocols on a path."""
 
@@ -38,6 +39,12 @@ class HubParams(Struct, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         """Raises ValueError for what no Zenoh router can listen on, or connect to."""
+        if self.transport == "tcp" and any(
+            endpoint.startswith(_SECURE) for endpoint in (*self.listen, *self.connect)
+        ):
+            raise ValueError(
+                "tls and quic need transport unix: they have certificates, no password"
+            )
         for name, endpoints in (("listen", self.listen), ("connect", self.connect)):
             for endpoint in endpoints:
                 _check_endpoint(name, endpoint)

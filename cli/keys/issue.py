@@ -10,7 +10,9 @@ from cli.keys.list import day, shown
 from cli.options import Options
 from schemas.roles import Role
 from services.runtime.errors import UsageError
+from services.runtime.fleet import names
 from services.runtime.named import nearest
+from services.runtime.vehicles import DEFAULT
 
 _MOST_DAYS = 3650
 
@@ -19,6 +21,9 @@ def issue(
     options: Options,
     role: Annotated[str, Arg("hub, vehicle, safety, operator, observer or student.")],
     name: Annotated[str | None, Arg("Whose it is (default: the vehicle's, or the role's).")] = None,
+    vehicles: Annotated[
+        int | None, Opt("One for each of so many vehicles: uav0, uav1 ..", metavar="N")
+    ] = None,
     days: Annotated[float, Opt("How long it is good.")] = 30.0,
     host: Annotated[
         list[str] | None,
@@ -26,7 +31,7 @@ def issue(
     ] = None,
     fleet: Annotated[Path, Opt("The folder of the fleet's keys.")] = FLEET,
 ) -> None:
-    """Issue a certificate for one vehicle, or with no --vehicle for all.
+    """Issue a certificate for one vehicle, for each of several, or for all where none is said.
 
     Whoever had the name before has it no more.
 
@@ -35,19 +40,33 @@ def issue(
     from services.runtime.secure.fleet import Fleet
     from services.runtime.secure.names import checked, checked_vehicles
 
-    for known in get_args(Role):
-        if known == role:
-            break
-    else:
-        roles = get_args(Role)
-        hint = nearest(role, roles) or f"one of {', '.join(roles)}"
-        raise UsageError(f"{role} is no role", hint)
+    known = _known(role)
     if not 0 < days <= _MOST_DAYS:
         raise UsageError(f"--days {days:g}: not a time", f"give more than 0, up to {_MOST_DAYS}")
     if host and role != "hub":
         raise UsageError(f"--host is where a hub is reached, and a {role} is not")
-    vehicles = checked_vehicles([options.named] if options.named else [])
-    whose = checked(name or options.named or role)
-    made, folder = Fleet(fleet).issue(known, whose, vehicles, days, host or [])
-    text = f"{folder}: {made.common_name}, for {made.of}, good until {day(made.expires)}"
-    output.either(options, shown(made) | {"folder": str(folder)}, text)
+    if vehicles is not None:
+        if name:
+            raise UsageError(f"{name}: with --vehicles each is called as its vehicle")
+        wanted = {each: [each] for each in names(options.named or DEFAULT, vehicles)}
+    else:
+        whose = checked(name or options.named or role)
+        wanted = {whose: checked_vehicles([options.named] if options.named else [])}
+    keeper = Fleet(fleet)
+    made = keeper.issue(known, wanted, days, host or [])
+    said = [shown(one) | {"folder": str(keeper.folder_of(one))} for one in made]
+    if options.json:
+        output.document(said if vehicles is not None else said[0])
+        return
+    for one in made:
+        until = f"good until {day(one.expires)}"
+        output.line(f"{keeper.folder_of(one)}: {one.common_name}, for {one.of}, {until}")
+
+
+def _known(role: str) -> Role:
+    for known in get_args(Role):
+        if known == role:
+            found: Role = known
+            return found
+    roles = get_args(Role)
+    raise UsageError(f"{role} is no role", nearest(role, roles) or f"one of {', '.join(roles)}")

@@ -37,19 +37,29 @@ class Fleet:
         return names.load(self._folder)
 
     def issue(
-        self, role: Role, name: str, vehicles: list[str], days: float, hosts: list[str]
-    ) -> tuple[Name, Path]:
-        """A new certificate, and its folder; one that the name had before is good no more."""
-        expires = time.time() + days * _DAY
-        made = Name(name, role, vehicles, token_hex(4), expires)
+        self, role: Role, vehicles_of: dict[str, list[str]], days: float, hosts: list[str]
+    ) -> list[Name]:
+        """New certificates, each in a folder that has its name; one that a name had is good no more.
+
+        `vehicles_of` says by name what the role is for.
+        """
+        expires, hosts = time.time() + days * _DAY, hosts or hosts_here()
+        made = [
+            Name(name, role, vehicles, token_hex(4), expires)
+            for name, vehicles in vehicles_of.items()
+        ]
         authority = Authority(self._folder)
-        folder = self._folder / name
         with self._lock():
-            others = [known for known in self.names() if known.name != name]
-            authority.issue(made, hosts or hosts_here(), folder)
-            self._write(folder / ABOUT, msgspec.json.encode(made))
-            self._tell([*others, made])
-        return made, folder
+            others = [known for known in self.names() if known.name not in vehicles_of]
+            for name in made:
+                authority.issue(name, hosts, self.folder_of(name))
+                self._write(self.folder_of(name) / ABOUT, msgspec.json.encode(name))
+            self._tell([*others, *made])
+        return made
+
+    def folder_of(self, name: Name) -> Path:
+        """Where its identity is."""
+        return self._folder / name.name
 
     def revoke(self, name: str) -> Name:
         """Take a name from the list, and remove its folder; raises Invalid where it is not there."""
@@ -66,7 +76,7 @@ class Fleet:
 
     def _tell(self, known: list[Name]) -> None:
         # The hubs' folders have the list too: a hub is given its folder, and nothing else.
-        folders = [self._folder / name.name for name in known if name.role == "hub"]
+        folders = [self.folder_of(name) for name in known if name.role == "hub"]
         try:
             for folder in (self._folder, *filter(Path.is_dir, folders)):
                 names.save(folder, known)

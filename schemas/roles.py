@@ -45,6 +45,8 @@ _OWN_NODES = (
     "@node/own-$*/@pub/*/*/*/$*%own%$*",
     "@node/own-$*/@srv/*/*/*/$*%@srv%own%$*",
 )
+_RECORDERS = "@node/recorder-$*"
+"""Who records is a node, and offers nothing."""
 _NODES = sorted({entry.node for table in (TOPICS, SERVICES) for entry in table if entry.node})
 _LATCHED = tuple(topic.name for topic in TOPICS if topic.latched)
 _ANYONES = tuple(topic.name for topic in TOPICS if not topic.node)
@@ -71,8 +73,8 @@ def _runs(*nodes: str) -> Rights:
     return {
         "publish": (*topics, *told, _OWN),
         "serve": (*map(_name, services), *latched, _OWN, _OWN_SERVICES),
-        "announce": (*(f"@node/{node}{o}" for node in nodes for o in _OFFERS), *_OWN_NODES),
         **_WATCHES,
+        "announce": (*(f"@node/{n}{o}" for n in nodes for o in _OFFERS), *_OWN_NODES, _RECORDERS),
     }
 
 
@@ -80,12 +82,13 @@ _WATCHES: Rights = {
     "listen": ("**", "@call/**"),
     "read": (*_LATCHED, _OWN),
     "see": tuple(f"@node/*{offer}" for offer in _OFFERS),
+    "announce": (_RECORDERS,),
 }
 _FLIES: Rights = {
     "publish": (*_ANYONES, _OWN),
     "serve": (_OWN, _OWN_SERVICES),
-    "announce": _OWN_NODES,
     **_WATCHES,
+    "announce": (*_OWN_NODES, _RECORDERS),
 }
 _ALL = ("**", "@call/**", "@srv/**")
 _ALL_NODES = ("@node/**", *(f"@node/*{offer}" for offer in _OFFERS))

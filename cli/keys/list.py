@@ -12,7 +12,7 @@ from cli.keys.init import FLEET
 from cli.options import Options
 
 if TYPE_CHECKING:
-    from services.runtime.secure.names import Name
+    from services.runtime.secure.name import Name
 
 
 def list_(

@@ -46,10 +46,6 @@ class Client:
         self._realm, self._connect = Realm(realm), connect
         self.session = reach(self._realm, connect, timeout)
         self._since, self._held = time.time(), list[object]()
-        if connect:
-            from services.runtime.secure import permit
-
-            permit.welcome(self.session, connect, timeout)
 
     def __enter__(self) -> Self:
         return self

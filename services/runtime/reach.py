@@ -52,13 +52,18 @@ def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
 
 
 def _through_gate(address: Address, timeout: float) -> zenoh.Session:
+    from services.runtime.secure import permit
+
     patience = time.monotonic() + min(timeout, _REOPENING)
     while True:
         try:
-            return open_client(address, timeout=timeout)
+            session = open_client(address, timeout=timeout)
         except NotAllowed:
             raise
         except Unreachable:
             if time.monotonic() > patience:
                 raise
-        time.sleep(_POLL)
+            time.sleep(_POLL)
+        else:
+            permit.welcome(session, address.endpoint, timeout)
+            return session

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from schemas.roles import EVERY, Right, Role, keys
-from services.runtime.secure.names import Name
+from services.runtime.secure.name import Name
 
 _FROM: dict[Right, list[str]] = {
     "publish": ["put"],

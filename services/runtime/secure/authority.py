@@ -21,7 +21,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.secure.identity import CERTIFICATE, FLEET, KEY
-from services.runtime.secure.names import Name
+from services.runtime.secure.name import Name
 
 FLEET_KEY = "ca-key.pem"
 _YEARS = 10

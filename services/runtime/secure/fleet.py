@@ -16,7 +16,7 @@ from services.runtime.realm import write_atomically
 from services.runtime.secure import names
 from services.runtime.secure.authority import Authority, hosts_here
 from services.runtime.secure.identity import ABOUT
-from services.runtime.secure.names import Name
+from services.runtime.secure.name import Name
 
 _DAY = 86_400
 

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from services.runtime.errors import NotAllowed, UsageError
-from services.runtime.secure.names import Name
+from services.runtime.secure.name import Name
 
 VARIABLE = "QUADCTL_IDENTITY"
 """The environment has it for this process and for all that it starts; `--identity` sets it."""

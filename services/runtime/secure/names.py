@@ -4,34 +4,13 @@ import re
 from pathlib import Path
 
 import msgspec
-from msgspec import Struct
 
-from schemas.roles import Role
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.realm import vehicle_name, write_atomically
+from services.runtime.secure.name import Name
 
 LIST = "names.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
-
-
-class Name(Struct, frozen=True):
-    """One holder of a certificate, which is good until `expires` (Unix time, s)."""
-
-    name: str
-    role: Role
-    vehicles: list[str]
-    serial: str
-    expires: float
-
-    @property
-    def common_name(self) -> str:
-        """The certificate's own name, as `student.anna.1a2b3c4d`."""
-        return f"{self.role}.{self.name}.{self.serial}"
-
-    @property
-    def of(self) -> str:
-        """Its vehicles for a message."""
-        return "all vehicles" if self.vehicles == ["*"] else ", ".join(self.vehicles)
 
 
 def checked(name: str) -> str:

@@ -12,7 +12,7 @@ from services.runtime import graph
 from services.runtime.errors import NotAllowed
 from services.runtime.secure.endpoints import is_secure
 from services.runtime.secure.identity import needed
-from services.runtime.secure.names import Name
+from services.runtime.secure.name import Name
 
 _REOPENED = 1.0
 """Seconds that a gate which has just been opened anew may take to say that it is there."""
@@ -20,18 +20,32 @@ _POLL = 0.05
 _TO: dict[Right, str] = {"listen": "listen to", "publish": "publish on", "see": "see"}
 
 
+def allows(connect: str, right: Right, key: str) -> bool:
+    """Whether our role over that endpoint extends to a key or expression."""
+    if not is_secure(connect):
+        return True
+    who = needed(connect).name
+    return may(who.role, who.vehicles, right, key)
+
+
 def check(connect: str, right: Right, *asked: str) -> None:
     """Raise NotAllowed where our role over that endpoint does not extend to a key or expression."""
-    if not is_secure(connect):
-        return
-    who = needed(connect).name
     for key in asked:
-        if not may(who.role, who.vehicles, right, key):
+        if not allows(connect, right, key):
+            who = needed(connect).name
             raise NotAllowed(
                 f"not allowed: {_one(who)} may not {_TO.get(right, right)} {key}"
                 f" (your certificate {who.common_name})",
                 _instead(who, right),
             )
+
+
+def everything(connect: str) -> list[str]:
+    """All that our role over that endpoint may listen to; nothing where there are no roles."""
+    if not is_secure(connect):
+        return []
+    who = needed(connect).name
+    return keys(who.role, who.vehicles, "listen")
 
 
 def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:

@@ -10,7 +10,7 @@ from schemas.keyexpr import includes
 from schemas.roles import ROLES, Right, Role, may
 from schemas.topics import SERVICES, TOPICS
 from services.runtime.secure.access import access_control
-from services.runtime.secure.names import Name
+from services.runtime.secure.name import Name
 
 NOW = 1_000.0
 NAMES = [topic.name for topic in TOPICS] + [f"@srv/{service.name}" for service in SERVICES]

@@ -10,6 +10,7 @@ from cli.run.up import begin, reached
 from services.runtime import fleet
 from services.runtime.launch import Launch
 from services.runtime.processes import NODES
+from services.runtime.vehicles import HUB_ALONE
 
 
 def hub(
@@ -30,7 +31,7 @@ def hub(
     Example: quadctl hub --listen tls/0.0.0.0:7447 --identity keys/field
     """
     # A hub's nodes stand beside the vehicles' under a name, which two hubs must not share.
-    name = options.named or f"hub-{os.urandom(2).hex()}"
+    name = options.named or f"{HUB_ALONE}{os.urandom(2).hex()}"
     parameters = fleet.load(None, reached(listen, options.connect), [name])
     without = [node for node in NODES if node != "hub"]
     launch = Launch(options.realm, parameters, without, str(Path.cwd()), insecure=insecure)

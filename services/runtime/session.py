@@ -12,7 +12,7 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
-from services.runtime.errors import TimedOut, Unreachable, UsageError
+from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from services.runtime.realm import ADDRESS, Realm, write_atomically
 from services.runtime.secure import endpoints
 
@@ -31,8 +31,6 @@ CLIENT_THREADS = (
     " app: (worker_threads: 1))"
 )
 """One thread for all: what a client reads it does not pass on."""
-GATE_THREADS = TWO_THREADS
-
 INSECURE = "QUADCTL_INSECURE"
 """The environment says by it that plain endpoints beyond this machine are wanted."""
 
@@ -105,7 +103,13 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     config["transport"]["link"]["tls"] = who.tls()
     protocol = address.endpoint.partition("/")[0]
     config["access_control"] = gate.rules(who, protocol)
-    return _open(config, GATE_THREADS)
+    try:
+        return _open(config, TWO_THREADS)
+    except zenoh.ZError as error:
+        raise QuadctlError(
+            f"{', '.join(listen) or 'the gate'} cannot be opened: {_plainly(error)}",
+            "is the port another's, or the address not this machine's?",
+        ) from error
 
 
 def open_client(
@@ -162,6 +166,11 @@ def _router(address: Address) -> dict[str, Any]:
     # Routers sleep this long before they answer; there is nobody to scout for.
     config["scouting"]["delay"] = 0
     return config
+
+
+def _plainly(error: zenoh.ZError) -> str:
+    """What Zenoh says, without the places in its source."""
+    return str(error).partition(" at /")[0].rstrip(". ")
 
 
 def _retry(period_ms: int) -> dict[str, int]:

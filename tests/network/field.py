@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -76,22 +76,30 @@ class Field:
         got: dict[str, list[str]] = json.loads(done.stdout)
         return got
 
-    @contextmanager
-    def sniffed(self, file: Path) -> Iterator[None]:
+    def sniffed(self, file: Path) -> AbstractContextManager[None]:
         """Write all that passes the router to a file."""
-        script = Path(__file__).with_name("sniff.py")
-        sniffer = subprocess.Popen(
-            [*self.machines[1].enter, sys.executable, str(script), str(file)],
+        return self._beside("sniff.py", file)
+
+    def posed(self, endpoint: str, who: str) -> AbstractContextManager[None]:
+        """Have somebody play the hub on the router's machine."""
+        return self._beside("posing.py", endpoint, self.keys / who)
+
+    @contextmanager
+    def _beside(self, script: str, *words: object) -> Iterator[None]:
+        path = str(Path(__file__).with_name(script))
+        process = subprocess.Popen(
+            [*self.machines[1].enter, sys.executable, path, *map(str, words)],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
-        assert sniffer.stdout is not None
-        assert sniffer.stdout.readline() == "listening\n"
+        assert process.stdout is not None
+        assert process.stdout.readline() == "listening\n"
         try:
             yield
         finally:
-            sniffer.kill()
-            sniffer.communicate()
+            process.kill()
+            process.communicate()
 
     def spoken(self, line: str, who: str) -> Foreground:
         """A command that goes on beside the test."""

@@ -196,6 +196,14 @@ def test_strangers_are_kept_out(net: Field):
     assert touched(net.vehicle) == before
 
 
+def test_nobody_but_a_hub_is_taken_for_one(net: Field):
+    posing = TLS.replace("7447", "7449")
+    with net.posed(posing, "bob"):
+        done = net.ask("hold", at=posing)
+    assert done.code == 3
+    assert "no hub of our fleet" in done.err
+
+
 def test_a_certificate_that_has_expired(net: Field):
     brief = net.issue("operator brief --days 0.00002")
     eventually(lambda: "expired on" in net.ask("hold", "brief").err)

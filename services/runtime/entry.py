@@ -4,6 +4,7 @@ import argparse
 import logging
 import os
 import sys
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
@@ -18,7 +19,7 @@ from services.runtime import graph, session, snapshot
 from services.runtime import params as parameters
 from services.runtime.crew import Crew
 from services.runtime.ending import Ending
-from services.runtime.errors import QuadctlError
+from services.runtime.errors import AlreadyServed, QuadctlError
 from services.runtime.fleet import said_of
 from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
@@ -35,6 +36,8 @@ class Reopen(Exception):
 
 
 _HUB_WAIT = 5.0
+_FORGOTTEN = 5.0
+"""Seconds after a session's end in which its name may still be taken by itself."""
 _REST = 0.3
 """Seconds between closing a session and opening it anew: a hub takes a tenth to understand that its
 neighbour is gone, and does not tell one that is back sooner what there is."""
@@ -76,13 +79,20 @@ def _run(
             held.enter_context(lock)
         address = session.address_of(realm, options.connect)
         _check_role(address.endpoint, name, list(fleet))
-        ending, again = Ending(), True
+        ending, again, patience = Ending(), True, 0.0
         while again:
             with opening(address, next(iter(fleet.values())), realm) as opened:
                 _check_welcome(opened, options.connect)
-                crew = _crew(name, run, fleet, opened, realm)
-                ending.end_with(crew.stop)
-                again = _again(crew)
+                try:
+                    crew = _crew(name, run, fleet, opened, realm)
+                except AlreadyServed:
+                    # Hubs further away may still hold our own last session for alive.
+                    if time.monotonic() > patience:
+                        raise
+                else:
+                    ending.end_with(crew.stop)
+                    again = _again(crew)
+                    patience = time.monotonic() + _FORGOTTEN
             again = again and not ending.came_within(_REST)
     return 0
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 from schemas.contract import Service, Topic
 from services.runtime import graph, roster, wire
 from services.runtime.calls import Asker, Caller
-from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.errors import Invalid, NotAllowed, QuadctlError, TimedOut, Unreachable
 from services.runtime.reach import reach
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord
@@ -76,7 +76,7 @@ class Client:
             caller = Caller(self.session, self.vehicle, service)
             return caller.call(request, self._within(timeout), boot)
         except Unreachable as problem:
-            raise self.explained(problem, service.node) from problem
+            raise self.explained(problem, service.node, service.key(self.vehicle)) from problem
 
     def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
@@ -171,12 +171,21 @@ class Client:
         )
         return self.explained(problem, missing.publisher_of(key, self.vehicle))
 
-    def explained(self, problem: Unreachable, node: str = "") -> QuadctlError:
-        """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen."""
+    def explained(self, problem: Unreachable, node: str = "", key: str = "") -> QuadctlError:
+        """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen.
+
+        NotAllowed where the hub keeps us from a `key` that is served.
+        """
         from services.runtime import missing
 
         try:
             silent = self.silent_processes(_LOOK)
+            if key and self._connect:
+                from services.runtime.secure import permit
+
+                permit.tell_apart(self.session, self._connect, key, self.offers(_LOOK))
+        except NotAllowed as denied:
+            return denied
         except QuadctlError as other:
             return type(other)(f"{problem.message}: {other.message}", other.hint)
         return missing.explained(problem, node, silent)

@@ -1,5 +1,6 @@
 """Vehicle, router and operator on three machines, over mutual TLS: who may, may; all others nothing."""
 
+import json
 import shutil
 import signal
 import time
@@ -88,15 +89,42 @@ DENIED = (
 )
 
 
-@pytest.mark.parametrize(("who", "line", "why"), DENIED)
-def test_who_may_not_is_told_so_at_once(net: Field, who: str, line: str, why: str):
+def test_who_may_not_is_told_so_at_once(net: Field):
     before = touched(net.vehicle)
-    done = net.ask(line, who)
-    assert done.code == 3, done
-    assert "not allowed: " in done.err
-    assert why in done.err
-    assert f".{who}." in done.err, "the certificate's name"
+    for who, line, why in DENIED:
+        done = net.ask(line, who)
+        assert done.code == 3, (line, done)
+        assert "not allowed: " in done.err
+        assert why in done.err
+        assert f".{who}." in done.err, "the certificate's name"
     assert touched(net.vehicle) == before
+
+
+def test_a_hub_that_knows_better_is_believed_and_not_taken_for_down(net: Field):
+    """Una's certificate says that she flies uav; the router's list, that she does not."""
+    listed = net.keys / "router" / "names.json"
+    original = listed.read_bytes()
+    names = json.loads(original)
+    for name in names:
+        if name["name"] == "una":
+            name["vehicles"] = ["uav9"]
+    listed.write_text(json.dumps(names), encoding="utf-8")
+    before = touched(net.vehicle)
+
+    def denied() -> bool:
+        return "keeps student.una." in net.ask("hold --timeout 0.5", "una").err
+
+    eventually(denied)
+    assert touched(net.vehicle) == before
+    listed.write_bytes(original)
+    eventually(lambda: net.ask("hold", "una").code == 0)
+
+
+def test_a_default_up_listens_nowhere(net: Field):
+    operator = net.machines[2]
+    assert net.operator.quadctl("up", "-d").code == 0
+    assert operator.sockets() == []
+    assert net.operator.quadctl("down").code == 0
 
 
 def test_who_may_does(net: Field):

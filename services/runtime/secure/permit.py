@@ -4,10 +4,12 @@ The hub enforces; this says why. Without a certificate, on the Unix socket, all 
 """
 
 import time
+from collections.abc import Sequence
 
 import zenoh
 
 from schemas.roles import Right, keys, may
+from schemas.topics import INFO
 from services.runtime import graph
 from services.runtime.errors import NotAllowed
 from services.runtime.secure.endpoints import is_secure
@@ -17,6 +19,8 @@ from services.runtime.secure.name import Name
 _REOPENED = 1.0
 """Seconds that a gate which has just been opened anew may take to say that it is there."""
 _POLL = 0.05
+_LOOK = 0.5
+"""Seconds in which a vehicle that is there has said so."""
 _TO: dict[Right, str] = {"listen": "listen to", "publish": "publish on", "see": "see"}
 
 
@@ -64,6 +68,29 @@ def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:
                 "the certificate was revoked, or the hub has an old list of names: have one issued",
             )
         time.sleep(_POLL)
+
+
+def tell_apart(
+    session: zenoh.Session, connect: str, key: str, offers: Sequence[graph.Offer]
+) -> None:
+    """Raise NotAllowed where a key is served that nobody answered: the hub has kept us from it.
+
+    Our certificate may say more than the hub's list. What that denies we may not even see, but `info`
+    of every vehicle may be read by all.
+    """
+    if not is_secure(connect):
+        return
+    offered = any(offer.key == key for offer in offers)
+    if offered or (not offers and _informs(session, key.partition("/")[0])):
+        raise NotAllowed(
+            f"not allowed: {connect} keeps {needed(connect).name.common_name} from {key}",
+            "it is served: the hub's list of names says less than your certificate, or its quadctl is"
+            " another version",
+        )
+
+
+def _informs(session: zenoh.Session, vehicle: str) -> bool:
+    return any(reply.ok for reply in session.get(INFO.key(vehicle), timeout=_LOOK))
 
 
 def _sees_gate(session: zenoh.Session, timeout: float) -> bool:

@@ -6,7 +6,6 @@ from functools import lru_cache
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.realm import Realm
-from services.runtime.secure.endpoints import is_secure
 
 DEFAULT = "uav"
 HUB_ALONE = "hub-"
@@ -60,6 +59,7 @@ def _in(realm: str) -> list[str]:
 @lru_cache
 def _at(realm: str, connect: str, timeout: float) -> list[str]:
     from services.runtime.client import Client
+    from services.runtime.secure.endpoints import is_secure
 
     if is_secure(connect):
         from services.runtime.secure.identity import needed

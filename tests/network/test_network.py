@@ -233,7 +233,7 @@ def test_nobody_but_a_hub_is_taken_for_one(net: Field):
 
 
 def test_a_certificate_that_has_expired(net: Field):
-    brief = net.issue("operator brief --days 0.00002")
+    brief = net.issue("operator brief --days 0.00001")
     eventually(lambda: "expired on" in net.ask("hold", "brief").err)
     assert net.ask("hold", "brief").code == 3
     about = (brief / "identity.json").read_text(encoding="utf-8")

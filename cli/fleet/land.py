@@ -1,5 +1,6 @@
 """`fleet land-all`: all vehicles stop, and then come straight down."""
 
+import math
 import time
 from typing import Annotated
 
@@ -18,15 +19,18 @@ from schemas.messages import Pose, SafetyState
 from schemas.requests import GotoRequest, HoldRequest
 from schemas.topics import GOTO, HOLD, POSE, STATE
 from services.runtime.client import Client
-from services.runtime.errors import Refused, TimedOut
-from services.runtime.hearing import Readings
+from services.runtime.errors import Refused
 
 _STOPPING = 5.0
 """Seconds to come to rest in; in gusts it never does, and lands from where it is."""
 _SLOW = 0.05
-"""A vehicle slower than this (m/s) has come to rest."""
-_DOWN = 0.05
-"""A vehicle lower than this (m) stands on the ground."""
+"""A vehicle slower than this (m/s) may be sent elsewhere."""
+_IDLE = 3.0
+"""Simulated s for which one stands, its motors idle by now, that safety does not hold for arrived:
+it was blown farther off its goal than the acceptance range."""
+_DOWN, _STILL, _AT_REST = 0.05, 0.01, 0.2
+"""Lower than this (m) and slower than this (m/s) for so long (simulated s), it stands: in gusts a
+hovering vehicle is never as still."""
 
 
 def land_all(
@@ -77,57 +81,56 @@ def land_all(
     fail(heard.problems)
 
 
+class _Descent(Flight):
+    """A flight to the ground: over when the vehicle stands there, however far off the goal."""
+
+    pose: Pose | None = None
+    _still_since, _reached = math.inf, False
+
+    def _read(self, message: Pose | SafetyState) -> None:
+        super()._read(message)
+        if isinstance(message, Pose):
+            self.pose = message
+            if message.position.z > _DOWN or _speed(message) > _STILL or not self._moving:
+                self._still_since = message.stamp
+        self._reached = self._reached or self.arrived
+        long = _AT_REST if self._reached else _IDLE
+        self.arrived = self.pose is not None and self.pose.stamp - self._still_since > long
+
+
 class _Landing:
     """One vehicle's way down, through the services that any other command calls."""
 
     def __init__(self, client: Client, board: Board, name: str) -> None:
         self._client, self._board, self._name = client, board, name
-        self._poses: Readings[Pose] = client.hear(POSE)
 
     def run(self, left: float, arrive: float | None) -> Position:
         """Stop within `left` s, and land; returns where it stands. Raises what kept it from that."""
         self._client.call(HOLD, HoldRequest(), left)
-        pose = self._at_rest()
-        goal = ground_below(pose.position, self._client.latest(STATE))
-        flight = Flight(self._client, goal)
+        at = self._at_rest()
+        goal = ground_below(at, self._client.latest(STATE))
+        flight = _Descent(self._client, goal)
         reply = self._client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z, replace=True))
         if not reply.accepted:
             raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
-        whole = max(distance(pose.position, goal), 1e-6)
+        whole = max(distance(at, goal), 1e-6)
         limit = arrive or patience(self._client, whole)
-        ends = time.monotonic() + limit
         flight.watch(limit, lambda to_go: self._board.update(self._name, to_go, whole))
-        down = self._touched_down(ends)
+        if self._client.latest(STATE).state == "MOVING":
+            # It would be busy for ever.
+            self._client.call(HOLD, HoldRequest())
         self._board.update(self._name, 0.0, whole)
-        return down.position
+        return flight.pose.position if flight.pose else goal
 
-    def _at_rest(self) -> Pose:
+    def _at_rest(self) -> Position:
+        poses = self._client.hear(POSE)
         ends = time.monotonic() + _STOPPING
-        pose = self._newest()
-        while _speed(pose) > _SLOW and time.monotonic() < ends:
-            pose = self._newest()
-        return pose
-
-    def _touched_down(self, ends: float) -> Pose:
-        # Safety holds a goal for reached that is nearer than the acceptance range.
-        pose = self._newest()
-        while pose.position.z > _DOWN or _speed(pose) > _SLOW:
-            if time.monotonic() > ends:
-                raise TimedOut(
-                    f"not on the ground in time: {pose.position.z:.2f} m above it",
-                    "the landing goes on; --arrive waits longer",
-                )
-            pose = self._newest()
-        return pose
-
-    def _newest(self) -> Pose:
-        """The next pose, or where several wait the last of them."""
-        pose = self._poses.next(self._client.timeout)
-        while (newer := self._poses.next(0)) is not None:
-            pose = newer
-        if pose is None:
-            raise self._client.silent(POSE.key(self._client.vehicle), self._poses.unread)
-        return pose
+        while True:
+            pose = poses.next(self._client.timeout)
+            if pose is None:
+                raise self._client.silent(POSE.key(self._client.vehicle), poses.unread)
+            if _speed(pose) < _SLOW or time.monotonic() > ends:
+                return pose.position
 
 
 def ground_below(place: Position, state: SafetyState) -> Position:

@@ -114,7 +114,7 @@ class _Landing:
         if not reply.accepted:
             raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
         whole = max(distance(at, goal), 1e-6)
-        limit = arrive or patience(self._client, whole)
+        limit = arrive or patience(self._client, whole) + _IDLE
         flight.watch(limit, lambda to_go: self._board.update(self._name, to_go, whole))
         if self._client.latest(STATE).state == "MOVING":
             # It would be busy for ever.

@@ -17,9 +17,9 @@ from services.runtime.errors import TimedOut
 
 T = TypeVar("T")
 
-_SLACK = 0.5
+_SLACK = 0.15
 """Seconds beyond the timeout in which who is late may still say why."""
-_FAREWELL = 0.2
+_FAREWELL = 0.1
 """Seconds for taking leave of the hubs; one that is away is not waited for."""
 
 

@@ -1,6 +1,5 @@
 """`fleet land-all`: all vehicles stop, and then come straight down."""
 
-import math
 import time
 from typing import Annotated
 
@@ -85,13 +84,14 @@ class _Descent(Flight):
     """A flight to the ground: over when the vehicle stands there, however far off the goal."""
 
     pose: Pose | None = None
-    _still_since, _reached = math.inf, False
+    _still_since, _reached = 0.0, False
 
     def _read(self, message: Pose | SafetyState) -> None:
         super()._read(message)
         if isinstance(message, Pose):
-            self.pose = message
-            if message.position.z > _DOWN or _speed(message) > _STILL or not self._moving:
+            first, self.pose = self.pose is None, message
+            flies = message.position.z > _DOWN or _speed(message) > _STILL
+            if first or flies or not self._moving:
                 self._still_since = message.stamp
         self._reached = self._reached or self.arrived
         long = _AT_REST if self._reached else _IDLE

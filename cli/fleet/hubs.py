@@ -60,7 +60,7 @@ class Hubs:
             shared = found.result(max(ends - time.monotonic(), 0))
         except TimeoutError as error:
             raise late(connect, timeout) from error
-        return shared.beside(vehicle, max(ends - time.monotonic(), 0.001))
+        return shared.beside(vehicle, max(round(ends - time.monotonic(), 2), 0.01))
 
     def ask(
         self, members: Collection[Member], do: Callable[[Member, Client], T], *, bounded: bool

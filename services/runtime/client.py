@@ -1,5 +1,6 @@
 """A command's way onto the bus: connects at once or fails at once, and never hangs."""
 
+import copy
 import time
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -54,6 +55,12 @@ class Client:
             self.session.close()
         else:
             _lost.append(self)
+
+    def beside(self, vehicle: str, timeout: float) -> Self:
+        """The same connection for another vehicle's keys, with a timeout (s) of its own."""
+        other = copy.copy(self)
+        other.vehicle, other.timeout = vehicle, timeout
+        return other
 
     def call(
         self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""

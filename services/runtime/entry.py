@@ -60,17 +60,18 @@ def _run(
     realm = Realm(options.realm)
     realm.create()
     fleet = _params(realm, options)
+    first = next(iter(fleet.values()))
     with ExitStack() as held:
         for vehicle in fleet:
             lock = FileLock(realm.folder / f"{vehicle}.{name}.lock", f"the node {name}")
             held.enter_context(lock)
         address = session.address_of(realm, options.connect)
-        opened = held.enter_context(opening(address, next(iter(fleet.values())), realm))
+        opened = held.enter_context(opening(address, first, realm))
         restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
         crew = Crew()
         for vehicle, params in fleet.items():
-            first = vehicle == next(iter(fleet))
-            node = Node(name, vehicle, opened, restarted=restarted, first=first)
+            like = None if params is first else first
+            node = Node(name, vehicle, opened, restarted=restarted, like=like)
             _serve_params(node, params, realm)
             crew.take(vehicle, node.loop, partial(run, node, params))
         stop_on_signals(crew.stop)

@@ -84,6 +84,23 @@ def test_what_is_older_than_its_deadline_when_it_comes_is_not_executed(
         assert here.state()["request"] == before
 
 
+def test_over_a_lossy_link_what_is_answered_is_what_was_done(far_operator: tuple[Lab, Proxy]):
+    lab, _ = far_operator
+    lossy = Proxy(lab.home / "hub.sock", DELAY / 4, lost=0.2)
+    with lossy, lab.bare() as here, Bare(lossy.endpoint) as far:
+        gotos = here.watch("uav/@call/goto")
+        replies = []
+        for number in range(100, 140):
+            # Some come in time, and some may not.
+            attachment = ticket(0.2 if number % 2 else 30.0)
+            replies.append((number, ask(far, attachment, place(number))))
+            time.sleep(0.01)
+        answers = {number: next(iter(reply)) for number, reply in replies}
+        taken = [place(number)["x"] for number, reply in answers.items() if reply.ok is not None]
+        assert [call["request"]["x"] for call in gotos.messages] == taken, "each once, in order"
+        assert {place(number)["x"] for number in range(100, 140, 2)} <= set(taken)
+
+
 def test_over_a_link_that_is_cut_nothing_is_executed_twice_or_late(far_operator: tuple[Lab, Proxy]):
     assert cut_off_the_operator(*far_operator, SHORT) == 1
 
@@ -161,10 +178,10 @@ def cut_off_the_operator(lab: Lab, link: Proxy, seconds: float) -> int:
         return executed
 
 
-def ask(bare: Bare, attachment: bytes, goal: dict[str, Any]) -> None:
-    """Call goto, and leave the answer to whoever hears it."""
+def ask(bare: Bare, attachment: bytes, goal: dict[str, Any]) -> Any:
+    """Call goto; returns where the answer will come."""
     payload = pack(goal | {"replace": True})
-    bare.session.get(GOTO, payload=payload, attachment=attachment, timeout=60.0)
+    return bare.session.get(GOTO, payload=payload, attachment=attachment, timeout=60.0)
 
 
 def again(bare: Bare, attachment: bytes) -> Any:

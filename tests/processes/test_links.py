@@ -61,14 +61,14 @@ def place(number: int) -> dict[str, float]:
 
 def test_over_a_slow_link_each_command_is_executed_once(far_operator: tuple[Lab, Proxy]):
     lab, link = far_operator
-    over = ("--connect", link.endpoint, "--vehicle", "uav")
+    over = ("--connect", link.endpoint, "--timeout", 20)
     with lab.bare() as here:
         gotos, before = here.watch("uav/@call/goto"), here.state()["request"]
         for number in range(2):
             goal = place(number).values()
-            done = lab.quadctl("goto", *goal, "--no-wait", "--replace", *over)
+            done = lab.quadctl("goto", *goal, "--no-wait", "--replace", "--vehicle", "uav", *over)
             assert done == (0, "accepted\n", "")
-        assert lab.quadctl("fleet", "hold", "--connect", link.endpoint).code == 0
+        assert lab.quadctl("fleet", "hold", *over).code == 0
         assert here.state()["request"] == before + 2
         assert [call["request"]["x"] for call in gotos.messages] == [1.0, 1.001]
 

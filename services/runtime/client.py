@@ -1,6 +1,5 @@
 """A command's way onto the bus: connects at once or fails at once, and never hangs."""
 
-import copy
 import time
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -58,7 +57,8 @@ class Client:
 
     def beside(self, vehicle: str, timeout: float) -> Self:
         """The same connection for another vehicle's keys, with a timeout (s) of its own."""
-        other = copy.copy(self)
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__)
         other.vehicle, other.timeout = vehicle, timeout
         return other
 

@@ -57,8 +57,9 @@ class Client:
 
     def beside(self, vehicle: str, timeout: float) -> Self:
         """The same connection for another vehicle's keys, with a timeout (s) of its own."""
-        other = type(self).__new__(type(self))
-        other.__dict__.update(self.__dict__)
+        from copy import copy
+
+        other = copy(self)
         other.vehicle, other.timeout = vehicle, timeout
         return other
 

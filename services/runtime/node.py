@@ -24,7 +24,8 @@ M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
-_DEPTH = 64
+_DEPTH = 1000
+"""Messages that may wait for a handler: a hundredth of a second of a flood."""
 
 
 class Node:

@@ -22,7 +22,8 @@ DELAY = 0.2
 SHORT, LONG = 1.5, 5.0
 """Seconds of a cut; either is longer than Zenoh keeps a connection that is silent."""
 PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6",
-           "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50")  # fmt: skip
+           "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50",
+           "--set", "supervise.answer_timeout=30")  # fmt: skip
 """A busy machine is no bad link."""
 AT_REST = 0.05
 """m/s."""

@@ -64,4 +64,4 @@ def test_what_cannot_be_is_told_with_its_place(text: str, said: str, hint: str):
 def test_the_example_is_a_fleet():
     found = read(EXAMPLE, "")
     assert [member.name for member in found.members] == ["uav0", "uav1"]
-    assert set(found.formations) == {"line", "stack"}
+    assert set(found.formations) == {"line", "stairs"}

@@ -42,7 +42,8 @@ def land_all(
     """Stop all vehicles and land each straight below; one outside its cage, at the cage's edge.
 
     A hub that is away delays none of the others. 0 only where all have landed, else the code of the
-    worst: nobody answers (3) before a timeout (4) before a refusal (5).
+    worst: nobody answers (3) before a timeout (4) before a refusal (5). Nobody keeps the vehicles
+    out of one another's way.
 
     Example: quadctl fleet land-all
     """

@@ -16,14 +16,24 @@ from schemas.topics import POSE, STATE
 from services.runtime import wire
 from services.runtime.client import Client
 from services.runtime.errors import QuadctlError
+from services.runtime.hearing import Message, Stream
+
+
+class _Heard(Struct, frozen=True):
+    """What a vehicle's thread has heard of it; poses go on coming."""
+
+    state: SafetyState
+    poses: Stream
+    first: Message | None
+    problem: QuadctlError | None
 
 
 class _Seen(Struct, frozen=True):
-    """A vehicle as it was seen. `stamped` is when the pose was, s on the monotonic clock."""
+    """A vehicle as it was seen, its pose of so many seconds ago."""
 
     state: SafetyState
     pose: Pose | None = None
-    stamped: float = 0.0
+    age: float = 0.0
     problem: QuadctlError | None = None
 
 
@@ -36,16 +46,16 @@ def list_(options: Options, file: File = None) -> None:
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, _see, bounded=True)
-    partly = {name: seen.problem for name, seen in heard.answers.items() if seen.problem}
+        heard = hubs.ask(members, _hear, bounded=True)
+        # Of now, however long somebody else was waited for.
+        seen = {name: _see(answer) for name, answer in heard.answers.items()}
+    partly = {name: one.problem for name, one in seen.items() if one.problem}
     problems = heard.problems | partly
     if options.json:
-        output.document(
-            [_row(m, options, heard.answers.get(m.name), problems.get(m.name)) for m in members]
-        )
+        output.document([_row(m, options, seen.get(m.name), problems.get(m.name)) for m in members])
     else:
         rows = [
-            (m.name, hub_of(m, options), *_cells(heard.answers.get(m.name), problems.get(m.name)))
+            (m.name, hub_of(m, options), *_cells(seen.get(m.name), problems.get(m.name)))
             for m in members
         ]
         output.table(
@@ -54,19 +64,25 @@ def list_(options: Options, file: File = None) -> None:
     fail(problems)
 
 
-def _see(_member: Member, client: Client) -> _Seen:
+def _hear(_member: Member, client: Client) -> _Heard:
     ends = time.monotonic() + client.timeout
     key = POSE.key(client.vehicle)
     poses = client.listen(key, backlog=1)
     state = client.latest(STATE)
-    message = poses.next(ends - time.monotonic())
+    first = poses.next(ends - time.monotonic())
+    return _Heard(state, poses, first, None if first else client.silent(key))
+
+
+def _see(heard: _Heard) -> _Seen:
+    message = heard.poses.next(0) or heard.first
     if message is None:
-        return _Seen(state, problem=client.silent(key))
+        return _Seen(heard.state, problem=heard.problem)
     try:
         pose = wire.decode(Pose, message.payload, message.encoding)
     except QuadctlError as problem:
-        return _Seen(state, problem=problem)
-    return _Seen(state, pose, message.received - (message.age or 0.0))
+        return _Seen(heard.state, problem=problem)
+    age = time.monotonic() - message.received + (message.age or 0.0)
+    return _Seen(heard.state, pose, age)
 
 
 def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError | None) -> object:
@@ -79,7 +95,7 @@ def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError 
         goal=state.goal if state else None,
         position=pose.position if pose else None,
         cage_on=state.cage_on if state else None,
-        age=time.monotonic() - seen.stamped if seen and pose else None,
+        age=seen.age if seen and pose else None,
     )
 
 
@@ -87,7 +103,7 @@ def _cells(seen: _Seen | None, problem: QuadctlError | None) -> tuple[str, ...]:
     said = f"{problem.code}: {problem.message}" if problem else ""
     if seen is None:
         return ("-", "-", "-", "-", "-", said)
-    age = f"{time.monotonic() - seen.stamped:.2f}" if seen.pose else "-"
+    age = f"{seen.age:.2f}" if seen.pose else "-"
     at = _point(seen.pose.position) if seen.pose else "-"
     cage = "on" if seen.state.cage_on else "off"
     return (seen.state.state, _point(seen.state.goal), at, cage, age, said)

@@ -31,14 +31,14 @@ def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> Fleet:
 
 
 def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:
-    # Of a run of this machine, also those whose processes are away.
-    said = [] if options.connect else vehicles.of(options.realm, "", options.timeout)
-    stem = said[0] if said else vehicles.DEFAULT
-    live = hubs.client(options.connect, stem, options.timeout).vehicles()
-    names = dict.fromkeys([*said, *sorted(live, key=_in_order)])
+    names = set(vehicles.of(options.realm, options.connect, options.timeout))
+    if not options.connect:
+        # The run's record names those too whose processes are away, but nobody that came besides.
+        any_ = next(iter(names), vehicles.DEFAULT)
+        names |= set(hubs.client("", any_, options.timeout).vehicles())
     if not names:
         raise Unreachable("no vehicle is on the hub", "`quadctl up` starts one")
-    return [Member(name, options.connect, name) for name in names]
+    return [Member(name, options.connect, name) for name in sorted(names, key=_in_order)]
 
 
 def _in_order(name: str) -> list[tuple[int, str]]:

@@ -1,13 +1,15 @@
 """The fleet's file: who flies where, and what is told of a file that cannot be."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 
-from cli.fleet.file import Member, fleet_of
+from cli.fleet.file import Member, fleet_of, read
 from schemas.geometry import Position
 from services.runtime.errors import Invalid
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "fleet.toml"
 WHOLE = """
 [vehicles]
 uav0 = {}
@@ -57,3 +59,9 @@ def test_what_cannot_be_is_told_with_its_place(text: str, said: str, hint: str):
         fleet(text)
     assert said in raised.value.message
     assert hint in raised.value.hint
+
+
+def test_the_example_is_a_fleet():
+    found = read(EXAMPLE, "")
+    assert [member.name for member in found.members] == ["uav0", "uav1"]
+    assert set(found.formations) == {"line", "stairs"}

@@ -1,6 +1,7 @@
 """A bad link: a TCP proxy to a hub that delays what passes, stops passing it, or breaks off."""
 
 import asyncio
+import random
 import threading
 from collections.abc import Coroutine
 from pathlib import Path
@@ -11,17 +12,21 @@ T = TypeVar("T")
 _WINDOW = 64
 """Pieces under way on a link; beyond, its sender has to wait, as for a full pipe."""
 _PIECE = 16_384
+_RESENT = 0.3
+"""Seconds after which what was lost is sent again."""
 
 
 class Proxy:
     """Listens on a free port of the loopback interface; `endpoint` is that of the hub behind it.
 
-    Both ways what comes is passed on `delay` s later. While it is `cut` nothing is, as with a cable
+    Both ways what comes is passed on `delay` s later; of what is `lost`, a share of all, it takes
+    longer, and so it does of all that comes behind it, as TCP has it. While it is `cut` nothing is, as with a cable
     pulled out: what is under way waits, and so does who connects.
     """
 
-    def __init__(self, hub: Path, delay: float = 0.0) -> None:
-        self._hub, self._delay = hub, delay
+    def __init__(self, hub: Path, delay: float = 0.0, lost: float = 0.0) -> None:
+        self._hub, self._delay, self._lost = hub, delay, lost
+        self._draw = random.Random(0)
         self._loop = asyncio.new_event_loop()
         self._links: set[asyncio.Task[None]] = set()
         self._thread = threading.Thread(target=self._loop.run_forever)
@@ -91,7 +96,8 @@ class Proxy:
             piece = b"."
             while piece:
                 piece = await source.read(_PIECE)
-                await under_way.put((self._loop.time() + self._delay, piece))
+                again = _RESENT if self._draw.random() < self._lost else 0.0
+                await under_way.put((self._loop.time() + self._delay + again, piece))
 
         taking = asyncio.create_task(take())
         try:

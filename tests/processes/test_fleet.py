@@ -23,7 +23,7 @@ red = [2.0, 0.0, 0.5]
 """
 NAMES = ["uav0", "uav1", "red"]
 CALM = ("--set", "dynamics.start.z=1", "--set", "safety.pose_timeout=5",
-        "--set", "dynamics.setpoint_timeout=5")  # fmt: skip
+        "--set", "dynamics.setpoint_timeout=5", "--set", "supervise.answer_timeout=60")  # fmt: skip
 """On a busy machine nobody is stopped because a process had to wait for its turn."""
 
 

@@ -22,7 +22,8 @@ DELAY = 0.2
 SHORT, LONG = 1.5, 5.0
 """Seconds of a cut; either is longer than Zenoh keeps a connection that is silent."""
 PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6",
-           "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50")  # fmt: skip
+           "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50",
+           "--set", "supervise.answer_timeout=30")  # fmt: skip
 """A busy machine is no bad link."""
 AT_REST = 0.05
 """m/s."""
@@ -61,14 +62,14 @@ def place(number: int) -> dict[str, float]:
 
 def test_over_a_slow_link_each_command_is_executed_once(far_operator: tuple[Lab, Proxy]):
     lab, link = far_operator
-    over = ("--connect", link.endpoint, "--vehicle", "uav")
+    over = ("--connect", link.endpoint, "--timeout", 20)
     with lab.bare() as here:
         gotos, before = here.watch("uav/@call/goto"), here.state()["request"]
         for number in range(2):
             goal = place(number).values()
-            done = lab.quadctl("goto", *goal, "--no-wait", "--replace", *over)
+            done = lab.quadctl("goto", *goal, "--no-wait", "--replace", "--vehicle", "uav", *over)
             assert done == (0, "accepted\n", "")
-        assert lab.quadctl("fleet", "hold", "--connect", link.endpoint).code == 0
+        assert lab.quadctl("fleet", "hold", *over).code == 0
         assert here.state()["request"] == before + 2
         assert [call["request"]["x"] for call in gotos.messages] == [1.0, 1.001]
 
@@ -82,6 +83,23 @@ def test_what_is_older_than_its_deadline_when_it_comes_is_not_executed(
         late = far.query(GOTO, pack(place(10)), attachment=ticket(DELAY / 2))
         assert (late.ok, late.code) == (False, "expired")
         assert here.state()["request"] == before
+
+
+def test_over_a_lossy_link_what_is_answered_is_what_was_done(far_operator: tuple[Lab, Proxy]):
+    lab, _ = far_operator
+    lossy = Proxy(lab.home / "hub.sock", DELAY / 4, lost=0.2)
+    with lossy, lab.bare() as here, Bare(lossy.endpoint) as far:
+        gotos = here.watch("uav/@call/goto")
+        replies = []
+        for number in range(100, 140):
+            # Some come in time, and some may not.
+            attachment = ticket(0.2 if number % 2 else 30.0)
+            replies.append((number, ask(far, attachment, place(number))))
+            time.sleep(0.01)
+        answers = {number: next(iter(reply)) for number, reply in replies}
+        taken = [place(number)["x"] for number, reply in answers.items() if reply.ok is not None]
+        assert [call["request"]["x"] for call in gotos.messages] == taken, "each once, in order"
+        assert {place(number)["x"] for number in range(100, 140, 2)} <= set(taken)
 
 
 def test_over_a_link_that_is_cut_nothing_is_executed_twice_or_late(far_operator: tuple[Lab, Proxy]):
@@ -161,10 +179,10 @@ def cut_off_the_operator(lab: Lab, link: Proxy, seconds: float) -> int:
         return executed
 
 
-def ask(bare: Bare, attachment: bytes, goal: dict[str, Any]) -> None:
-    """Call goto, and leave the answer to whoever hears it."""
+def ask(bare: Bare, attachment: bytes, goal: dict[str, Any]) -> Any:
+    """Call goto; returns where the answer will come."""
     payload = pack(goal | {"replace": True})
-    bare.session.get(GOTO, payload=payload, attachment=attachment, timeout=60.0)
+    return bare.session.get(GOTO, payload=payload, attachment=attachment, timeout=60.0)
 
 
 def again(bare: Bare, attachment: bytes) -> Any:

@@ -16,6 +16,7 @@ LONGEST_TIMEOUT = 86_400
 COMMON: dict[str, tuple[type, str]] = {
     "realm": (str, "Name of the isolated run (env QUADCTL_REALM, default: default)."),
     "connect": (str, "A hub's Zenoh endpoint, as tls/host:7447, instead of the realm's."),
+    "identity": (str, "Who you are on a network: a folder (env QUADCTL_IDENTITY)."),
     "vehicle": (str, "Whose keys are meant (env QUADCTL_VEHICLE, default: the only one)."),
     "timeout": (float, f"Seconds to wait for a reply (default: {DEFAULT_TIMEOUT:g})."),
     "json": (bool, "Machine-readable output."),
@@ -46,6 +47,16 @@ class Options(Struct, frozen=True):
         return there if self.vehicle in there else [self.vehicle]
 
 
+def here(options: Options, what: str) -> None:
+    """Raise UsageError where the options name a hub: `what` is about this machine's processes."""
+    if options.connect:
+        raise UsageError(
+            f"{what} is about the processes of this machine, and --connect {options.connect} about"
+            " the bus alone",
+            f"on the machine itself: `ssh HOST quadctl {what}`",
+        )
+
+
 def options_of(said: Mapping[str, Any]) -> Options:
     """From what the line says, the environment, and the defaults; raises UsageError."""
     timeout = said.get("timeout", DEFAULT_TIMEOUT)
@@ -55,6 +66,10 @@ def options_of(said: Mapping[str, Any]) -> Options:
             f"--timeout {timeout:g}: not a time",
             f"give seconds, more than 0, up to {LONGEST_TIMEOUT}",
         )
+    if folder := said.get("identity"):
+        from services.runtime.secure.identity import choose
+
+        choose(folder)
     return Options(
         realm=said.get("realm") or default_name(),
         connect=said.get("connect", ""),

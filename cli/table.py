@@ -8,6 +8,7 @@ Command = Callable[..., None]
 
 COMMANDS = {
     "up": "cli.run.up:up",
+    "hub": "cli.run.hub:hub",
     "down": "cli.run.down:down",
     "status": "cli.run.status:status",
     "ps": "cli.run.status:status",
@@ -64,6 +65,10 @@ COMMANDS = {
     "node logs": "cli.node.logs:logs",
     "node restart": "cli.node.restart:restart",
     "node kill": "cli.node.kill:kill",
+    "keys init": "cli.keys.init:init",
+    "keys issue": "cli.keys.issue:issue",
+    "keys list": "cli.keys.list:list_",
+    "keys revoke": "cli.keys.revoke:revoke",
     "type list": "cli.type.show:list_",
     "type show": "cli.type.show:show",
 }
@@ -77,6 +82,7 @@ GROUPS = {
     "service": "What can be called.",
     "param": "Parameters of the running system.",
     "node": "The processes on the bus.",
+    "keys": "Who may do what on a network: certificates.",
     "type": "Messages and services, field by field.",
 }
 

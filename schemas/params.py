@@ -4,12 +4,13 @@
 Values that a node reads at its next step change at once with `param set`.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
 from schemas.barometer import PressureParams
 from schemas.faults import FlightFaultParams
+from schemas.hub import HubParams
 from schemas.units import Metres
 from schemas.vehicle import ControlParams, VehicleParams
 from schemas.wind import WindParams
@@ -156,43 +157,6 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
             )
 
 
-_PORTS = ("tcp", "udp", "tls", "quic", "ws")
-"""Zenoh's protocols on host:port."""
-_LOCAL = ("unixsock-stream",)
-"""Zenoh's protocols on a path."""
-
-
-class HubParams(Struct, forbid_unknown_fields=True):
-    """The Zenoh router that everything else is a client of."""
-
-    transport: Annotated[
-        Literal["auto", "unix", "tcp"],
-        Meta(
-            description="unix: a socket in the realm's folder; tcp: a loopback port with a password;"
-            " auto: unix where there is such a thing",
-            extra={"unit": ""},
-        ),
-    ] = "auto"
-    listen: Annotated[
-        list[str],
-        Meta(
-            description="further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447",
-            extra={"unit": ""},
-        ),
-    ] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for what no Zenoh router can listen on."""
-        for endpoint in self.listen:
-            protocol, _, address = endpoint.partition("/")
-            if not (address and (protocol in _LOCAL or (protocol in _PORTS and ":" in address))):
-                known = ", ".join((*_PORTS, *_LOCAL))
-                raise ValueError(
-                    f"listen: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
-                    f"tcp/127.0.0.1:7447; the protocols are {known}"
-                )
-
-
 class SuperviseParams(Struct, forbid_unknown_fields=True):
     """How `quadctl up` looks after its processes."""
 
@@ -240,6 +204,7 @@ FIXED_AT_LAUNCH = frozenset(
         "dynamics.seed",
         "hub.transport",
         "hub.listen",
+        "hub.connect",
     }
 )
 """What all processes must agree on, or what cannot be undone: `param set` refuses these."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cli import output
 from cli.declare import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
-from cli.options import Options
+from cli.options import Options, here
 from cli.own import run_of_its_own
 from services.runtime.client import Client
 from services.runtime.launch import Launch
@@ -28,6 +28,7 @@ def demo(
 
     Example: quadctl demo --picture flight.svg
     """
+    here(options, "demo")
     from cli.plot.flight import Flight, wanted
     from cli.plot.picture import draw
 

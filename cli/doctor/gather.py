@@ -16,7 +16,7 @@ from services.runtime.realm import Realm
 from services.runtime.record import RunRecord
 from services.runtime.session import Address, address_of
 from services.runtime.survey import Survey
-from services.runtime.vehicles import DEFAULT
+from services.runtime.vehicles import DEFAULT, hub_alone
 
 
 class Place(NamedTuple):
@@ -72,6 +72,9 @@ def gather(options: Options) -> Facts:
 
 def _meant(options: Options) -> tuple[str, list[str]]:
     """The vehicle, and all of its run; a hub that does not answer is a finding, told below."""
+    alone = "" if options.connect or options.named else hub_alone(options.realm)
+    if alone:
+        return alone, [alone]
     try:
         return options.vehicle, options.vehicles
     except (Unreachable, TimedOut):

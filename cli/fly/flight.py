@@ -65,7 +65,9 @@ class Flight:
         self._call_ahead()
         # A known beginning. Each answer also says that the calls before it have arrived.
         cage_on = bool(self.parameters["safety.cage_on"])
-        self._client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on))
+        if self._client.latest(STATE).cage_on is not cage_on:
+            # Not said in vain: a student may fly, and not say it.
+            self._client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on))
         self._client.call(CALIBRATE, CalibrateRequest(zero=False))
         try:
             self._client.call(RESET, ResetRequest(), boot=self._boot)

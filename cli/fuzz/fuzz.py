@@ -12,7 +12,7 @@ from cli import bus, output
 from cli.declare import Opt
 from cli.fuzz.payloads import Payload, refused
 from cli.lab.progress import Progress
-from cli.options import Options
+from cli.options import Options, here
 from schemas.requests import GetParamsRequest
 from schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
 from services.runtime import record
@@ -20,6 +20,7 @@ from services.runtime.client import Client
 from services.runtime.errors import QuadctlError, Unreachable
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
+from services.runtime.secure.endpoints import is_secure
 from services.runtime.volley import Volley
 
 _FAULT_FOUND = 8
@@ -44,6 +45,9 @@ def fuzz(
 
     Example: quadctl fuzz --payloads 100000 --seed 1
     """
+    if is_secure(options.connect):
+        # What a role keeps out would prove nothing.
+        here(options, "fuzz")
     with bus.connect(options) as client:
         before = _look(client, options)
         volley = Volley(client)

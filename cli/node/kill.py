@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cli import output
 from cli.declare import Arg, Opt
-from cli.options import Options
+from cli.options import Options, here
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.named import nearest, normal_name
@@ -43,6 +43,7 @@ def kill(
 
 def signalled(options: Options, name: str, signal_: str) -> ProcessRecord:
     """Send a signal, as KILL, to a node's process; raises Unreachable where there is none."""
+    here(options, "node kill")
     process = _process(record.read(Realm(options.realm)), name)
     _send(process, getattr(signal, f"SIG{signal_}"))
     return process

@@ -7,7 +7,7 @@ from typing import Annotated
 from cli import output
 from cli.declare import Arg, Opt
 from cli.node.tail import Tail
-from cli.options import Options
+from cli.options import Options, here
 from services.runtime import record
 from services.runtime.errors import Unreachable
 from services.runtime.named import nearest, normal_name
@@ -31,6 +31,7 @@ def logs(
 
     Example: quadctl node logs safety -n 20 -f
     """
+    here(options, "node logs")
     realm = Realm(options.realm)
     if not record.is_live(realm) and not realm.logs.is_dir():
         raise record.not_running(realm)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cli import output
 from cli.declare import Arg, Opt
-from cli.options import Options
+from cli.options import Options, here
 from services.runtime import record
 from services.runtime.asking import ask_restart, wait_restarted
 from services.runtime.errors import UsageError
@@ -22,6 +22,7 @@ def restart(
 
     Example: quadctl node restart pressure
     """
+    here(options, "node restart")
     if bool(names) == everything:
         raise UsageError("node restart takes the nodes' names, or --all")
     realm = Realm(options.realm)

@@ -40,9 +40,13 @@ def record(
     options = anyone(options)
     path = file or default_file()
     free(path)
+    from services.runtime.secure import permit
+
     with bus.connect(options) as client:
         # Whether there is anything to record is known here, and said better.
         client.flush()
+        wanted = wanted or permit.everything(options.connect)
+        client.permit("listen", *wanted)
     with Recorder(options, path, wanted, duration) as recorder:
         facts = _follow(options, recorder)
     if not options.json:

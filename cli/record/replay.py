@@ -103,6 +103,7 @@ def _somewhere(options: Options) -> Iterator[Client]:
 
 def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int, float]:
     """Say it all; returns how many messages, and in how many seconds."""
+    client.permit("publish", *plan.keys)
     stage, said = Stage(client.session, plan.keys), 0
     began = shown = asked = time.monotonic()
     with Progress("replaying", quiet=quiet) as progress:

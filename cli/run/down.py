@@ -1,7 +1,7 @@
 """`down`: ends the run of a realm."""
 
 from cli import output
-from cli.options import Options
+from cli.options import Options, here
 from services.runtime.halt import halt
 from services.runtime.realm import Realm
 
@@ -11,6 +11,7 @@ def down(options: Options) -> None:
 
     Example: quadctl down
     """
+    here(options, "down")
     run = halt(Realm(options.realm), options.timeout)
     said = {"realm": options.realm, "pid": run.pid}
     output.either(options, said, f"realm {options.realm} is down")

@@ -7,7 +7,7 @@ import msgspec
 from cli import output
 from cli.fault.catalogue import active
 from cli.fault.kept import values_of
-from cli.options import Options
+from cli.options import Options, here
 from cli.run.rows import duration
 from cli.run.usage import memory
 from services.runtime import record
@@ -21,6 +21,7 @@ def status(options: Options) -> None:
 
     Example: quadctl status --json
     """
+    here(options, "status")
     realm = Realm(options.realm)
     run = record.read(realm)
     faults = _faults(realm, run)

@@ -1,9 +1,12 @@
 """`up`: starts the system."""
 
+import json
 import signal
 import sys
 from pathlib import Path
 from typing import Annotated
+
+from msgspec import structs
 
 from cli import output
 from cli.declare import Arg, Opt
@@ -36,6 +39,13 @@ def up(
         list[str] | None,
         Opt("Override a parameter of the file.", ("--set",), "NAME=VALUE", complete="setting"),
     ] = None,
+    listen: Annotated[
+        list[str] | None,
+        Opt("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
+    ] = None,
+    insecure: Annotated[
+        bool, Opt("Let listeners that are not encrypted be reached from other machines.")
+    ] = False,
     record: Annotated[
         str | None,
         Opt("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
@@ -44,17 +54,34 @@ def up(
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
 
     Several vehicles start on a grid of 2 m; --set uav3.safety.takeoff=2 sets one's own parameter.
+    With --connect the run's hub joins that other one.
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
     source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
     stem = options.named or DEFAULT
     names = [stem] if vehicles is None else fleet.names(stem, vehicles)
-    parameters = fleet.load(source, settings or (), names)
+    network = reached(listen, options.connect)
+    parameters = fleet.load(source, [*(settings or ()), *network], names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
-    launch = Launch(options.realm, parameters, without or [], str(folder), recording)
+    begin(
+        Launch(options.realm, parameters, without or [], str(folder), recording, insecure),
+        options,
+        detach=detach,
+    )
+
+
+def reached(listen: list[str] | None, connect: str) -> list[str]:
+    """The settings that say where the hub is reached, and which other one it joins."""
+    said = {"listen": listen or [], "connect": [connect] if connect else []}
+    return [f"hub.{name}={json.dumps(places)}" for name, places in said.items() if places]
+
+
+def begin(launch: Launch, options: Options, *, detach: bool) -> None:
+    """Supervise it, here or in the background."""
     launch.processes()
+    options = structs.replace(options, connect="")
     if detach:
         in_background(launch)
         if options.json:

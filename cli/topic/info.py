@@ -14,6 +14,8 @@ from services.runtime.errors import Unreachable
 from services.runtime.graph import Offer
 from services.runtime.named import nearest
 
+_LISTENERS = {True: "at least one", False: "none", None: "told to those alone who may publish"}
+
 
 def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete="topic")]) -> None:
     """Show a topic's type, rate, publishers and fields, and whether anybody listens.
@@ -25,16 +27,17 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
     options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
     with bus.connect(options) as client:
-        outlet = client.outlet(key)
+        outlet = client.outlet(key) if _may_publish(options, key) else None
         # A round trip to the hub, which by its end has told of listeners too.
         offers = [offer for offer in client.offers() if offer.kind == "@pub"]
-        heard = outlet.is_heard()
+        # Over a network a hub tells of listeners those alone who may publish.
+        heard = outlet.is_heard() if outlet else None
         declared = topic_of(key)
         if declared is not None and declared.key(options.vehicle) != key:
             declared = None
         found = [offer for offer in offers if offer.key == key]
         if not found and not (declared and heard):
-            nobody = _nobody(key, offers, heard=heard)
+            nobody = _nobody(key, offers, heard=bool(heard))
             raise client.explained(nobody, declared.node if declared else "")
     said = _described(key, found, declared) | {"listened": heard}
     if options.json:
@@ -42,6 +45,14 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
         return
     output.table(_rows(said, declared.doc if declared else ""))
     output.line(said["definition"] or "its fields are not known to this quadctl")
+
+
+def _may_publish(options: Options, key: str) -> bool:
+    if not options.connect:
+        return True
+    from services.runtime.secure import permit
+
+    return permit.allows(options.connect, "publish", key)
 
 
 def _described(key: str, found: list[Offer], declared: Topic[Any] | None) -> dict[str, Any]:
@@ -72,7 +83,7 @@ def _rows(said: dict[str, Any], about: str) -> list[tuple[str, str]]:
         ("Type:", f"{said['type']}, hash {said['hash']}"),
         ("Rate:", f"{hz:g} Hz, declared" if hz else "on change"),
         ("Publishers:", ", ".join(said["publishers"]) or "none that is announced"),
-        ("Listeners:", "at least one" if said["listened"] else "none"),
+        ("Listeners:", _LISTENERS[said["listened"]]),
     ]
     return [*rows, ("About:", about)] if about else rows
 

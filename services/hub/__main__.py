@@ -3,12 +3,13 @@
 from schemas.params import Params
 from services.runtime.entry import start
 from services.runtime.node import Node
+from services.runtime.secure.endpoints import plain
 from services.runtime.session import open_router
 
 
 def run(node: Node, params: Params) -> None:
     """Route until stopped; Zenoh's own threads do the work."""
-    for endpoint in params.hub.listen:
+    for endpoint in plain(params.hub.listen):
         node.log.info("listening on %s as well", endpoint)
     node.spin()
 

@@ -43,6 +43,7 @@ class Ahead(Generic[Q, R]):
         self.problem: QuadctlError | None = None
         self._key, self._service = service.key(client.vehicle), service
         self._patience = patience
+        client.permit("call", self._key)
         self._settled = settled
         ticket = Call(os.urandom(8).hex(), time.time() + patience, at, boot)
         callback: Any = zenoh.handlers.Callback(self._on_reply, self._on_end, indirect=False)

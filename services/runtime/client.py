@@ -15,6 +15,7 @@ from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord
 
 if TYPE_CHECKING:
+    from schemas.roles import Right
     from services.runtime.hearing import Readings, Stream
     from services.runtime.outlet import Outlet
 
@@ -63,6 +64,13 @@ class Client:
         other.vehicle, other.timeout = vehicle, timeout
         return other
 
+    def permit(self, right: "Right", *keys: str) -> None:
+        """Raise NotAllowed where the role that our certificate gives does not extend to a key."""
+        if self._connect:
+            from services.runtime.secure import permit
+
+            permit.check(self._connect, right, *keys)
+
     def call(
         self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""
     ) -> R:
@@ -71,6 +79,7 @@ class Client:
         `timeout` (s) is for a call that is one of several under one deadline; `boot` names the
         boot that a reset is to begin.
         """
+        self.permit("call", service.key(self.vehicle))
         try:
             caller = Caller(self.session, self.vehicle, service)
             return caller.call(request, self._within(timeout), boot)
@@ -79,6 +88,7 @@ class Client:
 
     def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
+        self.permit("call", key)
         try:
             return Asker(self.session, key).ask(payload, encoding, self.timeout)
         except Unreachable as problem:
@@ -87,6 +97,7 @@ class Client:
     def latest(self, topic: Topic[M]) -> M:
         """The last message of a latched topic."""
         key = topic.key(self.vehicle)
+        self.permit("read", key)
         deadline = time.monotonic() + self.timeout
         why: QuadctlError = Unreachable(
             f"nobody answered for {key} within {self.timeout:g} s",
@@ -136,6 +147,7 @@ class Client:
         """Hear keys or key expressions; up to `backlog` messages wait for their reader."""
         from services.runtime.hearing import Stream
 
+        self.permit("listen", *keys)
         stream = Stream(self.session, keys, backlog)
         self._held.append(stream)
         return stream
@@ -194,6 +206,7 @@ class Client:
         """Publish on a key."""
         from services.runtime.outlet import Outlet
 
+        self.permit("publish", key)
         outlet = Outlet(self.session, key, encoding)
         self._held.append(outlet)
         return outlet

@@ -15,6 +15,31 @@ _LAST_WORDS = 1.0
 """How long (s) an orphan may take to end by itself before it is ended."""
 
 
+class Ending:
+    """Whether this process is to end, whatever it is doing at the moment."""
+
+    def __init__(self) -> None:
+        self._came = threading.Event()
+        self._stop: Callable[[], None] | None = None
+
+    def end_with(self, stop: Callable[[], None]) -> None:
+        """Have `stop` called when the process is to end, in place of what was said before."""
+        first, self._stop = self._stop is None, stop
+        if first:
+            stop_on_signals(self._come)
+        elif self._came.is_set():
+            stop()
+
+    def came_within(self, seconds: float) -> bool:
+        """Wait for it that long; whether it has come."""
+        return self._came.wait(seconds)
+
+    def _come(self) -> None:
+        self._came.set()
+        if self._stop is not None:
+            self._stop()
+
+
 def stop_on_signals(stop: Callable[[], None]) -> None:
     """Call `stop` on SIGINT and SIGTERM, and when the supervisor that started us dies."""
 

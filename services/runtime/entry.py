@@ -4,6 +4,7 @@ import argparse
 import logging
 import os
 import sys
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
@@ -14,28 +15,40 @@ import zenoh
 
 from schemas.params import Params
 from schemas.topics import get_params, set_params
+from services.runtime import graph, session, snapshot
 from services.runtime import params as parameters
-from services.runtime import session, snapshot
 from services.runtime.crew import Crew
-from services.runtime.ending import stop_on_signals
-from services.runtime.errors import QuadctlError
+from services.runtime.ending import Ending
+from services.runtime.errors import AlreadyServed, QuadctlError
 from services.runtime.fleet import said_of
 from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
 from services.runtime.node import Node
 from services.runtime.realm import Realm, default_name, vehicle_name
+from services.runtime.secure.endpoints import is_secure
 from services.runtime.vehicles import DEFAULT
 
 Run = Callable[[Node, Params], None]
 
+
+class Reopen(Exception):
+    """What a service raises to have the session opened anew, and itself run on it."""
+
+
 _HUB_WAIT = 5.0
+_FORGOTTEN = 5.0
+"""Seconds after a session's end in which its name may still be taken by itself."""
+_REST = 0.3
+"""Seconds between closing a session and opening it anew: a hub takes a tenth to understand that its
+neighbour is gone, and does not tell one that is back sooner what there is."""
 
 
 def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = None) -> NoReturn:
     """Run a node until SIGINT, SIGTERM, or its supervisor's death; never returns.
 
     Reads the command line (`--help` tells), opens the session, serves the node's parameters
-    and calls `run(node, params)`, for each of several vehicles on a thread of its own. `opening` replaces the way the session is opened.
+    and calls `run(node, params)`, for each of several vehicles on a thread of its own. `opening` replaces
+    the way the session is opened, and opens it again where `run` raises Reopen.
     """
     options = _parse(name)
     several = len(_vehicles(options)) > 1
@@ -60,23 +73,66 @@ def _run(
     realm = Realm(options.realm)
     realm.create()
     fleet = _params(realm, options)
-    first = next(iter(fleet.values()))
     with ExitStack() as held:
         for vehicle in fleet:
             lock = FileLock(realm.folder / f"{vehicle}.{name}.lock", f"the node {name}")
             held.enter_context(lock)
         address = session.address_of(realm, options.connect)
-        opened = held.enter_context(opening(address, first, realm))
-        restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
-        crew = Crew()
-        for vehicle, params in fleet.items():
-            like = None if params is first else first
-            node = Node(name, vehicle, opened, restarted=restarted, like=like)
-            _serve_params(node, params, realm)
-            crew.take(vehicle, node.loop, partial(run, node, params))
-        stop_on_signals(crew.stop)
-        crew.run()
+        _check_role(address.endpoint, name, list(fleet))
+        ending, again, patience = Ending(), True, 0.0
+        while again:
+            with opening(address, next(iter(fleet.values())), realm) as opened:
+                _check_welcome(opened, options.connect)
+                try:
+                    crew = _crew(name, run, fleet, opened, realm)
+                except AlreadyServed:
+                    # Hubs further away may still hold our own last session for alive.
+                    if time.monotonic() > patience:
+                        raise
+                else:
+                    ending.end_with(crew.stop)
+                    again = _again(crew)
+                    patience = time.monotonic() + _FORGOTTEN
+            again = again and not ending.came_within(_REST)
     return 0
+
+
+def _check_role(endpoint: str, name: str, vehicles: list[str]) -> None:
+    if is_secure(endpoint):
+        from services.runtime.secure import permit
+
+        permit.check(endpoint, "announce", *(graph.node_key(each, name) for each in vehicles))
+
+
+def _check_welcome(opened: zenoh.Session, connect: str) -> None:
+    if is_secure(connect):
+        from services.runtime.secure import permit
+
+        permit.welcome(opened, connect, _HUB_WAIT)
+
+
+def _again(crew: Crew) -> bool:
+    """Run the services to their end; whether they are to begin again."""
+    try:
+        crew.run()
+    except Reopen:
+        return True
+    return False
+
+
+def _crew(
+    name: str, run: Run, fleet: dict[str, Params], opened: zenoh.Session, realm: Realm
+) -> Crew:
+    """The service of every vehicle, about to run."""
+    restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
+    crew = Crew()
+    first = next(iter(fleet.values()))
+    for vehicle, params in fleet.items():
+        like = None if params is first else first
+        node = Node(name, vehicle, opened, restarted=restarted, like=like)
+        _serve_params(node, params, realm)
+        crew.take(vehicle, node.loop, partial(run, node, params))
+    return crew
 
 
 def _parse(name: str) -> argparse.Namespace:
@@ -84,9 +140,16 @@ def _parse(name: str) -> argparse.Namespace:
     parser.add_argument("--realm", default=default_name())
     parser.add_argument("--vehicle", action="append", help="may be given several times")
     parser.add_argument("--connect", default="", help="a hub's endpoint, as tls/host:7447")
+    parser.add_argument("--identity", help="who it is on a network: a folder")
+    parser.add_argument("--insecure", action="store_true", help="let a plain listener be reached")
     parser.add_argument("--config", type=Path, help="a TOML file, in place of the run's own")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.identity:
+        os.environ["QUADCTL_IDENTITY"] = options.identity
+    if options.insecure:
+        os.environ[session.INSECURE] = "1"
+    return options
 
 
 def _vehicles(options: argparse.Namespace) -> list[str]:

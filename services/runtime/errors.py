@@ -2,7 +2,8 @@
 
     QuadctlError (1)
     ├── UsageError (2)
-    ├── Unreachable (3)       nobody answers: not running, died in mid-call, not allowed
+    ├── Unreachable (3)       nobody answers: not running, died in mid-call
+    │   └── NotAllowed        this certificate's role does not extend to it
     ├── TimedOut (4)          somebody is there but did not answer in time
     ├── Expired (4)           a command that came after its deadline
     ├── Refused (5)           safety said no, or a node is not ready
@@ -37,6 +38,12 @@ class Unreachable(QuadctlError):
     """Nobody answers."""
 
     exit_code, code = 3, "unreachable"
+
+
+class NotAllowed(Unreachable):
+    """Who asks has no right to it, and so is not answered."""
+
+    code = "not_allowed"
 
 
 class TimedOut(QuadctlError):

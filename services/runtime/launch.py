@@ -16,6 +16,7 @@ from services.runtime.errors import Invalid, QuadctlError
 from services.runtime.lock import FileLock
 from services.runtime.processes import Process, table
 from services.runtime.realm import Realm
+from services.runtime.secure import endpoints
 from services.runtime.session import Address
 
 _ATTEMPTS = 100
@@ -25,7 +26,7 @@ class Launch(Struct, frozen=True):
     """All that a supervisor needs to know: each vehicle's parameters among it.
 
     `[processes]` commands run in `folder`. The run is recorded to the file `record`, where one is
-    named.
+    named. `insecure` says that plain endpoints may reach beyond this machine.
     """
 
     realm: str
@@ -33,6 +34,7 @@ class Launch(Struct, frozen=True):
     without: list[str]
     folder: str
     record: str = ""
+    insecure: bool = False
 
     @property
     def vehicles(self) -> list[str]:
@@ -45,8 +47,20 @@ class Launch(Struct, frozen=True):
         return self.fleet[self.vehicles[0]]
 
     def processes(self) -> tuple[Process, ...]:
-        """What is to run; raises Invalid for a command, or a hub, that is not there."""
-        rows = table(self.params.processes, self.without, record=bool(self.record))
+        """What is to run; raises Invalid for a command, or a hub, that is not there.
+
+        Raises UsageError for endpoints that are open to all, or need an identity that is not given.
+        """
+        hub = self.params.hub
+        reached = [*hub.listen, *hub.connect]
+        gate = endpoints.secure(reached)
+        if gate:
+            from services.runtime.secure.gate import identity_for
+
+            identity_for(gate)
+        if not self.insecure:
+            endpoints.refuse_open(reached)
+        rows = table(self.params.processes, self.without, gate=bool(gate), record=bool(self.record))
         self._check_hub(rows)
         path = self.environment(0)["PATH"]
         for process in rows:
@@ -71,6 +85,7 @@ class Launch(Struct, frozen=True):
     def environment(self, restarts: int) -> dict[str, str]:
         """What a child finds in its environment beside ours."""
         # `python` in a command means the interpreter that has quadctl.
+        who = os.environ.get("QUADCTL_IDENTITY")
         path = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
         return {
             "QUADCTL_REALM": self.realm,
@@ -79,6 +94,9 @@ class Launch(Struct, frozen=True):
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
             "QUADCTL_RECORD": self.record,
+            "QUADCTL_INSECURE": "1" if self.insecure else "",
+            # Children stand in another folder.
+            "QUADCTL_IDENTITY": str(Path(who).absolute()) if who else "",
             "PYTHONUNBUFFERED": "1",
             "PATH": path,
         }

@@ -10,6 +10,8 @@ from services.runtime.errors import AlreadyServed, Invalid
 NODES = ("hub", "dynamics", "pressure", "safety")
 """Our own nodes, in the order in which they start; a new service is one more name."""
 
+GATE = "gate"
+"""Comes besides them where the hub is to be reached, or to join others, over a network."""
 RECORDER = "recorder"
 """Comes besides them where a run is to be recorded."""
 
@@ -50,15 +52,19 @@ class Process(NamedTuple):
 
 
 def table(
-    commands: Mapping[str, str | list[str]], without: Collection[str] = (), *, record: bool = False
+    commands: Mapping[str, str | list[str]],
+    without: Collection[str] = (),
+    *,
+    gate: bool = False,
+    record: bool = False,
 ) -> tuple[Process, ...]:
     """Our nodes and the file's `[processes]`, which replace ours by name or come besides.
 
-    The recorder is among ours where there is something to `record`.
+    The gate and the recorder are among ours where there is something for them to do.
 
     Raises Invalid for a name to leave out that is not there.
     """
-    ours = (*NODES, RECORDER) if record else NODES
+    ours = (*NODES, *((GATE,) if gate else ()), *((RECORDER,) if record else ()))
     names = [*ours, *(name for name in commands if name not in ours)]
     for name in without:
         if name not in names:

@@ -5,18 +5,25 @@ import time
 
 import zenoh
 
-from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.errors import NotAllowed, TimedOut, Unreachable
 from services.runtime.realm import Realm
 from services.runtime.record import is_live, not_running
-from services.runtime.session import address_of, open_client
+from services.runtime.secure.endpoints import is_secure
+from services.runtime.session import Address, address_of, open_client
+
+_REOPENING = 1.0
+"""Seconds in which a gate is back that lets everybody in anew; it takes half of it."""
+_POLL = 0.05
 
 
 def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
-    """Connect at once, or fail at once; only a hub that is being restarted is waited for.
+    """Connect at once, or fail at once; only a hub or gate that is just being restarted is waited for.
 
     `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub is
     there, TimedOut when it does not answer in time (s).
     """
+    if is_secure(connect):
+        return _through_gate(Address(connect), timeout)
     address, began = address_of(realm, connect), time.monotonic()
     silent = f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s"
     try:
@@ -42,3 +49,21 @@ def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
             silent,
             "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
         ) from None
+
+
+def _through_gate(address: Address, timeout: float) -> zenoh.Session:
+    from services.runtime.secure import permit
+
+    patience = time.monotonic() + min(timeout, _REOPENING)
+    while True:
+        try:
+            session = open_client(address, timeout=timeout)
+        except NotAllowed:
+            raise
+        except Unreachable:
+            if time.monotonic() > patience:
+                raise
+            time.sleep(_POLL)
+        else:
+            permit.welcome(session, address.endpoint, timeout)
+            return session

@@ -5,6 +5,8 @@ import zenoh
 from services.runtime import graph
 from services.runtime.errors import TimedOut
 
+_ROUTERS = ("hub", "gate")
+"""Nodes that a hub alone has, too."""
 _TIMEOUT = 1.0
 """Seconds; the hub answers for all from its own tables, in half a millisecond."""
 
@@ -16,8 +18,9 @@ def nodes(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> li
 
 
 def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
-    """The vehicles that have a ready node; raises as `nodes`."""
-    return sorted({graph.vehicle_of(key) for key in _keys(session, "*/@node/*", timeout)})
+    """The vehicles that have a ready node besides a hub; raises as `nodes`."""
+    found = _keys(session, "*/@node/*", timeout)
+    return sorted({graph.vehicle_of(key) for key in found if graph.node_of(key) not in _ROUTERS})
 
 
 def offers(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[graph.Offer]:

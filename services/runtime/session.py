@@ -1,7 +1,7 @@
 """Zenoh sessions as we open them: the hub's router, and everybody else's client.
 
-Nothing listens on a network port and multicast is off. The settings were measured; the
-reason stands beside each.
+Nothing listens on a network port unless it is asked to, and multicast is off. The settings were
+measured; the reason stands beside each.
 """
 
 import os
@@ -12,8 +12,9 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
-from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from services.runtime.realm import ADDRESS, Realm, write_atomically
+from services.runtime.secure import endpoints
 
 if TYPE_CHECKING:
     from schemas.params import Params
@@ -30,9 +31,13 @@ CLIENT_THREADS = (
     " app: (worker_threads: 1))"
 )
 """One thread for all: what a client reads it does not pass on."""
+INSECURE = "QUADCTL_INSECURE"
+"""The environment says by it that plain endpoints beyond this machine are wanted."""
 
 _RETRY_MS = 10
 """A client waits for a starting hub in steps of this; 10 ms costs nothing and delays nobody."""
+_JOIN_MS = 100
+"""The same over a network, and between hubs, where each try costs somebody else a handshake."""
 _LEASE_MS = 1000
 _ROOM_US = 1_000_000
 """The hub waits so long (us) for who has no room for a message that must not be dropped, and then
@@ -59,19 +64,52 @@ def address_of(realm: Realm, connect: str = "") -> Address:
 
 
 def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
-    """Open the hub; where it has a password, that is kept in the realm's folder."""
-    config = _common(address)
-    config["mode"] = "router"
-    block = {"wait_before_close": _ROOM_US}
-    config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
-    config["listen"] = {"endpoints": [address.endpoint, *params.hub.listen]}
-    # Routers sleep this long before they answer; there is nobody to scout for.
-    config["scouting"]["delay"] = 0
+    """Open the hub; where it has a password, that is kept in the realm's folder.
+
+    It knows no encryption: what is to have that is the gate's. Raises UsageError for an endpoint
+    that would let in everybody.
+    """
+    listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
+    if not os.environ.get(INSECURE):
+        endpoints.refuse_open((*listen, *join))
+    config = _router(address)
+    config["listen"] = {"endpoints": [address.endpoint, *listen]}
+    config["connect"] |= {"endpoints": join}
     if address.user:
         users = realm.folder / "hub.users"
         write_atomically(users, f"{address.user}:{address.password}\n".encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
     return _open(config, TWO_THREADS)
+
+
+def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001 - as open_router
+    """Open the encrypted side of the hub: a router of its own, a process away from the vehicle.
+
+    It lets through what the roles allow. Raises UsageError where no hub's identity is given, or the
+    hub has no Unix socket.
+    """
+    from services.runtime.secure import gate
+
+    if address.user:
+        raise UsageError(
+            "tls and quic need a hub on a Unix socket",
+            "leave hub.transport at auto; Windows has no such socket",
+        )
+    listen, join = endpoints.secure(params.hub.listen), endpoints.secure(params.hub.connect)
+    config = _router(address)
+    config["connect"] |= {"endpoints": [address.endpoint, *join]}
+    config["listen"] = {"endpoints": listen}
+    who = gate.identity_for([*listen, *join])
+    config["transport"]["link"]["tls"] = who.tls()
+    protocol = address.endpoint.partition("/")[0]
+    config["access_control"] = gate.rules(who, protocol)
+    try:
+        return _open(config, TWO_THREADS)
+    except zenoh.ZError as error:
+        raise QuadctlError(
+            f"{', '.join(listen) or 'the gate'} cannot be opened: {_plainly(error)}",
+            "is the port another's, or the address not this machine's?",
+        ) from error
 
 
 def open_client(
@@ -86,16 +124,17 @@ def open_client(
     one is there that has not let us in within `timeout` seconds.
     """
     config, began = _common(address), time.monotonic()
+    secure = endpoints.is_secure(address.endpoint)
+    if secure:
+        from services.runtime.secure import identity
+
+        config["transport"]["link"]["tls"] = identity.needed(address.endpoint).tls()
     open_timeout = max(int(timeout * 1000), 1)
     config["transport"]["unicast"] = {"open_timeout": open_timeout}
     config["mode"] = "client"
     config["connect"] = {"endpoints": [address.endpoint]}
     if wait:
-        retry = {
-            "period_init_ms": _RETRY_MS,
-            "period_max_ms": _RETRY_MS,
-            "period_increase_factor": 1,
-        }
+        retry = _retry(_JOIN_MS if secure else _RETRY_MS)
         config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry}
         # Samples carry a time, which latched topics and `topic delay` need.
         config["timestamping"] = {"enabled": True}
@@ -108,9 +147,38 @@ def open_client(
                 f"{address.endpoint} did not answer within {timeout:g} s",
                 "is it a hub, is its process frozen, does the network let you through?",
             ) from error
+        if secure:
+            from services.runtime.secure.handshake import why
+
+            raise why(address.endpoint, timeout) from error
         raise Unreachable(
             f"nothing answers at {address.endpoint}", "start the system with `quadctl up`"
         ) from error
+
+
+def _router(address: Address) -> dict[str, Any]:
+    config = _common(address)
+    config["mode"] = "router"
+    block = {"wait_before_close": _ROOM_US}
+    config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
+    # Who is not there now may come at any time.
+    config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": _retry(_JOIN_MS)}
+    # Routers sleep this long before they answer; there is nobody to scout for.
+    config["scouting"]["delay"] = 0
+    return config
+
+
+def _plainly(error: zenoh.ZError) -> str:
+    """What Zenoh says, without the places in its source."""
+    return str(error).partition(" at /")[0].rstrip(". ")
+
+
+def _retry(period_ms: int) -> dict[str, int]:
+    return {
+        "period_init_ms": period_ms,
+        "period_max_ms": period_ms,
+        "period_increase_factor": 1,
+    }
 
 
 def _common(address: Address) -> dict[str, Any]:

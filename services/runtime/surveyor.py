@@ -19,6 +19,7 @@ from schemas.topics import SERVICES, get_params, set_params
 from services.runtime import graph, wire
 from services.runtime.errors import TimedOut
 from services.runtime.heard import Heard
+from services.runtime.secure.endpoints import is_secure
 from services.runtime.session import Address, open_client
 from services.runtime.survey import Survey, answer_of
 
@@ -42,9 +43,15 @@ def survey(address: Address, vehicle: str, timeout: float) -> Survey:
         surveyor.found.connected = time.monotonic() - began
         surveyor.ask_who_is_there(began + timeout / 2)
         surveyor.listen()
-        surveyor.call()
+        surveyor.call(address.endpoint)
         surveyor.wait()
         return surveyor.found
+
+
+def _allowed(endpoint: str, key: str) -> bool:
+    from services.runtime.secure import permit
+
+    return permit.allows(endpoint, "call", key)
 
 
 class _Surveyor:
@@ -82,11 +89,13 @@ class _Surveyor:
             with contextlib.suppress(zenoh.ZError):
                 self._subscribers.append(self._session.declare_subscriber(key, handler))
 
-    def call(self) -> None:
-        """Call every service of ours that is offered, all its servers at once."""
+    def call(self, endpoint: str) -> None:
+        """Call every service of ours that is offered and that we may call, all its servers at once."""
         left = max(self._deadline - time.monotonic(), 0.001)
         offers = [offer for offer in self.found.offers if offer.kind == "@srv"]
         for key, type_ in sorted({(o.key, o.type) for o in offers if o.type in _CALLED}):
+            if is_secure(endpoint) and not _allowed(endpoint, key):
+                continue
             asks = type_ == _GET_PARAMS
             ticket = Call(os.urandom(8).hex(), time.time() + left if asks else 0.0)
             self.found.answers[key] = []

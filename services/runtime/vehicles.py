@@ -6,8 +6,11 @@ from functools import lru_cache
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.realm import Realm
+from services.runtime.secure.endpoints import is_secure
 
 DEFAULT = "uav"
+HUB_ALONE = "hub-"
+"""What the name begins with that a hub without a vehicle has in the place of one."""
 _MOST_LISTED = 12
 
 
@@ -27,7 +30,16 @@ def the_only(realm: str, connect: str, timeout: float) -> str:
 
 def of(realm: str, connect: str, timeout: float) -> list[str]:
     """The vehicles of a run, or of a hub where one is named; raises as `the_only` over that."""
-    return _at(realm, connect, timeout) if connect else _in(realm)
+    if connect:
+        return _at(realm, connect, timeout)
+    # At a hub alone, those of others that have joined it.
+    return _at(realm, "", timeout) if hub_alone(realm) else _in(realm)
+
+
+def hub_alone(realm: str) -> str:
+    """What the hub of a run without a vehicle goes by; empty where there is a vehicle, or no run."""
+    there = _in(realm)
+    return there[0] if there and there[0].startswith(HUB_ALONE) else ""
 
 
 def listed(vehicles: Sequence[str]) -> str:
@@ -49,5 +61,11 @@ def _in(realm: str) -> list[str]:
 def _at(realm: str, connect: str, timeout: float) -> list[str]:
     from services.runtime.client import Client
 
+    if is_secure(connect):
+        from services.runtime.secure.identity import needed
+
+        # Who may see one vehicle means that one.
+        if (ours := needed(connect).name.vehicles) != ["*"]:
+            return ours
     with Client(realm, DEFAULT, connect=connect, timeout=timeout) as client:
         return client.vehicles()

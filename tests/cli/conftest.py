@@ -15,6 +15,8 @@ def quadctl(
     for name in ("QUADCTL_REALM", "QUADCTL_VEHICLE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    # --identity sets it for the rest of the process, which is one command's elsewhere.
+    monkeypatch.setenv("QUADCTL_IDENTITY", "")
     monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     monkeypatch.chdir(tmp_path)
     return runner(monkeypatch, capsys)

@@ -12,7 +12,7 @@ from cli.complete.shells import SCRIPTS, answer
 from tests.cli.quadctl import Quadctl
 
 BREAKS = " \t\n\"'@><=;|&(:"
-COMMON = {"--realm", "--connect", "--vehicle", "--timeout", "--json", "--help"}
+COMMON = {"--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json", "--help"}
 
 
 def words(line: str) -> list[str]:
@@ -41,7 +41,9 @@ def test_the_second_word_of_a_group():
 
 
 def test_options():
-    own = {"--detach", "-d", "--record", "--set", "--vehicles", "--without"}
+    own = {
+        "--detach", "-d", "--insecure", "--listen", "--record", "--set", "--vehicles", "--without"
+    }  # fmt: skip
     assert own | COMMON == set(words("up -"))
     assert set(words("cage -")) == COMMON
     assert COMMON | {"--version", "--install-completion", "--show-completion"} == set(words("-"))

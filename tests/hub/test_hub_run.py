@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from schemas.params import HubParams, Params
+from schemas.hub import HubParams
+from schemas.params import Params
 from services.hub.__main__ import run
 
 
@@ -19,10 +20,11 @@ class Spinning:
         self.spun += 1
 
 
-@pytest.mark.parametrize("listen", [[], ["tcp/127.0.0.1:7447", "tls/127.0.0.1:7448"]])
-def test_it_names_further_endpoints_and_spins(listen: list[str], caplog: pytest.LogCaptureFixture):
+@pytest.mark.parametrize("plain", [[], ["tcp/127.0.0.1:7447", "udp/127.0.0.1:7448"]])
+def test_it_names_further_endpoints_and_spins(plain: list[str], caplog: pytest.LogCaptureFixture):
     node: Any = Spinning()
     with caplog.at_level(logging.INFO, "hub"):
-        run(node, Params(hub=HubParams(listen=listen)))
+        run(node, Params(hub=HubParams(listen=[*plain, "tls/127.0.0.1:7449"])))
     assert node.spun == 1
-    assert caplog.messages == [f"listening on {endpoint} as well" for endpoint in listen]
+    # What is encrypted is the gate's.
+    assert caplog.messages == [f"listening on {endpoint} as well" for endpoint in plain]

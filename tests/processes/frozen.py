@@ -81,6 +81,7 @@ LINES = (
     Line("doctor", 0, dict.fromkeys(FREEZABLE, 8)),
     Line("replay flight.mcap", 7, {"hub": 4}),
     Line("up -d", 7),
+    Line("hub -d", 7),
 )
 """What changes nothing, run with TIMEOUT once the hub has lost the frozen one."""
 
@@ -115,6 +116,7 @@ ENDINGS = (
 )
 """What changes the run or its flight, one after the other; they may take longer where they end well."""
 
+_KEYS = "it reads and writes a fleet's folder, and asks nobody"
 _FILES = "it reads a file, and asks nobody"
 ELSEWHERE = {
     "demo": "it runs on a realm of its own, and asks nobody of this one",
@@ -124,6 +126,10 @@ ELSEWHERE = {
     "bag check": _FILES,
     "bag repair": _FILES,
     "bag export": _FILES,
+    "keys init": _KEYS,
+    "keys issue": _KEYS,
+    "keys list": _KEYS,
+    "keys revoke": _KEYS,
     "campaign": "it needs no run, and asks nobody",
     "fault inject": "it sets a parameter as `param set` does, or sends a signal as `node kill`",
     "fault clear": "the same",

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,9 +28,13 @@ _numbers = itertools.count()
 
 
 class Lab:
-    """One realm in a folder of its own; `folder` is also where its commands run."""
+    """One realm in a folder of its own; `folder` is also where its commands run.
 
-    def __init__(self, folder: Path) -> None:
+    `enter` stands before each command, where they are to run on another machine.
+    """
+
+    def __init__(self, folder: Path, enter: Sequence[str] = ()) -> None:
+        self._quadctl = [*enter, *QUADCTL]
         self.realm, self.folder = f"lab{next(_numbers)}", folder
         self.runtime = folder / "run"
         self.runtime.mkdir(mode=0o700)
@@ -49,7 +53,7 @@ class Lab:
     def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
         """Run one command to its end."""
         done = subprocess.run(
-            [*QUADCTL, *map(str, words)],
+            self.command(*words),
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
@@ -78,7 +82,7 @@ class Lab:
 
     def foreground(self, *words: object) -> Foreground:
         """`quadctl up` in the foreground, all of it ready."""
-        run = self.spawn(*QUADCTL, "up", *map(str, words))
+        run = self.spawn(*self.command("up", *words))
         eventually(self.is_ready)
         return run
 
@@ -133,7 +137,7 @@ class Lab:
 
     def command(self, *words: object) -> list[str]:
         """The command line of `quadctl`, for a process beside the test."""
-        return [*QUADCTL, *map(str, words)]
+        return [*self._quadctl, *map(str, words)]
 
     def try_bare(self) -> Bare | None:
         """A bare session, None while no hub listens."""
@@ -183,11 +187,11 @@ class Lab:
 
 
 @contextmanager
-def private_lab() -> Iterator[Lab]:
+def private_lab(enter: Sequence[str] = ()) -> Iterator[Lab]:
     """A lab in a fresh short-named folder; a Unix socket's path may have 100 characters."""
     folder = Path(tempfile.mkdtemp(prefix="q", dir="/tmp"))
     try:
-        made = Lab(folder)
+        made = Lab(folder, enter)
         try:
             yield made
         finally:

@@ -10,6 +10,7 @@ EXIT = {
     "QuadctlError": (1, "internal"),
     "UsageError": (2, "usage"),
     "Unreachable": (3, "unreachable"),
+    "NotAllowed": (3, "not_allowed"),
     "TimedOut": (4, "timeout"),
     "Expired": (4, "expired"),
     "Refused": (5, "refused"),

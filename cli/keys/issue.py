@@ -1,0 +1,72 @@
+"""`keys issue`: a certificate for somebody."""
+
+from pathlib import Path
+from typing import Annotated, get_args
+
+from cli import output
+from cli.declare import Arg, Opt
+from cli.keys.init import FLEET
+from cli.keys.list import day, shown
+from cli.options import Options
+from schemas.roles import Role
+from services.runtime.errors import UsageError
+from services.runtime.fleet import names
+from services.runtime.named import nearest
+from services.runtime.vehicles import DEFAULT
+
+_MOST_DAYS = 3650
+
+
+def issue(
+    options: Options,
+    role: Annotated[str, Arg("hub, vehicle, safety, operator, observer or student.")],
+    name: Annotated[str | None, Arg("Whose it is (default: the vehicle's, or the role's).")] = None,
+    vehicles: Annotated[
+        int | None, Opt("One for each of so many vehicles: uav0, uav1 ..", metavar="N")
+    ] = None,
+    days: Annotated[float, Opt("How long it is good.")] = 30.0,
+    host: Annotated[
+        list[str] | None,
+        Opt("A hub's address or name (default: this machine's).", metavar="HOST"),
+    ] = None,
+    fleet: Annotated[Path, Opt("The folder of the fleet's keys.")] = FLEET,
+) -> None:
+    """Issue a certificate for one vehicle, for each of several, or for all where none is said.
+
+    Whoever had the name before has it no more.
+
+    Example: quadctl keys issue student anna --vehicle uav7
+    """
+    from services.runtime.secure.fleet import Fleet
+    from services.runtime.secure.names import checked, checked_vehicles
+
+    known = _known(role)
+    if not 0 < days <= _MOST_DAYS:
+        raise UsageError(f"--days {days:g}: not a time", f"give more than 0, up to {_MOST_DAYS}")
+    if host and role != "hub":
+        raise UsageError(f"--host is where a hub is reached, and a {role} is not")
+    if vehicles is not None:
+        if name:
+            raise UsageError(f"{name}: with --vehicles each is called as its vehicle")
+        wanted = {each: [each] for each in names(options.named or DEFAULT, vehicles)}
+    else:
+        whose = checked(name or options.named or role)
+        wanted = {whose: checked_vehicles([options.named] if options.named else [])}
+    keeper = Fleet(fleet)
+    made = keeper.issue(known, wanted, days, host or [])
+    said = [shown(one) | {"folder": str(keeper.folder_of(one))} for one in made]
+    if options.json:
+        output.document(said if vehicles is not None else said[0])
+        return
+    for one in made:
+        until = f"good until {day(one.expires)}"
+        output.line(f"{keeper.folder_of(one)}: {one.common_name}, for {one.of}, {until}")
+
+
+def _known(role: str) -> Role:
+    for known in get_args(Role):
+        if known == role:
+            found: Role = known
+            return found
+    roles = get_args(Role)
+    raise UsageError(f"{role} is no role", nearest(role, roles) or f"one of {', '.join(roles)}")

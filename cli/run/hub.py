@@ -1,0 +1,38 @@
+"""`hub`: a hub alone."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+from cli.declare import Opt
+from cli.options import Options
+from cli.run.up import begin, reached
+from services.runtime import fleet
+from services.runtime.launch import Launch
+from services.runtime.processes import NODES
+from services.runtime.vehicles import HUB_ALONE
+
+
+def hub(
+    options: Options,
+    detach: Annotated[
+        bool, Opt("Return when all processes are ready.", ("--detach", "-d"))
+    ] = False,
+    listen: Annotated[
+        list[str] | None,
+        Opt("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
+    ] = None,
+    insecure: Annotated[
+        bool, Opt("Let listeners that are not encrypted be reached from other machines.")
+    ] = False,
+) -> None:
+    """Run a hub without a vehicle, for others to meet at; with --connect it joins that other one.
+
+    Example: quadctl hub --listen tls/0.0.0.0:7447 --identity keys/field
+    """
+    # A hub's nodes stand beside the vehicles' under a name, which two hubs must not share.
+    name = options.named or f"{HUB_ALONE}{os.urandom(2).hex()}"
+    parameters = fleet.load(None, reached(listen, options.connect), [name])
+    without = [node for node in NODES if node != "hub"]
+    launch = Launch(options.realm, parameters, without, str(Path.cwd()), insecure=insecure)
+    begin(launch, options, detach=detach)

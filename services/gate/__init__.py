@@ -1,0 +1,1 @@
+"""The encrypted side of the hub, in a process of its own."""

@@ -1,0 +1,37 @@
+"""The gate: lets other machines reach the hub, each for what its certificate's role allows.
+
+A process of its own, so that what strangers send never meets the process that the vehicle flies by,
+and so that a revoked name costs a moment of the network and none of the flight.
+"""
+
+from schemas.params import Params
+from services.runtime.entry import Reopen, start
+from services.runtime.node import Node
+from services.runtime.secure.endpoints import secure
+from services.runtime.secure.gate import Watch, identity_for
+from services.runtime.session import open_gate
+
+_LOOKS = 5.0
+"""Hz, at which the list of names is looked at."""
+
+
+def run(node: Node, params: Params) -> None:
+    """Route until stopped, or until the list of names is another one."""
+    if not node.first:
+        node.spin()
+        return
+    listen, join = secure(params.hub.listen), secure(params.hub.connect)
+    who = identity_for([*listen, *join])
+    for endpoint in listen:
+        node.log.info("listening on %s as %s", endpoint, who.name.common_name)
+    for endpoint in join:
+        node.log.info("joining %s as %s", endpoint, who.name.common_name)
+    watch = Watch(who.folder)
+    for _ in node.ticks(_LOOKS):
+        if watch.changed():
+            node.log.info("the list of names has changed: everybody is let in anew")
+            raise Reopen
+
+
+if __name__ == "__main__":
+    start("gate", run, open_gate)

@@ -1,0 +1,83 @@
+"""What our own certificate lets us do, known before we ask: who is denied is not answered.
+
+The hub enforces; this says why. Without a certificate, on the Unix socket, all is allowed.
+"""
+
+import time
+
+import zenoh
+
+from schemas.roles import Right, keys, may
+from services.runtime import graph
+from services.runtime.errors import NotAllowed
+from services.runtime.secure.endpoints import is_secure
+from services.runtime.secure.identity import needed
+from services.runtime.secure.name import Name
+
+_REOPENED = 1.0
+"""Seconds that a gate which has just been opened anew may take to say that it is there."""
+_POLL = 0.05
+_TO: dict[Right, str] = {"listen": "listen to", "publish": "publish on", "see": "see"}
+
+
+def allows(connect: str, right: Right, key: str) -> bool:
+    """Whether our role over that endpoint extends to a key or expression."""
+    if not is_secure(connect):
+        return True
+    who = needed(connect).name
+    return may(who.role, who.vehicles, right, key)
+
+
+def check(connect: str, right: Right, *asked: str) -> None:
+    """Raise NotAllowed where our role over that endpoint does not extend to a key or expression."""
+    for key in asked:
+        if not allows(connect, right, key):
+            who = needed(connect).name
+            raise NotAllowed(
+                f"not allowed: {_one(who)} may not {_TO.get(right, right)} {key}"
+                f" (your certificate {who.common_name})",
+                _instead(who, right),
+            )
+
+
+def everything(connect: str) -> list[str]:
+    """All that our role over that endpoint may listen to; nothing where there are no roles."""
+    if not is_secure(connect):
+        return []
+    who = needed(connect).name
+    return keys(who.role, who.vehicles, "listen")
+
+
+def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:
+    """Raise NotAllowed where the hub at that endpoint lets nothing of ours through.
+
+    It lets in whoever has a certificate of the fleet, but tells only those on its list who it is.
+    """
+    if not is_secure(connect):
+        return
+    deadline = time.monotonic() + min(timeout, _REOPENED)
+    while not _sees_gate(session, timeout):
+        if time.monotonic() > deadline:
+            who = needed(connect).name
+            raise NotAllowed(
+                f"not allowed: {connect} lets nothing through for {who.common_name}",
+                "the certificate was revoked, or the hub has an old list of names: have one issued",
+            )
+        time.sleep(_POLL)
+
+
+def _sees_gate(session: zenoh.Session, timeout: float) -> bool:
+    replies = session.liveliness().get(graph.node_key("*", "gate"), timeout=timeout)
+    return any(reply.ok is not None for reply in replies)
+
+
+def _one(who: Name) -> str:
+    article = "an" if who.role[0] in "aeiou" else "a"
+    return f"{article} {who.role} of {who.of}"
+
+
+def _instead(who: Name, right: Right) -> str:
+    granted = keys(who.role, who.vehicles, right)
+    if not granted:
+        return "`quadctl keys issue operator` would make a certificate that may"
+    return f"it may {', '.join(granted[:6])}{' ..' if len(granted) > 6 else ''}"

@@ -1,0 +1,248 @@
+"""Vehicle, router and operator on three machines, over mutual TLS: who may, may; all others nothing."""
+
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.network.field import PLAIN, QUIC, TLS, Field, field, touched
+from tests.processes.running import eventually
+
+OURS = (b"position", b"uav/pose", b"quadctl.Pose", b"calibrate_pressure", b"baseline", b"cage_on")
+"""Names that every packet of ours would have in it, were it not encrypted."""
+
+
+@pytest.fixture(scope="module")
+def net() -> Iterator[Field]:
+    with field() as made:
+        yield made
+
+
+def test_the_labs_checkpoints_across_machines_and_no_word_of_them_in_the_clear(
+    net: Field, tmp_path: Path
+):
+    with net.sniffed(tmp_path / "tls"):
+        ranges = net.ask("param get safety.virtual_cage", json=True).json
+        assert ranges["safety.virtual_cage.x"] == 5.0
+        flown = net.ask("goto 1 2 1", json=True)
+        assert (flown.code, flown.json["arrived"]) == (0, True), flown.err
+        assert net.ask("goto 9 0 1").code == 5
+        calibrated = net.ask("calibrate", json=True).json
+        assert 1000 < calibrated["baseline"] < 1030
+        assert net.ask("cage off").code == 0
+        assert net.ask("goto 6 0 1 --no-wait").code == 0
+        assert net.ask("cage on").code == 0
+        assert net.ask("goto 0 0 1 --replace --no-wait").code in {0, 5}
+        assert net.ask("topic echo pose -n 20").code == 0
+    carried = (tmp_path / "tls").read_bytes()
+    assert len(carried) > 10_000
+    assert [word for word in OURS if word in carried] == []
+
+
+def test_the_same_capture_finds_it_all_on_a_plain_link(net: Field, tmp_path: Path):
+    plain = ["hub", "-d", "--realm", "plain", "--listen", PLAIN]
+    refused = net.router.quadctl(*plain)
+    assert refused.code == 2
+    assert "--insecure" in refused.err
+    opened = net.router.quadctl(
+        *plain, "--insecure", "--connect", "tls/10.7.1.1:7447", "--identity", net.keys / "router"
+    )
+    assert opened.code == 0, opened.err
+    with net.sniffed(tmp_path / "plain"):
+        eventually(lambda: net.ask("topic echo pose -n 20", at=PLAIN).code == 0)
+        assert net.ask("calibrate", at=PLAIN).code == 0
+    carried = (tmp_path / "plain").read_bytes()
+    assert [word for word in OURS if word not in carried] == [b"cage_on"]
+    assert net.router.quadctl("down", "--realm", "plain").code == 0
+
+
+def test_over_quic_too(net: Field):
+    assert net.ask("state", at=QUIC).code == 0
+    assert net.ask("hold", at=QUIC).code == 0
+
+
+def test_who_only_joins_listens_nowhere(net: Field):
+    vehicle, router, operator = net.machines
+    assert vehicle.sockets() == operator.sockets() == []
+    assert router.sockets() == ["tcp 00000000:1D17", "udp 00000000:1D17"]
+
+
+DENIED = (
+    ("eve", "goto 0 0 1", "an observer of all vehicles may not call uav/@srv/goto"),
+    ("eve", "cage off", "an observer of all vehicles may not call uav/@srv/toggle_cage"),
+    ("eve", "topic pub input/position_request x=0 y=0 z=1", "may not publish on"),
+    ("una", "cage off", "a student of uav may not call uav/@srv/toggle_cage"),
+    ("una", "param set safety.takeoff 2", "a student of uav may not call uav/@srv/safety/set_para"),
+    (
+        "una",
+        "topic pub uav9/own/x text --no-wait",
+        "a student of uav may not publish on uav9/own/x",
+    ),
+    ("una", "topic echo uav9/pose -n 1", "may not listen to uav9/pose"),
+    ("bob", "hold --vehicle uav", "a student of uav9 may not call uav/@srv/hold"),
+    ("bob", "topic echo uav/pose -n 1", "a student of uav9 may not listen to uav/pose"),
+    ("bob", "state --vehicle uav", "a student of uav9 may not"),
+)
+
+
+@pytest.mark.parametrize(("who", "line", "why"), DENIED)
+def test_who_may_not_is_told_so_at_once(net: Field, who: str, line: str, why: str):
+    before = touched(net.vehicle)
+    done = net.ask(line, who)
+    assert done.code == 3, done
+    assert "not allowed: " in done.err
+    assert why in done.err
+    assert f".{who}." in done.err, "the certificate's name"
+    assert touched(net.vehicle) == before
+
+
+def test_who_may_does(net: Field):
+    assert net.ask("state", "eve").code == 0
+    assert net.ask("topic echo safety/state -n 1", "eve").code == 0
+    assert "safety" in net.ask("topic list", "eve").out
+    assert net.ask("goto 0 1 1 --replace", "una").code == 0
+    assert net.ask("calibrate", "una").code == 0
+
+
+def test_the_nodes_of_one_vehicle_on_two_machines(net: Field):
+    net.issue("hub drone --vehicle drone")
+    net.issue("safety guard --vehicle drone")
+    net.issue("vehicle sensor --vehicle drone")
+    up = net.vehicle.quadctl(
+        *("up", "-d", "--realm", "drone", "--vehicle", "drone", "--without", "pressure"),
+        *(
+            "--without",
+            "safety",
+            "--connect",
+            "tls/10.7.1.1:7447",
+            "--identity",
+            net.keys / "drone",
+        ),
+    )
+    assert up.code == 0, up.err
+    # A barometer may not say where to fly.
+    wrong = net.node("safety", "drone", "sensor")
+    assert wrong.wait() == 3
+    assert "a vehicle of drone may not announce drone/@node/safety" in wrong.log
+    nodes = [net.node("safety", "drone", "guard"), net.node("pressure", "drone", "sensor")]
+    eventually(lambda: net.ask("calibrate --vehicle drone").code == 0)
+    eventually(lambda: net.ask("goto 1 0 1 --vehicle drone").code == 0)
+    assert net.ask("topic hz drone/input/position -n 5").code == 0
+    for node in nodes:
+        node.send(signal.SIGTERM)
+        assert node.wait() == 0
+    assert net.vehicle.quadctl("down", "--realm", "drone").code == 0
+    # What a node that was started alone leaves: its lock's file.
+    shutil.rmtree(net.operator.home)
+
+
+def test_down_is_not_denied(net: Field):
+    """Una may call all of uav's flight, bob all of uav9's, which is nowhere."""
+    done = net.ask("goto 0 0 1 --timeout 1", "bob")
+    assert done.code == 3
+    assert "nobody served uav9/@srv/goto" in done.err
+    assert "not allowed" not in done.err
+
+
+@pytest.mark.parametrize(
+    ("who", "heard", "replied"),
+    [
+        ("bob", set(), {"uav/info"}),
+        ("eve", {"uav/pose"}, {"uav/info", "uav/safety/state"}),
+    ],
+)
+def test_who_breaks_our_rules_meets_zenohs(
+    net: Field, who: str, heard: set[str], replied: set[str]
+):
+    with net.vehicle.bare() as bare:
+        calls = bare.watch("uav/@call/**")
+        setpoints = bare.watch("uav/input/position")
+        before = touched(net.vehicle)
+        got = net.intrude(who)
+        assert touched(net.vehicle) == before
+        assert calls.messages == []
+        assert all(point["position"]["x"] < 9 for point in setpoints.messages)
+    assert got["asked"] == []
+    assert heard <= set(got["heard"]) or not heard
+    assert {key.partition("/")[0] for key in got["heard"]} <= ({"uav"} if heard else set())
+    assert set(got["replied"]) <= replied
+    names = {key.split("/")[2] for key in got["seen"]}
+    assert names <= ({"hub", "gate"} if who == "bob" else names)
+    assert "safety2" not in net.ask("node list").out
+
+
+def test_strangers_are_kept_out(net: Field):
+    (net.operator.folder / "other").mkdir(exist_ok=True)
+    other = net.operator.folder / "other" / "keys"
+    for line in ("init", "issue operator anna"):
+        assert net.operator.quadctl("keys", *line.split(), "--fleet", other).code == 0
+    before = touched(net.vehicle)
+    foreign = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
+    assert foreign.code == 3
+    assert "no hub of our fleet" in foreign.err
+    # Ours for the hub's certificate, and yet not ours: what the hub must see for itself.
+    shutil.copy(net.keys / "ca.pem", other / "anna" / "ca.pem")
+    refused = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
+    assert refused.code == 3
+    assert "does not take the certificate" in refused.err
+    nobody = net.operator.quadctl("hold", "--connect", TLS)
+    assert nobody.code == 2
+    assert "--identity" in nobody.err
+    unencrypted = net.operator.quadctl("hold", "--connect", TLS.replace("tls/", "tcp/"))
+    assert unencrypted.code in {3, 4}
+    assert touched(net.vehicle) == before
+
+
+def test_nobody_but_a_hub_is_taken_for_one(net: Field):
+    posing = TLS.replace("7447", "7449")
+    with net.posed(posing, "bob"):
+        done = net.ask("hold", at=posing)
+    assert done.code == 3
+    assert "no hub of our fleet" in done.err
+
+
+def test_a_certificate_that_has_expired(net: Field):
+    brief = net.issue("operator brief --days 0.00002")
+    eventually(lambda: "expired on" in net.ask("hold", "brief").err)
+    assert net.ask("hold", "brief").code == 3
+    about = (brief / "identity.json").read_text(encoding="utf-8")
+    # Whoever says that it is good still is told by the hub that it is not.
+    (brief / "identity.json").write_text(
+        about.replace('"expires":1', '"expires":9'), encoding="utf-8"
+    )
+    assert net.ask("hold", "brief").code == 3
+
+
+def test_a_revoked_name_is_out_within_two_seconds_and_the_flight_goes_on(net: Field):
+    rob = net.kept("rob")
+    assert net.ask("hold", rob).code == 0
+    stream = net.spoken("topic echo pose --json", rob)
+    eventually(lambda: stream.log.count("\n") > 20)
+    boot = touched(net.vehicle)[2]
+    assert net.operator.quadctl("keys", "revoke", "rob").code == 0
+    revoked = time.monotonic()
+    # The router and the vehicle read their own folders' lists, which `revoke` has written.
+    counts: list[int] = []
+
+    def silent() -> bool:
+        counts.append(stream.log.count("\n"))
+        return len(counts) > 50 and counts[-50] == counts[-1]
+
+    eventually(silent)
+    assert time.monotonic() - revoked < 0.5 + 2.0 + 2.0, "with the half second it takes to see it"
+    stream.end()
+    done = net.ask("hold", rob)
+    assert done.code == 3
+    assert "lets nothing through for operator.rob." in done.err
+    assert net.intrude(rob) == {"replied": [], "heard": [], "asked": [], "seen": []}
+    # Everybody else is back by himself, and the vehicle has not noticed.
+    eventually(lambda: net.ask("hold").code == 0)
+    assert touched(net.vehicle)[2] == boot
+    restarts = {name: node["restarts"] for name, node in net.vehicle.nodes().items()}
+    assert set(restarts.values()) == {0}, (
+        restarts,
+        net.vehicle.quadctl("node", "logs", "gate").out,
+    )

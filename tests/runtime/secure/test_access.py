@@ -1,0 +1,107 @@
+"""The access control that Zenoh is given, read as Zenoh reads it, against the roles' own table."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from schemas.keyexpr import includes
+from schemas.roles import ROLES, Right, Role, may
+from schemas.topics import SERVICES, TOPICS
+from services.runtime.secure.access import access_control
+from services.runtime.secure.name import Name
+
+NOW = 1_000.0
+NAMES = [topic.name for topic in TOPICS] + [f"@srv/{service.name}" for service in SERVICES]
+NAMES += ["@srv/safety/set_params", "@srv/hub/get_params", "own/x", "@srv/own/x", "@call/goto"]
+NAMES += ["@node/safety", "@node/own-x", "@node/gate", "**", "@srv/*", "input/*", "*", "@adv/x"]
+VEHICLES = ["uav", "uav7", "uav8", "*"]
+KEYS = st.builds("{}/{}".format, st.sampled_from(VEHICLES), st.sampled_from(NAMES))
+ASKED: dict[str, set[Right]] = {
+    "put": {"publish"}, "declare_subscriber": {"listen"}, "query": {"call", "read"},
+    "declare_queryable": {"serve"}, "reply": {"serve"}, "liveliness_token": {"announce"},
+}  # fmt: skip
+"""What somebody needs a right for when it comes from him."""
+TOLD: dict[str, set[Right]] = {
+    "put": {"listen"}, "reply": {"call", "read"}, "query": {"serve"}, "liveliness_token": {"see"},
+}  # fmt: skip
+"""And when it goes to him."""
+
+
+def somebody(role: Role, vehicles: Sequence[str], serial: str = "1", expires: float = 2_000.0):
+    return Name("anna", role, list(vehicles), serial, expires)
+
+
+HOLDERS = st.builds(
+    somebody,
+    st.sampled_from(list(ROLES)),
+    st.lists(st.sampled_from(["uav", "uav7"]), min_size=1, max_size=2, unique=True)
+    | st.just(["*"]),
+)
+
+
+def passes(config: dict[str, Any], who: dict[str, str], flow: str, message: str, key: str) -> bool:
+    """Zenoh's decision: a subject fits by all it says; a rule by a key that includes the message's."""
+    subjects = {
+        subject["id"]
+        for subject in config["subjects"]
+        if who.get("cert", "") in subject.get("cert_common_names", [who.get("cert", "")])
+        and who["link"] in subject.get("link_protocols", [who["link"]])
+    }
+    wanted = {
+        rule
+        for policy in config["policies"]
+        if subjects & set(policy["subjects"])
+        for rule in policy["rules"]
+    }
+    assert config["default_permission"] == "deny"
+    return any(
+        rule["permission"] == "allow"
+        and flow in rule["flows"]
+        and message in rule["messages"]
+        and any(includes(pattern, key) for pattern in rule["key_exprs"])
+        for rule in config["rules"]
+        if rule["id"] in wanted
+    )
+
+
+@given(HOLDERS, KEYS)
+def test_it_lets_through_what_the_role_allows_and_no_more(holder: Name, key: str):
+    config = access_control([holder, somebody("student", ["uav8"], "2")], NOW, "unixsock-stream")
+    who = {"cert": holder.common_name, "link": "tls"}
+    for flow, table in (("ingress", ASKED), ("egress", TOLD)):
+        for message, rights in table.items():
+            due = any(may(holder.role, holder.vehicles, right, key) for right in rights)
+            # A hub's people may ask for everything: they are told of its own vehicles alone.
+            asks = holder.role == "hub" and (flow, message) == ("ingress", "declare_subscriber")
+            if not asks:
+                assert passes(config, who, flow, message, key) == due, (flow, message)
+    assert not passes(config, who, "ingress", "delete", key)
+
+
+@given(HOLDERS, KEYS, st.sampled_from([*ASKED, *TOLD, "delete", "liveliness_query"]))
+def test_who_is_not_on_the_list_or_has_expired_passes_nothing(holder: Name, key: str, message: str):
+    late = somebody(holder.role, holder.vehicles, "9", expires=NOW)
+    config = access_control([late, somebody("operator", ["*"], "2")], NOW, "unixsock-stream")
+    for serial in ("9", "1"):
+        cert = somebody(holder.role, holder.vehicles, serial).common_name
+        for flow in ("ingress", "egress"):
+            assert not passes(config, {"cert": cert, "link": "tls"}, flow, message, key)
+    assert not passes(config, {"link": "tls"}, "ingress", message, key)
+
+
+@given(KEYS)
+def test_our_own_hub_passes_everything_of_ours(key: str):
+    config = access_control([], NOW, "unixsock-stream")
+    if "@adv" not in key:
+        assert passes(config, {"link": "unixsock-stream"}, "ingress", "query", key)
+        assert passes(config, {"link": "unixsock-stream"}, "egress", "put", key)
+
+
+def test_a_hundred_of_a_kind_are_one_subject():
+    many = [somebody("student", ["uav"], str(number)) for number in range(100)]
+    config = access_control(many, NOW, "unixsock-stream")
+    assert len(config["subjects"]) == 2
+    ids = [rule["id"] for rule in config["rules"]]
+    assert len(ids) == len(set(ids))

@@ -1,0 +1,140 @@
+"""A fleet's keys: who has which, for how long, and how little of it others can read."""
+
+import datetime as dt
+import stat
+import time
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from services.runtime.errors import Invalid, NotAllowed, UsageError
+from services.runtime.secure import names
+from services.runtime.secure.fleet import Fleet
+from services.runtime.secure.gate import Watch, identity_for, rules
+from services.runtime.secure.identity import VARIABLE, Identity, current, needed
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    Fleet(tmp_path / "keys").init()
+    return tmp_path / "keys"
+
+
+def certificate(folder: Path) -> x509.Certificate:
+    return x509.load_pem_x509_certificate((folder / "cert.pem").read_bytes())
+
+
+def usages(made: x509.Certificate) -> list[x509.ObjectIdentifier]:
+    return list(made.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value)
+
+
+def test_a_certificate_says_who_it_is_and_ends_in_days(folder: Path):
+    (anna,) = Fleet(folder).issue("operator", {"anna": ["uav7"]}, 2.0, [])
+    made = certificate(folder / "anna")
+    (said,) = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    assert said.value == anna.common_name == f"operator.anna.{anna.serial}"
+    assert isinstance(made.public_key(), ec.EllipticCurvePublicKey)
+    left = made.not_valid_after_utc - dt.datetime.now(dt.UTC)
+    assert dt.timedelta(days=1.9) < left <= dt.timedelta(days=2)
+    fleet = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
+    made.verify_directly_issued_by(fleet)
+    assert (folder / "anna" / "ca.pem").read_bytes() == (folder / "ca.pem").read_bytes()
+
+
+def test_only_a_hub_may_be_connected_to_and_at_its_own_addresses(folder: Path):
+    Fleet(folder).issue("hub", {"field": ["*"]}, 1, ["10.7.1.1", "field.local"])
+    Fleet(folder).issue("student", {"bob": ["uav"]}, 1, [])
+    hub, student = certificate(folder / "field"), certificate(folder / "bob")
+    assert ExtendedKeyUsageOID.SERVER_AUTH in usages(hub)
+    assert usages(student) == [ExtendedKeyUsageOID.CLIENT_AUTH]
+    at = hub.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert at.get_values_for_type(x509.DNSName) == ["field.local"]
+    assert [str(ip) for ip in at.get_values_for_type(x509.IPAddress)] == ["10.7.1.1"]
+    assert not hub.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+
+
+def test_no_key_can_be_read_by_others(folder: Path):
+    Fleet(folder).issue("operator", {"anna": ["*"]}, 1, [])
+    for key in (folder / "ca-key.pem", folder / "anna" / "key.pem"):
+        assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    for place in (folder, folder / "anna"):
+        assert stat.S_IMODE(place.stat().st_mode) == 0o700
+    (folder / "anna" / "key.pem").chmod(0o640)
+    with pytest.raises(UsageError, match=r"key\.pem can be read by others") as caught:
+        Identity(str(folder / "anna"))
+    assert "chmod 600" in caught.value.hint
+
+
+def test_the_list_is_in_the_folder_of_every_hub(folder: Path):
+    fleet = Fleet(folder)
+    fleet.issue("operator", {"anna": ["*"]}, 1, [])
+    fleet.issue("hub", {"field": ["*"], "uav7": ["uav7"]}, 1, [])
+    watch = Watch(str(folder / "field"))
+    assert not watch.changed()
+    for place in (folder, folder / "field", folder / "uav7"):
+        assert [name.name for name in names.load(place)] == ["anna", "field", "uav7"]
+    assert fleet.revoke("anna").name == "anna"
+    assert watch.changed()
+    assert [name.name for name in names.load(folder / "field")] == ["field", "uav7"]
+    assert not (folder / "anna").exists()
+
+
+def test_issued_anew_the_old_one_is_good_no_more(folder: Path):
+    fleet = Fleet(folder)
+    (old,) = fleet.issue("operator", {"anna": ["*"]}, 1, [])
+    (new,) = fleet.issue("student", {"anna": ["uav7"]}, 1, [])
+    assert fleet.names() == [new]
+    assert old.serial != new.serial
+    assert Identity(str(folder / "anna")).name == new
+
+
+def test_what_cannot_be(folder: Path, tmp_path: Path):
+    fleet = Fleet(folder)
+    fleet.issue("operator", {"anna": ["*"]}, 1, [])
+    with pytest.raises(Invalid, match="nobody is called ana") as caught:
+        fleet.revoke("ana")
+    assert "anna" in caught.value.hint
+    with pytest.raises(UsageError, match="has a fleet's keys already"):
+        fleet.init()
+    with pytest.raises(UsageError, match=r"names\.json is not there"):
+        Fleet(tmp_path / "nowhere").names()
+    with pytest.raises(UsageError, match="has no fleet's keys"):
+        Fleet(tmp_path / "nowhere").issue("hub", {"x": ["*"]}, 1, [])
+    with pytest.raises(UsageError, match="neither a name nor an address"):
+        fleet.issue("hub", {"x": ["*"]}, 1, ["käse"])
+    (folder / "names.json").write_text("[{]", encoding="utf-8")
+    with pytest.raises(Invalid, match="is no list of names"):
+        fleet.names()
+
+
+def test_who_we_are_is_what_the_environment_says(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert current() is None
+    with pytest.raises(UsageError, match="tls/x:1 asks who you are"):
+        needed("tls/x:1")
+    fleet = Fleet(folder)
+    fleet.issue("operator", {"anna": ["*"]}, 1, [])
+    fleet.issue("hub", {"field": ["*"]}, 1, [])
+    monkeypatch.setenv(VARIABLE, str(folder / "anna"))
+    assert needed("tls/x:1").name.role == "operator"
+    with pytest.raises(UsageError, match="needs the identity of a hub"):
+        identity_for(["tls/x:1"])
+    monkeypatch.setenv(VARIABLE, str(folder / "field"))
+    made = rules(identity_for(["tls/x:1"]), "unixsock-stream")
+    assert {subject["id"] for subject in made["subjects"]} == {"own", "operator of *", "hub of *"}
+
+
+def test_a_folder_that_is_no_identity(folder: Path, tmp_path: Path):
+    with pytest.raises(UsageError, match=r"has no ca\.pem that can be read"):
+        Identity(str(tmp_path))
+    Fleet(folder).issue("operator", {"anna": ["*"]}, 1e-9, [])
+    time.sleep(0.001)
+    with pytest.raises(NotAllowed, match="expired on") as caught:
+        Identity(str(folder / "anna"))
+    assert "quadctl keys issue operator anna" in caught.value.hint
+    (folder / "anna" / "identity.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(UsageError, match="is damaged"):
+        Identity(str(folder / "anna"))

@@ -1,0 +1,99 @@
+"""What each role may do, said here once more and not derived: the table must come to the same."""
+
+from typing import get_args
+
+import pytest
+
+from schemas.roles import ROLES, Right, Role, may
+from schemas.topics import SERVICES, TOPICS, get_params, set_params
+
+NODES = ("dynamics", "pressure", "safety")
+PARAMS = [of(node).name for node in NODES for of in (get_params, set_params)]
+CALLS = {
+    "observer": set(),
+    "vehicle": set(),
+    "safety": set(),
+    "student": {"goto", "hold", "calibrate_pressure", "reset",
+                "dynamics/get_params", "pressure/get_params", "safety/get_params"},
+}  # fmt: skip
+PUBLISHES = {
+    "observer": set(),
+    "student": {"input/position_request"},
+    "operator": {"input/position_request"},
+    "vehicle": {"pose", "sensors/pressure"},
+    "safety": {"safety/state", "input/position", "info"},
+}
+SERVES = {
+    "vehicle": {"calibrate_pressure", "reset", "dynamics/get_params", "dynamics/set_params",
+                "pressure/get_params", "pressure/set_params"},
+    "safety": {"goto", "hold", "toggle_cage", "safety/get_params", "safety/set_params"},
+}  # fmt: skip
+ROLES_BUT_HUB = [role for role in ROLES if role != "hub"]
+
+
+def allowed(role: Role, right: Right, names: list[str], prefix: str = "") -> set[str]:
+    return {name for name in names if may(role, ["uav7"], right, f"uav7/{prefix}{name}")}
+
+
+@pytest.mark.parametrize("role", ROLES_BUT_HUB)
+def test_what_it_calls(role: Role):
+    services = [*(service.name for service in SERVICES), *PARAMS]
+    assert allowed(role, "call", services, "@srv/") == CALLS.get(role, set(services))
+
+
+@pytest.mark.parametrize("role", ROLES_BUT_HUB)
+def test_what_it_publishes_and_serves(role: Role):
+    topics = [topic.name for topic in TOPICS]
+    assert allowed(role, "publish", topics) == PUBLISHES[role]
+    services = [*(service.name for service in SERVICES), *PARAMS]
+    assert allowed(role, "serve", services, "@srv/") == SERVES.get(role, set())
+    assert allowed(role, "listen", topics) == set(topics)
+
+
+def test_safety_alone_writes_setpoints_and_no_pattern_goes_around_it():
+    keys = ["uav7/input/position", "uav7/input/*", "uav7/**", "uav7/input/$*", "*/input/position"]
+    for key in keys:
+        writers = {role for role in ROLES if may(role, ["uav7"], "publish", key)}
+        assert writers <= {"hub", "safety"}
+        assert "safety" not in writers or key == keys[0]
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_nobody_has_a_right_to_anothers_vehicle_but_to_know_that_it_is_there(role: Role):
+    others = {
+        (right, topic)
+        for right in get_args(Right)
+        for topic in (*(t.name for t in TOPICS), "@srv/goto", "@srv/toggle_cage", "@node/safety",
+                      "@node/gate", "own/x", "@call/goto")
+        if may(role, ["uav7"], right, f"uav8/{topic}")
+    }  # fmt: skip
+    assert others == {("read", "info"), ("see", "@node/gate")}
+
+
+@pytest.mark.parametrize("role", ["operator", "student"])
+def test_a_services_pattern_is_not_a_service(role: Role):
+    assert not may("student", ["uav7"], "call", "uav7/@srv/*")
+    assert not may(role, ["uav7"], "call", "*/@srv/goto")
+    assert not may(role, ["uav7"], "call", "uav7/**/@srv/goto")
+
+
+def test_a_role_for_all_vehicles():
+    for key in ("uav1/pose", "x/pose", "**", "*/pose"):
+        assert may("observer", ["*"], "listen", key)
+    assert not may("observer", ["*"], "call", "uav1/@srv/goto")
+
+
+@pytest.mark.parametrize("role", ["vehicle", "safety", "operator", "student"])
+def test_a_users_own_has_a_place_of_its_own(role: Role):
+    own: dict[Right, str] = {
+        "publish": "own/camera/image", "serve": "@srv/own/snap", "announce": "@node/own-camera",
+    }  # fmt: skip
+    for right, name in own.items():
+        assert may(role, ["uav7"], right, f"uav7/{name}")
+    offers = {
+        "@pub/Image/1a2b/10/uav7%own%camera": True,
+        "@srv/Snap/1a2b/0/uav7%@srv%own%snap": True,
+        "@srv/Goto/1a2b/0/uav7%@srv%goto": False,
+    }
+    for offer, fits in offers.items():
+        assert may(role, ["uav7"], "announce", f"uav7/@node/own-camera/{offer}") is fits

@@ -27,6 +27,10 @@ COMMANDS = {
     "cage on": "cli.lab.cage:on",
     "cage off": "cli.lab.cage:off",
     "cage show": "cli.lab.cage:show",
+    "fleet list": "cli.fleet.list:list_",
+    "fleet goto": "cli.fleet.goto:goto",
+    "fleet hold": "cli.fleet.hold:hold",
+    "fleet land-all": "cli.fleet.land:land_all",
     "record": "cli.record.record:record",
     "replay": "cli.record.replay:replay",
     "plot": "cli.plot.plot:plot",
@@ -71,6 +75,7 @@ COMMANDS = {
 
 GROUPS = {
     "cage": "The virtual cage.",
+    "fleet": "Several vehicles, on one hub or on several machines.",
     "bag": "Recordings.",
     "fault": "What goes wrong, to order.",
     "topic": "What is published.",

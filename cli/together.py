@@ -1,13 +1,14 @@
 """Several nodes asked at the same time: together they take as long as the slowest, not the sum."""
 
 import threading
+import time
 from collections.abc import Callable, Collection
 from typing import Generic, TypeVar
 
 from msgspec import Struct
 
 from cli import output
-from services.runtime.errors import QuadctlError
+from services.runtime.errors import QuadctlError, TimedOut
 
 T = TypeVar("T")
 
@@ -28,8 +29,13 @@ class Heard(Struct, Generic[T], frozen=True):
         raise first
 
 
-def ask_each(nodes: Collection[str], ask: Callable[[str], T]) -> Heard[T]:
-    """Call `ask` for every node, where there are several each on a thread of its own."""
+def ask_each(
+    nodes: Collection[str], ask: Callable[[str], T], within: float | None = None
+) -> Heard[T]:
+    """Call `ask` for every node, where there are several each on a thread of its own.
+
+    With `within` (s), who takes longer is not waited for, and is told as TimedOut.
+    """
     answers: dict[str, T] = {}
     problems: dict[str, QuadctlError] = {}
     faults: list[Exception] = []
@@ -42,18 +48,25 @@ def ask_each(nodes: Collection[str], ask: Callable[[str], T]) -> Heard[T]:
         except Exception as fault:  # noqa: BLE001 - raised again below, where it can be told
             faults.append(fault)
 
-    if len(nodes) == 1:
+    if len(nodes) == 1 and within is None:
         one(*nodes)
     else:
+        ends = None if within is None else time.monotonic() + within
         threads = [threading.Thread(target=one, args=(node,), daemon=True) for node in nodes]
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join()
+            thread.join(None if ends is None else max(ends - time.monotonic(), 0))
+        for node, thread in zip(nodes, threads, strict=True):
+            if thread.is_alive():
+                problems[node] = TimedOut(
+                    f"there was no answer within {within:g} s",
+                    "`quadctl status` shows who is frozen",
+                )
     if faults:
         raise faults[0]
-    # In the order asked for, whoever was quicker.
+    # In the order asked for, whoever was quicker; whoever answers from now on was too late.
     return Heard(
-        {node: answers[node] for node in nodes if node in answers},
+        {node: answers[node] for node in nodes if node in answers and node not in problems},
         {node: problems[node] for node in nodes if node in problems},
     )

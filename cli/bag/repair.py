@@ -9,7 +9,8 @@ from cli.bag.info import Recording
 from cli.declare import Opt
 from cli.options import Options
 from services.runtime.bag import repair as mending
-from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.errors import QuadctlError
+from services.runtime.newfile import taken
 
 
 def repair(
@@ -31,7 +32,7 @@ def repair(
         if target is None:
             fresh.replace(file)
     except FileExistsError as error:
-        raise Invalid(f"{fresh} is there already", "name another file, or remove it") from error
+        raise taken(fresh) from error
     except OSError as error:
         raise QuadctlError(
             f"{fresh} cannot be written: {error.strerror}", "make room, or name another place: -o"

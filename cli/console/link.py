@@ -16,9 +16,9 @@ from schemas.requests import GetParamsRequest
 from schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
 from services.runtime import record, snapshot
 from services.runtime.client import Client
-from services.runtime.declared import UNSERVED
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
 from services.runtime.hearing import Readings
+from services.runtime.kept import UNSERVED
 from services.runtime.named import flatten
 from services.runtime.realm import Realm
 

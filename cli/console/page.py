@@ -11,11 +11,12 @@ from cli.console import frame
 from cli.console.acts import Act, Acts
 from cli.console.board import TICK
 from cli.console.link import Link
+from cli.console.panels.faults import Faults
 from cli.console.panels.flight import Flight
 from cli.console.panels.journal import Journal
 from cli.console.panels.parameters import Parameters
 from cli.console.panels.processes import Processes
-from cli.console.panels.readings import Readings
+from cli.console.panels.readings import readings
 from cli.console.panels.safety import Safety
 from cli.console.panels.top import top
 from cli.console.parts import Live
@@ -48,11 +49,12 @@ class Page:
         with ui.element("main").classes("grid"):
             flight = Flight(self)
             with ui.element("div").classes("side"):
-                safety, readings = Safety(self), Readings(self)
+                safety = Safety(self)
+                readings()
             with ui.element("div").classes("lower"):
                 journal, processes = Journal(), Processes(self)
-            parameters = Parameters(self)
-        self._panels = (flight, safety, readings, journal, processes, parameters)
+            faults, parameters = Faults(self), Parameters(self)
+        self._panels = (flight, safety, journal, processes, faults, parameters)
 
     async def do(self, act: Act) -> bool:
         """Carry something out, on a thread, and tell how it went; the only way to do anything."""

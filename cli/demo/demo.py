@@ -9,11 +9,9 @@ from cli import output
 from cli.declare import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
 from cli.options import Options, here
+from cli.own import run_of_its_own
 from services.runtime.client import Client
-from services.runtime.detach import detach
-from services.runtime.halt import halt
 from services.runtime.launch import Launch
-from services.runtime.realm import Realm
 from services.runtime.template import lab_params
 from services.runtime.vehicles import DEFAULT
 
@@ -34,25 +32,23 @@ def demo(
     from cli.plot.flight import Flight, wanted
     from cli.plot.picture import draw
 
-    realm = Realm(f"demo-{os.getpid()}")
     params = lab_params()
     vehicle = options.named or DEFAULT
-    launch = Launch(realm.name, {vehicle: params}, [], str(Path.cwd()))
-    detach(launch)
-    try:
-        with Client(realm.name, vehicle, timeout=options.timeout) as client:
-            heard = client.listen(*wanted([client.vehicle]), backlog=100_000)
-            lab = Lab(client, params, realm.logs / "safety.log")
-            report = [
-                _fly(number, title, list(checkpoint(lab)), quiet=options.json)
-                for number, (title, checkpoint) in enumerate(CHECKPOINTS, start=1)
-            ]
-            flight = Flight()
-            while (message := heard.next(0)) is not None:
-                flight.add(message.key, message.payload, message.encoding)
-            draw(picture, flight, "quadctl demo: the lab's four checkpoints, flown")
-    finally:
-        halt(realm)
+    launch = Launch(f"demo-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()))
+    with (
+        run_of_its_own(launch) as realm,
+        Client(launch.realm, vehicle, timeout=options.timeout) as client,
+    ):
+        heard = client.listen(*wanted([client.vehicle]), backlog=100_000)
+        lab = Lab(client, params, realm.logs / "safety.log")
+        report = [
+            _fly(number, title, list(checkpoint(lab)), quiet=options.json)
+            for number, (title, checkpoint) in enumerate(CHECKPOINTS, start=1)
+        ]
+        flight = Flight()
+        while (message := heard.next(0)) is not None:
+            flight.add(message.key, message.payload, message.encoding)
+        draw(picture, flight, "quadctl demo: the lab's four checkpoints, flown")
     holds = all(checkpoint["holds"] for checkpoint in report)
     if options.json:
         output.document({"ok": holds, "checkpoints": report, "picture": str(picture)})

@@ -34,6 +34,17 @@ def failed(name: str, evidence: str, fix: str) -> Check:
     return Check(name, "FAIL", evidence, fix)
 
 
+def alone(name: str, doubled: list[str], evidence: str) -> Check:
+    """That nobody does again what a node of ours does: who does, a line each, or that all is well."""
+    if not doubled:
+        return passed(name, evidence)
+    return failed(
+        name,
+        "\n".join(doubled),
+        "end the one that the supervisor has not started: `quadctl node list` shows the nodes",
+    )
+
+
 def with_options(checks: Iterable[Check], options: str) -> list[Check]:
     """The checks with common options, such as `--realm lab`, in every command of ours."""
 

@@ -32,9 +32,8 @@ def goto(
 
     Example: quadctl goto 1 -2 1.5
     """
-    if arrive is not None and not 0 < arrive <= LONGEST_TIMEOUT:
-        raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
-    request = _request(x, y, z, replace)
+    check_arrive(arrive)
+    request = request_of(x, y, z, replace=replace)
     as_json = options.json
     with bus.connect(options) as client:
         flight = Flight(client, Position(request.x, request.y, request.z))
@@ -52,6 +51,12 @@ def goto(
         output.line(f"arrived within {flight.distance:.2f} m after {flight.seconds:.2f} s")
     if problem is not None:
         raise problem
+
+
+def check_arrive(arrive: float | None) -> None:
+    """Raises Invalid for what is no time (s) to arrive in."""
+    if arrive is not None and not 0 < arrive <= LONGEST_TIMEOUT:
+        raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
 
 
 def _watch(
@@ -85,7 +90,8 @@ def _report(flight: Flight, accepted: bool, reason: str) -> dict[str, Any]:
     }
 
 
-def _request(x: float, y: float, z: float, replace: bool) -> GotoRequest:
+def request_of(x: float, y: float, z: float, *, replace: bool) -> GotoRequest:
+    """A request for a point, m; raises Invalid for what is no place."""
     asked = {"x": x, "y": y, "z": z}
     try:
         return msgspec.convert(asked | {"replace": replace}, GotoRequest)

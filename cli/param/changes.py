@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from cli import output
 from cli.options import Options
-from cli.param.running import TABLES, Values
+from cli.param.running import Values, tables
 from services.runtime import fleet, toml
 from services.runtime.named import flatten
 from services.runtime.params import gather
@@ -45,11 +45,11 @@ def file_values(file: Path | None, options: Options) -> Values:
     return values_of(*gather(file), options)
 
 
-def values_of(tables: Mapping[str, Any], source: str, options: Options) -> Values:
+def values_of(said: Mapping[str, Any], source: str, options: Options) -> Values:
     """The same of a file's tables; raises Invalid, naming the source."""
-    params = fleet.of(tables, source, options.vehicles)[options.vehicle]
-    tables = msgspec.to_builtins(params)
-    return dict(flatten({name: table for name, table in tables.items() if table}))
+    params = fleet.of(said, source, options.vehicles)[options.vehicle]
+    whole = msgspec.to_builtins(params)
+    return dict(flatten({name: table for name, table in whole.items() if table}))
 
 
 def known_of(values: Values, running: Values) -> Values:
@@ -62,7 +62,7 @@ def known_of(values: Values, running: Values) -> Values:
         known.add("processes")
     unseen = {name.partition(".")[0] for name in values} - known
     if unseen:
-        left_out = ", ".join(name for name in TABLES if name in unseen)
+        left_out = ", ".join(name for name in tables() if name in unseen)
         output.note(f"cannot be seen from here, and is left out: {left_out}")
     return {name: value for name, value in values.items() if name.partition(".")[0] in known}
 

@@ -4,27 +4,28 @@ import time
 from collections.abc import Collection, Iterable
 from typing import Any, Self
 
-import msgspec
-
 from cli import bus
 from cli.options import Options
 from cli.param.names import node_of, nodes_with_params
 from cli.together import Heard, ask_each
-from schemas.params import Params
 from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from schemas.topics import get_params, set_params
-from services.runtime import snapshot
-from services.runtime.declared import UNSERVED
+from services.runtime import kept
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.kept import UNSERVED
 from services.runtime.named import flatten, normal_name
-from services.runtime.params import nearest_declared
 from services.runtime.realm import Realm
 from services.runtime.record import not_running
 
 Values = dict[str, Any]
 """By dotted name."""
 
-TABLES: tuple[str, ...] = Params.__struct_fields__
+
+def tables() -> tuple[str, ...]:
+    """Every table of the file; only some commands need to know them, and pay for the import."""
+    from schemas.params import Params
+
+    return Params.__struct_fields__
 
 
 class Running:
@@ -68,21 +69,21 @@ class Running:
         heard.answers[""] = self._kept(UNSERVED)
         return heard
 
-    def declared(self, tables: Collection[str] = TABLES) -> Heard[Values]:
+    def declared(self, wanted: Collection[str]) -> Heard[Values]:
         """What each node answers for tables of the file.
 
         Of a node that does not run it is what it would start with. Nothing is known of those,
         nor of the supervisor's own tables, where the run is on another machine.
         """
-        served = [node for node in self.nodes() if node in tables and node not in UNSERVED]
+        served = [node for node in self.nodes() if node in wanted and node not in UNSERVED]
         heard = self._ask({node: [] for node in served})
-        heard.answers[""] = self._kept([name for name in tables if name not in served])
+        heard.answers[""] = self._kept([name for name in wanted if name not in served])
         return heard
 
     def whole(self) -> Values:
         """Every parameter, in the file's order; raises where a node does not answer."""
-        found = _all_of(self.declared())
-        return {leaf: found[leaf] for name in TABLES for leaf in found if _in(name, leaf)}
+        found = _all_of(self.declared(tables()))
+        return {leaf: found[leaf] for name in tables() for leaf in found if _in(name, leaf)}
 
     def set(self, node: str, values: Values) -> SetParamsResponse:
         """Change a node's parameters: all of them or none."""
@@ -103,17 +104,17 @@ class Running:
 
         return ask_each(wanted, ask)
 
-    def _kept(self, tables: Collection[str]) -> Values:
+    def _kept(self, wanted: Collection[str]) -> Values:
         """What the realm's folder says of tables; nothing where it says nothing."""
         if self._options.connect:
             return {}
         realm = Realm(self._options.realm)
         try:
-            kept = msgspec.to_builtins(snapshot.read(realm, self._options.vehicle) or {})
+            there = kept.tables(realm, self._options.vehicle)
         except FileNotFoundError as error:
             raise not_running(realm) from error
         # Of `processes` there may be nothing to say.
-        return dict(flatten({name: kept[name] for name in tables if kept.get(name)}))
+        return dict(flatten({name: there[name] for name in wanted if there.get(name)}))
 
     def _left(self) -> float:
         return max(self._deadline - time.monotonic(), 0.001)
@@ -127,6 +128,8 @@ def _all_of(heard: Heard[Values]) -> Values:
 def _leaves(found: Values, name: str) -> list[str]:
     leaves = [leaf for leaf in found if _in(name, leaf)]
     if not leaves:
+        from services.runtime.params import nearest_declared
+
         raise Invalid(f"there is no parameter {name}", nearest_declared(name))
     return leaves
 

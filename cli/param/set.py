@@ -8,8 +8,8 @@ from cli.options import Options
 from cli.param.names import node_of
 from cli.param.running import Running
 from services.runtime import toml
-from services.runtime.declared import UNSERVED
 from services.runtime.errors import Invalid, UsageError
+from services.runtime.kept import UNSERVED
 from services.runtime.named import normal_name, value_of
 
 

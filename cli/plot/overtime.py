@@ -59,7 +59,9 @@ def pressure(axes: Any, tracks: dict[str, Track]) -> None:
             )
             began = next(at for at, shown in zeroed if shown is not None)
             axes.axvline(began, color=palette.TAKEN, linestyle=":", label="calibrate")
-    title = "pressure before and after calibration" if alone else "raw pressure"
+    title = (
+        "pressure before and after calibration" if alone else "raw pressure, above its first value"
+    )
     axes.set(title=title, ylabel="hPa")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="center right", fontsize=8)

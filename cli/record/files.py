@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from services.runtime.errors import Invalid
+from services.runtime.newfile import taken
 
 ENDING = ".mcap"
 
@@ -16,4 +16,4 @@ def default_file() -> Path:
 def free(path: Path) -> None:
     """Raise Invalid where the file is there already: no recording is written over."""
     if path.exists():
-        raise Invalid(f"{path} is there already", "name another file, or remove it")
+        raise taken(path)

@@ -11,13 +11,12 @@ from cli.declare import Arg, Opt
 from cli.lab.progress import Progress
 from cli.names import checked_key
 from cli.options import Options
+from cli.own import run_of_its_own
 from cli.which import about_topic, anyone
 from schemas.params import Params
 from services.runtime.bag.reader import Bag, Recorded
 from services.runtime.client import Client
-from services.runtime.detach import detach
 from services.runtime.errors import Invalid
-from services.runtime.halt import halt
 from services.runtime.launch import Launch
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
@@ -97,12 +96,9 @@ def _somewhere(options: Options) -> Iterator[Client]:
             yield client
         return
     others = [name for name in NODES if name != "hub"]
-    detach(Launch(realm.name, {options.vehicle: Params()}, others, str(Path.cwd())))
-    try:
-        with bus.connect(options) as client:
-            yield client
-    finally:
-        halt(realm)
+    launch = Launch(realm.name, {options.vehicle: Params()}, others, str(Path.cwd()))
+    with run_of_its_own(launch), bus.connect(options) as client:
+        yield client
 
 
 def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int, float]:

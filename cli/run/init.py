@@ -6,7 +6,7 @@ from typing import Annotated
 from cli import output
 from cli.declare import Arg
 from cli.options import Options
-from services.runtime.errors import Invalid
+from services.runtime.newfile import making
 from services.runtime.template import render
 
 _DEFAULT_FILE = Path("quad.toml")
@@ -19,13 +19,6 @@ def init(
 
     Example: quadctl init my_lab.toml
     """
-    try:
-        with file.open("x", encoding="utf-8") as out:
-            out.write(render())
-    except FileExistsError as error:
-        raise Invalid(f"{file} is there already", "name another file, or remove it") from error
-    except OSError as error:
-        raise Invalid(
-            f"{file} cannot be written: {error.strerror}", "name a place that you may write to"
-        ) from error
+    with making(file), file.open("x", encoding="utf-8") as out:
+        out.write(render())
     output.either(options, {"file": str(file)}, f"wrote {file}")

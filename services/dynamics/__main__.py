@@ -128,7 +128,7 @@ class Simulation:
 
 def run(node: Node, params: Params) -> None:
     """Publish the pose at its rate; in missions and at speeds other than 1, in lock-step."""
-    for line in launch_lines(params.dynamics):
+    for line in launch_lines(params.dynamics, node.like and node.like.dynamics):
         node.log.info(line)
     simulation = Simulation(node, params)
 

@@ -65,7 +65,7 @@ class Rhythm:
 
 def run(node: Node, params: Params) -> None:
     """Publish readings: at the vehicle's height from the first pose on, or of a real sensor."""
-    for line in launch_lines(params.pressure):
+    for line in launch_lines(params.pressure, node.like and node.like.pressure):
         node.log.info(line)
     if node.restarted:
         node.log.warning("restarted: the baseline is 0 again")

@@ -56,6 +56,14 @@ class Client:
         else:
             _lost.append(self)
 
+    def beside(self, vehicle: str, timeout: float) -> Self:
+        """The same connection for another vehicle's keys, with a timeout (s) of its own."""
+        from copy import copy
+
+        other = copy(self)
+        other.vehicle, other.timeout = vehicle, timeout
+        return other
+
     def permit(self, right: "Right", *keys: str) -> None:
         """Raise NotAllowed where the role that our certificate gives does not extend to a key."""
         if self._connect:

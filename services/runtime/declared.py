@@ -6,9 +6,7 @@ from typing import Any
 from msgspec import Struct, inspect, to_builtins
 
 from schemas.params import FIXED_AT_LAUNCH, Params
-
-UNSERVED = ("supervise", "processes")
-"""Tables of the supervisor, which is no node: nobody on the bus has them, and nothing sets them."""
+from services.runtime.kept import UNSERVED
 
 
 class Entry(Struct, frozen=True):

@@ -126,9 +126,10 @@ def _crew(
     """The service of every vehicle, about to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
     crew = Crew()
+    first = next(iter(fleet.values()))
     for vehicle, params in fleet.items():
-        first = vehicle == next(iter(fleet))
-        node = Node(name, vehicle, opened, restarted=restarted, first=first)
+        like = None if params is first else first
+        node = Node(name, vehicle, opened, restarted=restarted, like=like)
         _serve_params(node, params, realm)
         crew.take(vehicle, node.loop, partial(run, node, params))
     return crew

@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple, TypeVar
 import zenoh
 from msgspec import Struct
 
-from services.runtime import wire
+from services.runtime import foreign, wire
 from services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
@@ -50,6 +50,7 @@ class Stream:
         return self._queue.qsize()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
+        foreign.stay()
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
         if self._queue.qsize() >= self._backlog:

@@ -6,6 +6,9 @@ import msgspec
 
 from services.runtime.realm import Realm
 
+UNSERVED = ("supervise", "processes")
+"""Tables of the supervisor, which is no node: nobody on the bus has them, and nothing sets them."""
+
 
 def tables(realm: Realm, vehicle: str) -> dict[str, Any]:
     """A vehicle's tables by name, none where the run has no such vehicle, or there is no run."""

@@ -4,12 +4,9 @@ import contextlib
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from services.runtime.errors import AlreadyServed
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _A_LOOK = 0.05
 """Seconds: a look whether the lock is held may bar it for a moment, which is no refusal."""
@@ -20,7 +17,7 @@ _LOOKERS = 2.0
 class FileLock:
     """Held by one process at a time; the file says by whom."""
 
-    def __init__(self, path: "Path", what: str, hint: str = "") -> None:
+    def __init__(self, path: str | os.PathLike[str], what: str, hint: str = "") -> None:
         """`what` names the thing locked, for the error: `realm lab`, `node safety`."""
         self._path, self._what, self._hint = path, what, hint
         self._fd: int | None = None
@@ -52,13 +49,15 @@ class FileLock:
     def _is_file(self, fd: int) -> bool:
         # A holder that ended may have removed the file while we opened it.
         with contextlib.suppress(FileNotFoundError):
-            return os.fstat(fd).st_ino == self._path.stat().st_ino
+            return os.fstat(fd).st_ino == os.stat(self._path).st_ino  # noqa: PTH116 - pathlib is slow to import
         return False
 
     def _holder(self) -> str:
-        with contextlib.suppress(FileNotFoundError):
-            return self._path.read_text().strip() or "unknown"
-        return "unknown"
+        try:
+            with open(self._path) as file:  # noqa: PTH123 - pathlib is slow to import
+                return file.read().strip() or "unknown"
+        except FileNotFoundError:
+            return "unknown"
 
     def __enter__(self) -> Self:
         return self.acquire()

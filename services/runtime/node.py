@@ -9,6 +9,7 @@ import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service, Topic
+from schemas.params import Params
 from services.runtime import foreign, graph, roster, wire
 from services.runtime.errors import AlreadyServed
 from services.runtime.journal import journal_of
@@ -23,7 +24,8 @@ M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
-_DEPTH = 64
+_DEPTH = 1000
+"""Messages that may wait for a handler: a hundredth of a second of a flood."""
 
 
 class Node:
@@ -36,15 +38,15 @@ class Node:
         session: zenoh.Session,
         *,
         restarted: bool = False,
-        first: bool = True,
+        like: Params | None = None,
     ) -> None:
         """`restarted` says that the supervisor started this process in a dead one's place.
 
-        `first` is the node of a process's first vehicle.
+        `like` are the parameters of a process's first vehicle, where this is another.
 
         Raises AlreadyServed when another process is this node.
         """
-        self.name, self.vehicle, self.restarted, self.first = name, vehicle, restarted, first
+        self.name, self.vehicle, self.restarted, self.like = name, vehicle, restarted, like
         self._others = roster.offers(session, vehicle)
         if name in roster.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
@@ -119,6 +121,11 @@ class Node:
     def clock(self, boot: str, stamp: float) -> None:
         """It is `stamp` (simulated s) of `boot`: the calls held for that time are executed now."""
         self._schedule.advance(boot, stamp, time.time())
+
+    @property
+    def first(self) -> bool:
+        """Whether this is the node of its process's first vehicle."""
+        return self.like is None
 
     @property
     def in_mission(self) -> bool:

@@ -97,8 +97,20 @@ def nearest_declared(name: str) -> str:
     return nearest(name, [*names, *tables]) or "`quadctl init` writes a file with every parameter"
 
 
-def launch_lines(section: Struct) -> Iterator[str]:
-    """What a node logs at launch, in the lab's form: `Param: acceptance range - 0.5`."""
-    yield "Launching with the following parameters:"
-    for name, value in flatten(msgspec.to_builtins(section)):
+def launch_lines(section: Struct, like: Struct | None = None) -> Iterator[str]:
+    """What a node logs at launch, in the lab's form: `Param: acceptance range - 0.5`.
+
+    Of a vehicle besides the first, what it has otherwise than that: `like`.
+    """
+    known = dict(flatten(msgspec.to_builtins(like))) if like is not None else {}
+    said = [
+        (name, value)
+        for name, value in flatten(msgspec.to_builtins(section))
+        if like is None or known[name] != value
+    ]
+    if like is None:
+        yield "Launching with the following parameters:"
+    elif said:
+        yield "Launching with the first vehicle's parameters but for the following:"
+    for name, value in said:
         yield f"Param: {name.replace('_', ' ').replace('.', ' ')} - {value}"

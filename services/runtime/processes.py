@@ -1,7 +1,6 @@
 """The process table: what runs, and when a dead one is started again. Pure."""
 
 import re
-import shlex
 import sys
 from collections.abc import Collection, Mapping
 from typing import Literal, NamedTuple
@@ -93,6 +92,8 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
     if command is None:
         # -P: a stranger's `services` folder in the working directory must not be found first.
         return (sys.executable, "-P", "-m", f"services.{name}")
+    import shlex
+
     try:
         words = shlex.split(command) if isinstance(command, str) else command
     except ValueError as error:

@@ -1,12 +1,13 @@
 """The sending end of a topic."""
 
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import zenoh
 from msgspec import Struct
 
 from schemas.contract import Topic
 from services.runtime import wire
+from services.runtime.calls import has_match
 
 M = TypeVar("M", bound=Struct)
 
@@ -33,8 +34,7 @@ class Publisher(Generic[M]):
     @property
     def is_heard(self) -> bool:
         """Whether the hub has told of a listener."""
-        status: Any = self._publisher.matching_status  # the stubs take it for a bool
-        return bool(status.matching)
+        return has_match(self._publisher)
 
     def put(self, message: M) -> None:
         """Publish a message; numbers must be Python's own, not numpy's."""

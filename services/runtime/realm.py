@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
 ADDRESS = "hub.json"
 """The file of a realm's folder that says where its hub listens."""
+RECORD = "run.json"
+"""What the run says of itself; written anew at every change."""
+LOCK = "up.lock"
+"""Held by the run for as long as it lives."""
 _LONGEST_SOCKET_PATH = 100
 """The kernel's sun_path holds 108 bytes, and Zenoh adds a suffix for its lock."""
 
@@ -55,8 +59,8 @@ class Realm:
     folder = _Within()
     socket = _Within("hub.sock")
     address = _Within(ADDRESS)
-    record = _Within("run.json")
-    lock = _Within("up.lock")
+    record = _Within(RECORD)
+    lock = _Within(LOCK)
     params = _Within("params")
     logs = _Within("logs")
     asked = _Within("asked")

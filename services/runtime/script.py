@@ -62,7 +62,7 @@ class Script:
     ) -> None:
         self.name, self.vehicle, self.restarted = name, vehicle, False
         self.log = logging.getLogger(f"script.{name}")
-        self.stopping, self.in_mission = False, False
+        self.stopping, self.in_mission, self.like = False, False, None
         self.on_params: Callable[[], None] | None = None
         self.said: list[Said] = []
         self._heard, self._calls = deque(heard), deque(calls)

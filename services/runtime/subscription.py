@@ -21,6 +21,8 @@ two threads took turns for each, that would cost several times what the message 
 _WINDOW = 0.002
 _GATHER = 0.0004
 """For so long (s); at 100 000 a second fewer come than may wait."""
+_NEWEST = 64
+"""Kept where the newest alone is wanted: it may be the one that cannot be read."""
 
 _log = logging.getLogger(__name__)
 
@@ -45,11 +47,14 @@ class Subscription(Generic[M]):
         self._value: M | None = None
         self._received = 0.0
         self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
-        self._waiting: deque[tuple[float, bytes, str]] = deque(maxlen=depth)
+        self._waiting: deque[tuple[float, bytes, str]] = deque(
+            maxlen=_NEWEST if handler is None else depth
+        )
         self._posted = False
         self._since, self._count, self._flood = 0.0, 0, False
         self._rests_until = 0.0 if handler is not None else float("inf")
         self._complaint = ""
+        self._known = ""
 
     @property
     def value(self) -> M | None:
@@ -72,6 +77,8 @@ class Subscription(Generic[M]):
         """Zenoh's thread leaves a sample here, and posts to the inbox once until it is read."""
         foreign.stay()
         now = time.monotonic()
+        # Copied at once: a sample kept for later was seen, once in a million, to have been written
+        # over by what came next.
         self._waiting.append((now, sample.payload.to_bytes(), str(sample.encoding)))
         if not self._posted and (now >= self._rests_until or self._awaited()):
             self._posted = True
@@ -112,8 +119,13 @@ class Subscription(Generic[M]):
             any(self._take(*arrival) for arrival in reversed(arrived))
 
     def _take(self, received: float, payload: bytes, said: str) -> bool:
+        type_ = self._topic.type
         try:
-            self._value = wire.decode(self._topic.type, payload, said)
+            # As a rule it is what the last one said.
+            if said != self._known:
+                wire.check_schema(type_, said)
+                self._known = said
+            self._value = wire.decode_fields(type_, payload)
         except Invalid as error:
             self._complain(error)
             return False

@@ -32,7 +32,7 @@ class Taken(NamedTuple):
 class Tap:
     """Hears keys or key expressions from when it is made; a message once, however many match it.
 
-    Zenoh's thread does no more than put a message aside. `lost` counts those for which there was
+    Zenoh's thread does no more than copy a message. `lost` counts those for which there was
     no room. Times are those of one clock, which does not jump when that of the machine is set.
     """
 
@@ -41,7 +41,7 @@ class Tap:
         self.lost = 0
         self._session = session
         self._epoch = time.time_ns() - time.monotonic_ns()
-        self._waiting: deque[tuple[int, zenoh.Sample]] = deque()
+        self._waiting: deque[Taken] = deque()
         # Each counted by one thread alone, so that nothing need be locked.
         self._came = self._went = 0
         self._patterns = [zenoh.KeyExpr(key) for key in keys]
@@ -72,7 +72,9 @@ class Tap:
 
     def take(self, most: int) -> list[Taken]:
         """The messages that wait, in the order in which they came, up to so many."""
-        return [self._read(*self._waiting.popleft()) for _ in range(min(most, len(self._waiting)))]
+        taken = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
+        self._went += sum(len(message.payload) for message in taken)
+        return taken
 
     def _taker(self, others: list[zenoh.KeyExpr]) -> Callable[[zenoh.Sample], None]:
         """What takes a message, unless one of the other patterns brings it too."""
@@ -94,11 +96,11 @@ class Tap:
         if self._came - self._went > _MOST_BYTES:
             self.lost += 1
             return
-        self._came += len(sample.payload)
-        self._waiting.append((time.monotonic_ns(), sample))
-
-    def _read(self, came: int, sample: zenoh.Sample) -> Taken:
-        payload, stamp, at = sample.payload.to_bytes(), sample.timestamp, self._epoch + came
-        self._went += len(payload)
+        # Copied at once, as in a Subscription.
+        payload, stamp = sample.payload.to_bytes(), sample.timestamp
+        self._came += len(payload)
+        at = self._epoch + time.monotonic_ns()
         published = at if stamp is None else round(stamp.get_time().timestamp() * 1e9)
-        return Taken(str(sample.key_expr), payload, str(sample.encoding), at, published)
+        self._waiting.append(
+            Taken(str(sample.key_expr), payload, str(sample.encoding), at, published)
+        )

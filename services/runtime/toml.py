@@ -1,6 +1,5 @@
 """Values as TOML writes them, in files and on command lines. Pure."""
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -20,6 +19,8 @@ def value(said: Any) -> str:
     if isinstance(said, list | tuple):
         return f"[{', '.join(map(value, said))}]"
     if isinstance(said, str):
+        import json
+
         # JSON's escapes are TOML's as well; of the control characters it leaves DEL alone.
         return json.dumps(said, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(said)

@@ -55,6 +55,11 @@ def decode(type_: type[M], payload: bytes, said: str) -> M:
     checked field by field. Raises SchemaMismatch or Invalid.
     """
     check_schema(type_, said)
+    return decode_fields(type_, payload)
+
+
+def decode_fields(type_: type[M], payload: bytes) -> M:
+    """Decode what a sender of this very schema has sent; raises Invalid."""
     try:
         message: M = _decoder(type_).decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

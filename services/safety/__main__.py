@@ -156,7 +156,7 @@ def _log_launch(node: Node, params: Params) -> None:
     """The lab's lines: the cage as intervals, the rest as it is."""
     size = params.safety.virtual_cage
     intervals = bounds(CageSize(size.x, size.y, size.z))
-    for line in launch_lines(params.safety):
+    for line in launch_lines(params.safety, node.like and node.like.safety):
         axis = line.removeprefix("Param: virtual cage ")[:1]
         if line.startswith("Param: virtual cage "):
             low, high = intervals[axis]

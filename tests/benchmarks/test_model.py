@@ -49,8 +49,10 @@ def test_every_bar_is_between_runners():
     assert {bar.ours for bar in BARS} | {bar.peer for bar in BARS} <= known
 
 
-def test_a_step_has_the_operations_that_it_was_designed_with():
-    assert 500 < step_flops() < 750
+def test_a_step_has_the_operations_that_its_text_has():
+    # In still air. A change of the model's text that adds one operation is seen here, because the
+    # benchmark's share of a core's peak is made of them.
+    assert step_flops() == 543
 
 
 def test_a_scenario_is_known_by_its_numbers_but_not_by_its_tolerance():

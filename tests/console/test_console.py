@@ -75,10 +75,11 @@ def test_a_taken_port_is_told(pair: Lab, pairs_console: Console):
 
 
 def test_each_vehicle_has_a_page(pairs_console: Console):
-    for vehicle in ("uav0", "uav1"):
+    for number, vehicle in enumerate(("uav0", "uav1")):
         status, page, _ = get(f"{pairs_console.control}&vehicle={vehicle}")
         assert status == 200
-        assert f'"model-value":{int(vehicle[-1])}' in page.replace(" ", "")
+        chosen = f'"model-value":{{"value":{number},"label":"{vehicle}"}}'
+        assert chosen in page.replace(" ", "")
 
 
 def test_the_token_is_on_no_page_that_watches(pairs_console: Console):

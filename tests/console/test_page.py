@@ -99,13 +99,21 @@ def test_calibrating_shows_the_baseline(page: Tab):
     page.reads(".journal", "baseline 1013.")
 
 
-def test_a_fault_of_the_barometer_is_a_click(page: Tab, flown: Lab):
-    kinds = "[...document.querySelectorAll('.faults .q-btn')]"
-    for kind in ("stuck", "none"):
-        page.js(f"{kinds}.find((button) => button.innerText === '{kind}').click()")
-        page.reads(".journal", f"pressure.fault.kind = {kind}")
-        found = flown.quadctl("param", "get", "pressure.fault.kind", "--json").json
-        assert found == {"pressure.fault.kind": kind}
+@pytest.mark.parametrize("fault", ["barometer-stuck", "motor-weak"])
+def test_a_fault_goes_in_and_out_by_a_click(page: Tab, flown: Lab, fault: str):
+    button = f".faults [data-fault={fault}]"
+    for there in ("true", "false"):
+        page.press(button)
+        page.until(f"document.querySelector('{button}').getAttribute('aria-pressed') === '{there}'")
+        faults = flown.quadctl("fault", "list", "--json").json
+        assert [row["active"] for row in faults if row["name"] == fault] == [there == "true"]
+
+
+def test_a_fault_that_somebody_else_puts_in_is_lit(page: Tab, flown: Lab):
+    assert flown.quadctl("fault", "inject", "gust").code == 0
+    page.until("document.querySelector('[data-fault=gust]').classList.contains('in')")
+    assert flown.quadctl("fault", "clear").code == 0
+    page.until("!document.querySelector('[data-fault=gust]').classList.contains('in')")
 
 
 def enter(page: Tab, name: str, text: str) -> None:

@@ -33,6 +33,9 @@ LINES = (
     Line("reset", 0, {"hub": 4, "dynamics": 4}),
     Line("fly mission.toml", 0, {"hub": 4, **_NODES}),
     Line("state", 0, {"hub": 4, "safety": 4, "dynamics": 4}),
+    Line("fleet list", 0, {"hub": 4, "safety": 4, "dynamics": 4}),
+    Line("fleet hold", 0, {"hub": 4, "safety": 4}),
+    Line("fleet goto 0 0 1", 0, {"hub": 4, "safety": 4, "dynamics": 5}),
     Line("calibrate", 0, {"hub": 4, "pressure": 4}),
     Line("calibrate --unset", 0, {"hub": 4, "pressure": 4}),
     Line("cage off", 0, {"hub": 4, "safety": 4}),
@@ -106,11 +109,12 @@ STREAMS = (
 """Run already when somebody freezes, with STREAM_TIMEOUT; 130 where they go on until Ctrl-C."""
 
 ENDINGS = (
+    Line("fleet land-all", 0, {"hub": 4, "safety": 4, "dynamics": 4}),
     Line("node kill pressure"),
     Line("node restart pressure", 0, {"hub": 4, "up": 4}),
     Line("down", 0, {"up": 4}),
 )
-"""What changes the run, one after the other; they may take longer where they end well."""
+"""What changes the run or its flight, one after the other; they may take longer where they end well."""
 
 _KEYS = "it reads and writes a fleet's folder, and asks nobody"
 _FILES = "it reads a file, and asks nobody"

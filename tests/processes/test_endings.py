@@ -176,3 +176,12 @@ def test_under_nohup_a_closed_terminal_is_no_end(lab: Lab):
     run.send(signal.SIGHUP)
     lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
     assert not run.ended
+
+
+def test_a_demo_ended_by_a_signal_leaves_nothing(lab: Lab):
+    run = lab.spawn(*lab.command("demo"))
+    eventually(lambda: [*lab.home.parent.glob("demo-*/run.json")])
+    run.send(signal.SIGTERM)
+    assert run.wait() == 128 + signal.SIGTERM, run.log
+    eventually(lambda: not lab.processes())
+    assert not [*lab.home.parent.glob("demo-*")]

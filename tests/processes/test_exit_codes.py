@@ -17,6 +17,7 @@ NEEDS_A_RUN = [
     "cage show", "goto 1 2 1", "topic list", "topic echo pose", "service list",
     "service info goto", "service call calibrate_pressure zero=true", "param list",
     "param get safety.cage_on", "param set safety.takeoff 1", "node list", "record", "plot --live",
+    "fleet list", "fleet hold", "fleet land-all", "fleet goto 0 0 1",
 ]  # fmt: skip
 
 FAILS = {
@@ -27,6 +28,13 @@ FAILS = {
     "goto 1 2": 2,
     "goto 1 2 1 --arrive 0": 6,
     "flee": 2,
+    "fleet goto 1 2": 2,
+    "fleet goto uav=1,2": 2,
+    "fleet goto line": 6,
+    "fleet goto drone=1,2,1": 6,
+    "fleet goto nan 0 1": 6,
+    "fleet hold --vehicle uav": 2,
+    "fleet hold --fleet none.toml": 6,
     "cage sideways": 2,
     "state --timeout 0": 2,
     "state --realm no/name": 2,

@@ -64,6 +64,16 @@ def test_an_empty_file_is_the_defaults(file: Path):
     assert load(file) == Params()
 
 
+def test_of_another_vehicle_what_differs_is_logged_alone(file: Path):
+    file.write_text("[safety]\nacceptance_range = 0.25\n")
+    first, other = SafetyParams(), load(file).safety
+    assert list(launch_lines(other, first)) == [
+        "Launching with the first vehicle's parameters but for the following:",
+        "Param: acceptance range - 0.25",
+    ]
+    assert list(launch_lines(other, other)) == []
+
+
 def test_changing_cage_and_range_in_the_file_alone_changes_the_logged_lines(file: Path):
     file.write_text("[safety]\nacceptance_range = 0.25\nvirtual_cage = { x = 3, y = 3, z = 3 }\n")
     lines = list(launch_lines(load(file).safety))

@@ -10,7 +10,8 @@ from services.recorder.foxglove import SCENE, TRANSFORM
 from services.recorder.scene import Scene
 from services.runtime.bag.outfile import Outfile
 from services.runtime.bag.writer import BagWriter
-from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.errors import QuadctlError
+from services.runtime.newfile import making
 from services.runtime.tap import Taken
 
 FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
@@ -25,14 +26,8 @@ class Recording:
         self.path, self.lost = path, 0
         self._began = time.monotonic()
         self._scenes: dict[str, Scene] = {}
-        try:
+        with making(path):
             self._out = Outfile.create(path)
-        except FileExistsError as error:
-            raise Invalid(f"{path} is there already", "name another file, or remove it") from error
-        except OSError as error:
-            raise Invalid(
-                f"{path} cannot be written: {error.strerror}", "name a place that you may write to"
-            ) from error
         try:
             self._bag = BagWriter(self._out)
             self._bag.note("quadctl", notes)

@@ -1,0 +1,1 @@
+"""`quadctl fleet`: several vehicles at once, on one hub or on several machines."""

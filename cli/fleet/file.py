@@ -1,0 +1,114 @@
+"""The fleet file: vehicles by name, where each is, and formations.
+
+[vehicles]
+uav0 = {}                                              # on this realm's hub, or --connect's
+red = { connect = "tls/lab2:7447", vehicle = "uav" }   # on its own, where its keys say uav
+
+[formations.line]                                      # m, about the X Y Z of `fleet goto`
+uav0 = [-1.0, 0.0, 0.0]
+red = [1.0, 0.0, 0.0]
+"""
+
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec import Struct
+
+from schemas.geometry import Position
+from schemas.units import Metres
+from services.runtime import params
+from services.runtime.errors import Invalid, UsageError
+from services.runtime.named import nearest
+from services.runtime.realm import vehicle_name
+
+DEFAULT = Path("fleet.toml")
+_EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'
+_POINT = "a place is written as uav0 = [1.0, 2.0, 0.5], metres"
+
+T = TypeVar("T")
+
+
+class Member(Struct, frozen=True):
+    """A vehicle of a fleet: its hub's endpoint, empty for the realm's own, and its name there."""
+
+    name: str
+    connect: str
+    vehicle: str
+
+
+class Fleet(Struct, frozen=True):
+    """Who flies, and the places of each in every formation, m."""
+
+    members: list[Member]
+    formations: dict[str, dict[str, Position]]
+
+
+class _Said(Struct, frozen=True, forbid_unknown_fields=True):
+    connect: str = ""
+    vehicle: str = ""
+
+
+class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
+    vehicles: dict[str, Any]
+    formations: dict[str, dict[str, Any]] = {}
+
+
+def read(file: Path, connect: str) -> Fleet:
+    """A fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
+    return fleet_of(params.read(file), str(file), connect)
+
+
+def fleet_of(table: dict[str, Any], source: str, connect: str) -> Fleet:
+    """The same, from its tables."""
+    tables = _checked(table, _Tables, source, "the tables are [vehicles] and [formations.NAME]")
+    members = [_member(name, said, source, connect) for name, said in tables.vehicles.items()]
+    if not members:
+        raise Invalid(f"{source}: no vehicle is in it", _EXAMPLE)
+    _check_distinct(members, source)
+    names = [member.name for member in members]
+    formations = {}
+    for title, places in tables.formations.items():
+        for name in places:
+            if name not in names:
+                hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
+                raise Invalid(f"{source}: formations.{title}: there is no vehicle {name}", hint)
+        formations[title] = {
+            name: _place(said, f"{source}: formations.{title}.{name}")
+            for name, said in places.items()
+        }
+    return Fleet(members, formations)
+
+
+def _member(name: str, said: Any, source: str, connect: str) -> Member:
+    where = f"{source}: vehicles.{name}"
+    found = _checked(said, _Said, where, _EXAMPLE)
+    try:
+        vehicle = vehicle_name(found.vehicle or name)
+    except UsageError as problem:
+        raise Invalid(f"{where}: {problem.message}", problem.hint) from problem
+    return Member(name, found.connect or connect, vehicle)
+
+
+def _check_distinct(members: list[Member], source: str) -> None:
+    taken: dict[tuple[str, str], str] = {}
+    for member in members:
+        other = taken.setdefault((member.connect, member.vehicle), member.name)
+        if other != member.name:
+            raise Invalid(
+                f"{source}: vehicles.{member.name} is the same vehicle as {other}",
+                "give it another `connect`, or the name that it has there as `vehicle`",
+            )
+
+
+def _place(said: Any, where: str) -> Position:
+    x, y, z = _checked(said, tuple[Metres, Metres, Metres], where, _POINT)
+    return Position(x, y, z)
+
+
+def _checked(said: Any, type_: type[T], where: str, hint: str) -> T:
+    try:
+        return msgspec.convert(said, type_)
+    except msgspec.ValidationError as error:
+        text = str(error)
+        raise Invalid(f"{where}: {text[:1].lower()}{text[1:]}", hint) from error

@@ -1,0 +1,158 @@
+"""`fleet goto`: all vehicles to their goals, and the flights there watched together."""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from msgspec import Struct
+
+from cli import output
+from cli.declare import Arg, Opt
+from cli.fleet.board import Board
+from cli.fleet.file import Fleet, Member
+from cli.fleet.formation import about, named_goals, point
+from cli.fleet.hubs import Hubs
+from cli.fleet.members import File, fleet_of
+from cli.fleet.told import fail, row
+from cli.lab.flying import Flight, patience
+from cli.lab.goto import check_arrive, request_of
+from cli.options import Options
+from schemas.geometry import Position
+from schemas.requests import GotoRequest, GotoResponse
+from schemas.topics import GOTO, STATE
+from services.runtime.client import Client
+from services.runtime.errors import QuadctlError, Refused
+
+_GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."
+_WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show --vehicle`"
+
+
+class _Asked(Struct, frozen=True):
+    """A vehicle that has answered: its verdict, and its flight as heard from before that on."""
+
+    client: Client
+    flight: Flight
+    reply: GotoResponse
+
+
+def goto(
+    options: Options,
+    goal: Annotated[list[str], Arg("Where to, m.", _GOAL)],
+    no_wait: Annotated[bool, Opt("Return with the verdicts.")] = False,
+    replace: Annotated[bool, Opt("Change course while flying to other goals.")] = False,
+    arrive: Annotated[
+        float | None, Opt("Seconds to arrive in (default: twice the planned time and 5).")
+    ] = None,
+    file: File = None,
+) -> None:
+    """Fly all vehicles to their goals, if each one's safety permits, and wait for the arrivals.
+
+    X Y Z is the centre of where all are to be: they keep their formation. A formation of the
+    fleet's file is flown about X Y Z, or the origin. VEHICLE=X,Y,Z sends those that are named.
+    Nobody keeps the vehicles out of one another's way.
+
+    Example: quadctl fleet goto 0 0 2
+    """
+    check_arrive(arrive)
+    with Hubs(options) as hubs:
+        fleet = fleet_of(options, file, hubs)
+        requests = {
+            name: request_of(p.x, p.y, p.z, replace=replace)
+            for name, p in _goals(goal, fleet, hubs).items()
+        }
+        members = [member for member in fleet.members if member.name in requests]
+        asked, problems = _ask(hubs, members, requests, options)
+        flying = [member for member in members if _is_accepted(asked.get(member.name))]
+        if flying and not no_wait:
+            problems |= _watch(hubs, flying, asked, arrive, quiet=options.json)
+    if options.json:
+        output.document(
+            [_row(m, options, asked.get(m.name), problems.get(m.name)) for m in members]
+        )
+    fail({m.name: problems[m.name] for m in members if m.name in problems})
+
+
+def _goals(words: list[str], fleet: Fleet, hubs: Hubs) -> dict[str, Position]:
+    names = [member.name for member in fleet.members]
+    goals = named_goals(words, names, fleet.formations)
+    if goals is not None:
+        return goals
+    centre = point(words)
+    # Not where they are: who has arrived within the range would be left behind a little each time.
+    heard = hubs.ask(fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True)
+    # Without one of them nobody knows where the others belong.
+    fail(heard.problems)
+    return about(heard.answers, centre)
+
+
+def _ask(
+    hubs: Hubs, members: list[Member], requests: Mapping[str, GotoRequest], options: Options
+) -> tuple[dict[str, _Asked], dict[str, QuadctlError]]:
+    def ask(member: Member, client: Client) -> _Asked:
+        request = requests[member.name]
+        left, client.timeout = client.timeout, options.timeout
+        flight = Flight(client, Position(request.x, request.y, request.z))
+        return _Asked(client, flight, client.call(GOTO, request, left))
+
+    heard = hubs.ask(members, ask, bounded=True)
+    problems = dict(heard.problems)
+    for name, asked in heard.answers.items():
+        said = "accepted" if asked.reply.accepted else f"rejected: {asked.reply.reason}"
+        if not options.json:
+            output.line(f"{name}: {said}")
+        if not asked.reply.accepted:
+            problems[name] = Refused(asked.reply.reason, _WHY)
+    return heard.answers, problems
+
+
+def _watch(
+    hubs: Hubs,
+    members: list[Member],
+    asked: Mapping[str, _Asked],
+    arrive: float | None,
+    *,
+    quiet: bool,
+) -> dict[str, QuadctlError]:
+    """Show the flights until all have ended; returns what kept whom from its goal."""
+    with Board("flying", [member.name for member in members], quiet=quiet) as board:
+
+        def watch(member: Member, _client: Client) -> None:
+            client, flight = asked[member.name].client, asked[member.name].flight
+            flight.begin()
+            whole = max(flight.distance, 1e-6)
+            limit = arrive or (0 if flight.reason else patience(client, whole))
+            flight.watch(limit, lambda left: board.update(member.name, left, whole))
+            board.update(member.name, 0.0, whole)
+
+        try:
+            problems = hubs.ask(members, watch, bounded=False).problems
+        except KeyboardInterrupt:
+            output.note("stopped waiting: the flights go on; `quadctl fleet hold` stops them")
+            raise
+    for member in members:
+        flight = asked[member.name].flight
+        if flight.arrived and not quiet:
+            way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
+            output.line(f"{member.name}: arrived {way}")
+    return problems
+
+
+def _is_accepted(asked: _Asked | None) -> bool:
+    return asked is not None and asked.reply.accepted
+
+
+def _row(
+    member: Member, options: Options, asked: _Asked | None, problem: QuadctlError | None
+) -> Any:
+    flight = asked.flight if asked else None
+    known = flight is not None and math.isfinite(flight.distance)
+    return row(
+        member,
+        options,
+        problem,
+        accepted=_is_accepted(asked),
+        reason=(asked.reply.reason or asked.flight.reason) if asked else "",
+        arrived=flight is not None and flight.arrived,
+        distance=flight.distance if flight and known else None,
+        seconds=flight.seconds if flight and known else None,
+    )

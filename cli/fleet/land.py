@@ -1,0 +1,147 @@
+"""`fleet land-all`: all vehicles stop, and then come straight down."""
+
+import time
+from typing import Annotated
+
+from cli import output
+from cli.declare import Opt
+from cli.fleet.board import Board
+from cli.fleet.file import Member
+from cli.fleet.hubs import Hubs
+from cli.fleet.members import File, fleet_of
+from cli.fleet.told import fail, row
+from cli.lab.flying import Flight, distance, patience
+from cli.lab.goto import check_arrive
+from cli.options import Options
+from schemas.geometry import Position
+from schemas.messages import Pose, SafetyState
+from schemas.requests import GotoRequest, HoldRequest
+from schemas.topics import GOTO, HOLD, POSE, STATE
+from services.runtime.client import Client
+from services.runtime.errors import Refused
+
+_STOPPING = 5.0
+"""Seconds to come to rest in; in gusts it never does, and lands from where it is."""
+_SLOW = 0.05
+"""A vehicle slower than this (m/s) may be sent elsewhere."""
+_IDLE = 3.0
+"""Simulated s for which one stands, its motors idle by now, that safety does not hold for arrived:
+it was blown farther off its goal than the acceptance range."""
+_DOWN, _STILL, _AT_REST = 0.05, 0.01, 0.2
+"""Lower than this (m) and slower than this (m/s) for so long (simulated s), it stands: in gusts a
+hovering vehicle is never as still."""
+
+
+def land_all(
+    options: Options,
+    arrive: Annotated[
+        float | None, Opt("Seconds to land in (default: twice the planned time and 5).")
+    ] = None,
+    file: File = None,
+) -> None:
+    """Stop all vehicles and land each straight below; one outside its cage, at the cage's edge.
+
+    A hub that is away delays none of the others. 0 only where all have landed, else the code of the
+    worst: nobody answers (3) before a timeout (4) before a refusal (5). Nobody keeps the vehicles
+    out of one another's way.
+
+    Example: quadctl fleet land-all
+    """
+    check_arrive(arrive)
+    with Hubs(options) as hubs:
+        members = fleet_of(options, file, hubs).members
+        with Board("landing", [member.name for member in members], quiet=options.json) as board:
+
+            def land(member: Member, client: Client) -> Position:
+                left, client.timeout = client.timeout, options.timeout
+                return _Landing(client, board, member.name).run(left, arrive)
+
+            try:
+                heard = hubs.ask(members, land, bounded=False)
+            except KeyboardInterrupt:
+                output.note("stopped waiting: the landings go on; `quadctl fleet hold` stops them")
+                raise
+    landed = heard.answers
+    if options.json:
+        output.document(
+            [
+                row(
+                    m,
+                    options,
+                    heard.problems.get(m.name),
+                    landed=m.name in landed,
+                    position=landed.get(m.name),
+                )
+                for m in members
+            ]
+        )
+    else:
+        for name, at in landed.items():
+            output.line(f"{name}: landed at {at.x:.2f} {at.y:.2f}")
+    fail(heard.problems)
+
+
+class _Descent(Flight):
+    """A flight to the ground: over when the vehicle stands there, however far off the goal."""
+
+    pose: Pose | None = None
+    _still_since, _reached = 0.0, False
+
+    def _read(self, message: Pose | SafetyState) -> None:
+        super()._read(message)
+        if isinstance(message, Pose):
+            first, self.pose = self.pose is None, message
+            flies = message.position.z > _DOWN or _speed(message) > _STILL
+            if first or flies or not self._moving:
+                self._still_since = message.stamp
+        self._reached = self._reached or self.arrived
+        long = _AT_REST if self._reached else _IDLE
+        self.arrived = self.pose is not None and self.pose.stamp - self._still_since > long
+
+
+class _Landing:
+    """One vehicle's way down, through the services that any other command calls."""
+
+    def __init__(self, client: Client, board: Board, name: str) -> None:
+        self._client, self._board, self._name = client, board, name
+
+    def run(self, left: float, arrive: float | None) -> Position:
+        """Stop within `left` s, and land; returns where it stands. Raises what kept it from that."""
+        self._client.call(HOLD, HoldRequest(), left)
+        at = self._at_rest()
+        goal = ground_below(at, self._client.latest(STATE))
+        flight = _Descent(self._client, goal)
+        reply = self._client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z, replace=True))
+        if not reply.accepted:
+            raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
+        whole = max(distance(at, goal), 1e-6)
+        limit = arrive or patience(self._client, whole) + _IDLE
+        flight.watch(limit, lambda to_go: self._board.update(self._name, to_go, whole))
+        if self._client.latest(STATE).state == "MOVING":
+            # It would be busy for ever.
+            self._client.call(HOLD, HoldRequest())
+        self._board.update(self._name, 0.0, whole)
+        return flight.pose.position if flight.pose else goal
+
+    def _at_rest(self) -> Position:
+        poses = self._client.hear(POSE)
+        ends = time.monotonic() + _STOPPING
+        while True:
+            pose = poses.next(self._client.timeout)
+            if pose is None:
+                raise self._client.silent(POSE.key(self._client.vehicle), poses.unread)
+            if _speed(pose) < _SLOW or time.monotonic() > ends:
+                return pose.position
+
+
+def ground_below(place: Position, state: SafetyState) -> Position:
+    """The point of the ground straight below; of a vehicle outside its cage the nearest inside."""
+    if not state.cage_on:
+        return Position(place.x, place.y, 0.0)
+    x, y = state.cage.x, state.cage.y
+    return Position(min(max(place.x, -x), x), min(max(place.y, -y), y), 0.0)
+
+
+def _speed(pose: Pose) -> float:
+    v = pose.velocity
+    return distance(Position(v.x, v.y, v.z), Position(0.0, 0.0, 0.0))

@@ -1,0 +1,113 @@
+"""`fleet list`: where all are, and what they do."""
+
+import time
+
+from msgspec import Struct
+
+from cli import output
+from cli.fleet.file import Member
+from cli.fleet.hubs import Hubs
+from cli.fleet.members import File, fleet_of
+from cli.fleet.told import fail, hub_of, row
+from cli.options import Options
+from schemas.geometry import Position
+from schemas.messages import Pose, SafetyState
+from schemas.topics import POSE, STATE
+from services.runtime import wire
+from services.runtime.client import Client
+from services.runtime.errors import QuadctlError
+from services.runtime.hearing import Message, Stream
+
+
+class _Heard(Struct, frozen=True):
+    """What a vehicle's thread has heard of it; poses go on coming."""
+
+    state: SafetyState
+    poses: Stream
+    first: Message | None
+    problem: QuadctlError | None
+
+
+class _Seen(Struct, frozen=True):
+    """A vehicle as it was seen, its pose of so many seconds ago."""
+
+    state: SafetyState
+    pose: Pose | None = None
+    age: float = 0.0
+    problem: QuadctlError | None = None
+
+
+def list_(options: Options, file: File = None) -> None:
+    """Show each vehicle: its hub, its state, goal and position (m), the cage, the pose's age (s).
+
+    The age is told by the sender's clock, which on another machine may go otherwise.
+
+    Example: quadctl fleet list --json
+    """
+    with Hubs(options) as hubs:
+        members = fleet_of(options, file, hubs).members
+        heard = hubs.ask(members, _hear, bounded=True)
+        # Of now, however long somebody else was waited for.
+        seen = {name: _see(answer) for name, answer in heard.answers.items()}
+    partly = {name: one.problem for name, one in seen.items() if one.problem}
+    problems = heard.problems | partly
+    if options.json:
+        output.document([_row(m, options, seen.get(m.name), problems.get(m.name)) for m in members])
+    else:
+        rows = [
+            (m.name, hub_of(m, options), *_cells(seen.get(m.name), problems.get(m.name)))
+            for m in members
+        ]
+        output.table(
+            [("VEHICLE", "HUB", "STATE", "GOAL", "POSITION", "CAGE", "AGE", "PROBLEM"), *rows]
+        )
+    fail(problems)
+
+
+def _hear(_member: Member, client: Client) -> _Heard:
+    ends = time.monotonic() + client.timeout
+    key = POSE.key(client.vehicle)
+    poses = client.listen(key, backlog=1)
+    state = client.latest(STATE)
+    first = poses.next(ends - time.monotonic())
+    return _Heard(state, poses, first, None if first else client.silent(key))
+
+
+def _see(heard: _Heard) -> _Seen:
+    message = heard.poses.next(0) or heard.first
+    if message is None:
+        return _Seen(heard.state, problem=heard.problem)
+    try:
+        pose = wire.decode(Pose, message.payload, message.encoding)
+    except QuadctlError as problem:
+        return _Seen(heard.state, problem=problem)
+    age = time.monotonic() - message.received + (message.age or 0.0)
+    return _Seen(heard.state, pose, age)
+
+
+def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError | None) -> object:
+    state, pose = (seen.state, seen.pose) if seen else (None, None)
+    return row(
+        m,
+        options,
+        problem,
+        state=state.state if state else None,
+        goal=state.goal if state else None,
+        position=pose.position if pose else None,
+        cage_on=state.cage_on if state else None,
+        age=seen.age if seen and pose else None,
+    )
+
+
+def _cells(seen: _Seen | None, problem: QuadctlError | None) -> tuple[str, ...]:
+    said = f"{problem.code}: {problem.message}" if problem else ""
+    if seen is None:
+        return ("-", "-", "-", "-", "-", said)
+    age = f"{seen.age:.2f}" if seen.pose else "-"
+    at = _point(seen.pose.position) if seen.pose else "-"
+    cage = "on" if seen.state.cage_on else "off"
+    return (seen.state.state, _point(seen.state.goal), at, cage, age, said)
+
+
+def _point(place: Position) -> str:
+    return " ".join(f"{part:.2f}" for part in (place.x, place.y, place.z))

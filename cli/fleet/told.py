@@ -1,0 +1,41 @@
+"""How a command for several vehicles tells what came of each, and which exit code is all of it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from cli import output
+from cli.fleet.file import Member
+from cli.options import Options
+from services.runtime.errors import QuadctlError
+
+_WORST_LAST = (5, 6, 7, 4, 3, 1)
+"""Exit codes: a vehicle that refuses is known to be well, one that does not answer is not."""
+
+
+def fail(problems: Mapping[str, QuadctlError]) -> None:
+    """Tell every vehicle's problem on stderr and raise the worst, where there is one."""
+    if not problems:
+        return
+    *others, worst = sorted(problems.items(), key=lambda item: _gravity(item[1]))
+    for name, problem in others:
+        output.note(f"error: {name}: {problem.message}")
+    name, problem = worst
+    raise type(problem)(f"{name}: {problem.message}", problem.hint)
+
+
+def row(member: Member, options: Options, problem: QuadctlError | None, **more: Any) -> Any:
+    """A vehicle's part of the document."""
+    error = None
+    if problem is not None:
+        error = {"code": problem.code, "message": problem.message, "hint": problem.hint}
+    return {"vehicle": member.name, "hub": hub_of(member, options), **more, "error": error}
+
+
+def hub_of(member: Member, options: Options) -> str:
+    """Its hub's endpoint, or the realm."""
+    return member.connect or f"realm {options.realm}"
+
+
+def _gravity(problem: QuadctlError) -> int:
+    code = problem.exit_code
+    return _WORST_LAST.index(code) if code in _WORST_LAST else len(_WORST_LAST)

@@ -1,0 +1,67 @@
+"""The fleet's file: who flies where, and what is told of a file that cannot be."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from cli.fleet.file import Member, fleet_of, read
+from schemas.geometry import Position
+from services.runtime.errors import Invalid
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "fleet.toml"
+WHOLE = """
+[vehicles]
+uav0 = {}
+red = { connect = "tls/lab2:7447", vehicle = "uav" }
+[formations.line]
+uav0 = [-1.0, 0, 0.5]
+red = [1.0, 0.0, 0.0]
+"""
+
+
+def fleet(text: str, connect: str = ""):
+    return fleet_of(tomllib.loads(text), "f.toml", connect)
+
+
+def test_who_is_where():
+    assert fleet(WHOLE).members == [
+        Member("uav0", "", "uav0"),
+        Member("red", "tls/lab2:7447", "uav"),
+    ]
+    assert fleet(WHOLE, "tcp/hub:7447").members[0] == Member("uav0", "tcp/hub:7447", "uav0")
+    assert fleet(WHOLE).formations == {
+        "line": {"uav0": Position(-1.0, 0.0, 0.5), "red": Position(1.0, 0.0, 0.0)}
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "hint"),
+    [
+        ("", "f.toml: object missing required field `vehicles`", "[vehicles]"),
+        ("[vehicles]", "f.toml: no vehicle is in it", "uav0 = {}"),
+        ("[vehicles]\na = 3", "f.toml: vehicles.a: expected `object`", "a vehicle is written as"),
+        ('[vehicles]\na = { conect = "x" }', "vehicles.a: object contains unknown field `conect`",
+         "connect ="),
+        ('[vehicles]\n"a/b" = {}', "vehicles.a/b: 'a/b' is no name for a vehicle", "letters"),
+        ('[vehicles]\na = { vehicle = "b" }\nb = {}', "vehicles.b is the same vehicle as a",
+         "another `connect`"),
+        ("[vehicles]\na = {}\n[formations.f]\nb = [0, 0, 0]", "formations.f: there is no vehicle b",
+         "the vehicles are a"),
+        ("[vehicles]\na = {}\n[formations.f]\na = [0, 0]", "formations.f.a: ", "metres"),
+        ("[vehicles]\na = {}\n[formations.f]\na = [0, 0, nan]", "formations.f.a: ", "metres"),
+        ("[vehicles]\na = {}\n[formation.f]\na = [0, 0, 1]", "unknown field `formation`",
+         "[formations.NAME]"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_told_with_its_place(text: str, said: str, hint: str):
+    with pytest.raises(Invalid) as raised:
+        fleet(text)
+    assert said in raised.value.message
+    assert hint in raised.value.hint
+
+
+def test_the_example_is_a_fleet():
+    found = read(EXAMPLE, "")
+    assert [member.name for member in found.members] == ["uav0", "uav1"]
+    assert set(found.formations) == {"line", "stairs"}

@@ -1,0 +1,45 @@
+"""Several asked at the same time: who is late is told so, and holds up nobody's answer."""
+
+import threading
+
+import pytest
+
+from cli.together import ask_each
+from services.runtime.errors import Refused
+
+
+def test_each_has_its_answer_or_its_problem_in_the_order_asked_for():
+    def ask(name: str) -> str:
+        if name == "b":
+            raise Refused("no")
+        return name.upper()
+
+    heard = ask_each(["c", "b", "a"], ask)
+    assert list(heard.answers.items()) == [("c", "C"), ("a", "A")]
+    assert list(heard.problems) == ["b"]
+    with pytest.raises(Refused):
+        heard.fail()
+
+
+@pytest.mark.parametrize("names", [["late"], ["quick", "late"]])
+def test_who_is_late_is_not_waited_for(names: list[str]):
+    enough = threading.Event()
+
+    def ask(name: str) -> str:
+        if name == "late":
+            enough.wait(30)
+        return name
+
+    heard = ask_each(names, ask, within=0.1)
+    assert list(heard.answers) == names[:-1]
+    assert heard.problems["late"].code == "timeout"
+    enough.set()
+
+
+def test_what_nobody_foresaw_is_raised():
+    def ask(name: str) -> int:
+        return int(name)
+
+    with pytest.raises(ValueError, match="invalid literal"):
+        ask_each(["1", "x"], ask)
+    assert ask_each(["1"], ask).answers == {"1": 1}

@@ -1,0 +1,45 @@
+"""The telemetry of many vehicles, with Zenoh and MessagePack alone.
+
+    python telemetry.py ENDPOINT FIRST COUNT HZ
+
+A pose of each vehicle at a rate, spread over the period, until it is killed. `seq` counts a
+vehicle's own from 0. Each is announced as a node.
+"""
+
+import json
+import sys
+import time
+
+import msgspec
+import zenoh
+
+
+def main(endpoint: str, first: int, count: int, hz: float) -> None:
+    config = {
+        "mode": "client",
+        "connect": {"endpoints": [endpoint]},
+        "scouting": {"multicast": {"enabled": False}},
+        "timestamping": {"enabled": True},
+    }
+    names = [f"uav{number}" for number in range(first, first + count)]
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(config))) as session:
+        publishers = [session.declare_publisher(f"{name}/pose") for name in names]
+        tokens = [session.liveliness().declare_token(f"{name}/@node/dynamics") for name in names]
+        began = time.monotonic()
+        for number in range(sys.maxsize):
+            seq, index = divmod(number, len(tokens))
+            time.sleep(max(began + number / (count * hz) - time.monotonic(), 0))
+            publishers[index].put(msgspec.msgpack.encode(pose(seq)))
+
+
+def pose(seq: int) -> dict[str, object]:
+    """As large as a vehicle's own."""
+    point = {"x": 0.1, "y": 0.2, "z": 0.3}
+    return {
+        "boot": "0badcafe", "seq": seq, "stamp": seq / 10, "position": point, "velocity": point,
+        "orientation": {"w": 1.0, **point}, "body_rates": point,
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4]))

@@ -1,0 +1,186 @@
+"""Several vehicles at once, on hubs of their own, one of which is away: nobody waits for it."""
+
+import json
+import signal
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from tests.processes.lab import Lab, private_lab
+
+FILE = """
+[vehicles]
+uav0 = {{}}
+uav1 = {{}}
+red = {{ connect = "{red}", vehicle = "uav" }}
+[formations.line]
+uav0 = [-2.0, 0.0, 0.0]
+uav1 = [0.0, 0.0, 0.0]
+red = [2.0, 0.0, 0.5]
+"""
+NAMES = ["uav0", "uav1", "red"]
+CALM = ("--set", "dynamics.start.z=1", "--set", "safety.pose_timeout=5",
+        "--set", "dynamics.setpoint_timeout=5", "--set", "supervise.answer_timeout=60")  # fmt: skip
+"""On a busy machine nobody is stopped because a process had to wait for its turn."""
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Iterator[tuple[Lab, Lab]]:
+    """Two vehicles on one hub, in whose folder the fleet's file stands, and one on another."""
+    with private_lab() as two, private_lab() as one:
+        two.start("--vehicles", 2, *CALM)
+        one.start(*CALM)
+        two.file(FILE.format(red=endpoint(one)), "fleet.toml")
+        yield two, one
+
+
+def endpoint(lab: Lab) -> str:
+    return f"unixsock-stream/{lab.home / 'hub.sock'}"
+
+
+@contextmanager
+def silent_hub() -> Iterator[str]:
+    """Whoever connects is let in by the kernel, and never hears a word."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+def listed(lab: Lab, *words: object) -> dict[str, dict[str, Any]]:
+    done = lab.quadctl("fleet", "list", "--json", *words)
+    assert done.code == 0, done
+    return {row["vehicle"]: row for row in done.json}
+
+
+def test_list_tells_where_all_are_and_what_they_do(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    rows = listed(two)
+    assert list(rows) == NAMES
+    assert rows["red"]["hub"] == endpoint(one)
+    assert rows["uav0"]["hub"] == f"realm {two.realm}"
+    for row in rows.values():
+        assert row["state"] == "HOVERING"
+        assert (row["cage_on"], row["error"]) == (True, None)
+        assert set(row["position"]) == set(row["goal"]) == set("xyz")
+        assert 0 <= row["age"] < 10
+    shown = two.quadctl("fleet", "list").out.splitlines()
+    assert shown[0].split() == [
+        "VEHICLE", "HUB", "STATE", "GOAL", "POSITION", "CAGE", "AGE", "PROBLEM",
+    ]  # fmt: skip
+    assert [line.split()[0] for line in shown[1:]] == NAMES
+
+
+def test_without_a_file_all_of_the_hub_are_meant(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    assert list(listed(one)) == ["uav"]
+    over = one.quadctl("fleet", "list", "--json", "--connect", endpoint(two))
+    assert [row["vehicle"] for row in over.json] == ["uav0", "uav1"]
+
+
+def test_a_formation_goals_by_name_and_a_centre(fleet: tuple[Lab, Lab]):
+    two, _ = fleet
+    done = two.quadctl("fleet", "goto", "line", 0, 1, 1, "--json")
+    assert done.code == 0, done
+    assert [(row["vehicle"], row["accepted"], row["arrived"]) for row in done.json] == [
+        (name, True, True) for name in NAMES
+    ]
+    moved = two.quadctl("fleet", "goto", "--no-wait", "--replace", -1, 0, 1.5)
+    assert (moved.code, moved.out) == (0, "".join(f"{name}: accepted\n" for name in NAMES))
+    rows = listed(two)
+    goals = {name: row["goal"] for name, row in rows.items()}
+    assert {goal["y"] for goal in goals.values()} == {0.0}
+    assert [goals[name]["x"] for name in NAMES] == pytest.approx([-3, -1, 1])
+    own = two.quadctl("fleet", "goto", "uav1=0,2,1", "red=9,0,1", "--replace")
+    assert own.code == 5
+    assert "uav1: accepted\nred: rejected: outside the cage: x = 9" in own.out
+    assert "uav1: arrived within " in own.out
+    assert own.err.startswith("error: red: outside the cage: x = 9 is beyond [-5, 5]")
+
+
+def test_one_command_lands_all_and_again_where_they_stand(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    assert two.quadctl("fleet", "goto", "line", 1, 1, 1, "--no-wait", "--replace").code == 0
+    for _ in range(2):
+        done = two.quadctl("fleet", "land-all", "--json")
+        assert (done.code, [row["landed"] for row in done.json]) == (0, [True] * 3), done
+        with one.bare() as bare:
+            pose, state = bare.watch("uav/pose").next()[0], bare.state()
+        assert pose["position"]["z"] < 0.05
+        assert (state["state"], state["goal"]["z"]) == ("HOVERING", 0.0)
+    assert two.quadctl("fleet", "goto", "line", 0, 0, 1).code == 0, "and they fly again"
+
+
+def test_a_hub_that_is_away_is_told_and_the_others_do_what_they_are_told(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    text = FILE.format(red=endpoint(one)).replace("[formations.line]", "%s[formations.line]")
+    with silent_hub() as silent:
+        away = f'dead = {{ connect = "tcp/127.0.0.1:1" }}\nmute = {{ connect = "{silent}" }}\n'
+        file = two.file(text % away, "away.toml")
+        done = two.quadctl("fleet", "hold", "--fleet", file, "--timeout", 0.7, "--json")
+        stopped = {row["vehicle"]: row["stopped"] for row in done.json}
+        assert stopped == dict.fromkeys(NAMES, True) | {"dead": False, "mute": False}
+        errors = {row["vehicle"]: row["error"] for row in done.json if row["error"]}
+        codes = {name: error["code"] for name, error in errors.items()}
+        assert codes == {"dead": "unreachable", "mute": "timeout"}
+        assert (done.code, done.error["code"]) == (3, "unreachable")
+        rows = two.quadctl("fleet", "list", "--fleet", file, "--timeout", 0.7)
+        assert rows.code == 3
+        assert [line.split()[0] for line in rows.out.splitlines()[1:]] == [*NAMES, *codes]
+        assert "unreachable: nothing answers at tcp/127.0.0.1:1" in rows.out
+        # Without the mute one nobody knows the centre: then nobody is sent.
+        before = listed(two)
+        assert two.quadctl(
+            "fleet", "goto", 0, 0, 2, "--fleet", file, "--timeout", 0.7
+        ).code == 3  # fmt: skip
+        assert {n: r["goal"] for n, r in listed(two).items()} == {
+            n: r["goal"] for n, r in before.items()
+        }
+
+
+@pytest.mark.parametrize("verb", ["hold", "land-all"])
+def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str):
+    two, one = fleet
+    with silent_hub() as silent, one.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        file = two.file(
+            f'[vehicles]\nmute = {{ connect = "{silent}" }}\n'
+            f'red = {{ connect = "{endpoint(one)}", vehicle = "uav" }}',
+            "mute.toml",
+        )
+        assert bare.call("goto", x=4.0, y=-4.0, z=2.0, replace=True).value["accepted"]
+        run = two.spawn(*two.command("fleet", verb, "--fleet", file, "--timeout", 60))
+        states.until(lambda s: s["reason"] == "hold: stopped on request")
+        if verb == "land-all":
+            states.until(lambda s: s["goal"]["z"] == 0 and s["state"] == "HOVERING")
+        assert not run.ended, run.log
+        run.send(signal.SIGINT)
+        assert run.wait() == 130, run.log
+
+
+def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    one.signal("dynamics", signal.SIGSTOP)
+    try:
+        done = two.quadctl("fleet", "list", "--json", "--timeout", 0.5)
+        assert done.code == 4
+        rows = {row["vehicle"]: row for row in done.json}
+        assert rows["red"]["position"] is None
+        assert rows["red"]["error"]["code"] == "timeout"
+        assert rows["uav0"]["error"] is None
+    finally:
+        one.signal("dynamics", signal.SIGCONT)
+
+
+def test_it_lands_in_gusts_whatever_the_acceptance_range(lab: Lab):
+    lab.start(*CALM, "--set", "dynamics.wind.gust=1.5", "--set", "dynamics.speed=5",
+              "--set", "dynamics.wind.mean.x=5", "--set", "safety.acceptance_range=0.02",
+              "--set", "safety.margin=1.3", "--set", "dynamics.seed=3")  # fmt: skip
+    done = lab.quadctl("fleet", "land-all", "--json")
+    assert done.code == 0, done
+    assert json.loads(done.out)[0]["landed"]
+    with lab.bare() as bare:
+        assert bare.state()["state"] == "HOVERING", (
+            "it is not busy with a goal beside which it stands"
+        )

@@ -9,7 +9,7 @@ from msgspec import Struct
 from schemas.contract import Service, Topic
 from services.runtime import graph, roster, wire
 from services.runtime.calls import Asker, Caller
-from services.runtime.errors import Invalid, NotAllowed, QuadctlError, TimedOut, Unreachable
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.reach import reach
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord
@@ -186,17 +186,7 @@ class Client:
         """
         from services.runtime import missing
 
-        try:
-            silent = self.silent_processes(_LOOK)
-            if key and self._connect:
-                from services.runtime.secure import permit
-
-                permit.tell_apart(self.session, self._connect, key, self.offers(_LOOK))
-        except NotAllowed as denied:
-            return denied
-        except QuadctlError as other:
-            return type(other)(f"{problem.message}: {other.message}", other.hint)
-        return missing.explained(problem, node, silent)
+        return missing.why(self, self._connect, problem, node, key)
 
     def silent_processes(self, timeout: float | None = None) -> list[ProcessRecord]:
         """Nodes of this machine's run that are there, and that the hub takes for gone."""

@@ -1,12 +1,19 @@
 """Why nobody answers: who is frozen is told from who is not there."""
 
+from typing import TYPE_CHECKING
+
 from schemas.topics import TOPICS
 from services.runtime import record, vitals
-from services.runtime.errors import QuadctlError, TimedOut, Unreachable
+from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
 
+if TYPE_CHECKING:
+    from services.runtime.client import Client
+
+_LOOK = 0.1
+"""Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
 _FROZEN = "it is frozen or busy: `quadctl status`"
 
 
@@ -37,6 +44,24 @@ def explained(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> Q
     return Unreachable(
         problem.message, f"{problem.hint}; frozen or busy, by the way: {', '.join(by_name)}"
     )
+
+
+def why(client: "Client", connect: str, problem: Unreachable, node: str, key: str) -> QuadctlError:
+    """The problem with all that is known of it; a client's side of `explained`.
+
+    NotAllowed where the hub at `connect` keeps us from a `key` that is served.
+    """
+    try:
+        silent = client.silent_processes(_LOOK)
+        if key and connect:
+            from services.runtime.secure import permit
+
+            permit.tell_apart(client.session, connect, key, client.offers(_LOOK))
+    except NotAllowed as denied:
+        return denied
+    except QuadctlError as other:
+        return type(other)(f"{problem.message}: {other.message}", other.hint)
+    return explained(problem, node, silent)
 
 
 def publisher_of(key: str, vehicle: str) -> str:

@@ -35,7 +35,7 @@ _TOGETHER = (
     "rigidbody_step",
 )  # fmt: skip
 """What has no loops, so that all of a block's vehicles take it side by side."""
-_ALONE = ("pilot_lead_on",)
+_ALONE = ("pilot_lead_on", "pilot_goto", "pilot_brake", "stopping_room")
 """What a vehicle does by itself, now and then."""
 
 
@@ -50,7 +50,9 @@ def source() -> str:
     """A module whose `advance(blocks, constants, start, steps)` runs integration steps of 1 ms.
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
-    each. It is compiled at its first call; numba keeps what it compiled beside the module.
+    each. `goto` and `brake` tell one vehicle, by its block and its lane, where to go; `room` says
+    what room it needs to stop. Each is compiled at its first call; numba keeps what it compiled
+    beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
     parts = [_HEAD]
@@ -61,7 +63,7 @@ def source() -> str:
         _MOVE.format(name="_move", flow="(0.0, 0.0, 0.0)"),
         _MOVE.format(name="_move_in_wind", flow="_air(q, n)[0:3]"),
     )
-    return "\n".join([*parts, *_rows(), *moves, _KERNEL, ""])
+    return "\n".join([*parts, *_rows(), *moves, _KERNEL, _COMMANDS, ""])
 
 
 def _rows() -> list[str]:
@@ -211,4 +213,28 @@ def advance(blocks, constants, start, steps):
                 _move_in_wind(q, c)
             else:
                 _move(q, c)
+"""
+
+_COMMANDS = """
+@njit(error_model='numpy', cache=True)
+def goto(blocks, constants, b, lane, x, y, z):
+    q, c, n = blocks[b], constants[b], np.uint64(lane)
+    plan, mode = pilot_goto(
+        _plan_of(_plan(q, n)), _mode(q, n), x, y, z, _get_spin_up(c)[0], _get_limits(c))
+    _put_plan(q, n, _flat(plan))
+    _put_mode(q, n, mode)
+
+
+@njit(error_model='numpy', cache=True)
+def brake(blocks, constants, b, lane):
+    q, c, n = blocks[b], constants[b], np.uint64(lane)
+    plan, mode = pilot_brake(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(c))
+    _put_plan(q, n, _flat(plan))
+    _put_mode(q, n, mode)
+
+
+@njit(error_model='numpy', cache=True)
+def room(blocks, constants, b, lane, periods):
+    q, n = blocks[b], np.uint64(lane)
+    return stopping_room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]), periods)
 """

@@ -2,14 +2,16 @@
 
 import math
 import os
+from collections.abc import Callable
 
 from schemas.geometry import BodyRates, Position, Quaternion, Velocity
 from schemas.messages import Pose, Setpoint
 from schemas.params import Params
 from schemas.requests import ResetRequest, ResetResponse
 from schemas.topics import POSE, RESET, SETPOINT
+from services.dynamics.process.swift import Swift
 from services.dynamics.reported import Reported
-from services.dynamics.vehicle import Vehicle
+from services.dynamics.vehicle import Fly, Vehicle
 from services.runtime.entry import start
 from services.runtime.errors import Refused
 from services.runtime.node import Node
@@ -21,12 +23,19 @@ _ASK_AGAIN = 0.25
 _SILENCE = 5.0
 """In lock-step, a safety silent for longer (s) is complained of."""
 
+_swift = Swift()
+"""For all vehicles of the process."""
+
 
 class Simulation:
     """One boot after another of the vehicle, and the setpoint that each follows."""
 
-    def __init__(self, node: Node, params: Params) -> None:
+    def __init__(
+        self, node: Node, params: Params, faster: Callable[[], Fly | None] | None = None
+    ) -> None:
+        """`faster` is asked before each flight of a pose's time, until it has something faster."""
         self._node, self._params = node, params.dynamics
+        self._faster = faster
         self._reported = Reported(params.dynamics.fault)
         self._boots: set[str] = set()
         self.boot()
@@ -47,7 +56,7 @@ class Simulation:
 
     def boot(self, name: str = "") -> None:
         """Stand at the start, as a new boot that no old setpoint moves."""
-        self._vehicle = Vehicle(self._params)
+        self._vehicle, self._is_fast = Vehicle(self._params), False
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
         self._answered, self._braked, self.heard = -1, True, 0.0
@@ -59,6 +68,8 @@ class Simulation:
 
     def advance(self) -> None:
         """Fly one pose's time, and publish the pose."""
+        if self._faster and not self._is_fast and (fly := self._faster()):
+            self._vehicle.fly, self._is_fast = fly, True
         self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
         self._seq += 1
         self.publish()
@@ -130,7 +141,10 @@ def run(node: Node, params: Params) -> None:
     """Publish the pose at its rate; in missions and at speeds other than 1, in lock-step."""
     for line in launch_lines(params.dynamics):
         node.log.info(line)
-    simulation = Simulation(node, params)
+    # One vehicle in real time is no work, and the code would take more memory than all the rest.
+    if many := not node.alone or params.dynamics.speed != 1:
+        _swift.ask()
+    simulation = Simulation(node, params, _swift.single if many else None)
 
     def reset(_request: ResetRequest) -> ResetResponse:
         simulation.reset(server.call.boot if server.call else "")

@@ -70,7 +70,8 @@ def _run(
         crew = Crew()
         for vehicle, params in fleet.items():
             first = vehicle == next(iter(fleet))
-            node = Node(name, vehicle, opened, restarted=restarted, first=first)
+            alone = len(fleet) == 1
+            node = Node(name, vehicle, opened, restarted=restarted, first=first, alone=alone)
             _serve_params(node, params, realm)
             crew.take(vehicle, node.loop, partial(run, node, params))
         stop_on_signals(crew.stop)

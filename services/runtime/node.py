@@ -37,14 +37,16 @@ class Node:
         *,
         restarted: bool = False,
         first: bool = True,
+        alone: bool = True,
     ) -> None:
         """`restarted` says that the supervisor started this process in a dead one's place.
 
-        `first` is the node of a process's first vehicle.
+        `first` is the node of a process's first vehicle, `alone` that of its only one.
 
         Raises AlreadyServed when another process is this node.
         """
-        self.name, self.vehicle, self.restarted, self.first = name, vehicle, restarted, first
+        self.name, self.vehicle, self.restarted = name, vehicle, restarted
+        self.first, self.alone = first, alone
         self._others = roster.offers(session, vehicle)
         if name in roster.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")

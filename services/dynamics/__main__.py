@@ -38,6 +38,7 @@ class Simulation:
         self._faster = faster
         self._reported = Reported(params.dynamics.fault)
         self._boots: set[str] = set()
+        self._unsent: list[Pose] = []
         self.boot()
         self.poses = node.publisher(
             POSE, lambda: params.dynamics.rate, waits=params.dynamics.speed != 1
@@ -80,7 +81,11 @@ class Simulation:
         self._node.clock(self._boot, self._stamp)
 
     def publish(self) -> None:
-        """Publish the pose as it is."""
+        """Publish the pose as it is.
+
+        As fast as it goes, those that nobody answers go out with the next one that is answered:
+        sent together they cost each process on their way one wake, where they would cost five.
+        """
         vehicle = self._vehicle
         pose = Pose(
             self._boot,
@@ -91,7 +96,11 @@ class Simulation:
             Quaternion(*vehicle.orientation),
             BodyRates(*vehicle.body_rates),
         )
-        self.poses.put(self._reported.through(pose))
+        self._unsent.append(self._reported.through(pose))
+        if self._params.speed != 0 or self._answer_is_due:
+            for pose in self._unsent:
+                self.poses.put(pose)
+            self._unsent.clear()
 
     def brake(self) -> None:
         """Come to a hover at the stopping point."""
@@ -107,8 +116,7 @@ class Simulation:
 
         What safety says to a pose then takes effect at that pose, whatever the speed.
         """
-        period = 1 / self._params.rate
-        if SETPOINT.period(self._stamp) == SETPOINT.period(self._stamp - period):
+        if not self._answer_is_due:
             return
         silence = 0.0
         while not self._node.wait_for(lambda: self._answered >= self._seq, _ASK_AGAIN):
@@ -121,6 +129,12 @@ class Simulation:
             self.publish()
         if silence >= _SILENCE:
             self._node.log.warning("setpoints again: the clock goes on")
+
+    @property
+    def _answer_is_due(self) -> bool:
+        """Whether safety answers this pose: the first of a period of its own."""
+        period = 1 / self._params.rate
+        return SETPOINT.period(self._stamp) != SETPOINT.period(self._stamp - period)
 
     @property
     def _stamp(self) -> float:

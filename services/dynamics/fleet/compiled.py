@@ -11,6 +11,9 @@ from schemas.params import DynamicsParams
 from services.dynamics.fleet.kernel import ROWS, STORED, WIDTH
 from services.dynamics.vehicle import constants_of, initial
 
+_LINE = 8
+"""Numbers in a cache line, and in the longest vector."""
+
 
 class CompiledFleet:
     """Vehicles that each do, to the bit, what a `Vehicle` with these parameters does."""
@@ -35,7 +38,7 @@ class CompiledFleet:
         """The same, as a command takes them."""
         self.constants = np.array(rows)
         """A row for each block, see kernel.py."""
-        self.blocks = np.empty((len(rows), ROWS * WIDTH))
+        self.blocks = _aligned(len(rows), ROWS * WIDTH)
         """The vehicles' numbers, see kernel.py."""
         # Lanes without a vehicle stand on the floor.
         still = initial(DynamicsParams())
@@ -64,6 +67,13 @@ class CompiledFleet:
     def states(self) -> npt.NDArray[np.float64]:
         """The states, (vehicles, 17), in the order of rigidbody.py."""
         return self._rows[self._places[:, 0], :17, self._places[:, 1]]
+
+
+def _aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
+    """Numbers that begin where a cache line does, as each row then does: a vector is one line."""
+    room = np.empty(rows * columns + _LINE)
+    first = -room.ctypes.data // room.itemsize % _LINE
+    return room[first : first + rows * columns].reshape(rows, columns)
 
 
 def _flat(value: Any) -> list[float]:

@@ -10,6 +10,7 @@ import ast
 from collections.abc import Mapping
 
 from services.dynamics.controller import STEPS
+from services.dynamics.fleet.commands import COMMANDS
 from services.dynamics.fleet.text import merged
 from services.dynamics.glide import PLAIN, RARE
 from services.dynamics.pilot import PERIODS_TO_REST
@@ -63,7 +64,7 @@ def source() -> str:
         _MOVE.format(name="_move", flow="(0.0, 0.0, 0.0)"),
         _MOVE.format(name="_move_in_wind", flow="_air(q, n)[0:3]"),
     )
-    return "\n".join([*parts, *_rows(), *moves, _KERNEL, _COMMANDS, ""])
+    return "\n".join([*parts, *_rows(), *moves, _KERNEL, COMMANDS, ""])
 
 
 def _rows() -> list[str]:
@@ -89,18 +90,32 @@ _HEAD = """
 import llvmlite.binding
 import numpy as np
 from math import sqrt
-from numba import config, njit
+from numba import config, njit, types
+from numba.extending import intrinsic
 
 # LLVM takes half of a vector of 512 bits, lest the processor slow down for a moment; code that is
 # nothing but vectors is faster with all of it. Numba asks once, before it compiles anything.
 _features = llvmlite.binding.get_host_cpu_features()
 if config.CPU_FEATURES is None and _features.get("avx512f"):
     config.CPU_FEATURES = _features.flatten() + ",-prefer-256-bit"
+
+
+# A loop has more numbers at hand than registers. What is put on the stack meanwhile is a vector of
+# one cache line, and LLVM puts it across two unless it is told to begin the stack with one.
+@intrinsic
+def _align(_context):
+    def generate(context, builder, _signature, _arguments):
+        builder.function.attributes.alignstack = 64
+        builder.function.attributes.add("nounwind")  # by itself the other is not written
+        return context.get_dummy_value()
+
+    return types.void(), generate
 """
 
 _MOVE = f"""
 @njit(error_model='numpy', inline='never')
 def {{name}}(q, c):
+    _align()
     body = _get_body(c)
     for n in range(np.uint64({WIDTH})):
         s = _state(q, n)
@@ -129,6 +144,7 @@ def _flat(p):
 
 @njit(error_model='numpy', inline='never')
 def _decide(q, c):
+    _align()
     limits = _get_limits(c)
     for n in range(np.uint64({WIDTH})):
         old = _mode(q, n)
@@ -142,6 +158,7 @@ def _decide(q, c):
 
 @njit(error_model='numpy', inline='never')
 def _glide(q, c):
+    _align()
     limits = _get_limits(c)
     for n in range(np.uint64({WIDTH})):
         before = _plan(q, n)
@@ -169,6 +186,7 @@ def _lead_on(q, n, limits):
 
 @njit(error_model='numpy', inline='never')
 def _act(q, c):
+    _align()
     gains = _get_gains(c)
     mixer = _get_mixer(c)
     weight = _get_weight(c)[0]
@@ -183,6 +201,7 @@ def _act(q, c):
 
 @njit(error_model='numpy', inline='never')
 def _blow(q, c):
+    _align()
     weather = _get_weather(c)
     for n in range(np.uint64({WIDTH})):
         old = _air(q, n)
@@ -213,28 +232,4 @@ def advance(blocks, constants, start, steps):
                 _move_in_wind(q, c)
             else:
                 _move(q, c)
-"""
-
-_COMMANDS = """
-@njit(error_model='numpy', cache=True)
-def goto(blocks, constants, b, lane, x, y, z):
-    q, c, n = blocks[b], constants[b], np.uint64(lane)
-    plan, mode = pilot_goto(
-        _plan_of(_plan(q, n)), _mode(q, n), x, y, z, _get_spin_up(c)[0], _get_limits(c))
-    _put_plan(q, n, _flat(plan))
-    _put_mode(q, n, mode)
-
-
-@njit(error_model='numpy', cache=True)
-def brake(blocks, constants, b, lane):
-    q, c, n = blocks[b], constants[b], np.uint64(lane)
-    plan, mode = pilot_brake(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(c))
-    _put_plan(q, n, _flat(plan))
-    _put_mode(q, n, mode)
-
-
-@njit(error_model='numpy', cache=True)
-def room(blocks, constants, b, lane, periods):
-    q, n = blocks[b], np.uint64(lane)
-    return stopping_room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]), periods)
 """

@@ -115,7 +115,7 @@ def compiled() -> None:
     module = generated.load("benchmark", kernel.source() + _ALONE)
     rates: Rates = {"dynamics": {}, "control": {}, "flight": {}}
     for count in COUNTS:
-        fleet = CompiledFleet([flying()] * count, module.advance)
+        fleet = CompiledFleet([flying()] * count, module)
         for number in range(count):
             fleet.goto(number, _FAR, _FAR - number, 1000.0)
         fleet.advance(200)

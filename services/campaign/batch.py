@@ -68,10 +68,12 @@ class Batch:
         return self._watch.awake(period, motion, self._track[max(period - 1, 0)])
 
     def _advance(self, period: int) -> None:
-        for sample in range(1, _SAMPLES + 1):
+        places = []
+        for _ in range(_SAMPLES):
             self._fleet.advance(_STEPS // _SAMPLES)
-            now = (period + sample / _SAMPLES) / SETPOINT.hz
-            self._score.sample(self._fleet.motion()[:3], now)
+            places.append(self._fleet.motion()[:3])
+        times = [(period + sample / _SAMPLES) / SETPOINT.hz for sample in range(1, _SAMPLES + 1)]
+        self._score.sample(np.array(places), times)
 
     def _step(self, number: int, period: int, motion: Floats) -> None:
         lane = self.lanes[number]
@@ -112,7 +114,7 @@ class Batch:
     def _farthest(self, number: int, motion: Floats) -> float:
         """How far beyond its cage (m) one vehicle gets that brakes now."""
         here = motion[:3, number].tolist()
-        return farthest([here, *self._fleet.stop(number)], self.lanes[number].size)
+        return farthest([here, *self._fleet.room(number)], self.lanes[number].size)
 
     def _flown(self, number: int) -> Flown:
         diary, mission = self.lanes[number].diary, self.missions[number]

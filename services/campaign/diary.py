@@ -33,11 +33,12 @@ class Diary:
         self.digest = hashlib.sha256()
         self.transitions, self.refusals, self.stops = Counter[str](), Counter[str](), Counter[str]()
         self.arrivals: list[float] = []
-        self._log, self._state, self._reason, self._taken = log, "HOVERING", "", 0.0
+        self.log = log
+        self._state, self._reason, self._taken = "HOVERING", "", 0.0
 
     def say(self, line: str) -> None:
         """A line for who reads the flight."""
-        if self._log and line:
+        if self.log and line:
             self.lines.append(f"{self.now:.2f} s  {line}")
 
     def violated(self, what: str) -> None:

@@ -1,27 +1,21 @@
 """The vehicles of a batch: in plain Python, on arrays, or compiled; the same flights to the bit."""
 
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from schemas.params import DynamicsParams
-from services.dynamics import pilot, setpoint
-from services.dynamics.controller import PERIOD
-from services.dynamics.fleet.compiled import CompiledFleet, Kernel
-from services.dynamics.pilot import Mode
-from services.dynamics.setpoint import Plan
-from services.dynamics.sharing import Limits
+from services.dynamics.fleet.compiled import CompiledFleet
+from services.dynamics.fleet.kernel import CONSTANTS, WIDTH, span
+from services.dynamics.stopping import Point, periods_of, room
 from services.dynamics.vehicle import Vehicle
 
-Point = tuple[float, float, float]
 Floats = npt.NDArray[np.float64]
-
-_LAGS = 6.0
-"""Lags of the setpoint after which it is on its path's last stretch."""
-_EVERY = 4
-"""Control periods between the points of a stop."""
+Box = tuple[Point, Point]
+"""Its lowest and its highest corner, m."""
 
 
 class Fleet(Protocol):
@@ -39,8 +33,8 @@ class Fleet(Protocol):
     def motion(self) -> Floats:
         """Positions (m) and velocities (m/s): (6, vehicles)."""
 
-    def stop(self, number: int) -> Sequence[Point]:
-        """Where a vehicle would come along that was to brake now, m: the first point and on."""
+    def room(self, number: int) -> Box:
+        """The box that a vehicle would stay in that was to brake now."""
 
 
 class Plain:
@@ -67,42 +61,36 @@ class Plain:
         """Positions (m) and velocities (m/s): (6, vehicles)."""
         return np.array([vehicle.state[:6] for vehicle in self._vehicles]).T
 
-    def stop(self, number: int) -> Sequence[Point]:
-        """Where a vehicle would come along that was to brake now, m."""
-        return self._vehicles[number].stop()
+    def room(self, number: int) -> Box:
+        """The box that a vehicle would stay in that was to brake now."""
+        return self._vehicles[number].room()
 
 
 class Compiled(CompiledFleet):
     """Vehicles compiled by numba."""
 
-    def __init__(self, params: Sequence[DynamicsParams], advance: Kernel) -> None:
-        """Each at rest on its start; `advance` is the compiled kernel's."""
-        super().__init__(params, advance)
-        self._blocks_of, self._lanes_of = self._places.T.copy()
+    def __init__(self, params: Sequence[DynamicsParams], kernel: ModuleType) -> None:
+        """Each at rest on its start; `kernel` is the module that dynamics' kernel.py writes."""
+        super().__init__(params, kernel)
+        blocks, lanes = self._places.T
+        self._columns = blocks * WIDTH + lanes
+        limits = self.constants[blocks, span(CONSTANTS, "limits")]
+        self._periods = [periods_of(tuple(row)) for row in limits.tolist()]
 
     def motion(self) -> Floats:
         """Positions (m) and velocities (m/s): (6, vehicles)."""
-        return self._rows[self._blocks_of, :6, self._lanes_of].T
+        rows = self._rows[:, :6].transpose(1, 0, 2).reshape(6, -1)
+        return rows.take(self._columns, axis=1)
 
-    def stop(self, number: int) -> Sequence[Point]:
-        """Where a vehicle would come along that was to brake now, m."""
-        plan, mode, limits, _ = self._told(number)
-        return _stop(plan, mode, limits)
+    def room(self, number: int) -> Box:
+        """The box that a vehicle would stay in that was to brake now."""
+        found: Box = self._kernel.room(
+            self.blocks, self.constants, *self._homes[number], self._periods[number]
+        )
+        return found
 
 
 class _Braking(Vehicle):
-    def stop(self) -> Sequence[Point]:
-        return _stop(self._plan, self._mode, self._constants[3])
-
-
-def _stop(plan: Plan, mode: Mode, limits: Limits) -> Sequence[Point]:
-    """The setpoint's way to its stopping point; it lags behind its own path, which may have turned."""
-    points = [pilot.place(plan, limits)]
-    if setpoint.at_rest(plan, limits):
-        return points
-    plan, _ = pilot.brake(plan, mode, limits)
-    for count in range(round(_LAGS * limits[3] / PERIOD)):
-        plan = setpoint.advance(plan, limits)
-        if count % _EVERY == 0:
-            points.append(pilot.place(plan, limits))
-    return [*points, (plan[0][3], plan[1][3], plan[2][3])]
+    def room(self) -> Box:
+        limits = self._constants[3]
+        return room(self._plan, self._mode, limits, periods_of(limits))

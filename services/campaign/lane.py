@@ -74,7 +74,8 @@ class Lane:
         while self._next < len(self._rows) and self._rows[self._next].at * SETPOINT.hz <= period:
             row = self._rows[self._next]
             self._next += 1
-            self.diary.say(text(row))
+            if self.diary.log:
+                self.diary.say(text(row))
             before = self.cage_on, self.size
             self._do(row, period, motion)
             changed |= before != (self.cage_on, self.size)

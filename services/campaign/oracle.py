@@ -70,13 +70,14 @@ class Score:
         """One vehicle can stop nearer now than it could: farther out it has not to go again."""
         self.allowed[number] = min(self.allowed[number], allowed)
 
-    def sample(self, positions: Floats, now: float) -> None:
-        """Count where all are now (s): (3, vehicles), m."""
+    def sample(self, positions: Floats, times: Sequence[float]) -> None:
+        """Count where all were at some times (s): (times, 3, vehicles), m."""
         low, high = self._low - positions, positions - self._high
         outs = np.maximum(np.maximum(low, high), 0.0)
         squares = outs * outs
-        beyond = np.sqrt(squares[0] + squares[1] + squares[2])
+        beyond = np.sqrt(squares[:, 0] + squares[:, 1] + squares[:, 2])
         excursion = beyond - self.allowed
-        worse = excursion > self.worst
-        if worse.any():
-            self.worst[worse], self.at[worse] = excursion[worse], now
+        worst = excursion.max(axis=0)
+        for number in np.flatnonzero(worst > self.worst).tolist():
+            self.worst[number] = worst[number]
+            self.at[number] = times[int(excursion[:, number].argmax())]

@@ -5,6 +5,8 @@ is told here of all vehicles at once, with slack to the side on which the monito
 monitor then decides is its own. The tests fly with and without, to the same states.
 """
 
+from math import inf
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,10 @@ from services.safety.conditions import AT_REST
 from services.safety.model import State
 
 _SLACK = 1e-9
+_NOTES = 16
+"""What is noted of each monitor: the period in which it is wanted, whether it is moving, settling
+and returning, its range, how far it takes to stop, how far it comes in a period, and these."""
+_GOAL, _LOW, _HIGH = slice(7, 10), slice(10, 13), slice(13, 16)
 
 
 class Watch:
@@ -22,38 +28,35 @@ class Watch:
 
     def __init__(self, count: int) -> None:
         """All are wanted in the first period."""
-        self._wanted = np.zeros(count)
-        self._moving, self._settling = np.zeros(count, bool), np.zeros(count, bool)
-        self._range, self._goal = np.zeros(count), np.zeros((3, count))
-        self._low, self._high = np.full((3, count), -np.inf), np.full((3, count), np.inf)
-        self._returning = np.zeros(count, bool)
-        self._half, self._fastest = np.zeros(count), np.zeros(count)
+        self._notes = np.zeros((_NOTES, count))
+        self._notes[_LOW], self._notes[_HIGH] = -np.inf, np.inf
 
     def note(self, number: int, lane: Lane) -> None:
         """What one monitor waits for from now on."""
         s, params = lane.monitor.situation, lane.params
-        self._wanted[number] = lane.wanted
-        self._moving[number], self._settling[number] = s.state is State.MOVING, s.settling
-        self._range[number] = params.acceptance_range + _SLACK
-        self._goal[:, number] = s.goal.x, s.goal.y, s.goal.z
-        size, out = params.virtual_cage, 0.0 if s.cage_on else np.inf
-        self._low[:, number] = _SLACK - size.x - out, _SLACK - size.y - out, _SLACK - out
-        self._high[:, number] = size.x - _SLACK + out, size.y - _SLACK + out, size.z - _SLACK + out
-        self._returning[number] = s.cage_on and s.beyond > 0.0
-        self._half[number] = 0.5 / params.max_deceleration
-        self._fastest[number] = params.max_speed / SETPOINT.hz
+        goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on else inf
+        # One row of numbers: to write them one by one would take ten times as long.
+        self._notes[:, number] = (
+            lane.wanted, s.state is State.MOVING, s.settling, s.cage_on and s.beyond > 0.0,
+            params.acceptance_range + _SLACK, 0.5 / params.max_deceleration,
+            params.max_speed / SETPOINT.hz,
+            goal.x, goal.y, goal.z,
+            _SLACK - size.x - out, _SLACK - size.y - out, _SLACK - out,
+            size.x - _SLACK + out, size.y - _SLACK + out, size.z - _SLACK + out,
+        )  # fmt: skip
 
     def awake(self, period: int, motion: Floats, last: Floats) -> list[int]:
         """The monitors that are to see this pose, of (6, vehicles)."""
         place, velocity = motion[:3], motion[3:]
-        arrives = _within(place - self._goal, self._range)
-        rests = self._settling & _within(velocity, AT_REST + _SLACK)
-        stop = place + self._half * velocity * np.abs(velocity)
-        leaves = ((stop > self._high) | (stop < self._low)).any(axis=0)
-        leaps = ~_within(place - last[:3], self._fastest)
+        wanted, moving, settling, returning, reach, half, fastest = self._notes[:7]
+        arrives = _within(place - self._notes[_GOAL], reach)
+        rests = (settling > 0.0) & _within(velocity, AT_REST + _SLACK)
+        stop = place + half * velocity * np.abs(velocity)
+        leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
+        leaps = ~_within(place - last[:3], fastest)
         found = (
-            (self._wanted <= period)
-            | (self._moving & (arrives | leaves | self._returning))
+            (wanted <= period)
+            | ((moving > 0.0) & (arrives | leaves | (returning > 0.0)))
             | rests
             | leaps
         )

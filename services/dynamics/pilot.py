@@ -13,7 +13,7 @@ is an `if` on its own.
 from math import nan
 
 from services.dynamics import setpoint, wind
-from services.dynamics.controller import Gains, Setpoint, control
+from services.dynamics.controller import STEPS, Gains, Setpoint, control
 from services.dynamics.rigidbody import Body, Motors, State, step
 from services.dynamics.rotor import Mixer, mix
 from services.dynamics.setpoint import Plan
@@ -207,3 +207,30 @@ def move(
     if mode[2] < PERIODS_TO_REST:
         state = step(state, command, flow, body)
     return state
+
+
+def fly(
+    state: State,
+    command: Motors,
+    plan: Plan,
+    mode: Mode,
+    air: Air,
+    constants: Constants,
+    start: int,
+    steps: int,
+) -> tuple[State, Motors, Plan, Mode, Air]:
+    """All that a vehicle is, so many steps of 1 ms later; every fourth since boot is a control step.
+
+    `start` counts the steps since boot. At rest a vehicle stays as it is.
+    """
+    body = constants[0]
+    flow = air[0:3]
+    if mode[2] < PERIODS_TO_REST:
+        for count in range(start, start + steps):
+            if count % STEPS == 0:
+                command, plan, mode, air = control_period(
+                    state, command, plan, mode, air, constants
+                )
+                flow = air[0:3]
+            state = move(state, command, mode, flow, body)
+    return state, command, plan, mode, air

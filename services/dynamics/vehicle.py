@@ -4,6 +4,7 @@ World frame ENU, body frame FLU, SI units; quaternions w, x, y, z, body to world
 count of integration steps, so equal calls give equal bits.
 """
 
+from collections.abc import Callable
 from math import ceil
 
 from msgspec.structs import replace
@@ -11,7 +12,7 @@ from msgspec.structs import replace
 from schemas.params import DynamicsParams
 from schemas.vehicle import VehicleParams
 from services.dynamics import pilot, setpoint, wind
-from services.dynamics.controller import PERIOD, STEPS, control_constants
+from services.dynamics.controller import PERIOD, control_constants
 from services.dynamics.pilot import Constants, Mode, fresh
 from services.dynamics.rigidbody import STEP, Motors, State, body_constants
 from services.dynamics.rotor import hover_speed, mixer_constants
@@ -26,6 +27,9 @@ Vector = tuple[float, float, float]
 
 Lane = tuple[State, Motors, Plan, Mode, Air]
 """All that a vehicle is at one moment: state, motors' command, plan and mode, and its air."""
+
+Fly = Callable[[State, Motors, Plan, Mode, Air, Constants, int, int], Lane]
+"""`pilot.fly`, or what does the same to the bit."""
 
 
 def constants_of(params: DynamicsParams) -> Constants:
@@ -76,6 +80,8 @@ class Vehicle:
         """At rest on `params.start`, at time 0."""
         self.steps = 0
         """Integration steps since boot."""
+        self.fly: Fly = pilot.fly
+        """What takes it through the steps: the text itself, or the same compiled."""
         self._constants = constants_of(params)
         self._state, self._command, self._plan, self._mode, self._air = initial(params)
 
@@ -164,16 +170,8 @@ class Vehicle:
 
     def advance(self, steps: int) -> None:
         """Run this many integration steps of 1 ms; every fourth since boot is a control step."""
-        state, command, plan, mode = self._state, self._command, self._plan, self._mode
-        air, constants = self._air, self._constants
-        body, flow = constants[0], air[0:3]
-        for count in range(self.steps, self.steps + steps):
-            if count % STEPS == 0:
-                command, plan, mode, air = pilot.control_period(
-                    state, command, plan, mode, air, constants
-                )
-                flow = air[0:3]
-            state = pilot.move(state, command, mode, flow, body)
-        self._state, self._command, self._plan, self._mode = state, command, plan, mode
-        self._air = air
+        self._state, self._command, self._plan, self._mode, self._air = self.fly(
+            self._state, self._command, self._plan, self._mode, self._air,
+            self._constants, self.steps, steps,
+        )  # fmt: skip
         self.steps += steps

@@ -129,7 +129,8 @@ def _crew(
     first = next(iter(fleet.values()))
     for vehicle, params in fleet.items():
         like = None if params is first else first
-        node = Node(name, vehicle, opened, restarted=restarted, like=like)
+        alone = len(fleet) == 1
+        node = Node(name, vehicle, opened, restarted=restarted, like=like, alone=alone)
         _serve_params(node, params, realm)
         crew.take(vehicle, node.loop, partial(run, node, params))
     return crew

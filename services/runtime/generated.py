@@ -16,7 +16,7 @@ def load(name: str, source: str) -> ModuleType:
     It is a file, and stays: what a compiler makes of it is kept beside it for the next time.
     """
     digest = hashlib.sha256(source.encode()).hexdigest()[:12]
-    path = _folder() / f"{name}_{digest}.py"
+    path = folder() / f"{name}_{digest}.py"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, source.encode())
@@ -29,6 +29,7 @@ def load(name: str, source: str) -> ModuleType:
     return module
 
 
-def _folder() -> Path:
+def folder() -> Path:
+    """Where they are kept."""
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "quadctl"

@@ -39,14 +39,17 @@ class Node:
         *,
         restarted: bool = False,
         like: Params | None = None,
+        alone: bool = True,
     ) -> None:
         """`restarted` says that the supervisor started this process in a dead one's place.
 
-        `like` are the parameters of a process's first vehicle, where this is another.
+        `like` are the parameters of a process's first vehicle, where this is another; `alone` is the
+        node of its only one.
 
         Raises AlreadyServed when another process is this node.
         """
-        self.name, self.vehicle, self.restarted, self.like = name, vehicle, restarted, like
+        self.name, self.vehicle, self.restarted = name, vehicle, restarted
+        self.like, self.alone = like, alone
         self._others = roster.offers(session, vehicle)
         if name in roster.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")

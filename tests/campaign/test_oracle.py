@@ -9,7 +9,7 @@ SIZE = (5.0, 4.0, 2.0)
 
 
 def at(score: Score, *places: tuple[float, float, float], now: float = 0.0) -> list[float]:
-    score.sample(np.array(places).T, now)
+    score.sample(np.array([places]).transpose(0, 2, 1), [now])
     worst: list[float] = score.worst.tolist()
     return worst
 
@@ -34,6 +34,14 @@ def test_it_counts_from_when_the_cage_is_on():
     assert at(score, (5.3, 4.4, 1), (9, 0, 1), now=2.0) == [pytest.approx(0.5), 0.0]
     assert at(score, (5.1, 0, 1), (9, 0, 1), now=3.0)[0] == pytest.approx(0.5)
     assert score.at.tolist() == [2.0, 0.0]
+
+
+def test_of_several_times_the_first_of_the_worst_is_kept():
+    score = Score(1)
+    score.confine(0, SIZE, 0.0)
+    way = [[(x, 0.0, 1.0)] for x in (5.1, 5.4, 5.2, 5.4)]
+    score.sample(np.array(way).transpose(0, 2, 1), [1.0, 2.0, 3.0, 4.0])
+    assert (score.worst.tolist(), score.at.tolist()) == ([pytest.approx(0.4)], [2.0])
 
 
 def test_put_outside_it_may_go_to_its_stopping_point_and_never_out_again():

@@ -33,8 +33,8 @@ Make = Callable[[Sequence[DynamicsParams]], Fleet]
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> Make:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        advance = generated.load("kernel", kernel.source()).advance
-    return lambda params: CompiledFleet(params, advance)
+        module = generated.load("kernel", kernel.source())
+    return lambda params: CompiledFleet(params, module)
 
 
 def vehicles(count: int, seed: int) -> list[DynamicsParams]:

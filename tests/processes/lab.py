@@ -24,6 +24,8 @@ NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "cli.main"]
 _PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
 """What a user's shell may have set and a lab does not inherit."""
+CACHE = Path(__file__).parents[2] / ".cache"
+"""Where what is compiled is kept for the next time: in the checkout."""
 _numbers = itertools.count()
 
 
@@ -42,6 +44,7 @@ class Lab:
         self.environment = inherited | {
             "XDG_RUNTIME_DIR": str(self.runtime),
             "QUADCTL_REALM": self.realm,
+            "XDG_CACHE_HOME": str(CACHE),
         }
         self._foreground: list[Foreground] = []
 

@@ -3,7 +3,6 @@
 import re
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,8 +14,6 @@ from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually
 
 SHORT = ("campaign", "--flights", 6, "--seconds", 4, "--seed", 3)
-CACHE = str(Path(__file__).parents[2] / ".cache")
-"""Where what is compiled is kept for the next time: in the checkout."""
 SHAPE = {"flights", "seed", "worst_excursion", "transitions", "refusals", "violations", "hash"}
 
 
@@ -24,7 +21,6 @@ SHAPE = {"flights", "seed", "worst_excursion", "transitions", "refusals", "viola
 def module_lab() -> Iterator[Lab]:
     """A realm in which nothing runs, nor needs to."""
     with private_lab() as made:
-        made.environment["XDG_CACHE_HOME"] = CACHE
         yield made
 
 
@@ -64,7 +60,6 @@ def test_a_flight_is_flown_again_with_its_log(module_lab: Lab, report: dict[str,
 
 
 def test_ctrl_c_ends_it_and_all_its_workers(lab: Lab):
-    lab.environment["XDG_CACHE_HOME"] = CACHE
     flying = lab.spawn(*lab.command("campaign", "--flights", 1000, "--processes", 2))
     # The command, the campaign's own process, and a worker at least.
     eventually(lambda: len(lab.processes()) >= 3, 30.0)

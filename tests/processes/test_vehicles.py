@@ -166,3 +166,14 @@ def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
     lab.start("--vehicle", "uav1", "--set", "dynamics.speed=0", "--set", "dynamics.seed=1",
               "--set", "dynamics.start.x=1", "--set", alone)  # fmt: skip
     assert digest("uav1") == first
+
+
+def test_they_fly_while_they_are_compiled_which_ends_when_they_do(lab: Lab):
+    lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
+    lab.start("--vehicles", 2)
+    log = lab.home / "logs" / "dynamics.log"
+    eventually(lambda: "compiling the vehicle" in log.read_text(encoding="utf-8"))
+    eventually(lambda: len(lab.processes()) > 1 + len(NODES))
+    eventually(partial(is_up, lab, "uav1"))
+    # The lab holds that nothing is left.
+    assert lab.quadctl("down").code == 0

@@ -3,6 +3,7 @@
 It ends at once where stdin does, in the middle of a batch too: whoever gave it the job is gone.
 """
 
+import gc
 import os
 import sys
 import threading
@@ -24,12 +25,12 @@ from services.runtime import generated
 def compiled() -> MakeFleet | None:
     """How to make vehicles compiled by numba; None where there is none."""
     try:
-        advance = generated.load("kernel", kernel.source()).advance
+        module = generated.load("kernel", kernel.source())
     except ImportError:
         return None
 
     def make(params: Sequence[DynamicsParams]) -> Fleet:
-        return Compiled(params, advance)
+        return Compiled(params, module)
 
     return make
 
@@ -48,10 +49,20 @@ def main() -> None:
     jobs: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_read, args=(jobs.put,), daemon=True).start()
     make = compiled() or Plain
-    make([DynamicsParams()]).advance(1)  # where it must be compiled first, now
+    _warm(make([DynamicsParams()]))
+    # What numba has loaded stays: it need not be looked through for garbage again and again.
+    gc.freeze()
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
         say(Done(batch(job, make).fly() if job.count else []))
+
+
+def _warm(fleet: Fleet) -> None:
+    """Where it must be compiled first, now."""
+    fleet.goto(0, 1.0, 0.0, 1.0)
+    fleet.advance(1)
+    fleet.room(0)
+    fleet.brake(0)
 
 
 def _read(take: Callable[[bytes], None]) -> None:

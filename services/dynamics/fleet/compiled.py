@@ -1,34 +1,28 @@
 """Many vehicles, compiled by numba (extra `fleet`): as fast as the processor's arithmetic."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from schemas.params import DynamicsParams
-from services.dynamics import pilot
-from services.dynamics.fleet.kernel import CONSTANTS, LAYOUT, ROWS, STORED, WIDTH, span
-from services.dynamics.pilot import Mode
-from services.dynamics.setpoint import Plan
+from services.dynamics.fleet.kernel import ROWS, STORED, WIDTH
 from services.dynamics.vehicle import constants_of, initial
 
-Rows = npt.NDArray[np.float64]
-Kernel = Callable[[Rows, Rows, int, int], None]
-
-_TOLD = span(LAYOUT, "plan", "mode")
-"""What a command changes."""
-_LIMITS, _SPIN_UP = span(CONSTANTS, "limits"), span(CONSTANTS, "spin_up").start
+_LINE = 8
+"""Numbers in a cache line, and in the longest vector."""
 
 
 class CompiledFleet:
     """Vehicles that each do, to the bit, what a `Vehicle` with these parameters does."""
 
-    def __init__(self, params: Sequence[DynamicsParams], advance: Kernel) -> None:
-        """Each at rest on its start, at time 0; `advance` is the module's that kernel.py writes."""
+    def __init__(self, params: Sequence[DynamicsParams], kernel: ModuleType) -> None:
+        """Each at rest on its start, at time 0; `kernel` is the module that kernel.py writes."""
         self.steps = 0
         """Integration steps since boot."""
-        self._advance = advance
+        self._kernel = kernel
         kinds: dict[tuple[float, ...], list[int]] = {}
         for number, each in enumerate(params):
             kinds.setdefault(tuple(_flat(constants_of(each))), []).append(number)
@@ -40,9 +34,11 @@ class CompiledFleet:
                 block, lane = divmod(place, WIDTH)
                 self._places[number] = len(rows) + block, lane
             rows += [constants] * -(-len(numbers) // WIDTH)
+        self._homes: list[tuple[int, int]] = [(b, n) for b, n in self._places.tolist()]
+        """The same, as a command takes them."""
         self.constants = np.array(rows)
         """A row for each block, see kernel.py."""
-        self.blocks = np.empty((len(rows), ROWS * WIDTH))
+        self.blocks = _aligned(len(rows), ROWS * WIDTH)
         """The vehicles' numbers, see kernel.py."""
         # Lanes without a vehicle stand on the floor.
         still = initial(DynamicsParams())
@@ -57,36 +53,27 @@ class CompiledFleet:
 
     def goto(self, number: int, x: float, y: float, z: float) -> None:
         """Send one vehicle to a point, m, world."""
-        plan, mode, limits, spin_up = self._told(number)
-        self._tell(number, pilot.goto(plan, mode, x, y, z, spin_up, limits))
+        self._kernel.goto(self.blocks, self.constants, *self._homes[number], x, y, z)
 
     def brake(self, number: int) -> None:
         """Let one vehicle come to rest."""
-        plan, mode, limits, _ = self._told(number)
-        self._tell(number, pilot.brake(plan, mode, limits))
+        self._kernel.brake(self.blocks, self.constants, *self._homes[number])
 
     def advance(self, steps: int) -> None:
         """Run this many integration steps of 1 ms; every fourth since boot is a control step."""
-        self._advance(self.blocks, self.constants, self.steps, steps)
+        self._kernel.advance(self.blocks, self.constants, self.steps, steps)
         self.steps += steps
 
     def states(self) -> npt.NDArray[np.float64]:
         """The states, (vehicles, 17), in the order of rigidbody.py."""
         return self._rows[self._places[:, 0], :17, self._places[:, 1]]
 
-    def _told(self, number: int) -> tuple[Plan, Mode, tuple[float, ...], float]:
-        block, lane = self._places[number]
-        row: list[float] = self._rows[block, _TOLD, lane].tolist()
-        x, y, z = (tuple(row[i : i + 9]) for i in (0, 9, 18))
-        moving, crowded, periods, still = row[27:31]
-        constants: list[float] = self.constants[block].tolist()
-        mode: Any = tuple(row[31:])
-        plan = (x, y, z, moving, crowded, periods, still)
-        return plan, mode, tuple(constants[_LIMITS]), constants[_SPIN_UP]
 
-    def _tell(self, number: int, told: tuple[Plan, Mode]) -> None:
-        block, lane = self._places[number]
-        self._rows[block, _TOLD, lane] = _flat(told)
+def _aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
+    """Numbers that begin where a cache line does, as each row then does: a vector is one line."""
+    room = np.empty(rows * columns + _LINE)
+    first = -room.ctypes.data // room.itemsize % _LINE
+    return room[first : first + rows * columns].reshape(rows, columns)
 
 
 def _flat(value: Any) -> list[float]:

@@ -10,6 +10,7 @@ import ast
 from collections.abc import Mapping
 
 from services.dynamics.controller import STEPS
+from services.dynamics.fleet.commands import COMMANDS
 from services.dynamics.fleet.text import merged
 from services.dynamics.glide import PLAIN, RARE
 from services.dynamics.pilot import PERIODS_TO_REST
@@ -35,7 +36,7 @@ _TOGETHER = (
     "rigidbody_step",
 )  # fmt: skip
 """What has no loops, so that all of a block's vehicles take it side by side."""
-_ALONE = ("pilot_lead_on",)
+_ALONE = ("pilot_lead_on", "pilot_goto", "pilot_brake", "stopping_room")
 """What a vehicle does by itself, now and then."""
 
 
@@ -50,7 +51,9 @@ def source() -> str:
     """A module whose `advance(blocks, constants, start, steps)` runs integration steps of 1 ms.
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
-    each. It is compiled at its first call; numba keeps what it compiled beside the module.
+    each. `goto` and `brake` tell one vehicle, by its block and its lane, where to go; `room` says
+    what room it needs to stop. Each is compiled at its first call; numba keeps what it compiled
+    beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
     parts = [_HEAD]
@@ -61,7 +64,7 @@ def source() -> str:
         _MOVE.format(name="_move", flow="(0.0, 0.0, 0.0)"),
         _MOVE.format(name="_move_in_wind", flow="_air(q, n)[0:3]"),
     )
-    return "\n".join([*parts, *_rows(), *moves, _KERNEL, ""])
+    return "\n".join([*parts, *_rows(), *moves, _KERNEL, COMMANDS, ""])
 
 
 def _rows() -> list[str]:
@@ -87,18 +90,32 @@ _HEAD = """
 import llvmlite.binding
 import numpy as np
 from math import sqrt
-from numba import config, njit
+from numba import config, njit, types
+from numba.extending import intrinsic
 
 # LLVM takes half of a vector of 512 bits, lest the processor slow down for a moment; code that is
 # nothing but vectors is faster with all of it. Numba asks once, before it compiles anything.
 _features = llvmlite.binding.get_host_cpu_features()
 if config.CPU_FEATURES is None and _features.get("avx512f"):
     config.CPU_FEATURES = _features.flatten() + ",-prefer-256-bit"
+
+
+# A loop has more numbers at hand than registers. What is put on the stack meanwhile is a vector of
+# one cache line, and LLVM puts it across two unless it is told to begin the stack with one.
+@intrinsic
+def _align(_context):
+    def generate(context, builder, _signature, _arguments):
+        builder.function.attributes.alignstack = 64
+        builder.function.attributes.add("nounwind")  # by itself the other is not written
+        return context.get_dummy_value()
+
+    return types.void(), generate
 """
 
 _MOVE = f"""
 @njit(error_model='numpy', inline='never')
 def {{name}}(q, c):
+    _align()
     body = _get_body(c)
     for n in range(np.uint64({WIDTH})):
         s = _state(q, n)
@@ -127,6 +144,7 @@ def _flat(p):
 
 @njit(error_model='numpy', inline='never')
 def _decide(q, c):
+    _align()
     limits = _get_limits(c)
     for n in range(np.uint64({WIDTH})):
         old = _mode(q, n)
@@ -140,6 +158,7 @@ def _decide(q, c):
 
 @njit(error_model='numpy', inline='never')
 def _glide(q, c):
+    _align()
     limits = _get_limits(c)
     for n in range(np.uint64({WIDTH})):
         before = _plan(q, n)
@@ -167,6 +186,7 @@ def _lead_on(q, n, limits):
 
 @njit(error_model='numpy', inline='never')
 def _act(q, c):
+    _align()
     gains = _get_gains(c)
     mixer = _get_mixer(c)
     weight = _get_weight(c)[0]
@@ -181,6 +201,7 @@ def _act(q, c):
 
 @njit(error_model='numpy', inline='never')
 def _blow(q, c):
+    _align()
     weather = _get_weather(c)
     for n in range(np.uint64({WIDTH})):
         old = _air(q, n)

@@ -19,10 +19,11 @@ from services.dynamics import (
     rotor,
     setpoint,
     sharing,
+    stopping,
     wind,
 )
 
-MODULES = (rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot)
+MODULES = (rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot, stopping)
 """Where the model's text stands, each after those that it imports."""
 
 BUILTINS = {"abs", "range", "sqrt"}

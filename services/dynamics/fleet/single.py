@@ -1,0 +1,104 @@
+"""One vehicle, compiled: the model's text as it stands, over one array of the vehicle's numbers."""
+
+import ast
+from collections.abc import Callable
+from struct import Struct
+from typing import Any
+
+from services.dynamics.fleet.kernel import CONSTANTS, STORED
+from services.dynamics.fleet.text import merged
+from services.dynamics.pilot import PERIODS_TO_REST, Constants, Mode
+from services.dynamics.rigidbody import Motors, State
+from services.dynamics.setpoint import Plan
+from services.dynamics.vehicle import Lane
+from services.dynamics.wind import Air
+
+Step = Callable[[int, int], object]
+"""Runs the compiled text on the numbers: from this step since boot on, so many."""
+
+NUMBERS = Struct(f"{STORED}d")
+"""All of a vehicle that changes: state, command, plan, mode and air."""
+FIXED = Struct(f"{sum(CONSTANTS.values())}d")
+"""Its constants, in their order."""
+
+
+class Single:
+    """What `pilot.fly` does, to the bit, in compiled code; each vehicle needs one of its own."""
+
+    def __init__(self, step: Step, numbers: Any, fixed: Any) -> None:
+        """`step` works on these two buffers, of the sizes of NUMBERS and FIXED."""
+        self._step, self._numbers, self._fixed = step, numbers, fixed
+        self._packed: Constants | None = None
+
+    def __call__(
+        self,
+        state: State,
+        command: Motors,
+        plan: Plan,
+        mode: Mode,
+        air: Air,
+        constants: Constants,
+        start: int,
+        steps: int,
+    ) -> Lane:
+        """As `pilot.fly`."""
+        if mode[2] >= PERIODS_TO_REST:
+            return state, command, plan, mode, air
+        if constants is not self._packed:
+            body, gains, mixer, limits, weight, spin_up, weather = constants
+            FIXED.pack_into(
+                self._fixed, 0, *body, *gains, *mixer, *limits, weight, spin_up, *weather
+            )
+            self._packed = constants
+        x, y, z, *others = plan
+        NUMBERS.pack_into(self._numbers, 0, *state, *command, *x, *y, *z, *others, *mode, *air)
+        self._step(start, steps)
+        return _lane(NUMBERS.unpack(self._numbers))
+
+
+def _lane(v: Any) -> Lane:
+    plan = (v[21:30], v[30:39], v[39:48], v[48], v[49], v[50], v[51])
+    return v[0:17], v[17:21], plan, v[52:60], v[60:66]
+
+
+def source() -> str:
+    """A module whose `fly(numbers, fixed, start, steps)` takes pointers to two such arrays."""
+    text = [f"@njit(error_model='numpy')\n{ast.unparse(each)}" for each in merged(["pilot_fly"])]
+    return "\n".join([_HEAD, *text, _FLY])
+
+
+def _items(array: str, first: int, *counts: int) -> str:
+    """A tuple for each count, of an array's items one after the other; a count of 0 is one alone."""
+    parts = []
+    for count in counts:
+        items = [f"{array}[{i}]" for i in range(first, first + (count or 1))]
+        parts.append(f"({', '.join(items)})" if count else items[0])
+        first += len(items)
+    return ", ".join(parts)
+
+
+_HEAD = """
+from math import sqrt
+from numba import carray, njit, types
+"""
+
+_FLY = f"""
+_doubles = types.CPointer(types.float64)
+
+
+@njit(
+    types.void(_doubles, _doubles, types.int64, types.int64),
+    error_model='numpy', no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def fly(numbers, fixed, start, steps):
+    q = carray(numbers, {STORED})
+    c = carray(fixed, {sum(CONSTANTS.values())})
+    state, command, plan, mode, air = pilot_fly(
+        {_items("q", 0, 17, 4)},
+        ({_items("q", 21, 9, 9, 9, 0, 0, 0, 0)}),
+        {_items("q", 52, 8, 6)},
+        ({_items("c", 0, 18, 23, 6, 8, 0, 0, 5)}),
+        start, steps)
+    flown = (*state, *command, *plan[0], *plan[1], *plan[2], *plan[3:], *mode, *air)
+    for i in range({STORED}):
+        q[i] = flown[i]
+"""

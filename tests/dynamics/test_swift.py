@@ -1,0 +1,39 @@
+"""Compiled code for who flies already: it comes when it comes, and without numba it does not."""
+
+import pytest
+
+from services.dynamics.process import swift
+from services.dynamics.process.swift import Swift
+from tests.dynamics.machine import make
+from tests.processes.lab import CACHE
+from tests.processes.running import eventually
+
+pytestmark = pytest.mark.timeout(200)
+
+
+def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
+    make(CACHE)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
+    waited = Swift()
+    assert waited.single() is None
+    for _ in range(3):
+        waited.ask()
+    eventually(lambda: waited.single() is not None)
+
+
+def test_without_numba_there_is_none(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(swift, "find_spec", lambda name: None)
+    without = Swift()
+    without._fetch()
+    assert without.single() is None
+
+
+def test_where_it_cannot_be_made_that_is_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    monkeypatch.setattr(swift, "_MAKING", ("false",))
+    monkeypatch.setattr(swift, "stored", lambda: None)
+    without = Swift()
+    without._fetch()
+    assert without.single() is None
+    assert "could not be compiled" in caplog.text

@@ -11,12 +11,12 @@ import pytest
 from schemas.params import DynamicsParams, StartParams
 from schemas.vehicle import RotorDragParams
 from schemas.wind import MeanWindParams, WindParams
-from services.dynamics.fleet import kernel
 from services.dynamics.fleet.arrays import CHUNK, ArrayFleet
 from services.dynamics.fleet.compiled import CompiledFleet
 from services.dynamics.fleet.text import merged
 from services.dynamics.vehicle import Vehicle
 from services.runtime import generated
+from tests.compiled import compiled_kernel
 
 
 class Fleet(Protocol):
@@ -30,10 +30,8 @@ Make = Callable[[Sequence[DynamicsParams]], Fleet]
 
 
 @pytest.fixture(scope="session")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> Make:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        module = generated.load("kernel", kernel.source())
+def compiled() -> Make:
+    module = compiled_kernel()
     return lambda params: CompiledFleet(params, module)
 
 

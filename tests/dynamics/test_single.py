@@ -9,16 +9,15 @@ from schemas.params import DynamicsParams
 from services.dynamics import pilot
 from services.dynamics.process.machine import Code, Machine, store, stored
 from services.dynamics.vehicle import Fly, Vehicle
-from tests.dynamics.machine import make
+from tests.compiled import compiled_vehicle
 from tests.dynamics.test_fleets import vehicles
-from tests.processes.lab import CACHE
 
 pytestmark = pytest.mark.timeout(200)
 
 
 @pytest.fixture(scope="module")
 def code() -> Code:
-    return make(CACHE)
+    return compiled_vehicle()
 
 
 def everything(vehicle: Vehicle) -> str:

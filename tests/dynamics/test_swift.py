@@ -2,9 +2,9 @@
 
 import pytest
 
-from services.dynamics.process import swift
+from services.dynamics.process import machine, swift
 from services.dynamics.process.swift import Swift
-from tests.dynamics.machine import make
+from tests.compiled import compiled_vehicle
 from tests.processes.lab import CACHE
 from tests.processes.running import eventually
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.timeout(200)
 
 
 def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
-    make(CACHE)
+    compiled_vehicle()
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
     waited = Swift()
     assert waited.single() is None
@@ -22,7 +22,7 @@ def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_without_numba_there_is_none(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(swift, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     without = Swift()
     without._fetch()
     assert without.single() is None
@@ -32,7 +32,7 @@ def test_where_it_cannot_be_made_that_is_told(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     monkeypatch.setattr(swift, "_MAKING", ("false",))
-    monkeypatch.setattr(swift, "stored", lambda: None)
+    monkeypatch.setattr(machine, "stored", lambda: None)
     without = Swift()
     without._fetch()
     assert without.single() is None

@@ -10,6 +10,7 @@ import pytest
 from cli.campaign import campaign as command
 from cli.campaign.told import lines
 from cli.options import options_of
+from tests.compiled import compiled_kernel
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually
 
@@ -26,6 +27,7 @@ def module_lab() -> Iterator[Lab]:
 
 @pytest.fixture(scope="module")
 def report(module_lab: Lab) -> dict[str, Any]:
+    compiled_kernel()
     done = module_lab.quadctl(*SHORT, "--json", "--processes", 1, timeout=200.0)
     assert done.code == 0  # on stderr it may say that the vehicle is being compiled
     document: dict[str, Any] = done.json

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.dynamics.machine import make
-from tests.processes.lab import CACHE, Lab, private_lab
+from tests.compiled import compiled_vehicle
+from tests.processes.lab import Lab, private_lab
 from tests.processes.missions import busy, fly, same, start
 from tests.processes.running import eventually
 
@@ -25,7 +25,7 @@ SETTINGS = {
 @pytest.fixture(scope="module")
 def fast() -> Iterator[Lab]:
     """A lab as fast as it goes, with the vehicle compiled."""
-    make(CACHE)
+    compiled_vehicle()
     with private_lab() as made:
         start(made, *SETTINGS["fast"])
         log = made.home / "logs" / "dynamics.log"

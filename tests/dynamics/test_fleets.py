@@ -17,6 +17,7 @@ from services.dynamics.fleet.compiled import CompiledFleet
 from services.dynamics.fleet.text import merged
 from services.dynamics.vehicle import Vehicle
 from services.runtime import generated
+from tests.processes.lab import CACHE
 
 
 class Fleet(Protocol):
@@ -30,9 +31,9 @@ Make = Callable[[Sequence[DynamicsParams]], Fleet]
 
 
 @pytest.fixture(scope="session")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> Make:
+def compiled() -> Make:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_CACHE_HOME", str(CACHE))
         module = generated.load("kernel", kernel.source())
     return lambda params: CompiledFleet(params, module)
 

@@ -49,8 +49,9 @@ class Batch:
 
     def fly(self) -> list[Flown]:
         """Fly them to their end."""
+        motion = self._fleet.motion()
         for period in range(self._periods + 1):
-            self._track[period] = motion = self._fleet.motion()
+            self._track[period] = motion
             for number in self.awake(period, motion):
                 self._step(number, period, motion)
             if period % _RATCHET == 0:
@@ -60,20 +61,22 @@ class Batch:
                     if slow[number]:
                         self._score.nearer(number, self._farthest(number, motion))
             if period < self._periods:
-                self._advance(period)
+                motion = self._advance(period)
         return [self._flown(number) for number in range(len(self.lanes))]
 
     def awake(self, period: int, motion: Floats) -> list[int]:
         """The flights whose monitors have something to do."""
         return self._watch.awake(period, motion, self._track[max(period - 1, 0)])
 
-    def _advance(self, period: int) -> None:
-        places = []
+    def _advance(self, period: int) -> Floats:
+        """Fly one period, keep the score, and say how they move then."""
+        motions = []
         for _ in range(_SAMPLES):
             self._fleet.advance(_STEPS // _SAMPLES)
-            places.append(self._fleet.motion()[:3])
+            motions.append(self._fleet.motion())
         times = [(period + sample / _SAMPLES) / SETPOINT.hz for sample in range(1, _SAMPLES + 1)]
-        self._score.sample(np.array(places), times)
+        self._score.sample(np.array([motion[:3] for motion in motions]), times)
+        return motions[-1]
 
     def _step(self, number: int, period: int, motion: Floats) -> None:
         lane = self.lanes[number]
@@ -124,7 +127,7 @@ class Batch:
             diary.now = at
             diary.violated(f"more than {margin:g} m beyond the cage")
         diary.digest.update(repr(worst).encode())
-        diary.digest.update(np.ascontiguousarray(self._track[:, :, number]).tobytes())
+        diary.digest.update(np.ascontiguousarray(self._track[:, :, number]).data)
         return Flown(
             mission.seed, worst, at, diary.transitions, diary.refusals, diary.stops,
             diary.arrivals, diary.violations, diary.digest.hexdigest(),

@@ -14,6 +14,7 @@ from services.dynamics.stopping import Point, periods_of, room
 from services.dynamics.vehicle import Vehicle
 
 Floats = npt.NDArray[np.float64]
+Columns = npt.NDArray[np.intp]
 Box = tuple[Point, Point]
 """Its lowest and its highest corner, m."""
 
@@ -73,14 +74,16 @@ class Compiled(CompiledFleet):
         """Each at rest on its start; `kernel` is the module that dynamics' kernel.py writes."""
         super().__init__(params, kernel)
         blocks, lanes = self._places.T
-        self._columns = blocks * WIDTH + lanes
+        columns = blocks * WIDTH + lanes
+        # Those of one kind, which is nearly always all, stand in their order.
+        in_order = np.array_equal(columns, np.arange(len(params)))
+        self._columns: slice | Columns = slice(len(params)) if in_order else columns
         limits = self.constants[blocks, span(CONSTANTS, "limits")]
         self._periods = [periods_of(tuple(row)) for row in limits.tolist()]
 
     def motion(self) -> Floats:
         """Positions (m) and velocities (m/s): (6, vehicles)."""
-        rows = self._rows[:, :6].transpose(1, 0, 2).reshape(6, -1)
-        return rows.take(self._columns, axis=1)
+        return self._rows[:, :6].transpose(1, 0, 2).reshape(6, -1)[:, self._columns]
 
     def room(self, number: int) -> Box:
         """The box that a vehicle would stay in that was to brake now."""

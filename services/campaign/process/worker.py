@@ -21,6 +21,9 @@ from services.campaign.process.orders import Done, Job, say
 from services.dynamics.fleet import kernel
 from services.runtime import generated
 
+_GARBAGE = 50_000
+"""Objects after which it is looked for garbage."""
+
 
 def compiled() -> MakeFleet | None:
     """How to make vehicles compiled by numba; None where there is none."""
@@ -50,8 +53,9 @@ def main() -> None:
     threading.Thread(target=_read, args=(jobs.put,), daemon=True).start()
     make = compiled() or Plain
     _warm(make([DynamicsParams()]))
-    # What numba has loaded stays: it need not be looked through for garbage again and again.
+    # What numba has loaded stays, and flights leave next to nothing that is not freed at once.
     gc.freeze()
+    gc.set_threshold(_GARBAGE)
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
         say(Done(batch(job, make).fly() if job.count else []))

@@ -13,6 +13,8 @@ endif
 
 READY := $(VENV)/.ready
 RUN := $(VENV)/bin/python
+# Half of what the tests do is to wait, so one more than there are processors.
+WORKERS = $(shell $(RUN) -c 'import os; print(min(os.cpu_count() + 1, 6))')
 LOCK := .cache/lock/bin/uv pip compile pyproject.toml --quiet --universal --generate-hashes \
 	--no-config --no-header --no-annotate
 
@@ -29,7 +31,7 @@ demo: $(READY)
 	$(VENV)/bin/quadctl demo
 
 test: $(READY)
-	$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(RUN) -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 20
 
 prove: $(READY)  ## The long counts; writes the figures of the README's table.
 	$(RUN) -m pytest -m prove

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from cli import streams
 from cli.options import Options
 from services.runtime.errors import QuadctlError
 
@@ -15,14 +16,12 @@ _WIDEST = 12
 
 def document(value: Any) -> None:
     """Print one JSON document, on one line, at once."""
-    sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
-    sys.stdout.flush()
+    streams.say(msgspec.json.encode(value).decode() + "\n")
 
 
 def line(text: str) -> None:
     """Print one line of text, at once."""
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
+    streams.say(f"{text}\n")
 
 
 def either(options: Options, value: Any, text: str) -> None:

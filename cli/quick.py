@@ -10,6 +10,7 @@ from typing import Any
 from cli import table
 from cli.declare import Arg, Line, Opt, Word, takes_signed, words_of
 from cli.options import COMMON
+from services.runtime.errors import UsageError
 
 
 class _Declined(Exception):
@@ -73,6 +74,10 @@ def _take(word: Word, value: str | None, line: Iterator[str], values: dict[str, 
 
 
 def _put(word: Word, text: str, values: dict[str, Any]) -> None:
+    if word.type in {int, float} and "_" in text and _is_number(text):
+        raise UsageError(
+            f"'{text}' is no number", "write it without the _"
+        )  # Python reads 1_0 as ten
     value = word.type(text)
     if isinstance(word.said, Opt) and word.said.min is not None and value < word.said.min:
         raise _Declined

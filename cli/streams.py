@@ -2,6 +2,8 @@
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
 from services.runtime.errors import QuadctlError
@@ -25,14 +27,30 @@ def _nowhere() -> TextIO:
     return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
 
 
+def say(text: str) -> None:
+    """Write to stdout at once; raises as flush."""
+    with _written():
+        sys.stdout.write(text)
+        sys.stdout.flush()
+
+
 def flush() -> None:
     """Write out what is left; raises QuadctlError where it cannot be."""
-    try:
+    with _written():
         sys.stdout.flush()
         sys.stderr.flush()
+
+
+@contextmanager
+def _written() -> Iterator[None]:
+    try:
+        yield
     except BrokenPipeError:
         raise
     except OSError as error:
+        # What could not be written is kept, and would be tried again at the very end.
+        sys.stdout = _nowhere()
         raise QuadctlError(
-            f"the output cannot be written: {error.strerror}", "is its disk full?"
+            f"the output cannot be written: {error.strerror}",
+            "is its disk full? What was asked for may be done all the same",
         ) from error

@@ -5,6 +5,7 @@ from msgspec import structs
 from cli.options import Options
 from schemas.topics import TOPICS
 from services.runtime import vehicles
+from services.runtime.errors import UsageError
 
 
 def about_topic(options: Options, name: str) -> Options:
@@ -28,6 +29,25 @@ def anyone(options: Options) -> Options:
 def about_service(options: Options, name: str) -> Options:
     """The options, with the vehicle that a service's full key names."""
     return _named(options, name.strip("/"), _there(options), "")
+
+
+def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[str]]:
+    """The options with the vehicle that `uav1.safety.takeoff` names, and the words without it.
+
+    Raises UsageError where the words name several.
+    """
+    first = {word.partition(".")[0] for word in words}
+    if options.named or not (named := first & set(_there(options))):
+        return options, words
+    if len(first) > 1:
+        raise UsageError(
+            f"these belong to different vehicles: {', '.join(sorted(first))}",
+            "ask about one vehicle's parameters at a time",
+        )
+    vehicle = named.pop()
+    return structs.replace(options, named=vehicle), [
+        word.removeprefix(f"{vehicle}.") for word in words
+    ]
 
 
 def _there(options: Options) -> list[str]:

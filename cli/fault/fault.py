@@ -22,7 +22,8 @@ def list_(options: Options) -> None:
     Example: quadctl fault list
     """
     values = kept(options)
-    there = {*active(values), *frozen(options)}
+    stopped = frozen(options)
+    there = {*active(values), *stopped, *(BUS_CUT for name in stopped if _cut(name))}
     rows = [(fault.name, fault.about) for fault in FAULTS]
     rows += [(f"NODE-{name}", about) for name, (_, about) in OF_PROCESSES.items()]
     rows.append((BUS_CUT, "nobody hears anybody: the hub is frozen"))
@@ -67,7 +68,8 @@ def clear(
     Example: quadctl fault clear
     """
     if name:
-        named = [] if name.endswith("-frozen") and name not in _names() else [_named(name)]
+        of_process = name == BUS_CUT or name.removesuffix("-frozen") in NODES
+        named = [] if of_process else [_named(name)]
     else:
         there = active(kept(options))
         named = [fault for fault in FAULTS if fault.name in there]

@@ -8,6 +8,7 @@ from services.runtime import record, vitals
 from services.runtime.errors import Unreachable
 from services.runtime.named import flatten
 from services.runtime.realm import Realm
+from services.runtime.record import RunRecord
 
 
 def kept(options: Options) -> dict[str, Any]:
@@ -44,4 +45,9 @@ def frozen(options: Options) -> list[str]:
         run = record.read(Realm(options.realm))
     except Unreachable:
         return []
+    return frozen_of(run)
+
+
+def frozen_of(run: RunRecord) -> list[str]:
+    """The same, of this run."""
     return [f"{node.name}-frozen" for node in run.nodes if node.pid and vitals.is_frozen(node.pid)]

@@ -90,8 +90,14 @@ class Flight:
             self.seconds = message.stamp - self._began
             return
         state = message
+        if not state.boot:
+            # Safety was started anew, and has seen nothing yet; what comes next says so.
+            return
         if state.goal == self.goal:
             self._moving = self._moving or state.state == "MOVING"
             self.arrived = self._moving and state.state == "HOVERING"
         elif self._moving and state.state != "VERIFYING":
-            self.reason = state.reason or "another goal was accepted in its place"
+            other = "another goal was accepted in its place"
+            self.reason = state.reason or (
+                other if state.state == "MOVING" else "safety holds the vehicle elsewhere"
+            )

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg
 from cli.options import Options
 from cli.param.running import Running
@@ -36,6 +36,7 @@ def get(
 
     Example: quadctl param get safety.virtual_cage.x
     """
+    options, names = which.about_parameters(options, names)
     with Running(options) as running:
         found = running.get(names)
     if options.json:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg
 from cli.options import Options
 from cli.param.names import node_of
@@ -26,7 +26,11 @@ def set_(
     if len(words) == 2 and "=" not in words[0]:
         words = [f"{words[0]}={words[1]}"]
     if not all("=" in word for word in words):
-        raise UsageError("param set takes NAME VALUE or NAME=VALUE...")
+        raise UsageError(
+            "param set takes NAME VALUE or NAME=VALUE...",
+            f"`quadctl param get {words[0]}` prints what it is" if len(words) == 1 else "",
+        )
+    options, words = which.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)
     values = {normal_name(name): value_of(text) for name, _, text in pairs}
     nodes = {name.partition(".")[0] for name in values}
@@ -41,7 +45,11 @@ def set_(
             raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")
         reply = running.set(node_of(next(iter(values)), running.nodes()), values)
     if not reply.success:
-        raise Invalid(reply.reason, "nothing was changed")
+        names = " ".join(values)
+        raise Invalid(
+            f"nothing was changed: {reply.reason}",
+            f"`quadctl param describe {names}` tells its bounds",
+        )
     if options.json:
         output.document(values)
     else:

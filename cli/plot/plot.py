@@ -40,11 +40,13 @@ def plot(
     flight = _recorded(file) if file else _live(options, duration)
     draw(target, flight, file.name if file else f"realm {options.realm}, live")
     flown = flight.flown()
+    # It may have flown long before it was recorded.
+    began = min(track.path[0][0] for track in flown.values())
     document = {
         "file": str(target),
         "vehicles": list(flown),
         "poses": sum(len(track.path) for track in flown.values()),
-        "seconds": max(track.end for track in flown.values()),
+        "seconds": max(track.end for track in flown.values()) - began,
     }
     output.either(options, document, f"drew {document['seconds']:.1f} s of flight: {target}")
 

@@ -6,7 +6,7 @@ import msgspec
 
 from cli import output
 from cli.fault.catalogue import active
-from cli.fault.kept import values_of
+from cli.fault.kept import frozen_of, values_of
 from cli.options import Options, here
 from cli.run.rows import duration
 from cli.run.usage import memory
@@ -39,12 +39,13 @@ def status(options: Options) -> None:
 
 
 def _faults(realm: Realm, run: RunRecord) -> list[str]:
-    """The faults put in by name, as `uav pose-frozen`."""
-    return [
+    """The faults put in by name, as `uav pose-frozen`; of a process, as `safety-frozen`."""
+    of_vehicles = (
         f"{vehicle} {fault}"
         for vehicle in run.vehicles
         for fault in active(values_of(realm, vehicle))
-    ]
+    )
+    return [*of_vehicles, *frozen_of(run)]
 
 
 def _row(node: ProcessRecord) -> tuple[object, ...]:

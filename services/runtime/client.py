@@ -43,8 +43,8 @@ class Client:
         Raises Unreachable when no hub is there, TimedOut when it does not answer.
         """
         self.vehicle, self.timeout = vehicle, timeout
-        self._realm, self._connect = Realm(realm), connect
-        self.session = reach(self._realm, connect, timeout)
+        self.realm, self._connect = Realm(realm), connect
+        self.session = reach(self.realm, connect, timeout)
         self._since, self._held = time.time(), list[object]()
 
     def __enter__(self) -> Self:
@@ -172,10 +172,12 @@ class Client:
                     "its process is busy, frozen, or waits for another: `quadctl status`",
                 )
         from services.runtime import missing
+        from services.runtime.named import nearest
 
         problem = Unreachable(
             f"nothing came on {key} within {self.timeout:g} s: nobody publishes it",
-            "`quadctl topic list` shows what there is",
+            nearest(key, [offer.key for offer in offers if offer.kind == "@pub"])
+            or "`quadctl topic list` shows what there is",
         )
         return self.explained(problem, missing.publisher_of(key, self.vehicle))
 
@@ -195,7 +197,7 @@ class Client:
         live = self.nodes(timeout)
         if self._connect:
             return []
-        return missing.silent_processes(self._realm, self.vehicle, live)
+        return missing.silent_processes(self.realm, self.vehicle, live)
 
     def _only_unread(self, unread: Invalid) -> Invalid:
         text = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
@@ -243,4 +245,4 @@ class Client:
         if not self.session.info.routers_zid():
             from services.runtime import missing
 
-            raise missing.hub_lost(None if self._connect else self._realm, self._since)
+            raise missing.hub_lost(None if self._connect else self.realm, self._since)

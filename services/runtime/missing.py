@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING
 from schemas.topics import TOPICS
 from services.runtime import record, vitals
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from services.runtime.named import nearest
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.vehicles import listed
 
 if TYPE_CHECKING:
     from services.runtime.client import Client
@@ -61,7 +63,17 @@ def why(client: "Client", connect: str, problem: Unreachable, node: str, key: st
         return denied
     except QuadctlError as other:
         return type(other)(f"{problem.message}: {other.message}", other.hint)
-    return explained(problem, node, silent)
+    stranger = None if connect else _stranger(client, problem)
+    return stranger or explained(problem, node, silent)
+
+
+def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:
+    """That the run on this machine has no such vehicle."""
+    run = _run(client.realm)
+    if run is None or client.vehicle in run.vehicles:
+        return None
+    hint = nearest(client.vehicle, run.vehicles) or f"it has {listed(run.vehicles)}"
+    return Unreachable(f"{problem.message}: this run has no vehicle {client.vehicle}", hint)
 
 
 def publisher_of(key: str, vehicle: str) -> str:

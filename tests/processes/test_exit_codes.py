@@ -26,6 +26,7 @@ FAILS = {
     "goto 0 0 10001": 6,
     "goto abc 0 1": 2,
     "goto 1 2": 2,
+    "goto 1_0 2 1": 2,
     "goto 1 2 1 --arrive 0": 6,
     "flee": 2,
     "fleet goto 1 2": 2,

@@ -103,11 +103,21 @@ def test_what_would_stop_the_clock_is_refused_in_lock_step(lab: Lab):
     assert "the clock would wait for the pose for ever" in refused.err
 
 
+def test_a_bus_that_is_cut_is_shown_as_that(lab: Lab):
+    lab.start("--set", "supervise.answer_timeout=60")
+    assert lab.quadctl("fault", "inject", "bus-cut").code == 0
+    eventually(lambda: "in  bus-cut" in lab.quadctl("fault", "list").out)
+    assert "fault: hub-frozen" in lab.quadctl("status").out
+    assert lab.quadctl("fault", "clear", "bus-cut").out == "hub-frozen is out\n"
+    assert lab.quadctl("goto", 1, 0, 1).code == 0
+
+
 def test_a_frozen_process_goes_on_when_that_is_taken_out(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60")
     old = lab.nodes()
     assert lab.quadctl("fault", "inject", "safety-frozen").code == 0
     eventually(lambda: "in  safety-frozen" in lab.quadctl("fault", "list").out)
+    assert lab.quadctl("status", "--json").json["faults"] == ["safety-frozen"]
     assert lab.quadctl("goto", 1, 0, 1, "--timeout", 1).code == 4
     assert lab.quadctl("fault", "clear").out == "safety-frozen is out\n"
     # Of the goal asked for meanwhile the outcome is unknown: it may have been taken in time.

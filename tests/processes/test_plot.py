@@ -15,6 +15,9 @@ def test_what_is_flown_now_is_drawn(shared_lab: Lab, hover: Bare):
     assert (done.code, done.err) == (0, "")
     assert done.json["vehicles"] == ["uav"]
     assert done.json["poses"] > 20
+    # Of the time that is drawn, however long it has flown before.
+    first = shared_lab.quadctl("topic", "echo", "pose", "-n", 1, "--json").json["stamp"]
+    assert 0.2 < done.json["seconds"] < max(first - 1, 5)
     assert (shared_lab.folder / "now.png").read_bytes().startswith(PNG)
 
 

@@ -71,6 +71,16 @@ def test_killed_in_flight_a_node_comes_back_and_the_same_goal_is_flown(
         assert abs(zeroed["pressure"]) < 0.02
 
 
+def test_a_goto_whose_safety_dies_says_that_and_no_other_reason(roomy: Lab, flight: Bare):
+    old = roomy.nodes()["safety"]["pid"]
+    waiting = roomy.spawn(*roomy.command("goto", -7, 0, 1, "--replace"))
+    eventually(lambda: "accepted" in waiting.log)
+    roomy.signal("safety", signal.SIGKILL)
+    assert waiting.wait(30.0) == 5, waiting.log
+    assert "the flight was stopped: safety restarted: hovering here, cage on" in waiting.log
+    roomy.revived("safety", old)
+
+
 def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
     frozen = {node: roomy.signal(node, signal.SIGSTOP) for node in ("safety", "pressure")}
     # Without setpoints the vehicle brakes long before the freeze is noticed by its silence.

@@ -13,6 +13,14 @@ from tests.processes.running import Foreground, eventually
 SPREAD = ["min", "max", "std", "n"]
 
 
+def test_a_topic_that_nobody_publishes_is_told_with_the_nearest_that_somebody_does(
+    shared_lab: Lab, hover: Bare
+):
+    done = shared_lab.quadctl("topic", "echo", "uav/sensor/pressure", "-n", 1, "--timeout", 0.3)
+    assert done.code == 3
+    assert "did you mean uav/sensors/pressure?" in done.err
+
+
 def test_info(shared_lab: Lab):
     said = shared_lab.quadctl("topic", "info", "/uav/pose", "--json").json
     assert said["publishers"] == ["dynamics"]

@@ -145,5 +145,6 @@ def test_nobody_serves_another_vehicle(room: Lab):
     assert done == (
         3,
         "",
-        "error: nobody serves other/@srv/goto now\n  try: is safety up? `quadctl status` shows it\n",
+        "error: nobody serves other/@srv/goto now: this run has no vehicle other\n"
+        "  try: it has uav\n",
     )

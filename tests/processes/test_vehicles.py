@@ -75,6 +75,23 @@ def test_a_full_key_names_its_vehicle(three: Lab):
     assert everybody.code == 0, everybody.err
 
 
+def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
+    done = three.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
+    assert (done.code, done.out) == (0, "safety.acceptance_range: 0.4\n")
+    for vehicle, known in (("uav0", 0.5), ("uav1", 0.4)):
+        found = three.quadctl("param", "get", f"{vehicle}.safety.acceptance_range", "--json").json
+        assert found == {"safety.acceptance_range": known}
+    both = three.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
+    assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
+
+
+def test_a_vehicle_that_there_is_not_is_told_with_those_that_there_are(three: Lab):
+    done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 0.3)
+    assert done.code == 3
+    assert "this run has no vehicle drone" in done.err
+    assert "it has uav0, uav1, uav2" in done.err
+
+
 def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
     def ask(*words: object, vehicle: str = "uav1") -> dict[str, object]:
         done = three.quadctl(*words, "--vehicle", vehicle, "--json")

@@ -145,6 +145,8 @@ def test_nobody_serves_another_vehicle(room: Lab):
     assert done == (
         3,
         "",
-        "error: nobody serves other/@srv/goto now: this run has no vehicle other\n"
-        "  try: it has uav\n",
+        (
+            "error: nobody serves other/@srv/goto now: this run has no vehicle other\n"
+            "  try: it has uav\n"
+        ),
     )

@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 _HOME = ROOT / ".cache" / "peers"
 
 PACKAGES = {
-    "rotorpy": ("rotorpy==3.0.0", "torch", "torchdiffeq"),
+    "rotorpy": ("rotorpy==3.0.0", "torch", "torchdiffeq", "roma"),
     "mujoco": ("mujoco==4.0.0", "numpy"),
     "crazyflow": ("crazyflow==0.4.0",),
 }

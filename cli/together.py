@@ -7,7 +7,6 @@ from typing import Generic, TypeVar
 
 from msgspec import Struct
 
-from cli import output
 from services.runtime.errors import QuadctlError, TimedOut
 
 T = TypeVar("T")
@@ -20,12 +19,11 @@ class Heard(Struct, Generic[T], frozen=True):
     problems: dict[str, QuadctlError]
 
     def fail(self) -> None:
-        """Raise the first problem, where there is one; the others are told on stderr."""
+        """Raise the first problem, where there is one, and the others with it."""
         if not self.problems:
             return
         first, *others = self.problems.values()
-        for other in others:
-            output.note(f"error: {other.message}")
+        first.others = [other.message for other in others]
         raise first
 
 

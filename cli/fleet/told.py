@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from cli import output
 from cli.fleet.file import Member
 from cli.options import Options
 from services.runtime.errors import QuadctlError
@@ -13,14 +12,14 @@ _WORST_LAST = (5, 6, 7, 4, 3, 1)
 
 
 def fail(problems: Mapping[str, QuadctlError]) -> None:
-    """Tell every vehicle's problem on stderr and raise the worst, where there is one."""
+    """Raise the worst vehicle's problem, where there is one, and the others' with it."""
     if not problems:
         return
     *others, worst = sorted(problems.items(), key=lambda item: _gravity(item[1]))
-    for name, problem in others:
-        output.note(f"error: {name}: {problem.message}")
     name, problem = worst
-    raise type(problem)(f"{name}: {problem.message}", problem.hint)
+    whole = type(problem)(f"{name}: {problem.message}", problem.hint)
+    whole.others = [f"{other}: {less.message}" for other, less in others]
+    raise whole
 
 
 def row(member: Member, options: Options, problem: QuadctlError | None, **more: Any) -> Any:

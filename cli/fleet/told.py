@@ -1,6 +1,6 @@
 """How a command for several vehicles tells what came of each, and which exit code is all of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cli.fleet.file import Member
@@ -20,6 +20,17 @@ def fail(problems: Mapping[str, QuadctlError]) -> None:
     whole = type(problem)(f"{name}: {problem.message}", problem.hint)
     whole.others = [f"{other}: {less.message}" for other, less in others]
     raise whole
+
+
+def nobody_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> QuadctlError:
+    """Why a centre was no goal for any of the vehicles: of some, these, nobody knows the place."""
+    worst = max(problems.values(), key=_gravity)
+    said = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
+    there = next((name for name in names if name not in problems), "")
+    return type(worst)(
+        f"nobody was sent: the formation's centre needs all of them; {said}",
+        f"name those you mean: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
+    )
 
 
 def row(member: Member, options: Options, problem: QuadctlError | None, **more: Any) -> Any:

@@ -56,6 +56,20 @@ def test_all_that_went_wrong_is_told_and_in_one_document(
         assert said == "error: b will not\nerror: a will not\n  try: ask a again\n"
 
 
+def test_where_all_are_needed_the_first_failure_ends_it():
+    enough = threading.Event()
+
+    def ask(name: str) -> str:
+        if name == "late":
+            enough.wait(30)
+            return name
+        raise Refused("no")
+
+    heard = ask_each(["late", "away"], ask, 20, all_or_none=True)
+    assert (heard.answers, list(heard.problems)) == ({}, ["away"])
+    enough.set()
+
+
 def test_what_nobody_foresaw_is_raised():
     def ask(name: str) -> int:
         return int(name)

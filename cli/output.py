@@ -59,10 +59,12 @@ def note(text: str) -> None:
 def error(problem: QuadctlError, *, as_json: bool) -> None:
     """Print what went wrong and what to do about it, on stderr."""
     if as_json:
-        said = {"code": problem.code, "message": problem.message, "hint": problem.hint}
+        message = "; ".join((problem.message, *problem.others))
+        said = {"code": problem.code, "message": message, "hint": problem.hint}
         sys.stderr.write(msgspec.json.encode({"error": said}).decode() + "\n")
         return
-    sys.stderr.write(f"error: {problem.message}\n")
+    for message in (*problem.others, problem.message):
+        sys.stderr.write(f"error: {message}\n")
     if problem.hint:
         sys.stderr.write(f"  try: {problem.hint}\n")
 

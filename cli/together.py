@@ -3,11 +3,11 @@
 import threading
 import time
 from collections.abc import Callable, Collection
+from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 from msgspec import Struct
 
-from cli import output
 from services.runtime.errors import QuadctlError, TimedOut
 
 T = TypeVar("T")
@@ -20,25 +20,30 @@ class Heard(Struct, Generic[T], frozen=True):
     problems: dict[str, QuadctlError]
 
     def fail(self) -> None:
-        """Raise the first problem, where there is one; the others are told on stderr."""
+        """Raise the first problem, where there is one, and the others with it."""
         if not self.problems:
             return
         first, *others = self.problems.values()
-        for other in others:
-            output.note(f"error: {other.message}")
+        first.others = [other.message for other in others]
         raise first
 
 
 def ask_each(
-    nodes: Collection[str], ask: Callable[[str], T], within: float | None = None
+    nodes: Collection[str],
+    ask: Callable[[str], T],
+    within: float | None = None,
+    *,
+    all_or_none: bool = False,
 ) -> Heard[T]:
     """Call `ask` for every node, where there are several each on a thread of its own.
 
-    With `within` (s), who takes longer is not waited for, and is told as TimedOut.
+    With `within` (s), who takes longer is not waited for, and is told as TimedOut. With
+    `all_or_none` nobody is waited for once one has failed: of the others nothing is told then.
     """
     answers: dict[str, T] = {}
     problems: dict[str, QuadctlError] = {}
     faults: list[Exception] = []
+    done: SimpleQueue[str] = SimpleQueue()
 
     def one(node: str) -> None:
         try:
@@ -47,6 +52,8 @@ def ask_each(
             problems[node] = problem
         except Exception as fault:  # noqa: BLE001 - raised again below, where it can be told
             faults.append(fault)
+        finally:
+            done.put(node)
 
     if len(nodes) == 1 and within is None:
         one(*nodes)
@@ -55,14 +62,18 @@ def ask_each(
         threads = [threading.Thread(target=one, args=(node,), daemon=True) for node in nodes]
         for thread in threads:
             thread.start()
-        for thread in threads:
-            thread.join(None if ends is None else max(ends - time.monotonic(), 0))
-        for node, thread in zip(nodes, threads, strict=True):
-            if thread.is_alive():
-                problems[node] = TimedOut(
-                    f"there was no answer within {within:g} s",
-                    "`quadctl status` shows who is frozen",
-                )
+        late = set(nodes)
+        while late and not (all_or_none and problems):
+            try:
+                left = None if ends is None else max(ends - time.monotonic(), 0)
+                late.remove(done.get(timeout=left))
+            except Empty:
+                for node in late:
+                    problems[node] = TimedOut(
+                        f"there was no answer within {within:g} s",
+                        "`quadctl status` shows who is frozen",
+                    )
+                break
     if faults:
         raise faults[0]
     # In the order asked for, whoever was quicker; whoever answers from now on was too late.

@@ -17,14 +17,16 @@ from msgspec import Struct
 
 from schemas.geometry import Position
 from schemas.units import Metres
-from services.runtime import params
+from services.runtime import params, toml
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.named import nearest
 from services.runtime.realm import vehicle_name
+from services.runtime.secure import endpoints
 
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'
-_POINT = "a place is written as uav0 = [1.0, 2.0, 0.5], metres"
+_POINT = "a place is written as uav0 = [1.0, 2.0, 0.5], metres, none above 10000"
+_WRITTEN = "it has [vehicles] and below that a line `uav0 = {}` for each, as examples/fleet.toml"
 
 T = TypeVar("T")
 
@@ -38,10 +40,11 @@ class Member(Struct, frozen=True):
 
 
 class Fleet(Struct, frozen=True):
-    """Who flies, and the places of each in every formation, m."""
+    """Who flies, and the places of each in every formation, m, by the file of that name."""
 
     members: list[Member]
     formations: dict[str, dict[str, Position]]
+    source: str = ""
 
 
 class _Said(Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,7 +59,7 @@ class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
 
 def read(file: Path, connect: str) -> Fleet:
     """A fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
-    return fleet_of(params.read(file), str(file), connect)
+    return fleet_of(params.read(file, _WRITTEN), str(file), connect)
 
 
 def fleet_of(table: dict[str, Any], source: str, connect: str) -> Fleet:
@@ -77,7 +80,8 @@ def fleet_of(table: dict[str, Any], source: str, connect: str) -> Fleet:
             name: _place(said, f"{source}: formations.{title}.{name}")
             for name, said in places.items()
         }
-    return Fleet(members, formations)
+        _check_apart(formations[title], f"{source}: formations.{title}")
+    return Fleet(members, formations, source)
 
 
 def _member(name: str, said: Any, source: str, connect: str) -> Member:
@@ -87,6 +91,11 @@ def _member(name: str, said: Any, source: str, connect: str) -> Member:
         vehicle = vehicle_name(found.vehicle or name)
     except UsageError as problem:
         raise Invalid(f"{where}: {problem.message}", problem.hint) from problem
+    if found.connect:
+        try:
+            endpoints.check(found.connect)
+        except UsageError as problem:
+            raise Invalid(f"{where}.connect: {problem.message}", problem.hint) from problem
     return Member(name, found.connect or connect, vehicle)
 
 
@@ -102,8 +111,24 @@ def _check_distinct(members: list[Member], source: str) -> None:
 
 
 def _place(said: Any, where: str) -> Position:
-    x, y, z = _checked(said, tuple[Metres, Metres, Metres], where, _POINT)
+    if not isinstance(said, list) or len(said) != 3:
+        raise Invalid(f"{where}: {toml.value(said)} is no place", _POINT)
+    x, y, z = (
+        _checked(part, Metres, f"{where}: {axis} = {toml.value(part)}", _POINT)
+        for axis, part in zip("xyz", said, strict=True)
+    )
     return Position(x, y, z)
+
+
+def _check_apart(places: dict[str, Position], where: str) -> None:
+    taken: dict[tuple[Any, ...], str] = {}
+    for name, place in places.items():
+        other = taken.setdefault(msgspec.structs.astuple(place), name)
+        if other != name:
+            raise Invalid(
+                f"{where}: {name} has the same place as {other}",
+                "they would collide: give it another",
+            )
 
 
 def _checked(said: Any, type_: type[T], where: str, hint: str) -> T:

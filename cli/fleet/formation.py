@@ -1,34 +1,33 @@
-"""Where each vehicle is to go, from the words of `fleet goto`. Pure."""
+"""Where each vehicle is to go. Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import fsum
 
+from cli.fleet.file import Fleet
+from cli.fleet.words import Said
 from schemas.geometry import Position
-from services.runtime.errors import Invalid, UsageError
+from services.runtime.errors import Invalid
 from services.runtime.named import nearest
-
-_HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet goto --help`"
 
 Places = Mapping[str, Position]
 """A point for each vehicle, m."""
 
 
-def named_goals(
-    words: Sequence[str], names: Sequence[str], formations: Mapping[str, Places]
-) -> dict[str, Position] | None:
-    """The goals of `line 0 0 1` or `uav0=1,2,1`; None for `1 2 1`, which depends on where all are.
+def named_goals(said: Said, fleet: Fleet) -> dict[str, Position] | None:
+    """The goals of vehicles by name, or of a formation.
 
-    Raises UsageError for words that are neither, Invalid for a name that there is not.
+    None for a centre, which depends on where all are. Raises Invalid for a name that there is not.
     """
-    if all("=" in word for word in words):
-        return dict(_own(word, names) for word in words)
-    if _is_number(words[0]):
-        return None
-    title, *rest = words
-    if title not in formations:
-        known = f"the file has {', '.join(formations)}" if formations else "write one in a file"
-        raise Invalid(f"there is no formation {title}", nearest(title, formations) or known)
-    return _moved(formations[title], point(rest) if rest else Position(0.0, 0.0, 0.0))
+    names = [member.name for member in fleet.members]
+    for name in said.own:
+        if name not in names:
+            hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
+            raise Invalid(f"there is no vehicle {name}", hint)
+    if said.own or not said.formation:
+        return said.own or None
+    if said.formation not in fleet.formations:
+        raise _no_formation(said.formation, fleet)
+    return _moved(fleet.formations[said.formation], said.at)
 
 
 def about(places: Places, to: Position) -> dict[str, Position]:
@@ -39,29 +38,17 @@ def about(places: Places, to: Position) -> dict[str, Position]:
     return _moved(offsets, to)
 
 
-def point(words: Sequence[str]) -> Position:
-    """Three numbers, m; raises UsageError for anything else."""
-    if len(words) != 3 or not all(map(_is_number, words)):
-        raise UsageError(f"'{' '.join(words)}' is no place: three numbers are", _HINT)
-    x, y, z = map(float, words)
-    return Position(x, y, z)
-
-
 def _moved(places: Places, by: Position) -> dict[str, Position]:
     return {name: Position(by.x + p.x, by.y + p.y, by.z + p.z) for name, p in places.items()}
 
 
-def _own(word: str, names: Sequence[str]) -> tuple[str, Position]:
-    name, _, text = word.partition("=")
-    if name not in names:
-        hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
-        raise Invalid(f"there is no vehicle {name}", hint)
-    return name, point(text.split(","))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _no_formation(title: str, fleet: Fleet) -> Invalid:
+    source = fleet.source or "fleet.toml"
+    table = f"write it in {source}: [formations.{title}], and below it, for each vehicle,"
+    known = nearest(title, fleet.formations)
+    if fleet.formations and not known:
+        known = f"{source} has {', '.join(fleet.formations)}"
+    return Invalid(
+        f"there is no formation {title}",
+        known or f"{table} {fleet.members[0].name} = [1.0, 2.0, 0.5], metres",
+    )

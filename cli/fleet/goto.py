@@ -10,10 +10,11 @@ from cli import output
 from cli.declare import Arg, Opt
 from cli.fleet.board import Board
 from cli.fleet.file import Fleet, Member
-from cli.fleet.formation import about, named_goals, point
+from cli.fleet.formation import about, named_goals
 from cli.fleet.hubs import Hubs
 from cli.fleet.members import File, fleet_of
-from cli.fleet.told import fail, row
+from cli.fleet.told import fail, nobody_sent, row
+from cli.fleet.words import Said, read
 from cli.lab.flying import Flight, patience
 from cli.lab.goto import check_arrive, request_of
 from cli.options import Options
@@ -21,10 +22,11 @@ from schemas.geometry import Position
 from schemas.requests import GotoRequest, GotoResponse
 from schemas.topics import GOTO, STATE
 from services.runtime.client import Client
-from services.runtime.errors import QuadctlError, Refused
+from services.runtime.errors import Invalid, QuadctlError, Refused
 
 _GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."
 _WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show --vehicle`"
+_BUSY = "`--replace` changes course; `quadctl fleet hold` stops all"
 
 
 class _Asked(Struct, frozen=True):
@@ -47,19 +49,23 @@ def goto(
 ) -> None:
     """Fly all vehicles to their goals, if each one's safety permits, and wait for the arrivals.
 
-    X Y Z is the centre of where all are to be: they keep their formation. A formation of the
-    fleet's file is flown about X Y Z, or the origin. VEHICLE=X,Y,Z sends those that are named.
-    Nobody keeps the vehicles out of one another's way.
+    X Y Z is the centre of where all are to be: they keep their formation, and with somebody away
+    nobody is sent. A formation of the fleet's file is flown about X Y Z, or the origin, and
+    VEHICLE=X,Y,Z sends those that are named: then who is away delays none of the others. Nobody
+    keeps the vehicles out of one another's way.
 
     Example: quadctl fleet goto 0 0 2
     """
     check_arrive(arrive)
+    said = read(goal)
     with Hubs(options) as hubs:
         fleet = fleet_of(options, file, hubs)
         requests = {
-            name: request_of(p.x, p.y, p.z, replace=replace)
-            for name, p in _goals(goal, fleet, hubs).items()
+            name: _request(name, place, said, replace=replace)
+            for name, place in _goals(said, fleet, hubs).items()
         }
+        if said.formation and not options.json:
+            _tell_who_stays(said.formation, fleet, requests)
         members = [member for member in fleet.members if member.name in requests]
         asked, problems = _ask(hubs, members, requests, options)
         flying = [member for member in members if _is_accepted(asked.get(member.name))]
@@ -72,17 +78,33 @@ def goto(
     fail({m.name: problems[m.name] for m in members if m.name in problems})
 
 
-def _goals(words: list[str], fleet: Fleet, hubs: Hubs) -> dict[str, Position]:
-    names = [member.name for member in fleet.members]
-    goals = named_goals(words, names, fleet.formations)
+def _goals(said: Said, fleet: Fleet, hubs: Hubs) -> dict[str, Position]:
+    goals = named_goals(said, fleet)
     if goals is not None:
         return goals
-    centre = point(words)
     # Not where they are: who has arrived within the range would be left behind a little each time.
-    heard = hubs.ask(fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True)
-    # Without one of them nobody knows where the others belong.
-    fail(heard.problems)
-    return about(heard.answers, centre)
+    heard = hubs.ask(
+        fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True, all_or_none=True
+    )
+    if heard.problems:
+        # Without one of them nobody knows where the others belong.
+        raise nobody_sent(heard.problems, [member.name for member in fleet.members])
+    return about(heard.answers, said.at)
+
+
+def _request(name: str, place: Position, said: Said, *, replace: bool) -> GotoRequest:
+    try:
+        return request_of(place.x, place.y, place.z, replace=replace)
+    except Invalid as problem:
+        about_ = f"{said.at.x:g} {said.at.y:g} {said.at.z:g}"
+        raise Invalid(f"about {about_}, {name}'s {problem.message}", problem.hint) from problem
+
+
+def _tell_who_stays(title: str, fleet: Fleet, sent: Mapping[str, Any]) -> None:
+    stay = [member.name for member in fleet.members if member.name not in sent]
+    if stay:
+        have, they = ("has", "it stays") if len(stay) == 1 else ("have", "they stay")
+        output.note(f"{', '.join(stay)} {have} no place in {title}: {they}")
 
 
 def _ask(
@@ -101,7 +123,8 @@ def _ask(
         if not options.json:
             output.line(f"{name}: {said}")
         if not asked.reply.accepted:
-            problems[name] = Refused(asked.reply.reason, _WHY)
+            hint = _BUSY if asked.reply.reason.startswith("busy") else _WHY
+            problems[name] = Refused(asked.reply.reason, hint)
     return heard.answers, problems
 
 

@@ -63,12 +63,17 @@ class Hubs:
         return shared.beside(vehicle, max(round(ends - time.monotonic(), 2), 0.01))
 
     def ask(
-        self, members: Collection[Member], do: Callable[[Member, Client], T], *, bounded: bool
+        self,
+        members: Collection[Member],
+        do: Callable[[Member, Client], T],
+        *,
+        bounded: bool,
+        all_or_none: bool = False,
     ) -> Heard[T]:
         """Call `do` for all members at once, each on a thread of its own; by name what came of it.
 
         A client's timeout is what is left of --timeout. Where `bounded`, who has not answered
-        then is not waited for.
+        then is not waited for; with `all_or_none`, nobody is once one has failed.
         """
         by_name = {member.name: member for member in members}
         timeout = self._options.timeout
@@ -77,7 +82,8 @@ class Hubs:
             member = by_name[name]
             return do(member, self.client(member.connect, member.vehicle, timeout))
 
-        return ask_each(by_name, one, within=timeout + _SLACK if bounded else None)
+        within = timeout + _SLACK if bounded else None
+        return ask_each(by_name, one, within, all_or_none=all_or_none)
 
 
 def late(connect: str, timeout: float) -> TimedOut:

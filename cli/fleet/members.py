@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Annotated
 
+from cli import output
 from cli.declare import Opt
 from cli.fleet import file as fleet_file
 from cli.fleet.file import Fleet, Member
@@ -12,6 +13,7 @@ from cli.fleet.hubs import Hubs
 from cli.options import Options
 from services.runtime import vehicles
 from services.runtime.errors import Unreachable, UsageError
+from services.runtime.realm import Realm
 
 File = Annotated[
     Path | None, Opt("The fleet's file (default: ./fleet.toml if it is there).", ("--fleet",))
@@ -27,7 +29,22 @@ def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> Fleet:
     _check_for_all(options)
     if file is None and not fleet_file.DEFAULT.exists():
         return Fleet(_on_the_hub(options, hubs), {})
-    return fleet_file.read(file or fleet_file.DEFAULT, options.connect)
+    fleet = fleet_file.read(file or fleet_file.DEFAULT, options.connect)
+    if file is None and not options.json and (left := left_out(options, fleet)):
+        be = "is" if len(left) == 1 else "are"
+        output.note(
+            f"from {fleet.source}; {vehicles.listed(left)}, which {be} live on this hub, {be} not in it"
+        )
+    return fleet
+
+
+def left_out(options: Options, fleet: Fleet) -> list[str]:
+    """The vehicles of the realm's run, if it has one, that are not in the fleet."""
+    if options.connect:
+        return []
+    ours = ("", Realm(options.realm).endpoint)
+    named = {member.vehicle for member in fleet.members if member.connect in ours}
+    return [name for name in vehicles.in_run(options.realm) if name not in named]
 
 
 def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:

@@ -16,6 +16,8 @@ Each carries what happened and why (`message`) and what to do (`hint`). `code` i
 used on the wire and with `--json`.
 """
 
+from collections.abc import Sequence
+
 
 class QuadctlError(Exception):
     """The root: an error with a message, a hint and an exit code."""
@@ -26,6 +28,8 @@ class QuadctlError(Exception):
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
         self.message, self.hint = message, hint
+        self.others: Sequence[str] = ()
+        """What else went wrong meanwhile, less grave than this: a message each."""
 
 
 class UsageError(QuadctlError):

@@ -12,6 +12,9 @@ from schemas.params import Params
 from services.runtime.errors import Invalid
 from services.runtime.named import flatten, nearest, put, value_of
 
+_WRITTEN = "`quadctl init` writes one"
+_MOST_BYTES = 1_000_000
+"""Of a file: that of a thousand vehicles has a tenth of it."""
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
 
@@ -47,19 +50,25 @@ def check(table: Mapping[str, Any], source: str) -> Params:
         raise _explain(str(error), source) from error
 
 
-def read(file: Path) -> dict[str, Any]:
-    """The tables of a TOML file, not checked; raises Invalid where it is none."""
-    return parse(read_text(file), str(file))
+def read(file: Path, hint: str = _WRITTEN) -> dict[str, Any]:
+    """The tables of a TOML file, not checked; raises Invalid where it is none.
+
+    Where it cannot be read, the hint says where such a file comes from.
+    """
+    return parse(read_text(file, hint), str(file))
 
 
-def read_text(file: Path) -> str:
+def read_text(file: Path, hint: str = _WRITTEN) -> str:
     """A file's text as it is, its line ends too; raises Invalid where it cannot be had."""
     try:
-        return file.read_bytes().decode()
+        with file.open("rb") as opened:
+            # A pipe may be read, but a device has no end.
+            found = opened.read(_MOST_BYTES + 1)
+        if len(found) > _MOST_BYTES:
+            raise Invalid(f"{file} is no such file: it has more than 1 MB", hint)
+        return found.decode()
     except OSError as error:
-        raise Invalid(
-            f"{file} cannot be read: {error.strerror}", "`quadctl init` writes one"
-        ) from error
+        raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
     except UnicodeDecodeError as error:
         raise Invalid(f"{file} is not TOML: {error}", "TOML is written in UTF-8") from error
 

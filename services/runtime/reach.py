@@ -8,7 +8,7 @@ import zenoh
 from services.runtime.errors import NotAllowed, TimedOut, Unreachable
 from services.runtime.realm import Realm
 from services.runtime.record import is_live, not_running
-from services.runtime.secure.endpoints import is_secure
+from services.runtime.secure.endpoints import check, how_to_open, is_secure
 from services.runtime.session import Address, address_of, open_client
 
 _REOPENING = 1.0
@@ -20,8 +20,10 @@ def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
     """Connect at once, or fail at once; only a hub or gate that is just being restarted is waited for.
 
     `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub is
-    there, TimedOut when it does not answer in time (s).
+    there, TimedOut when it does not answer in time (s), UsageError for what is no endpoint.
     """
+    if connect:
+        check(connect)
     if is_secure(connect):
         return _through_gate(Address(connect), timeout)
     address, began = address_of(realm, connect), time.monotonic()
@@ -36,9 +38,9 @@ def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
             "its process is frozen or busy: it is restarted by itself, or with"
             " `quadctl node restart hub`",
         ) from problem
-    except Unreachable:
+    except Unreachable as problem:
         if connect:
-            raise
+            raise Unreachable(problem.message, how_to_open(connect)) from problem
         if not is_live(realm):
             raise not_running(realm) from None
         left = timeout - (time.monotonic() - began)

@@ -4,9 +4,10 @@ import zenoh
 
 from services.runtime import graph
 from services.runtime.errors import TimedOut
+from services.runtime.processes import NODES
 
-_ROUTERS = ("hub", "gate")
-"""Nodes that a hub alone has, too."""
+_VEHICLES_OWN = frozenset(NODES) - {"hub"}
+"""Nodes that there are where a vehicle is. A recorder or a user's node outlives it."""
 _TIMEOUT = 1.0
 """Seconds; the hub answers for all from its own tables, in half a millisecond."""
 
@@ -18,9 +19,22 @@ def nodes(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> li
 
 
 def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
-    """The vehicles that have a ready node besides a hub; raises as `nodes`."""
+    """The vehicles that are there: a node of theirs is ready, or whoever stands in for one.
+
+    Raises as `nodes`.
+    """
     found = _keys(session, "*/@node/*", timeout)
-    return sorted({graph.vehicle_of(key) for key in found if graph.node_of(key) not in _ROUTERS})
+    own = {graph.vehicle_of(key) for key in found if graph.node_of(key) in _VEHICLES_OWN}
+    others = {graph.vehicle_of(key) for key in found} - own
+    return sorted(own | {name for name in others if _flies(session, name, timeout)})
+
+
+def _flies(session: zenoh.Session, vehicle: str, timeout: float) -> bool:
+    """Whether somebody offers what a vehicle is known by, whatever the node's name."""
+    from schemas.topics import GOTO, POSE
+
+    known_by = {POSE.key(vehicle), GOTO.key(vehicle)}
+    return any(offer.key in known_by for offer in offers(session, vehicle, timeout))
 
 
 def offers(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[graph.Offer]:

@@ -35,6 +35,11 @@ def of(realm: str, connect: str, timeout: float) -> list[str]:
     return _at(realm, "", timeout) if hub_alone(realm) else _in(realm)
 
 
+def in_run(realm: str) -> list[str]:
+    """The vehicles of a run, as its record has them; none where nothing runs."""
+    return [name for name in _in(realm) if not name.startswith(HUB_ALONE)]
+
+
 def hub_alone(realm: str) -> str:
     """What the hub of a run without a vehicle goes by; empty where there is a vehicle, or no run."""
     there = _in(realm)

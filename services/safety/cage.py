@@ -21,7 +21,10 @@ def why_outside(point: Position, cage: CageSize) -> str:
     for axis, (low, high) in bounds(cage).items():
         value = getattr(point, axis)
         if not low <= value <= high:
-            return f"outside the cage: {axis} = {_plain(value)} is beyond [{low:g}, {high:g}]"
+            # Rounded as people say it, unless that would read as inside.
+            rounded = float(f"{value:g}")
+            said = value if low <= rounded <= high else rounded
+            return f"outside the cage: {axis} = {_plain(said)} is beyond [{low:g}, {high:g}]"
     return ""
 
 

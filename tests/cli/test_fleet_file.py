@@ -49,7 +49,15 @@ def test_who_is_where():
         ("[vehicles]\na = {}\n[formations.f]\nb = [0, 0, 0]", "formations.f: there is no vehicle b",
          "the vehicles are a"),
         ("[vehicles]\na = {}\n[formations.f]\na = [0, 0]", "formations.f.a: ", "metres"),
-        ("[vehicles]\na = {}\n[formations.f]\na = [0, 0, nan]", "formations.f.a: ", "metres"),
+        ("[vehicles]\na = {}\n[formations.f]\na = [0, 0, nan]", "formations.f.a: z = nan: expected",
+         "metres"),
+        ('[vehicles]\na = {}\n[formations.f]\na = [0, "x", 1]', 'formations.f.a: y = "x": expected',
+         "metres"),
+        ("[vehicles]\na = {}\n[formations.f]\na = 3", "formations.f.a: 3 is no place", "metres"),
+        ("[vehicles]\na = {}\nb = {}\n[formations.f]\na = [0, 0, 1]\nb = [-0.0, 0, 1.0]",
+         "formations.f: b has the same place as a", "collide"),
+        ('[vehicles]\na = { connect = "garbage" }', "vehicles.a.connect: 'garbage' is no endpoint",
+         "PROTOCOL/ADDRESS"),
         ("[vehicles]\na = {}\n[formation.f]\na = [0, 0, 1]", "unknown field `formation`",
          "[formations.NAME]"),
     ],
@@ -59,6 +67,13 @@ def test_what_cannot_be_is_told_with_its_place(text: str, said: str, hint: str):
         fleet(text)
     assert said in raised.value.message
     assert hint in raised.value.hint
+
+
+def test_a_file_that_is_not_there_is_told_with_what_it_would_be(tmp_path: Path):
+    with pytest.raises(Invalid) as raised:
+        read(tmp_path / "none.toml", "")
+    assert "[vehicles]" in raised.value.hint
+    assert "init" not in raised.value.hint
 
 
 def test_the_example_is_a_fleet():

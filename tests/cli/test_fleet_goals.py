@@ -4,9 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.fleet.formation import about, named_goals, point
+from cli.fleet.file import Fleet, Member
+from cli.fleet.formation import about, named_goals
 from cli.fleet.land import ground_below
-from cli.fleet.told import fail
+from cli.fleet.told import fail, nobody_sent
+from cli.fleet.words import read
 from schemas.geometry import Position
 from schemas.messages import CageSize, SafetyState
 from services.runtime.errors import (
@@ -18,21 +20,22 @@ from services.runtime.errors import (
     UsageError,
 )
 
-NAMES = ["uav0", "uav1"]
 LINE = {"line": {"uav0": Position(-1.0, 0.0, 0.0), "uav1": Position(1.0, 0.0, 0.5)}}
+MEMBERS = [Member("uav0", "", "uav0"), Member("uav1", "", "uav1")]
+FLEET = Fleet(MEMBERS, LINE, "f.toml")
 metres = st.floats(-1000, 1000)
 points = st.builds(Position, metres, metres, metres)
 
 
 def test_by_name_by_formation_and_by_the_centre():
-    assert named_goals(["uav1=1,-2,.5"], NAMES, {}) == {"uav1": Position(1.0, -2.0, 0.5)}
-    assert named_goals(["line"], NAMES, LINE) == LINE["line"]
-    assert named_goals(["line", "0", "1", "2"], NAMES, LINE) == {
+    assert named_goals(read(["uav1=1,-2,.5"]), FLEET) == {"uav1": Position(1.0, -2.0, 0.5)}
+    assert named_goals(read(["line"]), FLEET) == LINE["line"]
+    assert named_goals(read(["line", "0", "1", "2"]), FLEET) == {
         "uav0": Position(-1.0, 1.0, 2.0),
         "uav1": Position(1.0, 1.0, 2.5),
     }
-    assert named_goals(["1", "2", "1"], NAMES, LINE) is None
-    assert point(["1", "-2", "1"]) == Position(1.0, -2.0, 1.0)
+    assert named_goals(read(["1", "2", "1"]), FLEET) is None
+    assert read(["1", "-2", "1"]).at == Position(1.0, -2.0, 1.0)
 
 
 @given(st.lists(points, min_size=1, max_size=5), points)
@@ -51,27 +54,55 @@ def test_one_vehicle_goes_just_there_to_the_bit(place: Position, to: Position):
     assert about({"uav": place}, to) == {"uav": to}
 
 
-@pytest.mark.parametrize("words", [["line", "1"], ["uav0=1,2"], ["uav0=1,2,x"],
-                                   ["line", "uav0=1,2,1"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [["line", "1"], ["uav0=1,2"], ["uav0=1,2,x"], ["line", "uav0=1,2,1"], ["uav0=1,2,1", "line"],
+     ["1", "2"], ["1", "2", "x"], ["1", "2", "3", "4"], ["uav0=1,2,1", "uav0=-1,-2,1"]],
+)  # fmt: skip
 def test_what_is_no_place_is_a_matter_of_usage(words: list[str]):
     with pytest.raises(UsageError):
-        named_goals(words, NAMES, LINE)
-
-
-@pytest.mark.parametrize("words", [["1", "2"], ["1", "2", "x"], ["1", "2", "3", "4"]])
-def test_neither_is_a_centre(words: list[str]):
-    assert named_goals(words, NAMES, LINE) is None
-    with pytest.raises(UsageError):
-        point(words)
+        read(words)
 
 
 @pytest.mark.parametrize(
-    ("words", "hint"), [(["lin"], "line?"), (["uav7=0,0,1"], "uav"), (["x=0,0,1"], "uav0, uav1")]
-)
+    ("words", "said"),
+    [("nan 0 1", "x = nan"), ("0 1e400 1", "y = inf"), ("line 0 0 -inf", "z = -inf"),
+     ("uav0=20000,0,1", "x = 20000")],
+)  # fmt: skip
+def test_a_number_that_is_nowhere_is_told_as_it_was_typed(words: str, said: str):
+    with pytest.raises(Invalid) as raised:
+        read(words.split())
+    assert f"{said} is no place to fly to" in raised.value.message
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [(["lin"], "line?"), (["circle"], "f.toml has line"), (["uav7=0,0,1"], "uav"),
+     (["x=0,0,1"], "uav0, uav1")],
+)  # fmt: skip
 def test_a_name_that_is_not_there_is_told_with_the_nearest(words: list[str], hint: str):
     with pytest.raises(Invalid) as raised:
-        named_goals(words, NAMES, LINE)
+        named_goals(read(words), FLEET)
     assert hint in raised.value.hint
+
+
+@pytest.mark.parametrize("source", ["", "f.toml"])
+def test_where_no_formation_is_written_the_file_and_the_table_are_named(source: str):
+    with pytest.raises(Invalid) as raised:
+        named_goals(read(["circle"]), Fleet(MEMBERS, {}, source))
+    assert f"in {source or 'fleet.toml'}: [formations.circle]" in raised.value.hint
+    assert "uav0 = [" in raised.value.hint
+
+
+def test_a_centre_that_some_know_nothing_of_is_nobodys():
+    problems = {"red": Refused("not ready"), "uav0": Unreachable("gone", "start it")}
+    told = nobody_sent(problems, ["uav0", "uav1", "red"])
+    assert told.exit_code == 3
+    assert told.message == (
+        "nobody was sent: the formation's centre needs all of them; red: not ready; uav0: gone"
+    )
+    assert "fleet goto uav1=1,2,1" in told.hint
+    assert nobody_sent(problems, ["uav0", "red"]).hint == "start it"
 
 
 @pytest.mark.parametrize(
@@ -83,14 +114,14 @@ def test_a_name_that_is_not_there_is_told_with_the_nearest(words: list[str], hin
         ([Unreachable("gone"), QuadctlError("?")], 1),
     ],
 )
-def test_the_exit_code_is_that_of_the_worst(
-    problems: list[QuadctlError], code: int, capsys: pytest.CaptureFixture[str]
-):
+def test_the_exit_code_is_that_of_the_worst(problems: list[QuadctlError], code: int):
     with pytest.raises(QuadctlError) as raised:
         fail({f"uav{number}": problem for number, problem in enumerate(problems)})
     assert raised.value.exit_code == code
-    said = capsys.readouterr().err + raised.value.message
-    assert all(f"uav{number}: " in said for number in range(len(problems)))
+    said = [raised.value.message, *raised.value.others]
+    assert sorted(one.partition(":")[0] for one in said) == [
+        f"uav{n}" for n in range(len(problems))
+    ]
 
 
 def test_where_none_failed_nothing_is_raised():

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from services.runtime.errors import Invalid
-from services.runtime.params import load
+from services.runtime.params import load, read
 
 FLOAT, TABLE = "expected `float`", "expected `object`"
 # The file, what the error must name, and what its hint must offer.
@@ -144,3 +144,17 @@ def test_a_set_into_a_value_of_the_file_names_the_setting(tmp_path: Path):
     file.write_text("[safety]\ntakeoff = 1\n")
     with pytest.raises(Invalid, match=r"--set safety\.takeoff\.x=3: safety\.takeoff is a value"):
         load(file, ["safety.takeoff.x=3"])
+
+
+def test_a_file_without_an_end_is_refused():
+    with pytest.raises(Invalid, match="/dev/zero is no such file: it has more than 1 MB"):
+        read(Path("/dev/zero"))
+
+
+def test_a_file_that_is_not_there_is_told_with_where_one_comes_from(tmp_path: Path):
+    with pytest.raises(Invalid, match="cannot be read: No such file") as raised:
+        read(tmp_path / "none.toml")
+    assert "quadctl init" in raised.value.hint
+    with pytest.raises(Invalid) as raised:
+        read(tmp_path / "none.toml", "write one")
+    assert raised.value.hint == "write one"

@@ -77,4 +77,7 @@ def test_the_reason_names_the_axis_the_value_and_the_bounds():
     assert why_outside(Position(5.0000000001, 9.0, 9.0), CAGE) == (
         "outside the cage: x = 5.0000000001 is beyond [-5, 5]"
     )
+    assert why_outside(moved("x", 97.0000001087489), CAGE) == (
+        "outside the cage: x = 97 is beyond [-5, 5]"
+    )
     assert why_outside(moved("z", -1.0), CAGE) == "outside the cage: z = -1 is beyond [0, 2]"

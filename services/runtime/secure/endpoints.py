@@ -1,12 +1,35 @@
-"""Which endpoints are encrypted, and which must not be opened without it. Pure."""
+"""What an endpoint is, which are encrypted, and which must not be opened without it. Pure."""
 
+import re
 from collections.abc import Iterable
 
 from services.runtime.errors import UsageError
 
 _SECURE = ("tls", "quic")
 _ON_THIS_MACHINE = ("unixsock-stream",)
+_FORM = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^/?#]+:\d{1,5}(?:[?#].*)?|unixsock-stream/.+")
 _LOOPBACK = ("127.", "localhost:", "[::1]:")
+
+
+def check(endpoint: str) -> None:
+    """Raise UsageError for what is none."""
+    if not _FORM.fullmatch(endpoint):
+        raise UsageError(
+            f"'{endpoint}' is no endpoint",
+            "endpoints are PROTOCOL/ADDRESS, as tls/lab2:7447; the protocols are tcp, tls, quic, udp,"
+            " ws, each with HOST:PORT, and unixsock-stream with a path",
+        )
+
+
+def how_to_open(endpoint: str) -> str:
+    """What to do where nothing answers at it, for it may be another machine's."""
+    protocol, _, place = endpoint.partition("/")
+    if protocol in _ON_THIS_MACHINE:
+        return "does a hub run that has this socket? is the path right?"
+    port = re.split("[?#]", place)[0].rpartition(":")[2]
+    return (
+        f"on that machine: `quadctl up --listen {protocol}/0.0.0.0:{port}`; is the address right?"
+    )
 
 
 def is_secure(endpoint: str) -> bool:

@@ -4,6 +4,7 @@ import socket
 import ssl
 
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from services.runtime.secure.endpoints import how_to_open
 from services.runtime.secure.identity import CERTIFICATE, FLEET, KEY, Identity, needed
 
 _ASK = "`quadctl keys list`, where the fleet's keys are, shows whose certificates are good"
@@ -16,9 +17,7 @@ def why(endpoint: str, timeout: float) -> QuadctlError:
     """What keeps us out, after an attempt to connect that has failed; takes up to `timeout` s."""
     protocol, _, place = endpoint.partition("/")
     who = needed(endpoint)
-    nobody = Unreachable(
-        f"nothing answers at {endpoint}", "is the hub up, and the address its own?"
-    )
+    nobody = Unreachable(f"nothing answers at {endpoint}", how_to_open(endpoint))
     if protocol != "tls":
         # There is no asking twice: to say why takes a library that few have.
         return Unreachable(

@@ -3,7 +3,14 @@
 import pytest
 
 from services.runtime.errors import UsageError
-from services.runtime.secure.endpoints import is_secure, plain, refuse_open, secure
+from services.runtime.secure.endpoints import (
+    check,
+    how_to_open,
+    is_secure,
+    plain,
+    refuse_open,
+    secure,
+)
 
 CLOSED = ["tcp/127.0.0.1:7447", "ws/localhost:1", "udp/[::1]:7447", "unixsock-stream//tmp/x"]
 OPEN = ["tcp/0.0.0.0:7447", "udp/10.0.0.1:1", "ws/[::]:80", "tcp/teacher:7447", "tcp/127x.org:1",
@@ -27,3 +34,25 @@ def test_others_are_refused(endpoint: str):
         refuse_open([*CLOSED, endpoint])
     assert "--insecure" in caught.value.hint
     assert f"tls/{endpoint.partition('/')[2]}" in caught.value.hint
+
+
+@pytest.mark.parametrize("endpoint", [*CLOSED, *OPEN, "tls/lab2:7447", "quic/[::]:2#iface=eth0"])
+def test_what_is_an_endpoint(endpoint: str):
+    check(endpoint)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["garbage", "", "lab2:7447", "tcp:lab2:7447", "tcp/lab2", "tls/lab2:", "tls/:7447", "tls/a:port",
+     "http/lab2:80", "http://lab2:80", "tcp//lab2:7447", "unixsock-stream/", "TLS/lab2:7447"],
+)  # fmt: skip
+def test_what_is_none_is_told_with_the_form_of_one(endpoint: str):
+    with pytest.raises(UsageError, match="is no endpoint") as caught:
+        check(endpoint)
+    assert "PROTOCOL/ADDRESS" in caught.value.hint
+
+
+def test_a_hub_that_is_away_is_opened_on_its_own_machine():
+    assert "on that machine: `quadctl up --listen tls/0.0.0.0:7447`" in how_to_open("tls/lab2:7447")
+    assert "--listen udp/0.0.0.0:1`" in how_to_open("udp/[::1]:1#iface=lo")
+    assert "socket" in how_to_open("unixsock-stream//tmp/x")

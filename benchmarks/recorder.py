@@ -14,9 +14,9 @@ from benchmarks.footprint import shares
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, Home, home, running
-from services.runtime import wire
 from services.runtime.bag.reader import summary
-from services.runtime.session import Address, open_client
+from services.runtime.bus import wire
+from services.runtime.bus.session import Address, open_client
 
 _HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
 _SETTLED = 10.0

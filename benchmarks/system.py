@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.children import PYTHON, Failed, process
-from services.runtime import session
+from services.runtime.bus import session
 
 QUADCTL = str(Path(sysconfig.get_path("scripts")) / "quadctl")
 REALM = "bench"

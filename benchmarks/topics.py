@@ -9,7 +9,7 @@ from benchmarks.effort import Effort
 from benchmarks.ends import Ends, ends
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
-from services.runtime import wire
+from services.runtime.bus import wire
 
 _POSE_BYTES = len(wire.encode(pose(1000)))
 _FLOOD_SECONDS = 2.0

@@ -1,7 +1,7 @@
 """A command's connection, made from its common options."""
 
 from cli.options import Options
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 
 
 def connect(options: Options) -> Client:

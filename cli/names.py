@@ -6,7 +6,7 @@ from typing import Any
 from schemas.contract import Service
 from schemas.topics import SERVICES, TOPICS, get_params, set_params, topic_of
 from services.runtime.errors import Invalid
-from services.runtime.named import nearest
+from services.runtime.settings.named import nearest
 
 _LONGEST_KEY = 1_000
 """Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""

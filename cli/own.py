@@ -6,10 +6,10 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from services.runtime.detach import detach
-from services.runtime.halt import halt
-from services.runtime.launch import Launch
 from services.runtime.realm import Realm
+from services.runtime.run.detach import detach
+from services.runtime.run.halt import halt
+from services.runtime.run.launch import Launch
 
 _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """What else than Ctrl-C may end a command; by itself Python would let nothing be put in order."""

@@ -12,10 +12,10 @@ from schemas.geometry import BodyRates, Position, Quaternion, Velocity
 from schemas.messages import Pose
 from schemas.requests import ToggleCageRequest, ToggleCageResponse
 from schemas.topics import POSE, TOGGLE_CAGE
-from services.runtime.calls import Caller
+from services.runtime.bus.calls import Caller
+from services.runtime.bus.session import address_of, open_client
 from services.runtime.node import Node
 from services.runtime.realm import Realm
-from services.runtime.session import address_of, open_client
 
 VEHICLE = "uav"
 _WAIT = 5.0

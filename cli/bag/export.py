@@ -11,7 +11,7 @@ from cli.declare import Opt
 from cli.options import Options
 from services.runtime.bag.reader import Bag, Recorded
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.named import flatten
+from services.runtime.settings.named import flatten
 
 _TIME = "unix_time"
 """The first column: when the message came, s."""

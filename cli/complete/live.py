@@ -14,9 +14,9 @@ from cli.param.names import nodes_with_params
 from schemas.params import Params
 from schemas.requests import GetParamsRequest
 from schemas.topics import get_params
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.named import flatten
+from services.runtime.settings.named import flatten
 
 SUBJECTS = ("topic", "service")
 """What has fields."""

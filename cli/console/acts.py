@@ -19,8 +19,8 @@ from schemas.requests import (
     ToggleCageRequest,
 )
 from schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
-from services.runtime.asking import ask_restart, wait_restarted
 from services.runtime.errors import Invalid, Refused, Unreachable
+from services.runtime.run.asking import ask_restart, wait_restarted
 
 Act = Callable[[], str]
 """Blocks until it is done, for no longer than the timeout; returns what to tell, or raises."""

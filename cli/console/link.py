@@ -14,13 +14,14 @@ from schemas.geometry import Position
 from schemas.messages import Pose, Pressure, SafetyState
 from schemas.requests import GetParamsRequest
 from schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
-from services.runtime import record, snapshot
-from services.runtime.client import Client
+from services.runtime import record
+from services.runtime.bus.client import Client
+from services.runtime.bus.hearing import Readings
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.hearing import Readings
-from services.runtime.kept import UNSERVED
-from services.runtime.named import flatten
 from services.runtime.realm import Realm
+from services.runtime.settings import snapshot
+from services.runtime.settings.kept import UNSERVED
+from services.runtime.settings.named import flatten
 
 T = TypeVar("T")
 

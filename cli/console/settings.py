@@ -6,10 +6,10 @@ from typing import Any, Literal
 from msgspec import Struct, inspect
 
 from schemas.describe import bounds_text, type_name
-from services.runtime import declared, toml
-from services.runtime.declared import Entry, fixed_at_launch
 from services.runtime.errors import Invalid
-from services.runtime.named import value_of
+from services.runtime.settings import declared, toml
+from services.runtime.settings.declared import Entry, fixed_at_launch
+from services.runtime.settings.named import value_of
 
 Way = Literal["switch", "choice", "text"]
 

@@ -11,8 +11,8 @@ from schemas.messages import Pose, Pressure
 from schemas.params import Params
 from schemas.requests import CalibrateRequest, GotoRequest, ToggleCageRequest
 from schemas.topics import CALIBRATE, GOTO, POSE, PRESSURE, STATE, TOGGLE_CAGE
-from services.runtime import wire
-from services.runtime.client import Client
+from services.runtime.bus import wire
+from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
 
 TOUR = (Position(-3.0, -2.0, 1.5), Position(-2.0, 3.0, 0.8), Position(1.0, 2.0, 1.0))

@@ -10,9 +10,9 @@ from cli.declare import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
 from cli.options import Options, here
 from cli.own import run_of_its_own
-from services.runtime.client import Client
-from services.runtime.launch import Launch
-from services.runtime.template import lab_params
+from services.runtime.bus.client import Client
+from services.runtime.run.launch import Launch
+from services.runtime.settings.template import lab_params
 from services.runtime.vehicles import DEFAULT
 
 _FAULT_FOUND = 8

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from cli.doctor import offers, topics
 from cli.doctor.check import Check, failed, passed, warned
 from cli.doctor.settings import Settings, faults, parameters
+from services.runtime.bus.survey import Survey
 from services.runtime.errors import QuadctlError
 from services.runtime.record import RunRecord
-from services.runtime.survey import Survey
 
 _NEED_THE_HUB = (
     "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "parameters",

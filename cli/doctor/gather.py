@@ -11,11 +11,11 @@ from cli.doctor.machine import Disk, Process, disk, process
 from cli.doctor.settings import Settings, settings
 from cli.doctor.watch import Watch
 from cli.options import Options
+from services.runtime.bus.session import Address, address_of
+from services.runtime.bus.survey import Survey
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from services.runtime.realm import Realm
 from services.runtime.record import RunRecord
-from services.runtime.session import Address, address_of
-from services.runtime.survey import Survey
 from services.runtime.vehicles import DEFAULT, hub_alone
 
 

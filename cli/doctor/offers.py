@@ -9,10 +9,10 @@ from cli.doctor.check import Check, alone, failed, passed, warned
 from schemas.contract import Service
 from schemas.describe import schema_hash
 from schemas.topics import SERVICES, TOPICS, get_params, set_params
+from services.runtime.bus.survey import Survey
 from services.runtime.errors import TimedOut
 from services.runtime.processes import NODES
 from services.runtime.record import RunRecord
-from services.runtime.survey import Survey
 
 _SERVED: tuple[Service[Any, Any], ...] = (*SERVICES, get_params(""), set_params(""))
 _TYPES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}

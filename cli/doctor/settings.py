@@ -9,8 +9,8 @@ import msgspec
 from cli.doctor.check import Check, failed, passed, warned
 from cli.fault.catalogue import active
 from services.runtime.errors import Invalid
-from services.runtime.fleet import load
-from services.runtime.named import flatten
+from services.runtime.settings.fleet import load
+from services.runtime.settings.named import flatten
 
 FILE = Path("quad.toml")
 _SHOWN = 5

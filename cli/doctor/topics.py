@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 from cli.doctor.check import Check, alone, failed, passed, warned
 from schemas.topics import POSE, STATE
-from services.runtime.graph import Offer
-from services.runtime.heard import Heard
-from services.runtime.survey import Survey
+from services.runtime.bus.graph import Offer
+from services.runtime.bus.heard import Heard
+from services.runtime.bus.survey import Survey
 
 _TOLERANCE = 0.2
 _FEW = 1.5

@@ -3,10 +3,10 @@
 import threading
 import time
 
+from services.runtime.bus.session import Address
+from services.runtime.bus.survey import Survey
+from services.runtime.bus.surveyor import survey
 from services.runtime.errors import QuadctlError, TimedOut
-from services.runtime.session import Address
-from services.runtime.survey import Survey
-from services.runtime.surveyor import survey
 
 _MARGIN = 0.1
 """Seconds of the timeout kept for what comes after: judging and printing."""

@@ -10,10 +10,10 @@ from cli.node.kill import signalled
 from cli.options import Options
 from schemas.requests import SetParamsRequest
 from schemas.topics import set_params
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.named import nearest
 from services.runtime.processes import NODES
+from services.runtime.settings.named import nearest
 
 
 def list_(options: Options) -> None:

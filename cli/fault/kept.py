@@ -3,12 +3,12 @@
 from typing import Any
 
 from cli.options import Options
-from services.runtime import kept as files
 from services.runtime import record, vitals
 from services.runtime.errors import Unreachable
-from services.runtime.named import flatten
 from services.runtime.realm import Realm
 from services.runtime.record import RunRecord
+from services.runtime.settings import kept as files
+from services.runtime.settings.named import flatten
 
 
 def kept(options: Options) -> dict[str, Any]:

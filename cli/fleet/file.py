@@ -17,11 +17,11 @@ from msgspec import Struct
 
 from schemas.geometry import Position
 from schemas.units import Metres
-from services.runtime import params, toml
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.named import nearest
 from services.runtime.realm import vehicle_name
 from services.runtime.secure import endpoints
+from services.runtime.settings import params, toml
+from services.runtime.settings.named import nearest
 
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'

@@ -7,7 +7,7 @@ from cli.fleet.file import Fleet
 from cli.fleet.words import Said
 from schemas.geometry import Position
 from services.runtime.errors import Invalid
-from services.runtime.named import nearest
+from services.runtime.settings.named import nearest
 
 Places = Mapping[str, Position]
 """A point for each vehicle, m."""

@@ -21,7 +21,7 @@ from cli.options import Options
 from schemas.geometry import Position
 from schemas.requests import GotoRequest, GotoResponse
 from schemas.topics import GOTO, STATE
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Refused
 
 _GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."

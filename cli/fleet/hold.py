@@ -8,7 +8,7 @@ from cli.fleet.told import fail, row
 from cli.options import Options
 from schemas.requests import HoldRequest
 from schemas.topics import HOLD
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 
 
 def hold(options: Options, file: File = None) -> None:

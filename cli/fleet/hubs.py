@@ -12,7 +12,7 @@ from cli import bus
 from cli.fleet.file import Member
 from cli.options import Options
 from cli.together import Heard, ask_each
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import TimedOut
 
 T = TypeVar("T")

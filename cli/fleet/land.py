@@ -17,7 +17,7 @@ from schemas.geometry import Position
 from schemas.messages import Pose, SafetyState
 from schemas.requests import GotoRequest, HoldRequest
 from schemas.topics import GOTO, HOLD, POSE, STATE
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Refused
 
 _STOPPING = 5.0

@@ -13,10 +13,10 @@ from cli.options import Options
 from schemas.geometry import Position
 from schemas.messages import Pose, SafetyState
 from schemas.topics import POSE, STATE
-from services.runtime import wire
-from services.runtime.client import Client
+from services.runtime.bus import wire
+from services.runtime.bus.client import Client
+from services.runtime.bus.hearing import Message, Stream
 from services.runtime.errors import QuadctlError
-from services.runtime.hearing import Message, Stream
 
 
 class _Heard(Struct, frozen=True):

@@ -25,8 +25,8 @@ from schemas.topics import (
     TOGGLE_CAGE,
     get_params,
 )
-from services.runtime.ahead import Ahead
-from services.runtime.client import Client
+from services.runtime.bus.ahead import Ahead
+from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError, Refused, TimedOut
 
 NODES = ("dynamics", "pressure", "safety")

@@ -13,8 +13,8 @@ from cli.fly.mission import mission
 from cli.lab.progress import Progress
 from cli.options import Options
 from schemas.requests import CalibrateResponse, GotoResponse
-from services.runtime.ahead import Ahead
-from services.runtime.params import read
+from services.runtime.bus.ahead import Ahead
+from services.runtime.settings.params import read
 
 
 def fly(

@@ -18,7 +18,7 @@ from schemas.requests import CalibrateRequest, GotoRequest, HoldRequest, ToggleC
 from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
 from schemas.units import Metres
 from services.runtime.errors import Invalid
-from services.runtime.named import nearest
+from services.runtime.settings.named import nearest
 
 AFTER = 5.0
 """A mission that does not say when it ends does so this long (simulated s) after its last row."""

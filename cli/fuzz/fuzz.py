@@ -16,12 +16,12 @@ from cli.options import Options, here
 from schemas.requests import GetParamsRequest
 from schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
 from services.runtime import record
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
+from services.runtime.bus.volley import Volley
 from services.runtime.errors import QuadctlError, Unreachable
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
 from services.runtime.secure.endpoints import is_secure
-from services.runtime.volley import Volley
 
 _FAULT_FOUND = 8
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import Struct, inspect
 
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid
 
 _ODD: tuple[Any, ...] = (

@@ -10,8 +10,8 @@ from cli.keys.list import day, shown
 from cli.options import Options
 from schemas.roles import Role
 from services.runtime.errors import UsageError
-from services.runtime.fleet import names
-from services.runtime.named import nearest
+from services.runtime.settings.fleet import names
+from services.runtime.settings.named import nearest
 from services.runtime.vehicles import DEFAULT
 
 _MOST_DAYS = 3650

@@ -9,8 +9,8 @@ from cli.options import Options
 from schemas.messages import Pressure
 from schemas.requests import CalibrateRequest
 from schemas.topics import CALIBRATE, PRESSURE
-from services.runtime.client import Client
-from services.runtime.hearing import Readings
+from services.runtime.bus.client import Client
+from services.runtime.bus.hearing import Readings
 
 
 def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")] = False) -> None:

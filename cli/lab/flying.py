@@ -9,7 +9,7 @@ from schemas.geometry import Position
 from schemas.messages import Pose, SafetyState
 from schemas.requests import GetParamsRequest
 from schemas.topics import POSE, STATE, get_params
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Refused, TimedOut
 
 _SLACK = 5.0

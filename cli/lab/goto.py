@@ -13,7 +13,7 @@ from cli.options import LONGEST_TIMEOUT, Options
 from schemas.geometry import Position
 from schemas.requests import GotoRequest
 from schemas.topics import GOTO
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Refused
 
 

@@ -10,7 +10,7 @@ from cli.declare import Opt
 from cli.options import Options
 from schemas.messages import Pose, SafetyState
 from schemas.topics import POSE, STATE
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 
 
 def state(

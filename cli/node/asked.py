@@ -5,7 +5,7 @@ from typing import Any
 from cli.node.seen import Seen
 from schemas.requests import GetParamsRequest
 from schemas.topics import get_params
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.processes import NODES
 from services.runtime.record import ProcessRecord

@@ -8,7 +8,7 @@ from cli.declare import Arg
 from cli.node.asked import answering, params_of
 from cli.node.seen import Seen, connected, run_of, see
 from cli.options import Options
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
 from services.runtime.record import ProcessRecord
 from services.runtime.vitals import Vitals, vitals_of

@@ -10,9 +10,9 @@ from cli.declare import Arg, Opt
 from cli.options import Options, here
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
-from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.settings.named import nearest, normal_name
 from services.runtime.vitals import parent_of
 
 _DONE = {

@@ -10,8 +10,8 @@ from cli.node.tail import Tail
 from cli.options import Options, here
 from services.runtime import record
 from services.runtime.errors import Unreachable
-from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
+from services.runtime.settings.named import nearest, normal_name
 
 _LOOK_EVERY = 0.1
 _SUFFIX = ".log"

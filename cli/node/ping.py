@@ -10,7 +10,7 @@ from cli.node.asked import answering, params_of
 from cli.node.seen import run_of, see
 from cli.options import Options
 from cli.together import Heard, ask_each
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
 from services.runtime.record import ProcessRecord
 

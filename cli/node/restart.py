@@ -7,10 +7,10 @@ from cli import output
 from cli.declare import Arg, Opt
 from cli.options import Options, here
 from services.runtime import record
-from services.runtime.asking import ask_restart, wait_restarted
 from services.runtime.errors import UsageError
-from services.runtime.named import normal_name
 from services.runtime.realm import Realm
+from services.runtime.run.asking import ask_restart, wait_restarted
+from services.runtime.settings.named import normal_name
 
 
 def restart(

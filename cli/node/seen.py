@@ -6,12 +6,12 @@ from msgspec import Struct
 
 from cli.options import Options
 from services.runtime import record
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
+from services.runtime.bus.graph import Offer
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable
-from services.runtime.graph import Offer
-from services.runtime.named import nearest, normal_name
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.settings.named import nearest, normal_name
 
 
 class Seen(Struct, frozen=True):

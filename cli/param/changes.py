@@ -10,9 +10,9 @@ from msgspec import Struct
 from cli import output
 from cli.options import Options
 from cli.param.running import Values, tables
-from services.runtime import fleet, toml
-from services.runtime.named import flatten
-from services.runtime.params import gather
+from services.runtime.settings import fleet, toml
+from services.runtime.settings.named import flatten
+from services.runtime.settings.params import gather
 
 DEFAULT_FILE = Path("quad.toml")
 

@@ -8,12 +8,12 @@ from cli.options import Options
 from cli.param.running import Running, Values
 from cli.together import Heard
 from schemas.describe import bounds_text, type_name
-from services.runtime import declared, toml
-from services.runtime.declared import Entry, fixed_at_launch
 from services.runtime.errors import Invalid, TimedOut, Unreachable
-from services.runtime.kept import UNSERVED
-from services.runtime.named import normal_name
-from services.runtime.params import nearest_declared
+from services.runtime.settings import declared, toml
+from services.runtime.settings.declared import Entry, fixed_at_launch
+from services.runtime.settings.kept import UNSERVED
+from services.runtime.settings.named import normal_name
+from services.runtime.settings.params import nearest_declared
 
 
 def describe(

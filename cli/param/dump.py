@@ -9,7 +9,7 @@ from cli.options import Options
 from cli.param.changes import file_values, known_of
 from cli.param.file import replace
 from cli.param.running import Running
-from services.runtime import toml
+from services.runtime.settings import toml
 
 
 def dump(

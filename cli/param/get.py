@@ -6,8 +6,8 @@ from cli import output, which
 from cli.declare import Arg
 from cli.options import Options
 from cli.param.running import Running
-from services.runtime import toml
-from services.runtime.named import normal_name
+from services.runtime.settings import toml
+from services.runtime.settings.named import normal_name
 
 
 def list_(options: Options) -> None:

@@ -8,11 +8,11 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.changes import Change, changes, known_of, lines, values_of
 from cli.param.running import Running, Values
-from services.runtime.declared import fixed_at_launch
 from services.runtime.errors import Invalid, QuadctlError
-from services.runtime.fleet import said_of
-from services.runtime.named import flatten, put
-from services.runtime.params import check, read
+from services.runtime.settings.declared import fixed_at_launch
+from services.runtime.settings.fleet import said_of
+from services.runtime.settings.named import flatten, put
+from services.runtime.settings.params import check, read
 
 
 def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> None:

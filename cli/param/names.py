@@ -1,9 +1,9 @@
 """Which live node a parameter belongs to."""
 
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid
-from services.runtime.named import nearest
 from services.runtime.processes import NODES
+from services.runtime.settings.named import nearest
 
 
 def nodes_with_params(client: Client) -> list[str]:

@@ -10,12 +10,12 @@ from cli.param.names import node_of, nodes_with_params
 from cli.together import Heard, ask_each
 from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from schemas.topics import get_params, set_params
-from services.runtime import kept
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.kept import UNSERVED
-from services.runtime.named import flatten, normal_name
 from services.runtime.realm import Realm
 from services.runtime.record import not_running
+from services.runtime.settings import kept
+from services.runtime.settings.kept import UNSERVED
+from services.runtime.settings.named import flatten, normal_name
 
 Values = dict[str, Any]
 """By dotted name."""
@@ -128,7 +128,7 @@ def _all_of(heard: Heard[Values]) -> Values:
 def _leaves(found: Values, name: str) -> list[str]:
     leaves = [leaf for leaf in found if _in(name, leaf)]
     if not leaves:
-        from services.runtime.params import nearest_declared
+        from services.runtime.settings.params import nearest_declared
 
         raise Invalid(f"there is no parameter {name}", nearest_declared(name))
     return leaves

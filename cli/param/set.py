@@ -7,10 +7,10 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.names import node_of
 from cli.param.running import Running
-from services.runtime import toml
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.kept import UNSERVED
-from services.runtime.named import normal_name, value_of
+from services.runtime.settings import toml
+from services.runtime.settings.kept import UNSERVED
+from services.runtime.settings.named import normal_name, value_of
 
 
 def set_(

@@ -8,7 +8,7 @@ from msgspec import Struct
 from schemas.geometry import Position
 from schemas.messages import CageSize, Called, Pose, Pressure, SafetyState, Waypoint
 from schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, called, topic_of
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid
 
 

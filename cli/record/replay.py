@@ -15,14 +15,14 @@ from cli.own import run_of_its_own
 from cli.which import about_topic, anyone
 from schemas.params import Params
 from services.runtime.bag.reader import Bag, Recorded
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
+from services.runtime.bus.roster import covers
+from services.runtime.bus.stage import Stage
 from services.runtime.errors import Invalid
-from services.runtime.launch import Launch
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
 from services.runtime.record import is_live
-from services.runtime.roster import covers
-from services.runtime.stage import Stage
+from services.runtime.run.launch import Launch
 
 _SHOWN_EVERY = 0.1
 

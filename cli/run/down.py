@@ -2,8 +2,8 @@
 
 from cli import output
 from cli.options import Options, here
-from services.runtime.halt import halt
 from services.runtime.realm import Realm
+from services.runtime.run.halt import halt
 
 
 def down(options: Options) -> None:

@@ -7,9 +7,9 @@ from typing import Annotated
 from cli.declare import Opt
 from cli.options import Options
 from cli.run.up import begin, reached
-from services.runtime import fleet
-from services.runtime.launch import Launch
 from services.runtime.processes import NODES
+from services.runtime.run.launch import Launch
+from services.runtime.settings import fleet
 from services.runtime.vehicles import HUB_ALONE
 
 

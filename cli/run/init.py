@@ -7,7 +7,7 @@ from cli import output
 from cli.declare import Arg
 from cli.options import Options
 from services.runtime.newfile import making
-from services.runtime.template import render
+from services.runtime.settings.template import render
 
 _DEFAULT_FILE = Path("quad.toml")
 

@@ -13,11 +13,11 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.run import terminal
 from cli.run.status import status
-from services.runtime import fleet
-from services.runtime import up as running
-from services.runtime.detach import detach as in_background
-from services.runtime.launch import Launch
-from services.runtime.supervise import Supervisor
+from services.runtime.run import up as running
+from services.runtime.run.detach import detach as in_background
+from services.runtime.run.launch import Launch
+from services.runtime.run.supervise import Supervisor
+from services.runtime.settings import fleet
 from services.runtime.vehicles import DEFAULT
 
 _DEFAULT_FILE = Path("quad.toml")

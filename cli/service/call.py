@@ -12,8 +12,8 @@ from cli.service import lookup
 from cli.which import about_service
 from schemas.contract import Service
 from schemas.topics import STATE
+from services.runtime.bus.plain import plain
 from services.runtime.errors import Refused, Unreachable, UsageError
-from services.runtime.plain import plain
 
 _FORMS = {
     "msgpack": ("application/msgpack", msgspec.msgpack.encode),

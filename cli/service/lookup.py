@@ -7,10 +7,10 @@ from cli.names import checked_key, find_service
 from cli.options import Options
 from schemas.contract import Service
 from schemas.topics import SERVICES
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
+from services.runtime.bus.graph import Offer
 from services.runtime.errors import Invalid, Unreachable
-from services.runtime.graph import Offer
-from services.runtime.named import nearest
+from services.runtime.settings.named import nearest
 
 _MARK = "@srv/"
 

@@ -9,10 +9,10 @@ from cli.names import checked_key
 from cli.options import Options
 from cli.topic.shown import NoField, field_of, shown
 from cli.which import about_topic
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
+from services.runtime.bus.hearing import Message
+from services.runtime.bus.wire import unreadable
 from services.runtime.errors import Invalid
-from services.runtime.hearing import Message
-from services.runtime.wire import unreadable
 
 
 def echo(

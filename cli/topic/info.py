@@ -10,9 +10,9 @@ from cli.which import about_topic
 from schemas.contract import Topic
 from schemas.describe import definition, schema_hash
 from schemas.topics import TOPICS, topic_of
+from services.runtime.bus.graph import Offer
 from services.runtime.errors import Unreachable
-from services.runtime.graph import Offer
-from services.runtime.named import nearest
+from services.runtime.settings.named import nearest
 
 _LISTENERS = {True: "at least one", False: "none", None: "told to those alone who may publish"}
 

@@ -6,7 +6,7 @@ import msgspec
 
 from cli.arguments import is_data, is_pairs, message_of, table_of, without_type
 from schemas.topics import topic_of
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid, UsageError
 
 FORMS = {

@@ -10,7 +10,7 @@ from cli.options import Options
 from cli.topic.payload import Payload, payload_of
 from cli.which import about_topic
 from schemas.topics import topic_of
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, Unreachable, UsageError
 
 _FASTEST = 10_000.0

@@ -11,8 +11,8 @@ from cli.options import Options
 from cli.topic.figures import Heard, Measure, bandwidth, rate
 from cli.topic.figures import delay as delay_of
 from cli.which import about_topic
+from services.runtime.bus.hearing import Message
 from services.runtime.errors import Invalid
-from services.runtime.hearing import Message
 
 _PERIOD = 1.0
 """Seconds from one line to the next."""

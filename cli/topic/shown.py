@@ -5,10 +5,10 @@ from typing import Any
 import msgspec
 
 from schemas.topics import topic_of
-from services.runtime import wire
+from services.runtime.bus import wire
+from services.runtime.bus.hearing import Message
+from services.runtime.bus.plain import plain
 from services.runtime.errors import Invalid
-from services.runtime.hearing import Message
-from services.runtime.plain import plain
 
 
 class NoField(Invalid):

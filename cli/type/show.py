@@ -9,7 +9,7 @@ from cli.options import Options
 from schemas.describe import definition, service_definition
 from schemas.topics import SERVICES, TOPICS, get_params, set_params
 from services.runtime.errors import Invalid
-from services.runtime.named import nearest
+from services.runtime.settings.named import nearest
 
 
 def list_(options: Options) -> None:

@@ -15,7 +15,7 @@ from services.dynamics.vehicle import Fly, Vehicle
 from services.runtime.entry import start
 from services.runtime.errors import Refused
 from services.runtime.node import Node
-from services.runtime.params import launch_lines
+from services.runtime.settings.params import launch_lines
 
 _STEPS_PER_SECOND = 1000
 _ASK_AGAIN = 0.25

@@ -5,11 +5,11 @@ and so that a revoked name costs a moment of the network and none of the flight.
 """
 
 from schemas.params import Params
+from services.runtime.bus.session import open_gate
 from services.runtime.entry import Reopen, start
 from services.runtime.node import Node
 from services.runtime.secure.endpoints import secure
 from services.runtime.secure.gate import Watch, identity_for
-from services.runtime.session import open_gate
 
 _LOOKS = 5.0
 """Hz, at which the list of names is looked at."""

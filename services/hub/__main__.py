@@ -1,10 +1,10 @@
 """The hub: a Zenoh router that every other process is a client of."""
 
 from schemas.params import Params
+from services.runtime.bus.session import open_router
 from services.runtime.entry import start
 from services.runtime.node import Node
 from services.runtime.secure.endpoints import plain
-from services.runtime.session import open_router
 
 
 def run(node: Node, params: Params) -> None:

@@ -10,7 +10,7 @@ from schemas.topics import POSE
 from services.pressure.process.output import Output
 from services.runtime.entry import start
 from services.runtime.node import Node
-from services.runtime.params import launch_lines
+from services.runtime.settings.params import launch_lines
 
 _DEPTH = 100_000
 """Poses that may wait: in lock-step nobody waits for the sensor, and none must be lost to it."""

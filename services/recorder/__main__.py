@@ -21,13 +21,13 @@ from schemas.params import Params
 from schemas.topics import TOPICS
 from services.recorder.process.attended import Attendant
 from services.recorder.process.recording import Recording
-from services.runtime import session
+from services.runtime.bus import session
+from services.runtime.bus.tap import Tap
 from services.runtime.entry import start
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.node import Node
 from services.runtime.processes import RECORDER
 from services.runtime.realm import Realm
-from services.runtime.tap import Tap
 
 _FLUSHES = 4.0
 """Chunks a second: what is not in a whole chunk is lost with the process. A quarter of a second,

@@ -15,17 +15,18 @@ import zenoh
 
 from schemas.params import Params
 from schemas.topics import get_params, set_params
-from services.runtime import graph, session, snapshot
-from services.runtime import params as parameters
+from services.runtime.bus import graph, session
 from services.runtime.crew import Crew
 from services.runtime.ending import Ending
 from services.runtime.errors import AlreadyServed, QuadctlError
-from services.runtime.fleet import said_of
-from services.runtime.live import LiveParams
 from services.runtime.lock import FileLock
 from services.runtime.node import Node
 from services.runtime.realm import Realm, default_name, vehicle_name
 from services.runtime.secure.endpoints import is_secure
+from services.runtime.settings import params as parameters
+from services.runtime.settings import snapshot
+from services.runtime.settings.fleet import said_of
+from services.runtime.settings.live import LiveParams
 from services.runtime.vehicles import DEFAULT
 
 Run = Callable[[Node, Params], None]

@@ -9,8 +9,8 @@ from msgspec import Struct
 from schemas.contract import Service
 from schemas.messages import Called
 from schemas.topics import called
-from services.runtime import wire
-from services.runtime.publisher import Publisher
+from services.runtime.bus import wire
+from services.runtime.bus.publisher import Publisher
 from services.runtime.schedule import Schedule
 
 _LONGEST = 1_000

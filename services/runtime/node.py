@@ -10,15 +10,15 @@ from msgspec import Struct
 
 from schemas.contract import Service, Topic
 from schemas.params import Params
-from services.runtime import foreign, graph, roster, wire
+from services.runtime.bus import foreign, graph, roster, wire
+from services.runtime.bus.publisher import Publisher
+from services.runtime.bus.subscription import Subscription
+from services.runtime.bus.tap import Tap
 from services.runtime.errors import AlreadyServed
 from services.runtime.journal import journal_of
 from services.runtime.loop import Loop
-from services.runtime.publisher import Publisher
 from services.runtime.schedule import Schedule
 from services.runtime.serving import Server
-from services.runtime.subscription import Subscription
-from services.runtime.tap import Tap
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)

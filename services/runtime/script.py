@@ -19,8 +19,8 @@ from schemas.messages import Called
 from schemas.params import Params
 from schemas.topics import set_params
 from services.runtime.errors import QuadctlError
-from services.runtime.live import LiveParams
 from services.runtime.node import Node
+from services.runtime.settings.live import LiveParams
 
 
 class Said(NamedTuple):

@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from schemas.contract import Service
 from schemas.envelope import Call
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Expired, Invalid, QuadctlError
 from services.runtime.journal import Journal
 from services.runtime.schedule import Held, Schedule

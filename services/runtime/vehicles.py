@@ -63,7 +63,7 @@ def _in(realm: str) -> list[str]:
 
 @lru_cache
 def _at(realm: str, connect: str, timeout: float) -> list[str]:
-    from services.runtime.client import Client
+    from services.runtime.bus.client import Client
     from services.runtime.secure.endpoints import is_secure
 
     if is_secure(connect):

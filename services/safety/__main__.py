@@ -28,7 +28,7 @@ from schemas.topics import (
 from services.runtime.entry import start
 from services.runtime.errors import NotReady
 from services.runtime.node import Node
-from services.runtime.params import launch_lines
+from services.runtime.settings.params import launch_lines
 from services.safety.cage import bounds
 from services.safety.monitor import Monitor
 

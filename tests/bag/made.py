@@ -7,10 +7,10 @@ import msgspec
 
 from schemas.geometry import BodyRates, Position, Quaternion, Velocity
 from schemas.messages import CageSize, Called, Pose, Pressure, SafetyState
-from services.runtime import wire
 from services.runtime.bag.outfile import Outfile
 from services.runtime.bag.writer import BagWriter
-from services.runtime.tap import Taken
+from services.runtime.bus import wire
+from services.runtime.bus.tap import Taken
 
 SECOND = 1_000_000_000
 BEGAN = 1_800_000_000 * SECOND

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from schemas.messages import Called, Pose
-from services.runtime import wire
 from services.runtime.bag.form import JSON, MSGPACK, Form, restored
+from services.runtime.bus import wire
 from tests.bag.made import pose, refused, state
 
 pack = msgspec.msgpack.encode

@@ -5,7 +5,7 @@ from typing import Any
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from services.runtime import declared
+from services.runtime.settings import declared
 
 
 def changed_values() -> st.SearchStrategy[dict[str, Any]]:

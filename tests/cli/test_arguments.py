@@ -12,7 +12,7 @@ from cli import flow
 from cli.arguments import message_of, table_of, without_type
 from cli.topic.payload import Payload, payload_of
 from schemas.messages import Setpoint, Waypoint
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid, UsageError
 
 REQUEST = "uav/input/position_request"

@@ -11,10 +11,10 @@ from cli.doctor import offers, topics
 from cli.doctor.check import Check
 from schemas.describe import schema_hash
 from schemas.topics import GOTO, SERVICES, TOPICS
-from services.runtime.graph import Offer
-from services.runtime.heard import Heard
+from services.runtime.bus.graph import Offer
+from services.runtime.bus.heard import Heard
+from services.runtime.bus.survey import Answer, Survey
 from services.runtime.record import ProcessRecord, RunRecord
-from services.runtime.survey import Answer, Survey
 
 
 def digest(type_: type[Struct]) -> str:

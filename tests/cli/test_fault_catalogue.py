@@ -5,7 +5,7 @@ import pytest
 
 from cli.fault.catalogue import FAULTS, Fault, active
 from schemas.params import Params
-from services.runtime.named import flatten
+from services.runtime.settings.named import flatten
 
 DEFAULTS = dict(flatten(msgspec.to_builtins(Params())))
 

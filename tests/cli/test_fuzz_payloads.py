@@ -11,7 +11,7 @@ from msgspec import Struct
 from cli.fuzz.payloads import Payload, refused
 from schemas.requests import GotoRequest, HoldRequest, SetParamsRequest
 from schemas.topics import SERVICES, TOPICS, get_params, set_params
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid
 
 TYPES = [

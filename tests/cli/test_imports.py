@@ -25,8 +25,11 @@ def test_a_command_that_reads_no_recording_loads_nothing_for_that():
     others = {
         where.partition(":")[0] for path, where in COMMANDS.items() if path not in READS_RECORDINGS
     }
-    assert loaded("cli.main", *sorted(others), "services.runtime.client") == []
+    assert loaded("cli.main", *sorted(others), "services.runtime.bus.client") == []
 
 
 def test_neither_does_a_node_that_records_nothing():
-    assert loaded("services.runtime.entry", "services.runtime.up", "services.safety.__main__") == []
+    assert (
+        loaded("services.runtime.entry", "services.runtime.run.up", "services.safety.__main__")
+        == []
+    )

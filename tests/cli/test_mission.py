@@ -8,7 +8,7 @@ from cli.fly.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
 from schemas.requests import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
 from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
 from services.runtime.errors import Invalid
-from services.runtime.params import parse
+from services.runtime.settings.params import parse
 
 HOLD_AT_1 = {"at": 1, "do": "hold"}
 

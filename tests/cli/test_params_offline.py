@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from schemas.params import FIXED_AT_LAUNCH
-from services.runtime import declared
+from services.runtime.settings import declared
 from tests.cli.quadctl import Quadctl
 
 NEEDS_A_RUN = [

@@ -7,9 +7,9 @@ import pytest
 
 from cli.topic.shown import NoField, field_of, shown
 from schemas.messages import Waypoint
-from services.runtime import wire
+from services.runtime.bus import wire
+from services.runtime.bus.hearing import Message
 from services.runtime.errors import Invalid
-from services.runtime.hearing import Message
 
 POINT = Waypoint(1.0, 2.0, 3.0)
 PACKED = wire.encode(POINT)

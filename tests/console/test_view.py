@@ -9,8 +9,8 @@ from cli.console.panels.journal import line
 from cli.console.settings import shown, tables
 from cli.console.verdicts import Verdict
 from schemas.params import FIXED_AT_LAUNCH
-from services.runtime import declared
 from services.runtime.errors import Invalid
+from services.runtime.settings import declared
 from services.safety.fsa import RULES
 
 SETTINGS = {setting.name: setting for table in tables({}) for setting in table.settings}

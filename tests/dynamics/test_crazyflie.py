@@ -9,7 +9,7 @@ from schemas.params import DynamicsParams, Params, StartParams
 from schemas.wind import MeanWindParams, WindParams
 from services.dynamics.rotor import hover_speed
 from services.dynamics.vehicle import Vehicle
-from services.runtime.params import load
+from services.runtime.settings.params import load
 
 FILE = Path(__file__).parents[2] / "examples" / "crazyflie.toml"
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.runtime import asking
 from services.runtime.errors import QuadctlError
 from services.runtime.realm import Realm
+from services.runtime.run import asking
 from tests.processes.bare import Bare, gap, speed
 from tests.processes.lab import NODES, Lab, private_lab
 from tests.processes.running import eventually

@@ -11,7 +11,7 @@ from schemas.topics import POSE
 from services.runtime.bag.outfile import Outfile
 from services.runtime.bag.reader import Bag
 from services.runtime.bag.writer import BagWriter
-from services.runtime.tap import Taken
+from services.runtime.bus.tap import Taken
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually
 

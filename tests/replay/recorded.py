@@ -8,8 +8,8 @@ import msgspec
 from schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
 from schemas.params import Params
 from schemas.topics import POSE, PRESSURE, REQUEST, topic_of
-from services.runtime import wire
 from services.runtime.bag.reader import Bag
+from services.runtime.bus import wire
 from services.runtime.script import Said
 
 _INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}

@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from schemas.params import Params
+from services.runtime.bus.session import Address, address_of
 from services.runtime.errors import AlreadyServed
-from services.runtime.launch import Launch, choose_address, hold
 from services.runtime.realm import Realm
-from services.runtime.session import Address, address_of
+from services.runtime.run.launch import Launch, choose_address, hold
 
 
 @pytest.fixture

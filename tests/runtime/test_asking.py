@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime import asking, record
+from services.runtime import record
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord, State
+from services.runtime.run import asking
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 
 from schemas.describe import bounds_text
 from schemas.params import FIXED_AT_LAUNCH, Params
-from services.runtime import declared
-from services.runtime.named import flatten
+from services.runtime.settings import declared
+from services.runtime.settings.named import flatten
 
 
 def test_every_leaf_is_there_in_the_files_order_with_its_default():

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from schemas.params import Params
-from services.runtime import fleet
 from services.runtime.errors import Invalid, UsageError
+from services.runtime.settings import fleet
 
 
 def test_one_vehicle_has_what_the_file_says(tmp_path: Path):

@@ -8,8 +8,8 @@ import pytest
 from schemas.params import FIXED_AT_LAUNCH, Params
 from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from services.runtime.errors import Invalid
-from services.runtime.live import LiveParams
-from services.runtime.named import flatten
+from services.runtime.settings.live import LiveParams
+from services.runtime.settings.named import flatten
 
 TAKEN = SetParamsResponse(True, "")
 

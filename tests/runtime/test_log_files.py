@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime import disk, logfile
-from services.runtime.disk import Disk
-from services.runtime.logfile import LogFile
-from services.runtime.logs import Logs, Printer
+from services.runtime.run import disk, logfile
+from services.runtime.run.disk import Disk
+from services.runtime.run.logfile import LogFile
+from services.runtime.run.logs import Logs, Printer
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 import zenoh
 
 from schemas.topics import GOTO, POSE
-from services.runtime import roster
-from services.runtime.graph import Offer, node_key, offer_key
+from services.runtime.bus import roster
+from services.runtime.bus.graph import Offer, node_key, offer_key
 
 
 class Bus:

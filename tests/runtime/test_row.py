@@ -2,10 +2,10 @@
 
 from typing import cast
 
-from services.runtime.child import Child
-from services.runtime.lines import Said
 from services.runtime.processes import GRACE, SETTLED, Process
-from services.runtime.row import Row
+from services.runtime.run.child import Child
+from services.runtime.run.lines import Said
+from services.runtime.run.row import Row
 
 
 class Fake:

@@ -11,12 +11,13 @@ import pytest
 
 from schemas.barometer import PressureParams
 from schemas.params import CageParams, Params, SafetyParams
-from services.runtime import record, snapshot
+from services.runtime import record
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.halt import halt
 from services.runtime.lock import FileLock
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.run.halt import halt
+from services.runtime.settings import snapshot
 
 RUN = RunRecord("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
 

@@ -9,7 +9,8 @@ import pytest
 from schemas.envelope import Call
 from schemas.requests import GotoRequest, GotoResponse
 from schemas.topics import GOTO
-from services.runtime import serving, wire
+from services.runtime import serving
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid, NotReady, Refused
 from services.runtime.schedule import Schedule
 from services.runtime.serving import Server

@@ -9,8 +9,8 @@ import pytest
 
 from schemas.messages import Waypoint
 from schemas.topics import REQUEST
-from services.runtime import wire
-from services.runtime.subscription import Subscription
+from services.runtime.bus import wire
+from services.runtime.bus.subscription import Subscription
 
 
 class Sample:
@@ -155,8 +155,8 @@ def test_another_version_of_the_type_is_refused_by_hash(caplog: pytest.LogCaptur
 
 def test_a_flood_is_let_gather_and_what_came_last_in_it_is_heard(monkeypatch: pytest.MonkeyPatch):
     now, naps = [100.0], list[float]()
-    monkeypatch.setattr("services.runtime.subscription.time.monotonic", lambda: now[0])
-    monkeypatch.setattr("services.runtime.subscription.time.sleep", naps.append)
+    monkeypatch.setattr("services.runtime.bus.subscription.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("services.runtime.bus.subscription.time.sleep", naps.append)
     bench = Bench()
     for number in range(600):
         now[0] += 0.00001

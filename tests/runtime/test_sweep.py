@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from services.runtime import sweep
+from services.runtime.run import sweep
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from schemas.params import Params
-from services.runtime import toml
-from services.runtime.named import flatten, value_of
+from services.runtime.settings import toml
+from services.runtime.settings.named import flatten, value_of
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 SCALAR = st.one_of(

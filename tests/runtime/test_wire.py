@@ -13,7 +13,7 @@ from msgspec import Struct
 from schemas.envelope import Call, Error
 from schemas.messages import Info, Pose, SafetyState, Waypoint
 from schemas.requests import CalibrateRequest, GotoRequest, SetParamsRequest
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import (
     WIRE_ERRORS,
     AlreadyServed,
@@ -184,7 +184,7 @@ FRESH_TYPES = """
 import sys, threading
 from typing import Literal
 import msgspec
-from services.runtime import wire
+from services.runtime.bus import wire
 
 sys.setswitchinterval(1e-6)
 for number in range(20):

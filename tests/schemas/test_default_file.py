@@ -8,9 +8,9 @@ import pytest
 from msgspec import Struct, inspect, to_builtins
 
 from schemas.params import FIXED_AT_LAUNCH, CageParams, Params, SafetyParams
-from services.runtime import template
-from services.runtime.named import flatten
-from services.runtime.params import load
+from services.runtime.settings import template
+from services.runtime.settings.named import flatten
+from services.runtime.settings.params import load
 from tests.schemas.declared import bare, fields
 
 FILE = Path(__file__).parents[2] / "quad.toml"

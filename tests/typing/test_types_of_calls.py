@@ -13,9 +13,9 @@ PROGRAM = """\
 from schemas.messages import Pose, Pressure
 from schemas.requests import CalibrateRequest, CalibrateResponse, GotoRequest, HoldRequest
 from schemas.topics import CALIBRATE, GOTO, HOLD, POSE, PRESSURE, STATE, get_params
-from services.runtime.client import Client
+from services.runtime.bus.client import Client
 from services.runtime.node import Node
-from services.runtime import wire
+from services.runtime.bus import wire
 
 def handler(request: CalibrateRequest) -> CalibrateResponse:
     return CalibrateResponse(0.0)

@@ -10,9 +10,9 @@ from services.recorder.foxglove import SCENE, TRANSFORM
 from services.recorder.scene import Scene
 from services.runtime.bag.outfile import Outfile
 from services.runtime.bag.writer import BagWriter
+from services.runtime.bus.tap import Taken
 from services.runtime.errors import QuadctlError
 from services.runtime.newfile import making
-from services.runtime.tap import Taken
 
 FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
 """Where viewers look; no key of Zenoh begins so."""

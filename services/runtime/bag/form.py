@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct, inspect
 
 from schemas.topics import TOPICS, topic_of
-from services.runtime import wire
+from services.runtime.bus import wire
 from services.runtime.errors import Invalid
 
 JSON, MSGPACK = "json", "msgpack"

@@ -9,7 +9,7 @@ from msgspec import Struct
 from schemas.jsonschema import json_schema
 from services.runtime.bag.form import JSON, Form, Stored
 from services.runtime.bag.outfile import Outfile
-from services.runtime.tap import Taken
+from services.runtime.bus.tap import Taken
 
 SAID, PACKED, DERIVED = "zenoh_encoding", "packed", "derived"
 """What a channel's metadata says: the encoding on the bus, whether the message was MessagePack

@@ -11,12 +11,12 @@ import msgspec
 from schemas.roles import Role
 from services.runtime.errors import Invalid, QuadctlError
 from services.runtime.lock import FileLock
-from services.runtime.named import nearest
 from services.runtime.realm import write_atomically
 from services.runtime.secure import names
 from services.runtime.secure.authority import Authority, hosts_here
 from services.runtime.secure.identity import ABOUT
 from services.runtime.secure.name import Name
+from services.runtime.settings.named import nearest
 
 _DAY = 86_400
 

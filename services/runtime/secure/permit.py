@@ -10,7 +10,7 @@ import zenoh
 
 from schemas.roles import Right, keys, may
 from schemas.topics import INFO
-from services.runtime import graph
+from services.runtime.bus import graph
 from services.runtime.errors import NotAllowed
 from services.runtime.secure.endpoints import is_secure
 from services.runtime.secure.identity import needed

@@ -1,0 +1,130 @@
+"""The caller's side of a service."""
+
+import os
+import threading
+import time
+from typing import Any, Generic, TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from schemas.contract import Service
+from schemas.envelope import Call
+from services.runtime.bus import wire
+from services.runtime.bus.plain import plain
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+
+Q = TypeVar("Q", bound=Struct)
+R = TypeVar("R", bound=Struct)
+
+
+class Caller(Generic[Q, R]):
+    """Calls one service, as often as wanted."""
+
+    def __init__(self, session: zenoh.Session, vehicle: str, service: Service[Q, R]) -> None:
+        self._service = service
+        self._asker = Asker(session, service.key(vehicle))
+        self._encoding = wire.encoding(service.request)
+
+    def call(self, request: Q, timeout: float, boot: str = "") -> R:
+        """Send one request and return its reply; waits and raises as an Asker does."""
+        try:
+            payload = wire.encode(request)
+        except (OverflowError, TypeError) as error:
+            raise Invalid(f"the request cannot be sent: {error}") from error
+        return wire.decode(
+            self._service.response, *self._asker.ask(payload, self._encoding, timeout, boot)
+        )
+
+
+class Asker:
+    """Sends bytes to whoever serves a key."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._session, self._key = session, key
+        self._querier = session.declare_querier(
+            self._key,
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def ask(
+        self, payload: bytes, encoding: str, timeout: float, boot: str = ""
+    ) -> tuple[bytes, str]:
+        """Send one request; returns the reply and its encoding.
+
+        Waits for a server up to the timeout (s). Raises Unreachable, TimedOut, or what the
+        server replied. The request carries an id and the deadline: it is executed once or
+        never, and never late.
+        """
+        deadline = time.monotonic() + timeout
+        self._wait_for_server(deadline, timeout)
+        left = max(deadline - time.monotonic(), 0.001)
+        ticket = Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot)
+        replies = self._session.get(
+            self._key,
+            payload=payload,
+            encoding=encoding,
+            attachment=wire.encode(ticket),
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=left,
+        )
+        for reply in replies:
+            return read(reply, self._key, timeout)
+        raise gone(self._key)
+
+    def _wait_for_server(self, deadline: float, timeout: float) -> None:
+        if not wait_for_match(self._querier, deadline - time.monotonic()):
+            raise Unreachable(
+                f"nobody served {self._key} within {round(timeout, 2):g} s",
+                "its process is down or does not offer it, or this identity may not call it:"
+                " `quadctl status`, `quadctl service list`",
+            )
+
+
+def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
+    """A reply and its encoding; raises what an error reply stands for."""
+    if reply.ok is not None:
+        return reply.ok.payload.to_bytes(), str(reply.ok.encoding)
+    assert reply.err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
+    payload, said = reply.err.payload.to_bytes(), str(reply.err.encoding)
+    if said == wire.ERROR_ENCODING:
+        raise wire.decode_error(payload)
+    if payload == b"Timeout":
+        raise TimedOut(
+            f"{key} did not answer within {round(timeout, 2):g} s",
+            "its process is busy or frozen: `quadctl status` shows which",
+        )
+    raise QuadctlError(f"{key} failed: {plain(payload, said)}", "the log of its node may say more")
+
+
+def gone(key: str) -> Unreachable:
+    """What is known of a call whose server ended without an answer."""
+    return Unreachable(
+        f"the server of {key} went away in mid-call: the outcome is unknown",
+        "look at `quadctl status`, then ask again",
+    )
+
+
+def has_match(end: zenoh.Querier | zenoh.Publisher) -> bool:
+    """Whether the hub has told of somebody at the other end."""
+    status: Any = end.matching_status  # the stubs take it for a bool
+    return bool(status.matching)
+
+
+def wait_for_match(end: zenoh.Querier | zenoh.Publisher, timeout: float) -> bool:
+    """Wait up to a timeout (s) for somebody at the other end; False where nobody came."""
+    if has_match(end):
+        return True
+    arrived = threading.Event()
+
+    def on_change(status: zenoh.MatchingStatus) -> None:
+        if status.matching:
+            arrived.set()
+
+    listener = end.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
+    try:
+        return has_match(end) or arrived.wait(max(timeout, 0))
+    finally:
+        listener.undeclare()

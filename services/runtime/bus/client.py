@@ -1,0 +1,248 @@
+"""A command's way onto the bus: connects at once or fails at once, and never hangs."""
+
+import time
+from typing import TYPE_CHECKING, Self, TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from schemas.contract import Service, Topic
+from services.runtime.bus import graph, roster, wire
+from services.runtime.bus.calls import Asker, Caller
+from services.runtime.bus.reach import reach
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.realm import Realm
+from services.runtime.record import ProcessRecord
+
+if TYPE_CHECKING:
+    from schemas.roles import Right
+    from services.runtime.bus.hearing import Readings, Stream
+    from services.runtime.bus.outlet import Outlet
+
+M = TypeVar("M", bound=Struct)
+Q = TypeVar("Q", bound=Struct)
+R = TypeVar("R", bound=Struct)
+
+_BACKLOG = 10_000
+"""Messages kept for a slow reader; the oldest go first beyond."""
+
+_LOOK = 0.1
+"""Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
+
+_lost: list["Client"] = []
+"""Clients whose hub is gone, kept as they are: to close one, or drop what it has
+declared, takes a second."""
+
+
+class Client:
+    """One connection to a realm's hub, for as long as a `with` block lasts."""
+
+    def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3) -> None:
+        """`timeout` (s) bounds every reply.
+
+        Raises Unreachable when no hub is there, TimedOut when it does not answer.
+        """
+        self.vehicle, self.timeout = vehicle, timeout
+        self.realm, self._connect = Realm(realm), connect
+        self.session = reach(self.realm, connect, timeout)
+        self._since, self._held = time.time(), list[object]()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.session.info.routers_zid():
+            self.session.close()
+        else:
+            _lost.append(self)
+
+    def beside(self, vehicle: str, timeout: float) -> Self:
+        """The same connection for another vehicle's keys, with a timeout (s) of its own."""
+        from copy import copy
+
+        other = copy(self)
+        other.vehicle, other.timeout = vehicle, timeout
+        return other
+
+    def permit(self, right: "Right", *keys: str) -> None:
+        """Raise NotAllowed where the role that our certificate gives does not extend to a key."""
+        if self._connect:
+            from services.runtime.secure import permit
+
+            permit.check(self._connect, right, *keys)
+
+    def call(
+        self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""
+    ) -> R:
+        """Call a service once; raises Unreachable, TimedOut or what the server replied.
+
+        `timeout` (s) is for a call that is one of several under one deadline; `boot` names the
+        boot that a reset is to begin.
+        """
+        self.permit("call", service.key(self.vehicle))
+        try:
+            caller = Caller(self.session, self.vehicle, service)
+            return caller.call(request, self._within(timeout), boot)
+        except Unreachable as problem:
+            raise self.explained(problem, service.node, service.key(self.vehicle)) from problem
+
+    def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
+        """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
+        self.permit("call", key)
+        try:
+            return Asker(self.session, key).ask(payload, encoding, self.timeout)
+        except Unreachable as problem:
+            raise self.explained(problem) from problem
+
+    def latest(self, topic: Topic[M]) -> M:
+        """The last message of a latched topic."""
+        key = topic.key(self.vehicle)
+        self.permit("read", key)
+        deadline = time.monotonic() + self.timeout
+        why: QuadctlError = Unreachable(
+            f"nobody answered for {key} within {self.timeout:g} s",
+            f"is {topic.node} up? `quadctl status` shows it",
+        )
+        while (left := deadline - time.monotonic()) > 0:
+            # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
+            for reply in self.session.get(
+                key,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=left,
+            ):
+                if reply.ok is None:
+                    if isinstance(why, Invalid):
+                        continue  # that something came says more than that no more did
+                    why = TimedOut(
+                        f"{topic.node} did not answer within {self.timeout:g} s",
+                        "its process is busy or frozen: `quadctl status` shows which",
+                    )
+                    continue
+                try:
+                    payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
+                    return wire.decode(topic.type, payload, said)
+                except Invalid as problem:
+                    why = self._only_unread(wire.unreadable(key, problem))
+            # Nobody answers for the key yet; a restart takes a tenth of a second.
+            time.sleep(max(min(deadline - time.monotonic(), 0.02), 0))
+        raise self.explained(why, topic.node) if isinstance(why, Unreachable) else why
+
+    def first(self, topic: Topic[M]) -> M:
+        """The next message of a topic."""
+        readings = self.hear(topic)
+        message = readings.next(self.timeout)
+        if message is None:
+            raise self.silent(topic.key(self.vehicle), readings.unread)
+        return message
+
+    def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "Readings[M]":
+        """Hear topics, decoded; up to `backlog` messages wait for their reader."""
+        from services.runtime.bus.hearing import Readings
+
+        types = {topic.key(self.vehicle): topic.type for topic in topics}
+        return Readings(self.listen(*types, backlog=backlog), types)
+
+    def listen(self, *keys: str, backlog: int = _BACKLOG) -> "Stream":
+        """Hear keys or key expressions; up to `backlog` messages wait for their reader."""
+        from services.runtime.bus.hearing import Stream
+
+        self.permit("listen", *keys)
+        stream = Stream(self.session, keys, backlog)
+        self._held.append(stream)
+        return stream
+
+    def silent(self, key: str, unread: Invalid | None = None) -> QuadctlError:
+        """Why nothing came on a key or key expression.
+
+        What came could not be read; its publisher is quiet; or there is none.
+        """
+        if unread is not None:
+            return self._only_unread(unread)
+        try:
+            offers = self.offers(_LOOK)
+        except QuadctlError as other:
+            text = f"nothing came on {key} within {self.timeout:g} s: {other.message}"
+            return type(other)(text, other.hint)
+        for offer in offers:
+            if offer.kind == "@pub" and roster.covers(key, offer.key):
+                return TimedOut(
+                    f"nothing came on {key} within {self.timeout:g} s, although {offer.node}"
+                    " publishes it",
+                    "its process is busy, frozen, or waits for another: `quadctl status`",
+                )
+        from services.runtime.bus import missing
+        from services.runtime.settings.named import nearest
+
+        problem = Unreachable(
+            f"nothing came on {key} within {self.timeout:g} s: nobody publishes it",
+            nearest(key, [offer.key for offer in offers if offer.kind == "@pub"])
+            or "`quadctl topic list` shows what there is",
+        )
+        return self.explained(problem, missing.publisher_of(key, self.vehicle))
+
+    def explained(self, problem: Unreachable, node: str = "", key: str = "") -> QuadctlError:
+        """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen.
+
+        NotAllowed where the hub keeps us from a `key` that is served.
+        """
+        from services.runtime.bus import missing
+
+        return missing.why(self, self._connect, problem, node, key)
+
+    def silent_processes(self, timeout: float | None = None) -> list[ProcessRecord]:
+        """Nodes of this machine's run that are there, and that the hub takes for gone."""
+        from services.runtime.bus import missing
+
+        live = self.nodes(timeout)
+        if self._connect:
+            return []
+        return missing.silent_processes(self.realm, self.vehicle, live)
+
+    def _only_unread(self, unread: Invalid) -> Invalid:
+        text = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
+        return Invalid(text, unread.hint)
+
+    def outlet(self, key: str, encoding: str = "") -> "Outlet":
+        """Publish on a key."""
+        from services.runtime.bus.outlet import Outlet
+
+        self.permit("publish", key)
+        outlet = Outlet(self.session, key, encoding)
+        self._held.append(outlet)
+        return outlet
+
+    def flush(self, timeout: float | None = None) -> None:
+        """Return once the hub has read all that was sent before; raises as `nodes`."""
+        self.nodes(timeout)
+
+    def nodes(self, timeout: float | None = None) -> list[str]:
+        """The ready nodes.
+
+        Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
+        """
+        found = roster.nodes(self.session, self.vehicle, self._within(timeout))
+        self._check_hub()
+        return found
+
+    def vehicles(self) -> list[str]:
+        """The vehicles that have a ready node; raises as `nodes`."""
+        found = roster.vehicles(self.session, self.timeout)
+        self._check_hub()
+        return found
+
+    def offers(self, timeout: float | None = None) -> list[graph.Offer]:
+        """The topics and services of the ready nodes; raises as `nodes`."""
+        found = roster.offers(self.session, self.vehicle, self._within(timeout))
+        self._check_hub()
+        return found
+
+    def _within(self, timeout: float | None) -> float:
+        return self.timeout if timeout is None else timeout
+
+    def _check_hub(self) -> None:
+        # Without a connection there is nobody to ask, and the answer is empty at once.
+        if not self.session.info.routers_zid():
+            from services.runtime.bus import missing
+
+            raise missing.hub_lost(None if self._connect else self.realm, self._since)

@@ -1,0 +1,171 @@
+"""Looks at the bus as it is now: all is asked and heard at the same time, under one deadline.
+
+Nothing is changed by it. A service other than `get_params` is called with an empty request
+whose deadline has passed: that its server says `expired` shows that its loop turns. Only a
+stranger's server that heeds neither would do anything.
+"""
+
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+
+import zenoh
+
+from schemas.envelope import Call
+from schemas.requests import GetParamsRequest
+from schemas.topics import SERVICES, get_params, set_params
+from services.runtime.bus import graph, wire
+from services.runtime.bus.heard import Heard
+from services.runtime.bus.session import Address, open_client
+from services.runtime.bus.survey import Survey, answer_of
+from services.runtime.errors import TimedOut
+from services.runtime.secure.endpoints import is_secure
+
+SHORTEST, LONGEST = 1.0, 2.2
+"""Seconds to listen: in the first ten messages of 10 Hz come, in the second two of 1 Hz."""
+_GET_PARAMS = get_params("").type_name
+_CALLED = {_GET_PARAMS, set_params("").type_name, *(service.type_name for service in SERVICES)}
+_LOOK_UP = 0.02
+"""Seconds between two looks at the clock while nothing comes."""
+
+
+def survey(address: Address, vehicle: str, timeout: float) -> Survey:
+    """Look at the bus for at most `timeout` s.
+
+    Raises Unreachable and TimedOut where the hub is not there, or does not answer; for that it
+    has half of the time.
+    """
+    began = time.monotonic()
+    with open_client(address, timeout=timeout / 2) as session:
+        surveyor = _Surveyor(session, vehicle, began + timeout)
+        surveyor.found.connected = time.monotonic() - began
+        surveyor.ask_who_is_there(began + timeout / 2)
+        surveyor.listen()
+        surveyor.call(address.endpoint)
+        surveyor.wait()
+        return surveyor.found
+
+
+def _allowed(endpoint: str, key: str) -> bool:
+    from services.runtime.secure import permit
+
+    return permit.allows(endpoint, "call", key)
+
+
+class _Surveyor:
+    """Zenoh's threads post to the inbox; the one who waits alone touches what was found."""
+
+    def __init__(self, session: zenoh.Session, vehicle: str, deadline: float) -> None:
+        self.found = Survey()
+        self._session, self._vehicle, self._deadline = session, vehicle, deadline
+        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._pending, self._deaf = 0, False
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+
+    def ask_who_is_there(self, deadline: float) -> None:
+        """The nodes and their offers; raises TimedOut where the hub keeps silent."""
+        timeout = max(deadline - time.monotonic(), 0.001)
+        for pattern in ("*", "*/@pub/**", "*/@srv/**"):
+            self._pending += 1
+            self._session.liveliness().get(
+                f"{self._vehicle}/@node/{pattern}",
+                zenoh.handlers.Callback(self._posted(self._on_token), self._on_end, indirect=False),
+                timeout=timeout,
+            )
+        self._serve(deadline, lambda: not self._pending)
+        if self._deaf or self._pending:
+            raise TimedOut("the hub takes connections and does not answer")
+        self.found.nodes.sort()
+        self.found.offers.sort(key=lambda offer: (offer.key, offer.node))
+
+    def listen(self) -> None:
+        """Hear every topic that is offered."""
+        for key in {offer.key for offer in self.found.offers if offer.kind == "@pub"}:
+            self.found.heard[key] = Heard()
+            handler = zenoh.handlers.Callback(self._samples(key), indirect=False)
+            # A stranger may announce what is no key: nothing will have come on it.
+            with contextlib.suppress(zenoh.ZError):
+                self._subscribers.append(self._session.declare_subscriber(key, handler))
+
+    def call(self, endpoint: str) -> None:
+        """Call every service of ours that is offered and that we may call, all its servers at once."""
+        left = max(self._deadline - time.monotonic(), 0.001)
+        offers = [offer for offer in self.found.offers if offer.kind == "@srv"]
+        for key, type_ in sorted({(o.key, o.type) for o in offers if o.type in _CALLED}):
+            if is_secure(endpoint) and not _allowed(endpoint, key):
+                continue
+            asks = type_ == _GET_PARAMS
+            ticket = Call(os.urandom(8).hex(), time.time() + left if asks else 0.0)
+            self.found.answers[key] = []
+            with contextlib.suppress(zenoh.ZError):
+                self._session.get(
+                    key,
+                    zenoh.handlers.Callback(self._replies(key), self._on_end, indirect=False),
+                    payload=wire.encode(GetParamsRequest([])) if asks else b"",
+                    attachment=wire.encode(ticket),
+                    target=zenoh.QueryTarget.ALL,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    timeout=left,
+                )
+                self._pending += 1
+
+    def wait(self) -> None:
+        """Take in what comes until it is enough, or time is up."""
+        began = time.monotonic()
+        rates = {offer.key: offer.hz for offer in self.found.offers if offer.hz}
+
+        def enough() -> bool:
+            elapsed = time.monotonic() - began
+            told = all(self.found.heard[key].count > 1 for key in rates)
+            return not self._pending and elapsed > (SHORTEST if told else LONGEST)
+
+        self._serve(self._deadline, enough)
+        self.found.listened = time.monotonic() - began
+
+    def _serve(self, deadline: float, enough: Callable[[], bool]) -> None:
+        while not enough() and (left := deadline - time.monotonic()) > 0:
+            try:
+                self._inbox.get(timeout=min(left, _LOOK_UP))()
+            except Empty:
+                continue
+
+    def _posted(self, take: Callable[[zenoh.Reply], None]) -> Callable[[zenoh.Reply], None]:
+        return lambda reply: self._inbox.put(lambda: take(reply))
+
+    def _on_end(self) -> None:
+        def end() -> None:
+            self._pending -= 1
+
+        self._inbox.put(end)
+
+    def _on_token(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            self._deaf = True
+            return
+        key = str(reply.ok.key_expr)
+        if (node := graph.node_of(key)) is not None:
+            self.found.nodes.append(node)
+        elif (offer := graph.offer_of(key)) is not None:
+            self.found.offers.append(offer)
+
+    def _samples(self, key: str) -> Callable[[zenoh.Sample], None]:
+        heard = self.found.heard[key]
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            now, payload, stamp = time.monotonic(), sample.payload.to_bytes(), sample.timestamp
+            source = str(stamp.get_id()) if stamp else ""
+            age = time.time() - stamp.get_time().timestamp() if stamp else 0.0
+            self._inbox.put(lambda: heard.take(now, payload, source, age))
+
+        return on_sample
+
+    def _replies(self, key: str) -> Callable[[zenoh.Reply], None]:
+        began = time.monotonic()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            answer = answer_of(reply, time.monotonic() - began)
+            self._inbox.put(lambda: self.found.answers[key].append(answer))
+
+        return on_reply

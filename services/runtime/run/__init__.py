@@ -1,0 +1,1 @@
+"""A run of the system: its processes, started, watched, and ended together."""

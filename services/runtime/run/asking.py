@@ -1,0 +1,84 @@
+"""Asking a supervisor to restart a process: through the realm's folder, so that no bus is needed."""
+
+import contextlib
+import time
+from pathlib import Path
+
+from services.runtime import record
+from services.runtime.errors import Invalid, QuadctlError, TimedOut
+from services.runtime.realm import Realm
+from services.runtime.record import ProcessRecord
+from services.runtime.settings.named import nearest
+
+_POLL = 0.01
+
+
+def ask_restart(realm: Realm, name: str) -> ProcessRecord:
+    """Leave a request for the supervisor, which looks ten times a second.
+
+    Returns the process as it was before. Raises Unreachable where nothing runs, and Invalid for
+    a name that the run does not have.
+    """
+    before = _process(realm, name)
+    try:
+        realm.asked.mkdir(exist_ok=True)
+        # An empty file is there or not, and needs no room on a full disk.
+        (realm.asked / name).touch()
+    except FileNotFoundError as error:
+        raise record.not_running(realm) from error
+    except OSError as error:
+        raise QuadctlError(
+            f"{realm.asked} cannot be written: {error.strerror}", "is the disk full?"
+        ) from error
+    return before
+
+
+def take(realm: Realm) -> list[str]:
+    """The names that a restart was asked for since the last look; the supervisor's side."""
+    # Nearly always nobody has, and this is looked at many times a second.
+    if not realm.asked.exists():
+        return []
+    taken = []
+    # Who asks just now, or removes the realm's folder, is seen at the next look.
+    with contextlib.suppress(OSError):
+        for request in realm.asked.iterdir():
+            request.unlink()
+            taken.append(request.name)
+    return taken
+
+
+def wait_restarted(realm: Realm, name: str, before: ProcessRecord, timeout: float) -> ProcessRecord:
+    """Wait (s) until it is ready as another process than `before`, and return what it is then.
+
+    Raises TimedOut, and QuadctlError where it was started and does not stay up.
+    """
+    deadline = time.monotonic() + timeout
+    while True:
+        now = _process(realm, name)
+        if now.restarts > before.restarts and now.state == "down":
+            raise QuadctlError(
+                f"{name} was restarted and does not stay up",
+                f"its log tells why: {_log(realm, name)}",
+            )
+        if now.state == "ready" and now.pid not in {0, before.pid}:
+            return now
+        if time.monotonic() > deadline:
+            raise TimedOut(
+                f"{name} is not ready again within {timeout:g} s, but {now.state}",
+                f"its log may tell why: {_log(realm, name)}",
+            )
+        time.sleep(_POLL)
+
+
+def _log(realm: Realm, name: str) -> Path:
+    return realm.logs / f"{name}.log"
+
+
+def _process(realm: Realm, name: str) -> ProcessRecord:
+    nodes = {node.name: node for node in record.read(realm).nodes}
+    if name not in nodes:
+        raise Invalid(
+            f"{name}: there is no such process in the realm {realm.name}",
+            nearest(name, nodes) or f"there are {', '.join(nodes)}",
+        )
+    return nodes[name]

@@ -1,0 +1,50 @@
+"""The supervisor's own process behind `quadctl up -d`.
+
+Reads a Launch from stdin, and writes one Settled to stdout when all are ready or one failed.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import msgspec
+
+from services.runtime.errors import QuadctlError
+from services.runtime.run import up
+from services.runtime.run.detach import Settled
+from services.runtime.run.launch import Launch
+from services.runtime.run.supervise import Supervisor
+
+
+def main() -> int:
+    """Run a realm in the background."""
+    # Not sys.stdin, which is None where the shell had closed it (`quadctl up -d <&-`).
+    with os.fdopen(0, "rb", closefd=False) as pipe:
+        launch = msgspec.json.decode(pipe.read(), type=Launch)
+
+    def on_settled(supervisor: Supervisor, failed: str) -> None:
+        _say(Settled(failed))
+        if failed:
+            supervisor.stop()
+
+    try:
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+            up.run(launch, nowhere, on_settled)
+    except QuadctlError as error:
+        _say(Settled(error.message, error.code, error.hint))
+        return error.exit_code
+    return 0
+
+
+def _say(settled: Settled) -> None:
+    os.write(1, msgspec.json.encode(settled))
+    # Letting go of stdout tells the reader that this was all; stderr is the command's own, and
+    # who captures it would wait for its end as long as we run.
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (2, 1):
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

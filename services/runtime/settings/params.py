@@ -1,0 +1,125 @@
+"""Parameters: from defaults, a TOML file and `--set`, to one checked object."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from schemas.params import Params
+from services.runtime.errors import Invalid
+from services.runtime.settings.named import flatten, nearest, put, value_of
+
+_WRITTEN = "`quadctl init` writes one"
+_MOST_BYTES = 1_000_000
+"""Of a file: that of a thousand vehicles has a tenth of it."""
+_AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
+_UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
+
+
+def load(file: Path | None, settings: Iterable[str] = (), running: Params | None = None) -> Params:
+    """Defaults or a running system's values, below the file, below `name=value` settings.
+
+    Raises Invalid with the file, the path in it, what was expected and the nearest name.
+    """
+    return check(*gather(file, settings, running))
+
+
+def gather(
+    file: Path | None, settings: Iterable[str] = (), running: Params | None = None
+) -> tuple[dict[str, Any], str]:
+    """The tables that `load` checks, and where they come from."""
+    table = msgspec.to_builtins(running or {}) if file is None else read(file)
+    source = "the defaults" if file is None else str(file)
+    for setting in settings:
+        name, separator, text = setting.partition("=")
+        if not separator:
+            raise Invalid(f"--set {setting}: no '='", "write --set safety.virtual_cage.x=3")
+        put(table, name.strip(), value_of(text.strip()), f"--set {setting}")
+        source += f" with --set {setting}"
+    return table, source
+
+
+def check(table: Mapping[str, Any], source: str) -> Params:
+    """Turn plain tables into Params; raises Invalid, naming the source."""
+    try:
+        return msgspec.convert(table, Params)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), source) from error
+
+
+def read(file: Path, hint: str = _WRITTEN) -> dict[str, Any]:
+    """The tables of a TOML file, not checked; raises Invalid where it is none.
+
+    Where it cannot be read, the hint says where such a file comes from.
+    """
+    return parse(read_text(file, hint), str(file))
+
+
+def read_text(file: Path, hint: str = _WRITTEN) -> str:
+    """A file's text as it is, its line ends too; raises Invalid where it cannot be had."""
+    try:
+        with file.open("rb") as opened:
+            # A pipe may be read, but a device has no end.
+            found = opened.read(_MOST_BYTES + 1)
+        if len(found) > _MOST_BYTES:
+            raise Invalid(f"{file} is no such file: it has more than 1 MB", hint)
+        return found.decode()
+    except OSError as error:
+        raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
+    except UnicodeDecodeError as error:
+        raise Invalid(f"{file} is not TOML: {error}", "TOML is written in UTF-8") from error
+
+
+def parse(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text, not checked; raises Invalid where it is none."""
+    import tomllib
+
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise Invalid(f"{source} is not TOML: {error}", "see the line and column named") from error
+
+
+def _explain(text: str, source: str) -> Invalid:
+    found = _AT.match(text)
+    what, where = (found["what"], found["where"] or "") if found else (text, "")
+    unknown = _UNKNOWN.search(what)
+    if unknown:
+        name = f"{where}.{unknown['name']}".lstrip(".")
+        return Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
+    said = f"{what[:1].lower()}{what[1:]}"
+    # A rule between tables has no place of its own.
+    return Invalid(
+        ": ".join(filter(None, (source, where, said))),
+        "`quadctl init fresh.toml` writes every parameter's bounds and meaning",
+    )
+
+
+def nearest_declared(name: str) -> str:
+    """A hint that names the likeliest declared parameter or table meant."""
+    defaults = msgspec.to_builtins(Params())
+    names = [leaf for leaf, _ in flatten(defaults)]
+    tables = {leaf.rpartition(".")[0] for leaf in names}
+    return nearest(name, [*names, *tables]) or "`quadctl init` writes a file with every parameter"
+
+
+def launch_lines(section: Struct, like: Struct | None = None) -> Iterator[str]:
+    """What a node logs at launch, in the lab's form: `Param: acceptance range - 0.5`.
+
+    Of a vehicle besides the first, what it has otherwise than that: `like`.
+    """
+    known = dict(flatten(msgspec.to_builtins(like))) if like is not None else {}
+    said = [
+        (name, value)
+        for name, value in flatten(msgspec.to_builtins(section))
+        if like is None or known[name] != value
+    ]
+    if like is None:
+        yield "Launching with the following parameters:"
+    elif said:
+        yield "Launching with the first vehicle's parameters but for the following:"
+    for name, value in said:
+        yield f"Param: {name.replace('_', ' ').replace('.', ' ')} - {value}"

@@ -51,6 +51,8 @@ def _read(declared: list[Word], line: Iterator[str], common: dict[str, Any]) -> 
     for text in line:
         if text.startswith("-") and not (signed and _is_number(text)):
             name, equals, value = text.partition("=")
+            if equals and not text.startswith("--"):
+                raise _Declined  # of a short one the rest would be its value, the = as well
             if name in named:
                 _take(named[name], (value if equals else None), line, values)
             elif not _take_common(text, line, common):

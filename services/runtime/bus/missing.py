@@ -8,6 +8,7 @@ from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreacha
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.settings import kept
 from services.runtime.settings.named import nearest
 from services.runtime.vehicles import listed
 
@@ -68,12 +69,17 @@ def why(client: "Client", connect: str, problem: Unreachable, node: str, key: st
 
 
 def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:
-    """That the run on this machine has no such vehicle."""
+    """That the run on this machine, where it is all that there is, has no such vehicle."""
     run = _run(client.realm)
-    if run is None or client.vehicle in run.vehicles:
+    if run is None or client.vehicle in run.vehicles or _meets_others(client.realm, run):
         return None
     hint = nearest(client.vehicle, run.vehicles) or f"it has {listed(run.vehicles)}"
     return Unreachable(f"{problem.message}: this run has no vehicle {client.vehicle}", hint)
+
+
+def _meets_others(realm: Realm, run: RunRecord) -> bool:
+    hub = kept.tables(realm, run.vehicles[0]).get("hub", {})
+    return bool(hub.get("listen") or hub.get("connect"))
 
 
 def publisher_of(key: str, vehicle: str) -> str:

@@ -96,6 +96,13 @@ class Lab:
         self._foreground.append(process)
         return process
 
+    def log(self, node: str) -> str:
+        """What a node has said so far; a run is up before all of that is written."""
+        try:
+            return (self.home / "logs" / f"{node}.log").read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return ""
+
     def file(self, text: str, name: str = "lab.toml") -> Path:
         """Write a parameter file."""
         path = self.folder / name

@@ -28,8 +28,7 @@ def fast() -> Iterator[Lab]:
     compiled_vehicle()
     with private_lab() as made:
         start(made, *SETTINGS["fast"])
-        log = made.home / "logs" / "dynamics.log"
-        eventually(lambda: "the vehicle flies compiled" in log.read_text(encoding="utf-8"))
+        eventually(lambda: "the vehicle flies compiled" in made.log("dynamics"))
         yield made
 
 

@@ -188,8 +188,7 @@ def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
 def test_they_fly_while_they_are_compiled_which_ends_when_they_do(lab: Lab):
     lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
     lab.start("--vehicles", 2)
-    log = lab.home / "logs" / "dynamics.log"
-    eventually(lambda: "compiling the vehicle" in log.read_text(encoding="utf-8"))
+    eventually(lambda: "compiling the vehicle" in lab.log("dynamics"))
     eventually(lambda: len(lab.processes()) > 1 + len(NODES))
     eventually(partial(is_up, lab, "uav1"))
     # The lab holds that nothing is left.

@@ -77,6 +77,15 @@ def takes_signed(words: list[Word]) -> bool:
     return any(isinstance(w.said, Arg) and (w.type is float or w.many) for w in words)
 
 
+def is_number(text: str) -> bool:
+    """Whether Python reads a text as a number; it reads `1_0` as ten, too."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _word(name: str, annotation: Any, required: bool, default: Any) -> Word:
     type_, said = annotation.__origin__, annotation.__metadata__[0]
     # Of `float | None` the float.

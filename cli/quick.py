@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from cli import table
-from cli.declare import Arg, Line, Opt, Word, takes_signed, words_of
+from cli.declare import Arg, Line, Opt, Word, is_number, takes_signed, words_of
 from cli.options import COMMON
 from services.runtime.errors import UsageError
 
@@ -49,7 +49,7 @@ def _read(declared: list[Word], line: Iterator[str], common: dict[str, Any]) -> 
     placed = iter(word for word in declared if isinstance(word.said, Arg))
     signed, place = takes_signed(declared), None
     for text in line:
-        if text.startswith("-") and not (signed and _is_number(text)):
+        if text.startswith("-") and not (signed and is_number(text)):
             name, equals, value = text.partition("=")
             if equals and not text.startswith("--"):
                 raise _Declined  # of a short one the rest would be its value, the = as well
@@ -76,7 +76,7 @@ def _take(word: Word, value: str | None, line: Iterator[str], values: dict[str, 
 
 
 def _put(word: Word, text: str, values: dict[str, Any]) -> None:
-    if word.type in {int, float} and "_" in text and _is_number(text):
+    if word.type in {int, float} and "_" in text and is_number(text):
         raise UsageError(
             f"'{text}' is no number", "write it without the _"
         )  # Python reads 1_0 as ten
@@ -105,7 +105,7 @@ def _take_common(text: str, line: Iterator[str], common: dict[str, Any]) -> bool
 
 def _value(line: Iterator[str]) -> str:
     value = next(line, "-")
-    if value.startswith("-") and not _is_number(value):
+    if value.startswith("-") and not is_number(value):
         raise _Declined
     return value
 
@@ -117,11 +117,3 @@ def _completed(declared: list[Word], values: dict[str, Any]) -> dict[str, Any]:
                 raise _Declined
             values[word.name] = word.default
     return values
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -4,11 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-_PORTS = ("tcp", "udp", "tls", "quic", "ws")
-"""Zenoh's protocols on host:port."""
-_SECURE = ("tls/", "quic/")
-_LOCAL = ("unixsock-stream",)
-"""Zenoh's protocols on a path."""
+from schemas.endpoint import LOCAL, PORTS, SECURE
 
 
 class HubParams(Struct, forbid_unknown_fields=True):
@@ -40,7 +36,7 @@ class HubParams(Struct, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         """Raises ValueError for what no Zenoh router can listen on, or connect to."""
         if self.transport == "tcp" and any(
-            endpoint.startswith(_SECURE) for endpoint in (*self.listen, *self.connect)
+            endpoint.partition("/")[0] in SECURE for endpoint in (*self.listen, *self.connect)
         ):
             raise ValueError(
                 "tls and quic need transport unix: they have certificates, no password"
@@ -52,8 +48,8 @@ class HubParams(Struct, forbid_unknown_fields=True):
 
 def _check_endpoint(name: str, endpoint: str) -> None:
     protocol, _, address = endpoint.partition("/")
-    if not (address and (protocol in _LOCAL or (protocol in _PORTS and ":" in address))):
-        known = ", ".join((*_PORTS, *_LOCAL))
+    if not (address and (protocol in LOCAL or (protocol in PORTS and ":" in address))):
+        known = ", ".join((*PORTS, *LOCAL))
         raise ValueError(
             f"{name}: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
             f"tcp/127.0.0.1:7447; the protocols are {known}"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from msgspec import Struct
 
+from cli.declare import is_number
 from cli.lab.goto import request_of
 from schemas.geometry import Position
 from services.runtime.errors import UsageError
@@ -23,7 +24,7 @@ def read(words: Sequence[str]) -> Said:
     """`uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raises UsageError, or Invalid for what is no place."""
     if all("=" in word for word in words):
         return Said(own=_own(words))
-    if _is_number(words[0]):
+    if is_number(words[0]):
         return Said(at=_point(words))
     title, *rest = words
     return Said(formation=title, at=_point(rest)) if rest else Said(formation=title)
@@ -40,17 +41,9 @@ def _own(words: Sequence[str]) -> dict[str, Position]:
 
 
 def _point(words: Sequence[str]) -> Position:
-    if len(words) != 3 or not all(map(_is_number, words)):
+    if len(words) != 3 or not all(map(is_number, words)):
         raise UsageError(f"'{' '.join(words)}' is no place: three numbers are", _HINT)
     x, y, z = map(float, words)
     # What no vehicle takes need not be asked of any.
     request_of(x, y, z, replace=False)
     return Position(x, y, z)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -2,11 +2,9 @@
 
 import os
 from pathlib import Path
-from typing import Annotated
 
-from cli.declare import Opt
 from cli.options import Options
-from cli.run.up import begin, reached
+from cli.run.up import Detach, Insecure, Listen, begin, reached
 from services.runtime.processes import NODES
 from services.runtime.run.launch import Launch
 from services.runtime.settings import fleet
@@ -15,16 +13,9 @@ from services.runtime.vehicles import HUB_ALONE
 
 def hub(
     options: Options,
-    detach: Annotated[
-        bool, Opt("Return when all processes are ready.", ("--detach", "-d"))
-    ] = False,
-    listen: Annotated[
-        list[str] | None,
-        Opt("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
-    ] = None,
-    insecure: Annotated[
-        bool, Opt("Let listeners that are not encrypted be reached from other machines.")
-    ] = False,
+    detach: Detach = False,
+    listen: Listen = None,
+    insecure: Insecure = False,
 ) -> None:
     """Run a hub without a vehicle, for others to meet at; with --connect it joins that other one.
 

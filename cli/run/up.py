@@ -21,6 +21,14 @@ from services.runtime.settings import fleet
 from services.runtime.vehicles import DEFAULT
 
 _DEFAULT_FILE = Path("quad.toml")
+Detach = Annotated[bool, Opt("Return when all processes are ready.", ("--detach", "-d"))]
+Listen = Annotated[
+    list[str] | None,
+    Opt("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
+]
+Insecure = Annotated[
+    bool, Opt("Let listeners that are not encrypted be reached from other machines.")
+]
 
 
 def up(
@@ -28,9 +36,7 @@ def up(
     file: Annotated[
         Path | None, Arg("Parameter file (default: ./quad.toml if it is there).")
     ] = None,
-    detach: Annotated[
-        bool, Opt("Return when all processes are ready.", ("--detach", "-d"))
-    ] = False,
+    detach: Detach = False,
     vehicles: Annotated[
         int | None, Opt("Fly so many vehicles: uav0, uav1 .. (default: one, uav).", metavar="N")
     ] = None,
@@ -39,13 +45,8 @@ def up(
         list[str] | None,
         Opt("Override a parameter of the file.", ("--set",), "NAME=VALUE", complete="setting"),
     ] = None,
-    listen: Annotated[
-        list[str] | None,
-        Opt("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
-    ] = None,
-    insecure: Annotated[
-        bool, Opt("Let listeners that are not encrypted be reached from other machines.")
-    ] = False,
+    listen: Listen = None,
+    insecure: Insecure = False,
     record: Annotated[
         str | None,
         Opt("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),

@@ -3,11 +3,10 @@
 import re
 from collections.abc import Iterable
 
+from schemas.endpoint import LOCAL, PORTS, SECURE
 from services.runtime.errors import UsageError
 
-_SECURE = ("tls", "quic")
-_ON_THIS_MACHINE = ("unixsock-stream",)
-_FORM = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^/?#]+:\d{1,5}(?:[?#].*)?|unixsock-stream/.+")
+_FORM = re.compile(rf"(?:{'|'.join(PORTS)})/[^/?#]+:\d{{1,5}}(?:[?#].*)?|(?:{'|'.join(LOCAL)})/.+")
 _LOOPBACK = ("127.", "localhost:", "[::1]:")
 
 
@@ -16,15 +15,15 @@ def check(endpoint: str) -> None:
     if not _FORM.fullmatch(endpoint):
         raise UsageError(
             f"'{endpoint}' is no endpoint",
-            "endpoints are PROTOCOL/ADDRESS, as tls/lab2:7447; the protocols are tcp, tls, quic, udp,"
-            " ws, each with HOST:PORT, and unixsock-stream with a path",
+            f"endpoints are PROTOCOL/ADDRESS, as tls/lab2:7447; the protocols are {', '.join(PORTS)},"
+            f" each with HOST:PORT, and {', '.join(LOCAL)} with a path",
         )
 
 
 def how_to_open(endpoint: str) -> str:
     """What to do where nothing answers at it, for it may be another machine's."""
     protocol, _, place = endpoint.partition("/")
-    if protocol in _ON_THIS_MACHINE:
+    if protocol in LOCAL:
         return "does a hub run that has this socket? is the path right?"
     port = re.split("[?#]", place)[0].rpartition(":")[2]
     return (
@@ -34,7 +33,7 @@ def how_to_open(endpoint: str) -> str:
 
 def is_secure(endpoint: str) -> bool:
     """Whether both ends show a certificate, and all between them is encrypted."""
-    return endpoint.partition("/")[0] in _SECURE
+    return endpoint.partition("/")[0] in SECURE
 
 
 def secure(endpoints: Iterable[str]) -> list[str]:
@@ -51,7 +50,7 @@ def refuse_open(endpoints: Iterable[str]) -> None:
     """Raise UsageError for a plain endpoint that reaches beyond this machine."""
     for endpoint in plain(endpoints):
         protocol, _, place = endpoint.partition("/")
-        if protocol not in _ON_THIS_MACHINE and not place.startswith(_LOOPBACK):
+        if protocol not in LOCAL and not place.startswith(_LOOPBACK):
             raise UsageError(
                 f"{endpoint} is neither encrypted nor closed: whoever reaches it could fly",
                 f"say tls/{place} with an identity (`quadctl keys --help`), or --insecure",

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from services.runtime.secure.fleet import Fleet
 from tests.network.intruder import session
@@ -22,8 +23,13 @@ def last_heard_after_revoked(fleet: Fleet, folder: Path) -> float:
     came: list[float] = []
 
     def hears() -> bool:
-        # Until the gate has the new list, it knows nobody of that name.
-        with session(AT, folder / "rob") as opened:
+        # Until the gate has the new list, it knows nobody of that name, and while it opens anew
+        # nobody can connect.
+        try:
+            opening = session(AT, folder / "rob")
+        except zenoh.ZError:
+            return False
+        with opening as opened:
             opened.declare_subscriber("uav/pose", lambda _: came.append(time.monotonic()))
             try:
                 eventually(lambda: len(came) > 5, 1.0)

@@ -14,6 +14,7 @@ from services.campaign.lane import Lane
 from services.campaign.oracle import Floats, Score, farthest
 from services.campaign.rows import Mission
 from services.campaign.watch import Watch
+from services.dynamics.heed import Heed
 
 _STEPS = round(1000 / SETPOINT.hz)
 """Of 1 ms, in a period."""
@@ -43,6 +44,7 @@ class Batch:
         count = len(missions)
         self._score, self._watch = Score(count), Watch(count)
         self._told: list[object] = [None] * count
+        self._heeds = [Heed() for _ in missions]
         self._unscored = [True] * count
         self._periods = round(missions[0].seconds * SETPOINT.hz)
         self._track = np.empty((self._periods + 1, 6, count))
@@ -102,16 +104,18 @@ class Batch:
         if now < lane.mute_until:
             if now - lane.last_told > self._silence:
                 self._fleet.brake(number)
+                self._heeds[number].stopped()
             self._told[number] = None
             return
         told = (setpoint.brake, setpoint.position)
         if told == self._told[number]:
             return
         self._told[number] = told
+        place = setpoint.position
+        heeds = self._heeds[number].heeds(place, brake=setpoint.brake)
         if setpoint.brake:
             self._fleet.brake(number)
-        else:
-            place = setpoint.position
+        elif heeds:
             self._fleet.goto(number, place.x, place.y, place.z)
 
     def _farthest(self, number: int, motion: Floats) -> float:

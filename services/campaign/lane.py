@@ -23,6 +23,8 @@ from services.campaign.rows import (
     Row,
     text,
 )
+from services.safety.following import Following
+from services.safety.model import State
 from services.safety.monitor import Monitor
 
 REACTION = 0.3
@@ -47,6 +49,7 @@ class Lane:
         """Until when (s) the vehicle hears nothing, and when it last did."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(self.params, self._told, restarted=False)
+        self._following = Following()
         self._rows, self._next = mission.rows, 0
         self._deaf_until = self._lied_to = self._heard = 0.0
         self.seen = -1
@@ -55,7 +58,8 @@ class Lane:
     @property
     def wanted(self) -> float:
         """The period in which there is something to do, whatever the vehicle does."""
-        if self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to):
+        lied_to = self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to)
+        if lied_to or self._following.doubts:
             return 0
         return (
             ceil(self._rows[self._next].at * SETPOINT.hz) if self._next < len(self._rows) else inf
@@ -79,6 +83,7 @@ class Lane:
             before = self.cage_on, self.size
             self._do(row, period, motion)
             changed |= before != (self.cage_on, self.size)
+        self._expect_to_be_followed()
         age = self.diary.now - self._heard
         if age > self.params.pose_timeout:
             self.monitor.lose()
@@ -135,6 +140,13 @@ class Lane:
                 self._show(late)
                 if self.monitor.pose.stamp < before.stamp:
                     self.diary.violated("a pose of the past was taken")
+
+    def _expect_to_be_followed(self) -> None:
+        # A monitor that was let sleep has seen no pose meanwhile: here a gap says nothing.
+        s = self.monitor.situation
+        moving = s.state is State.MOVING
+        if why := self._following.trouble(self.monitor.pose, s.goal, inf, moving=moving):
+            self.monitor.halted(why)
 
     def _show(self, pose: Pose) -> None:
         if not self.monitor.ignores(pose):

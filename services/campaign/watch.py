@@ -13,8 +13,8 @@ import numpy.typing as npt
 from schemas.topics import SETPOINT
 from services.campaign.lane import Lane
 from services.campaign.oracle import Floats
-from services.safety.conditions import AT_REST
 from services.safety.model import State
+from services.safety.reach import AT_REST
 
 _SLACK = 1e-9
 _NOTES = 16
@@ -50,7 +50,7 @@ class Watch:
         place, velocity = motion[:3], motion[3:]
         wanted, moving, settling, returning, reach, half, fastest = self._notes[:7]
         arrives = _within(place - self._notes[_GOAL], reach)
-        rests = (settling > 0.0) & _within(velocity, AT_REST + _SLACK)
+        rests = ((settling > 0.0) | (moving > 0.0)) & _within(velocity, AT_REST + _SLACK)
         stop = place + half * velocity * np.abs(velocity)
         leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
         leaps = ~_within(place - last[:3], fastest)

@@ -9,6 +9,7 @@ from schemas.messages import Pose, Setpoint
 from schemas.params import Params
 from schemas.requests import ResetRequest, ResetResponse
 from schemas.topics import POSE, RESET, SETPOINT
+from services.dynamics.heed import Heed
 from services.dynamics.process.swift import Swift
 from services.dynamics.reported import Reported
 from services.dynamics.vehicle import Fly, Vehicle
@@ -61,6 +62,7 @@ class Simulation:
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
         self._answered, self._braked, self.heard = -1, True, 0.0
+        self._heed, self._ignores = Heed(), False
         self._node.log.info("boot %s", self._boot)
 
     def configure(self) -> None:
@@ -110,6 +112,7 @@ class Simulation:
                 "no setpoint for %g s: braking to a hover", self._params.setpoint_timeout
             )
             self._vehicle.brake()
+            self._heed.stopped()
 
     def wait_for_safety(self) -> None:
         """In lock-step: stop the clock until the last pose is answered, where an answer is due.
@@ -144,11 +147,15 @@ class Simulation:
         if setpoint.boot != self._boot:
             return
         self._answered, self.heard = setpoint.for_seq, self._setpoints.received
-        self._braked = setpoint.brake
+        heeds = self._heed.heeds(setpoint.position, brake=setpoint.brake)
+        if not (heeds or self._ignores):
+            self._node.log.warning("setpoints again: hovering until another goal is asked for")
+        self._ignores = not heeds
         if setpoint.brake:
             self._vehicle.brake()
-        else:
+        elif heeds:
             self._vehicle.goto(*_xyz(setpoint.position))
+        self._braked = setpoint.brake or not heeds
 
 
 def run(node: Node, params: Params) -> None:

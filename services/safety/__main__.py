@@ -30,6 +30,8 @@ from services.runtime.errors import NotReady
 from services.runtime.node import Node
 from services.runtime.settings.params import launch_lines
 from services.safety.cage import bounds
+from services.safety.following import Following
+from services.safety.model import State
 from services.safety.monitor import Monitor
 
 _NEXT_POSE = 0.5
@@ -49,7 +51,8 @@ class Safety:
         self._setpoints = node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
         self._answered, self._waiting, self._seen = -1, False, 0.0
-        self._newest, self._deciding = ("", -1.0), False
+        self._newest, self._deciding = self.monitor.pose, False
+        self._following = Following()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
         self._poses = node.listen(POSE, self._on_pose)
         node.listen(REQUEST, self._on_waypoint)
@@ -66,12 +69,20 @@ class Safety:
         """Publish the state as it is."""
         self._states.put(self.monitor.state())
 
-    def watch(self) -> None:
-        """Stop the flight where poses have stopped coming; in lock-step the clock does that."""
-        in_lock_step = self._params.dynamics.speed != 1 or self._node.in_mission
-        late = time.monotonic() - self._seen > self._params.safety.pose_timeout
-        if late and not in_lock_step:
+    def watch(self, *, held_up: bool) -> None:
+        """Stop the flight where poses or setpoints did not come; in lock-step the clock waits.
+
+        A loop that was `held_up` has not yet seen the poses that wait for it.
+        """
+        if self._params.dynamics.speed != 1 or self._node.in_mission:
+            return
+        if not held_up and time.monotonic() - self._seen > self._params.safety.pose_timeout:
             self.monitor.lose()
+            self._send_setpoint()
+        s, limit = self.monitor.situation, self._params.dynamics.setpoint_timeout
+        goal, moving = None if s.brake else s.goal, s.state is State.MOVING
+        if why := self._following.trouble(self._newest, goal, limit, moving=moving):
+            self.monitor.halted(why)
             self._send_setpoint()
 
     def _tell(self, state: SafetyState, line: str) -> None:
@@ -94,9 +105,9 @@ class Safety:
     def _on_pose(self, pose: Pose) -> None:
         if self.monitor.ignores(pose):
             return
-        if (pose.boot, pose.stamp) != self._newest:
+        if (pose.boot, pose.stamp) != (self._newest.boot, self._newest.stamp):
             # The same one again and again is no news of the vehicle.
-            self._newest, self._seen = (pose.boot, pose.stamp), self._poses.received
+            self._newest, self._seen = pose, self._poses.received
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq:
@@ -144,10 +155,8 @@ def run(node: Node, params: Params) -> None:
     safety.serve()
     last_tick = 0.0
     for count, now in enumerate(node.ticks(SETPOINT.hz)):
-        # A loop that was itself held up has not yet seen the poses that wait for it.
         held_up, last_tick = now - last_tick > 2 / SETPOINT.hz, now
-        if not held_up:
-            safety.watch()
+        safety.watch(held_up=held_up)
         if count % SETPOINT.hz == 0:
             safety.publish()
 

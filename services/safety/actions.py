@@ -9,6 +9,7 @@ from services.safety.model import (
     Ask,
     Booted,
     Event,
+    Halted,
     Hold,
     Lost,
     Seen,
@@ -75,6 +76,8 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
     match e:
         case Lost(limit):
             reason = f"no pose for {limit:g} s: stopped"
+        case Halted(why):
+            reason = f"stopped, {why}"
         case Hold():
             reason = "hold: stopped on request"
         case Seen():

@@ -6,10 +6,7 @@ from msgspec.structs import astuple
 
 from services.safety.cage import why_below, why_outside
 from services.safety.model import Ask, Event, Situation, State, Toggle, World
-from services.safety.reach import reach, slowing
-
-AT_REST = 0.05
-"""A vehicle slower than this (m/s) has come to rest."""
+from services.safety.reach import at_rest, reach, slowing
 
 
 def always(_s: Situation, _e: Event, _w: World) -> bool:
@@ -64,7 +61,7 @@ def barred(s: Situation, e: Event, w: World) -> bool:
 
 def settled(s: Situation, _e: Event, w: World) -> bool:
     """A stop was commanded and the vehicle has come to rest."""
-    return s.settling and dist(astuple(w.pose.velocity), (0, 0, 0)) < AT_REST
+    return s.settling and at_rest(w.pose)
 
 
 def jumped(_s: Situation, _e: Event, w: World) -> bool:

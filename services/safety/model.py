@@ -38,6 +38,12 @@ class Lost(Struct, frozen=True):
     limit: float
 
 
+class Halted(Struct, frozen=True):
+    """The vehicle heard no setpoint for too long, or follows none: it has stopped by itself."""
+
+    reason: str
+
+
 class Booted(Struct, frozen=True):
     """A pose of another boot came: what was asked of the old one is void."""
 
@@ -58,7 +64,7 @@ class Resized(Struct, frozen=True):
     """The cage has other bounds now."""
 
 
-Event = Ask | Check | Seen | Lost | Booted | Hold | Toggle | Resized
+Event = Ask | Check | Seen | Lost | Halted | Booted | Hold | Toggle | Resized
 
 
 class Envelope(Struct, frozen=True):

@@ -16,6 +16,7 @@ from services.safety.model import (
     Check,
     Envelope,
     Event,
+    Halted,
     Hold,
     Lost,
     Resized,
@@ -73,6 +74,10 @@ class Monitor:
         if self.fresh:
             self._feed(Lost(self._params.pose_timeout))
             self.fresh = False
+
+    def halted(self, reason: str) -> None:
+        """The vehicle has stopped by itself: it goes on only where somebody asks anew."""
+        self._feed(Halted(reason))
 
     def ask(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
         """Request a goal; returns why it is refused, empty when it is taken."""

@@ -5,10 +5,22 @@ the approach speeds of other autopilots: at each distance from a wall there is a
 it still stops before it.
 """
 
+from math import dist
+
+from msgspec.structs import astuple
+
 from schemas.geometry import Position
 from schemas.messages import Pose
 from services.safety.cage import beyond, excess
 from services.safety.model import World
+
+AT_REST = 0.05
+"""A vehicle slower than this (m/s) has come to rest."""
+
+
+def at_rest(pose: Pose) -> bool:
+    """Whether the vehicle has come to rest."""
+    return dist(astuple(pose.velocity), (0, 0, 0)) < AT_REST
 
 
 def soonest_stop(pose: Pose, deceleration: float) -> Position:

@@ -1,11 +1,14 @@
 """Flights of a campaign: as live ones, without a violation, and with one where a rule is wrong."""
 
 import pytest
+from msgspec.structs import replace
 
 from schemas.geometry import Position
+from schemas.params import SafetyParams
 from services.campaign.batch import Batch
 from services.campaign.diary import Flown
 from services.campaign.fleets import Plain
+from services.campaign.rows import Goto, Mute
 from services.safety.conditions import always
 from services.safety.fsa import Rule
 from services.safety.model import Check, Resized, State, Toggle
@@ -35,6 +38,15 @@ def test_a_flight_is_the_same_whoever_flies_beside_it(flown: list[Flown]):
 def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
     some = missions(range(20, 24), 15.0, faults=faults)
     assert Batch(some, Plain).fly() == Sleepless(some, Plain).fly()
+
+
+def test_a_vehicle_that_heard_nothing_hovers_until_safety_has_stopped_the_flight():
+    rows = (Goto(1.0, 4.0, 0.0, 1.0, False), Mute(1.6, 0.5), Goto(9.0, 4.0, 0.0, 1.0, False))
+    calm = replace(missions([0], 15.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
+    (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
+    assert flight.violations == []
+    assert flight.stops == {"stopped, the vehicle stood still": 1}
+    assert len(flight.arrivals) == 1
 
 
 def unverified(rule: Rule) -> Rule:

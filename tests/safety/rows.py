@@ -17,6 +17,7 @@ from services.safety.model import (
     Check,
     Envelope,
     Event,
+    Halted,
     Hold,
     Lost,
     Resized,
@@ -85,6 +86,7 @@ BEYOND = "outside the cage: x = 9 is beyond [-5, 5]"
 UNDER = "below the floor: z = -0.25 is less than 0"
 LOST = "no pose for 0.2 s: stopped"
 HELD = "hold: stopped on request"
+ALONE = "stopped, by itself"
 BARRED = "stopped, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
 IN_PLACE = "hovering in place, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
 ASTRAY = "stopped, the way led out of the cage by 0.25 m"
@@ -148,6 +150,7 @@ OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
 FROM_FLIGHT = {"back": MOVING}
 FOR_INSIDE, FOR_BELOW = {"candidate": Ask(INSIDE)}, {"candidate": Ask(BELOW)}
 ASK, REPLACE, BOOTED = Ask(INSIDE), Ask(INSIDE, replace=True), Booted("anew")
+HALTED = Halted("by itself")
 
 # fmt: off
 CASES = (
@@ -168,6 +171,8 @@ CASES = (
     Case(HOVERING, "always", Seen(), NOTHING, NEAR),
     Case(HOVERING, "always", Lost(0.2), NOTHING),
     Case(HOVERING, "always", Lost(0.2), NOTHING, given=STOPPING),
+    Case(HOVERING, "always", HALTED, NOTHING),
+    Case(HOVERING, "always", HALTED, NOTHING, given=STOPPING),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED, STOPPING),
     Case(HOVERING, "always", Hold(), stopped(HELD)),
@@ -209,6 +214,8 @@ CASES = (
     Case(VERIFYING, "always", Seen(), NOTHING),
     Case(VERIFYING, "always", Seen(), NOTHING, NEAR),
     Case(VERIFYING, "always", Lost(0.2), stopped(LOST)),
+    Case(VERIFYING, "always", HALTED, stopped(ALONE)),
+    Case(VERIFYING, "always", HALTED, stopped(ALONE), AT_REST),
     Case(VERIFYING, "always", BOOTED, BOOT, REBOOTED),
     Case(VERIFYING, "always", Hold(), stopped(HELD)),
     Case(VERIFYING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
@@ -241,6 +248,8 @@ CASES = (
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_REST, STOPPING),
     Case(MOVING, "always", Lost(0.2), stopped(LOST)),
     Case(MOVING, "always", Lost(0.2), stopped(LOST), given=TAKING_OFF),
+    Case(MOVING, "always", HALTED, stopped(ALONE)),
+    Case(MOVING, "always", HALTED, stopped(ALONE), AT_REST, TAKING_OFF),
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED),
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED, TAKING_OFF),
     Case(MOVING, "always", Hold(), stopped(HELD)),

@@ -1,0 +1,26 @@
+"""Which setpoints move the vehicle. Pure."""
+
+from schemas.geometry import Position
+
+
+class Heed:
+    """After a brake of its own the vehicle does not go on to the goal that it had.
+
+    Who saw it stop may have come near. It goes on for what was asked of safety since: for another
+    goal, or after a setpoint to brake, which says that safety knows of the stop.
+    """
+
+    def __init__(self) -> None:
+        self._goal: Position | None = None
+        self._void: Position | None = None
+
+    def stopped(self) -> None:
+        """The vehicle brakes because it hears nothing."""
+        self._void = self._goal
+
+    def heeds(self, goal: Position, *, brake: bool) -> bool:
+        """Whether a setpoint is followed."""
+        if not brake and goal == self._void:
+            return False
+        self._goal, self._void = None if brake else goal, None
+        return True

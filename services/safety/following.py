@@ -35,7 +35,7 @@ class Following:
         same = pose.boot == self._boot and goal is not None and goal == self._goal
         gap = pose.stamp - self._stamp if same else 0.0
         self._boot, self._stamp, self._goal = pose.boot, pose.stamp, goal
-        if not moving or not at_rest(pose):
+        if not (same and moving and at_rest(pose)):
             self._still_since = None
         elif self._still_since is None:
             self._still_since = pose.stamp

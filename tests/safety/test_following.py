@@ -61,9 +61,16 @@ def test_a_simulation_that_was_held_up_itself_has_not_flown_on():
 
 def test_a_vehicle_that_stands_still_on_its_way_does_not_follow():
     following = Following()
-    at = [count * PERIOD for count in range(round(PATIENCE / PERIOD) + 2)]
+    at = [count * PERIOD for count in range(round(PATIENCE / PERIOD) + 3)]
     said = [look(following, stamp, velocity=STILL) for stamp in at]
     assert said == [*[""] * (len(at) - 1), "the vehicle stood still for 1 s on its way"]
+
+
+def test_a_goal_that_is_new_is_given_its_time():
+    following = Following()
+    for count in range(100):
+        goal = Position(1.0, 0.0, count // 19)
+        assert look(following, count * PERIOD, goal, velocity=STILL) == ""
 
 
 def test_standing_still_is_counted_anew_after_each_move_and_only_on_the_way():

@@ -1,8 +1,10 @@
-"""The one thread that touches a service's state, and the inbox through which others reach it."""
+"""A service's loop: who has its turn alone touches the service's state; others reach its inbox."""
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from queue import Empty, SimpleQueue
 
 _LATE = 0.1
@@ -12,7 +14,8 @@ _LATE = 0.1
 class Loop:
     """Serves an inbox between ticks, so that a call is answered on arrival.
 
-    Zenoh's threads only post to it, and a handler never runs beside another.
+    A handler never runs beside another: it has the turn. The loop's own thread has it unless it
+    sleeps; then one of Zenoh's may take it for what is done at once, which saves waking the loop.
     """
 
     def __init__(self) -> None:
@@ -20,7 +23,28 @@ class Loop:
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
         self._waits = 0
+        self._turn = threading.Lock()
+        self._turn.acquire()
         self.stopping = False
+
+    def at_once(self, item: Callable[[], None]) -> None:
+        """Have something done on this thread while the loop sleeps, else soon, in its order.
+
+        It must not wait for anything: this may be the thread by which that would come.
+        """
+        if not self._turn.acquire(blocking=False):
+            self.post(item)
+            return
+        try:
+            # A loop that waits for a condition has to look at it afterwards.
+            if self._waits or not self._inbox.empty():
+                self.post(item)
+            else:
+                item()
+        except BaseException as error:  # noqa: BLE001 - raised again where it ends the process
+            self.post(partial(_fail, error))
+        finally:
+            self._turn.release()
 
     @property
     def waits(self) -> bool:
@@ -39,6 +63,7 @@ class Loop:
     def retime(self) -> None:
         """Have the rate of the ticks looked at anew."""
         self._retimed = True
+        self.post(lambda: None)
 
     def attend(self, source: Callable[[], None]) -> None:
         """Call this before every tick and call: it takes in what has come without waking us."""
@@ -107,10 +132,17 @@ class Loop:
         left = deadline - time.monotonic()
         if left <= 0:
             return False
+        self._turn.release()
         try:
             # An untimed wait can miss a signal, so even an endless one looks up now and then.
             item = self._inbox.get(timeout=min(left, 0.5))
         except Empty:
             return True
+        finally:
+            self._turn.acquire()
         item()
         return True
+
+
+def _fail(error: BaseException) -> None:
+    raise error

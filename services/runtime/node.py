@@ -1,4 +1,4 @@
-"""A node: a service of one vehicle on the bus, with one loop that alone touches its state."""
+"""A node: a service of one vehicle on the bus, with one loop whose turn its handlers take."""
 
 import logging
 import time
@@ -84,14 +84,24 @@ class Node:
         return publisher
 
     def listen(
-        self, topic: Topic[M], handler: Callable[[M], None] | None = None, depth: int = _DEPTH
+        self,
+        topic: Topic[M],
+        handler: Callable[[M], None] | None = None,
+        depth: int = _DEPTH,
+        *,
+        at_once: bool = False,
     ) -> Subscription[M]:
-        """Hear a topic; the handler, where there is one, is called on the loop."""
+        """Hear a topic; the handler, where there is one, is called on the loop's turn.
+
+        With `at_once` it is called sooner, as it may be that waits for nothing.
+        """
 
         def awaited() -> bool:
             return self.loop.waits or self._schedule.holding
 
-        subscription = Subscription(topic, self.loop.post, awaited, handler, depth)
+        post = self.loop.post
+        now = self.loop.at_once if at_once else post
+        subscription = Subscription(topic, post, now, awaited, handler, depth)
         self.loop.attend(subscription.catch_up)
         self._declared.append(
             self._session.declare_subscriber(
@@ -105,8 +115,12 @@ class Node:
         """Hear all that comes on keys or key expressions, undecoded."""
         return Tap(self._session, keys)
 
-    def serve(self, service: Service[Q, R], handler: Callable[[Q], R]) -> Server[Q, R]:
-        """Answer a service; the handler is called on the loop and may raise a QuadctlError.
+    def serve(
+        self, service: Service[Q, R], handler: Callable[[Q], R], *, at_once: bool = False
+    ) -> Server[Q, R]:
+        """Answer a service; the handler is called on the loop's turn and may raise a QuadctlError.
+
+        With `at_once` it is called sooner, as it may be that waits for nothing.
 
         Raises AlreadyServed when another node answers it.
         """
@@ -118,7 +132,7 @@ class Node:
         name, digest = service.type_name, wire.digest(service.request)
         offer = graph.Offer("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
-        self._answer_queries(server.key, server.answer)
+        self._answer_queries(server.key, server.answer, at_once=at_once)
         return server
 
     def clock(self, boot: str, stamp: float) -> None:
@@ -174,10 +188,14 @@ class Node:
         """Whether the loop is to end."""
         return self.loop.stopping
 
-    def _answer_queries(self, key: str, answer: Callable[[zenoh.Query], None]) -> None:
+    def _answer_queries(
+        self, key: str, answer: Callable[[zenoh.Query], None], *, at_once: bool = False
+    ) -> None:
+        take = self.loop.at_once if at_once else self.loop.post
+
         def on_query(query: zenoh.Query) -> None:
             foreign.stay()
-            self.loop.post(lambda: on_turn(query))
+            take(lambda: on_turn(query))
 
         def on_turn(query: zenoh.Query) -> None:
             # What was said before the question counts in the answer.

@@ -54,16 +54,16 @@ class Safety:
         self._newest, self._deciding = self.monitor.pose, False
         self._following = Following()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
-        self._poses = node.listen(POSE, self._on_pose)
-        node.listen(REQUEST, self._on_waypoint)
+        self._poses = node.listen(POSE, self._on_pose, at_once=True)
+        node.listen(REQUEST, self._on_waypoint, at_once=True)
         node.on_params = self.monitor.resize
         self.publish()
 
     def serve(self) -> None:
         """Offer the services."""
         self._node.serve(GOTO, self._goto)
-        self._node.serve(HOLD, self._hold)
-        self._node.serve(TOGGLE_CAGE, self._toggle_cage)
+        self._node.serve(HOLD, self._hold, at_once=True)
+        self._node.serve(TOGGLE_CAGE, self._toggle_cage, at_once=True)
 
     def publish(self) -> None:
         """Publish the state as it is."""

@@ -32,7 +32,7 @@ class Bench:
         self.awaited = False
         handler: Any = (lambda waypoint: self.heard.append(waypoint.x)) if handled else None
         self.subscription: Subscription[Waypoint] = Subscription(
-            REQUEST, self.inbox.append, lambda: self.awaited, handler, depth
+            REQUEST, self.inbox.append, self.inbox.append, lambda: self.awaited, handler, depth
         )
 
     def comes(self, *numbers: float) -> None:

@@ -27,7 +27,7 @@ class Output:
         )
         self._begun = time.monotonic()
         node.on_params = self.tell_fault
-        node.serve(CALIBRATE, self._calibrate)
+        node.serve(CALIBRATE, self._calibrate, at_once=True)
 
     def begin(self) -> None:
         """Begin anew with all that is random, and with no reading yet; the baseline stays."""

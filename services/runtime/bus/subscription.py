@@ -39,14 +39,19 @@ class Subscription(Generic[M]):
         self,
         topic: Topic[M],
         post: Callable[[Callable[[], None]], None],
+        at_once: Callable[[Callable[[], None]], None],
         awaited: Callable[[], bool],
         handler: Callable[[M], None] | None,
         depth: int,
     ) -> None:
-        """`post` puts into the loop's inbox; `awaited` says that the loop waits for a change."""
+        """`post` puts into the loop's inbox, and `at_once` does so where it must.
+
+        `awaited` says that the loop waits for a change.
+        """
         self._value: M | None = None
         self._received = 0.0
         self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
+        self._at_once = at_once
         self._waiting: deque[tuple[float, bytes, str]] = deque(
             maxlen=_NEWEST if handler is None else depth
         )
@@ -82,7 +87,7 @@ class Subscription(Generic[M]):
         self._waiting.append((now, sample.payload.to_bytes(), str(sample.encoding)))
         if not self._posted and (now >= self._rests_until or self._awaited()):
             self._posted = True
-            self._post(self.catch_up)
+            (self._post if self._flood else self._at_once)(self.catch_up)
 
     def rest(self, seconds: float) -> None:
         """Let what comes within so many seconds wait for what comes next, a call or a tick."""
@@ -100,8 +105,11 @@ class Subscription(Generic[M]):
                 self._handler(self._value)
         if self._floods(count):
             self._posted = True
-            time.sleep(_GATHER)
-            self._post(self.catch_up)
+            self._post(self._gather)
+
+    def _gather(self) -> None:
+        time.sleep(_GATHER)
+        self.catch_up()
 
     def _floods(self, count: int) -> bool:
         """Whether messages come in a flood, this many with this turn of the loop."""

@@ -1,0 +1,114 @@
+"""Whose turn it is: a loop's own thread, or another's while the loop sleeps."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from services.runtime.loop import Loop
+
+SOON = 10.0
+
+
+class Asleep:
+    """A loop whose thread has nothing to do."""
+
+    def __init__(self) -> None:
+        self.loop = Loop()
+        self.raised: list[ValueError] = []
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+        self.settle()
+
+    def _run(self) -> None:
+        try:
+            self.loop.spin()
+        except ValueError as error:
+            self.raised.append(error)
+
+    def settle(self) -> None:
+        """Returns when all that was posted is done, and the loop is asleep."""
+        done = threading.Event()
+        self.loop.post(done.set)
+        assert done.wait(SOON)
+        asleep = threading.Event()
+        while not asleep.is_set():
+            self.loop.at_once(asleep.set)
+
+    def does(self, item: Callable[[Callable[[], None]], None]) -> int:
+        """On which thread something is done that is handed to the loop so."""
+        threads, done = list[int](), threading.Event()
+
+        def note() -> None:
+            threads.append(threading.get_ident())
+            done.set()
+
+        item(note)
+        assert done.wait(SOON)
+        return threads[0]
+
+
+@pytest.fixture
+def asleep() -> Iterator[Asleep]:
+    made = Asleep()
+    yield made
+    made.loop.stop()
+    made.thread.join(SOON)
+    assert not made.thread.is_alive()
+
+
+def test_what_is_posted_is_done_by_the_loops_thread(asleep: Asleep):
+    assert asleep.does(asleep.loop.post) == asleep.thread.ident
+
+
+def test_while_the_loop_sleeps_what_is_at_once_is_done_by_who_brings_it(asleep: Asleep):
+    assert asleep.does(asleep.loop.at_once) == threading.get_ident()
+
+
+def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
+    busy, end = threading.Event(), threading.Event()
+
+    def handler() -> None:
+        busy.set()
+        assert end.wait(SOON)
+
+    asleep.loop.post(handler)
+    assert busy.wait(SOON)
+    done = list[int]()
+    asleep.loop.at_once(lambda: done.append(1))
+    assert done == []
+    asleep.loop.at_once(lambda: done.append(2))
+    end.set()
+    asleep.settle()
+    assert done == [1, 2]
+
+
+def test_before_its_first_sleep_a_loop_has_the_turn():
+    loop, done = Loop(), list[int]()
+    loop.at_once(lambda: done.append(1))
+    assert done == []
+    loop.post(loop.stop)
+    loop.spin()
+    assert done == [1]
+
+
+def test_a_loop_that_waits_for_a_condition_sees_what_is_brought_at_once(asleep: Asleep):
+    brought, seen = list[int](), list[Any]()
+    asleep.loop.post(lambda: seen.append(asleep.loop.wait_for(lambda: bool(brought), SOON)))
+    while not asleep.loop.waits:
+        pass
+    asleep.loop.at_once(lambda: brought.append(1))
+    asleep.settle()
+    assert seen == [True]
+
+
+def test_what_fails_at_once_ends_the_loop_as_if_it_had_been_posted():
+    made = Asleep()
+
+    def fail() -> None:
+        raise ValueError("wrong")
+
+    made.loop.at_once(fail)
+    made.thread.join(SOON)
+    assert [str(error) for error in made.raised] == ["wrong"]

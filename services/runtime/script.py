@@ -78,13 +78,15 @@ class Script:
         return Outlet(topic.name, self.said)
 
     def listen(
-        self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, _depth: int = 0
+        self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, *_: int, **__: bool
     ) -> "Heard":
         """Hear what the list has of a topic."""
         self._listeners[topic.name] = Heard(handler)
         return self._listeners[topic.name]
 
-    def serve(self, service: Service[Any, Any], handler: Callable[[Any], Any]) -> "Script":
+    def serve(
+        self, service: Service[Any, Any], handler: Callable[[Any], Any], **_: bool
+    ) -> "Script":
         """Have the calls of a service executed."""
         self._services[service.name] = (service, handler)
         return self

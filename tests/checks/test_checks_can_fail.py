@@ -34,7 +34,7 @@ def fault_name(module: str) -> str:
 def root(tmp_path_factory):
     """A copy of the tree."""
     root = tmp_path_factory.mktemp("tree")
-    for name in (*house.PACKAGES, "tests"):
+    for name in (*house.PACKAGES, "tests", "benchmarks", "docs"):
         shutil.copytree(
             house.ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__")
         )
@@ -76,6 +76,11 @@ def test_a_forbidden_import_is_seen(seen, importer, module):
 )
 def test_a_fault_is_seen(seen, check, named):
     assert named in seen[check]
+
+
+def test_of_types_nothing_but_the_faults_is_seen(seen):
+    found = [line for line in seen["types"].splitlines() if "/fault_" not in line.partition(":")[0]]
+    assert found == []
 
 
 def test_250_lines_are_not_too_many(seen):

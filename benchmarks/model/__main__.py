@@ -15,7 +15,7 @@ from typing import Any
 from benchmarks import machine, readme
 from benchmarks.model import environments
 from benchmarks.model.environments import Missing
-from benchmarks.model.figures import BARS, RUNNERS, Runner, tables
+from benchmarks.model.figures import BARS, PAIRED, RUNNERS, Runner, tables
 from benchmarks.model.flops import step_flops
 
 FILE = Path(__file__).parents[1] / "model.json"
@@ -28,7 +28,7 @@ def main() -> int:
         _parser().error("--write is for a whole run: leave out --only")
     found: dict[str, Any] = {
         "machine": machine.described(), "flops": step_flops(), "peak": 0.0,
-        "rates": {}, "imports": {}, "memory": {}, "versions": {}, "missing": {},
+        "rates": {}, "paired": {}, "imports": {}, "memory": {}, "versions": {}, "missing": {},
     }  # fmt: skip
     for runner in RUNNERS:
         key = runner.key
@@ -45,13 +45,15 @@ def main() -> int:
         found["rates"][key], found["imports"][key] = said["rates"], said["import"]
         found["versions"][key], found["memory"][key] = said["version"], said["memory"]
         print(f"{runner.name}: {json.dumps(said['rates'])}", flush=True)
+    if {PAIRED.ours, PAIRED.peer} <= found["rates"].keys():
+        found["paired"] = json.loads(_said("benchmarks.model.paired"))
     print(tables(found))
     for path in ([FILE] if options.write else []) + ([options.out] if options.out else []):
         path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if options.write:
         readme.replace("model", tables(found))
-    missed = [bar for bar in BARS if bar.verdict(found["rates"]) == "missed"]
-    return 1 if options.check and missed else 0
+    verdicts = [bar.verdict(found["rates"], found["paired"]) for bar in BARS]
+    return 1 if options.check and "missed" in verdicts else 0
 
 
 def _measured(runner: Runner) -> str:
@@ -60,6 +62,11 @@ def _measured(runner: Runner) -> str:
     if runner.peer:
         return environments.run(runner.peer, f"{key}_speed")
     words = ["benchmarks.model.ours", key] if key in _OURS else ["benchmarks.model.reference"]
+    return _said(*words)
+
+
+def _said(*words: str) -> str:
+    """What a module of ours printed; raises Missing where it fails."""
     done = subprocess.run(
         [sys.executable, "-m", *words],
         cwd=environments.ROOT, capture_output=True, text=True, check=False,

@@ -10,20 +10,15 @@ import time
 from collections.abc import Callable
 
 BEGAN = time.perf_counter()
-from schemas.params import DynamicsParams, StartParams  # noqa: E402 - the import is timed
+from schemas.params import DynamicsParams  # noqa: E402 - the import is timed
 from services.dynamics.vehicle import Vehicle, constants_of  # noqa: E402
 
 PLAIN = time.perf_counter() - BEGAN
 
+from typing import Any  # noqa: E402
+
 from benchmarks.model.peers.timing import COUNTS, Rates, rate, tell  # noqa: E402
-
-_STEPS = 100
-_FAR = 1e5
-"""A goal that no flight here reaches, m."""
-
-
-def flying() -> DynamicsParams:
-    return DynamicsParams(start=StartParams(0.0, 0.0, 1000.0))
+from benchmarks.model.vehicles import FAR, STEPS, flying, send  # noqa: E402
 
 
 def plain() -> None:
@@ -49,7 +44,7 @@ def plain() -> None:
             state = step(state, command, still, body)
 
     vehicle = Vehicle(flying())
-    vehicle.goto(_FAR, _FAR, 1000.0)
+    vehicle.goto(FAR, FAR, 1000.0)
     vehicle.advance(1000)
     rates: Rates = {
         "dynamics": {1: rate(dynamics, 1)},
@@ -63,71 +58,62 @@ def arrays() -> None:
     import numpy as np
 
     from benchmarks.model.reference import hovering
-    from services.dynamics.fleet.arrays import CHUNK, ArrayFleet, on_arrays
+    from services.dynamics.fleet.arrays import ArrayFleet, even
+    from services.dynamics.fleet.scratch import Scratch
+    from services.dynamics.fleet.storage import aligned
+    from services.dynamics.fleet.straight.operations import Register
+    from services.dynamics.fleet.straight.program import program
+    from services.dynamics.fleet.straight.symbols import traced
 
     imported = time.perf_counter() - BEGAN
-    step, act = on_arrays("rigidbody_step", "pilot_act")
     body, gains, mixer, _, weight, _, _ = constants_of(DynamicsParams())
     wanted = (1.0, 0.5, 1000.5) + (0.0,) * 12
+    rows = tuple(Register("row", number) for number in range(21))
+    state, command = rows[:17], rows[17:]
+    step = program(traced("rigidbody_step"), (state, command, (0.0, 0.0, 0.0), body), state)
+    act = program(traced("pilot_act"), (state, wanted, 2.0, weight, gains, mixer), command)
     rates: Rates = {"dynamics": {}, "control": {}, "flight": {}}
+    hover = np.array((*hovering(), *hovering()[13:]))[:, None]
     for count in COUNTS:
-        sizes = [min(CHUNK, count - first) for first in range(0, count, CHUNK)]
-        starts = [tuple(np.full(size, x) for x in hovering()) for size in sizes]
+        sizes = even(count)
+        chunks = [aligned(len(rows), size) for size in sizes]
+        for chunk in chunks:
+            chunk[...] = hover
+        scratch = Scratch((step, act), max(sizes))
 
-        def run(calls: int, every: int, starts: list[tuple[np.ndarray, ...]] = starts) -> None:
-            for state in starts:
-                command = state[13:]
-                for number in range(calls):
-                    if number % 4 == every:
-                        command = act(state, wanted, 2.0, weight, gains, mixer)
-                    state = step(state, command, (0.0, 0.0, 0.0), body)  # noqa: PLW2901
+        def dynamics(calls: int, chunks: Any = chunks, scratch: Scratch = scratch) -> None:
+            for chunk in chunks:
+                scratch.run(step, chunk, calls)
 
-        rates["dynamics"][count] = rate(lambda calls, run=run: run(calls, -1), count)
-        rates["control"][count] = rate(lambda calls, run=run: run(4 * calls, 0), 4 * count)
+        def control(calls: int, chunks: Any = chunks, scratch: Scratch = scratch) -> None:
+            for chunk in chunks:
+                for _ in range(calls):
+                    scratch.run(act, chunk, 1)
+                    scratch.run(step, chunk, 4)
+
+        rates["dynamics"][count] = rate(dynamics, count)
+        rates["control"][count] = rate(control, 4 * count)
         fleet = ArrayFleet([flying()] * count)
-        for number in range(count):
-            fleet.goto(number, _FAR, _FAR - number, 1000.0)
+        send(fleet.goto, count)
         rates["flight"][count] = rate(
             lambda calls, fleet=fleet: fleet.advance(4 * calls), 4 * count
         )
     tell(f"numpy {np.__version__}", imported, rates)
 
 
-_ALONE = """
-@njit(error_model='numpy', nogil=True, cache=True)
-def alone(blocks, constants, steps, every):
-    for b in range(blocks.shape[0]):
-        for count in range(steps):
-            if count % 4 == every:
-                _act(blocks[b], constants[b])
-            _move(blocks[b], constants[b])
-"""
-
-
 def compiled() -> None:
     import numba
 
-    from services.dynamics.fleet import kernel
-    from services.dynamics.fleet.compiled import CompiledFleet
-    from services.runtime import generated
+    from benchmarks.model import alone
 
     imported = time.perf_counter() - BEGAN
-    module = generated.load("benchmark", kernel.source() + _ALONE)
+    module = alone.compiled()
     rates: Rates = {"dynamics": {}, "control": {}, "flight": {}}
     for count in COUNTS:
-        fleet = CompiledFleet([flying()] * count, module)
-        for number in range(count):
-            fleet.goto(number, _FAR, _FAR - number, 1000.0)
-        fleet.advance(200)
-        blocks, constants = fleet.blocks, fleet.constants
-
-        def run(calls: int, every: int, blocks=blocks, constants=constants) -> None:  # type: ignore[no-untyped-def]
-            for _ in range(calls):
-                module.alone(blocks, constants, _STEPS, every)
-
-        per_call = count * _STEPS
+        fleet, run = alone.on_their_way(count, module)
+        per_call = count * STEPS
         rates["flight"][count] = rate(
-            lambda calls, fleet=fleet: [fleet.advance(_STEPS) for _ in range(calls)], per_call
+            lambda calls, fleet=fleet: [fleet.advance(STEPS) for _ in range(calls)], per_call
         )
         rates["control"][count] = rate(lambda calls, run=run: run(calls, 0), per_call)
         rates["dynamics"][count] = rate(lambda calls, run=run: run(calls, -1), per_call)

@@ -109,6 +109,15 @@ def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
     return x, y, z
 
 
+def ends_leg(plan: Plan, limits: Limits) -> bool:
+    """Whether the setpoint is near enough to the end of its leg to leave it for the next one."""
+    x, y, z = place(plan, limits)
+    dx = x - plan[0][3]
+    dy = y - plan[1][3]
+    dz = z - plan[2][3]
+    return dx * dx + dy * dy + dz * dz < CLOSE * CLOSE
+
+
 def choose(state: State, plan: Plan, mode: Mode, limits: Limits) -> tuple[Mode, float]:
     """The mode of this period, and how motors are commanded: 0 idle, 1 spinning up, 2 in flight."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
@@ -150,11 +159,8 @@ def lead_on(plan: Plan, mode: Mode, kind: float, limits: Limits) -> tuple[Plan, 
     if kind == 2.0:
         plan = setpoint.advance(plan, limits)
         if hop > 0.0:
-            x, y, z = place(plan, limits)
-            dx = x - plan[0][3]
-            dy = y - plan[1][3]
-            dz = z - plan[2][3]
-            if dx * dx + dy * dy + dz * dz < CLOSE * CLOSE:
+            near = ends_leg(plan, limits)
+            if near:
                 hop = hop - 1.0
                 plan = setpoint.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
     return plan, (standing, spin, calm, braking, hop, tx, ty, tz)

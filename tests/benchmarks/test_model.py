@@ -3,9 +3,10 @@
 import pytest
 
 from benchmarks.model import scenario
-from benchmarks.model.figures import BARS, RUNNERS, Bar, tables
+from benchmarks.model.figures import BARS, PAIRED, RUNNERS, Bar, tables
 from benchmarks.model.flops import step_flops
 from benchmarks.model.flown import fly
+from benchmarks.model.peers import timing
 from benchmarks.model.peers.mujoco_model import xml
 
 MACHINE = {"processor": "2 x Abacus", "python": "3.11", "date": "2026-11-21", "commit": "0a1b2c3",
@@ -15,7 +16,7 @@ MACHINE = {"processor": "2 x Abacus", "python": "3.11", "date": "2026-11-21", "c
 def document(**rates):
     measured = {key: {"dynamics": found} for key, found in rates.items()}
     return {
-        "machine": MACHINE, "flops": 700, "peak": 70.0, "rates": measured,
+        "machine": MACHINE, "flops": 700, "peak": 70.0, "rates": measured, "paired": {},
         "imports": dict.fromkeys(rates, 0.1), "memory": dict.fromkeys(rates, 12.0),
         "versions": dict.fromkeys(rates, "1.0"),
         "missing": {r.key: "not installed" for r in RUNNERS if r.key not in rates},
@@ -30,7 +31,28 @@ def test_a_bar_is_a_ratio_of_one_run(theirs, verdict):
     rates = {"plain": {"dynamics": {"1": 4000.0}}}
     if theirs:
         rates["rotorpy"] = {"dynamics": {"1": theirs}}
-    assert bar.verdict(rates) == verdict
+    assert bar.verdict(rates, {}) == verdict
+
+
+@pytest.mark.parametrize(("ratio", "verdict"), [(0.9, "holds"), (0.89, "missed")])
+def test_what_was_measured_in_turn_counts_before_what_was_one_after_the_other(ratio, verdict):
+    rates = {key: {"dynamics": {"10000": 1.0}} for key in (PAIRED.ours, PAIRED.peer)}
+    assert PAIRED.verdict(rates, {PAIRED.key: ratio}) == verdict
+
+
+def test_a_ratio_in_turn_is_that_of_each_turn(monkeypatch: pytest.MonkeyPatch):
+    # A processor that is half as fast in every other turn; ours takes 2 s where theirs takes 3.
+    clock, runs = [0.0], [0]
+
+    def side(seconds: float):
+        def run(calls: int) -> None:
+            runs[0] += 1
+            clock[0] += calls * seconds * (1 + (runs[0] - 1) // 2 % 2)
+
+        return run
+
+    monkeypatch.setattr("time.process_time", lambda: clock[0])
+    assert timing.in_turn(side(2.0), side(3.0)) == 1.5
 
 
 def test_the_table_has_a_line_for_each_and_says_who_is_missing():

@@ -11,7 +11,7 @@ import pytest
 from schemas.params import DynamicsParams, StartParams
 from schemas.vehicle import RotorDragParams
 from schemas.wind import MeanWindParams, WindParams
-from services.dynamics.fleet.arrays import CHUNK, ArrayFleet
+from services.dynamics.fleet.arrays import CHUNK, ArrayFleet, even
 from services.dynamics.fleet.compiled import CompiledFleet
 from services.dynamics.fleet.text import merged
 from services.dynamics.vehicle import Vehicle
@@ -97,14 +97,21 @@ def test_arrays_fly_as_plain_python_does_for_long(seed: int):
     fly_alike(ArrayFleet, 6, 10_000, seed)
 
 
+def test_chunks_are_of_even_sizes():
+    assert even(1) == [1]
+    assert even(CHUNK) == [CHUNK]
+    assert even(CHUNK + 3) == [CHUNK // 2 + 2, CHUNK // 2 + 1]
+    assert sum(even(10 * CHUNK + 7)) == 10 * CHUNK + 7
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("count", [CHUNK + 3])
 def test_more_vehicles_than_are_stepped_together(compiled: Make, count: int):
     params = [DynamicsParams(start=StartParams(0.01 * i, 0.0, 1.0)) for i in range(count)]
-    states = []
+    states, size = [], even(count)[0]
     for make in (compiled, ArrayFleet):
         fleet = make(params)
-        for number in (0, CHUNK - 1, CHUNK, count - 1):
+        for number in (0, size - 1, size, count - 1):
             fleet.goto(number, 0.01 * number, 1.0, 2.0)
         fleet.advance(40)
         states.append(fleet.states())

@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from schemas.params import DynamicsParams
 from services.dynamics.fleet.kernel import ROWS, STORED, WIDTH
+from services.dynamics.fleet.storage import aligned
+from services.dynamics.fleet.trees import flat
 from services.dynamics.vehicle import constants_of, initial
-
-_LINE = 8
-"""Numbers in a cache line, and in the longest vector."""
 
 
 class CompiledFleet:
@@ -25,7 +23,7 @@ class CompiledFleet:
         self._kernel = kernel
         kinds: dict[tuple[float, ...], list[int]] = {}
         for number, each in enumerate(params):
-            kinds.setdefault(tuple(_flat(constants_of(each))), []).append(number)
+            kinds.setdefault(tuple(flat(constants_of(each))), []).append(number)
         self._places = np.empty((len(params), 2), dtype=np.intp)
         """Block and lane of each vehicle: those of a block have their constants in common."""
         rows: list[tuple[float, ...]] = []
@@ -38,13 +36,13 @@ class CompiledFleet:
         """The same, as a command takes them."""
         self.constants = np.array(rows)
         """A row for each block, see kernel.py."""
-        self.blocks = _aligned(len(rows), ROWS * WIDTH)
+        self.blocks = aligned(len(rows), ROWS * WIDTH)
         """The vehicles' numbers, see kernel.py."""
         # Lanes without a vehicle stand on the floor.
         still = initial(DynamicsParams())
-        self._rows[:, :STORED, :] = np.array(_flat(still))[None, :, None]
+        self._rows[:, :STORED, :] = np.array(flat(still))[None, :, None]
         self._rows[self._places[:, 0], :STORED, self._places[:, 1]] = [
-            _flat(initial(each)) for each in params
+            flat(initial(each)) for each in params
         ]
 
     @property
@@ -67,16 +65,3 @@ class CompiledFleet:
     def states(self) -> npt.NDArray[np.float64]:
         """The states, (vehicles, 17), in the order of rigidbody.py."""
         return self._rows[self._places[:, 0], :17, self._places[:, 1]]
-
-
-def _aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
-    """Numbers that begin where a cache line does, as each row then does: a vector is one line."""
-    room = np.empty(rows * columns + _LINE)
-    first = -room.ctypes.data // room.itemsize % _LINE
-    return room[first : first + rows * columns].reshape(rows, columns)
-
-
-def _flat(value: Any) -> list[float]:
-    if isinstance(value, tuple):
-        return [number for part in value for number in _flat(part)]
-    return [value]

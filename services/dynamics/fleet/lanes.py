@@ -1,6 +1,6 @@
 """Values that hold one number for each vehicle, or one for all: arrays, floats, tuples of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,19 +61,3 @@ def put(value: Value, lanes: Lanes, new: Value, count: int) -> Value:
     out = value.copy() if isinstance(value, np.ndarray) else np.full(count, value, dtype=float)
     out[lanes] = new
     return out
-
-
-def stack(values: Sequence[Value]) -> Value:
-    """Several vehicles' values as one; a number that all share stays a float."""
-    first = values[0]
-    if isinstance(first, tuple):
-        return tuple(stack(parts) for parts in zip(*values, strict=True))
-    column = np.array(values, dtype=float)
-    return first if np.all(column == first) else column
-
-
-def one(value: Value, lane: int) -> Value:
-    """One vehicle's numbers, as floats."""
-    if isinstance(value, tuple):
-        return tuple(one(part, lane) for part in value)
-    return float(value[lane]) if isinstance(value, np.ndarray) else value

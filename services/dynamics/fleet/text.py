@@ -13,6 +13,7 @@ from types import ModuleType
 from services.dynamics import (
     axis,
     controller,
+    everyday,
     glide,
     pilot,
     rigidbody,
@@ -23,7 +24,9 @@ from services.dynamics import (
     wind,
 )
 
-MODULES = (rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot, stopping)
+MODULES = (
+    rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot, everyday, stopping,
+)  # fmt: skip
 """Where the model's text stands, each after those that it imports."""
 
 BUILTINS = {"abs", "range", "sqrt"}
@@ -119,7 +122,7 @@ def define(name: str, arguments: list[ast.arg], body: list[ast.stmt]) -> ast.Fun
     if not isinstance(made, ast.FunctionDef):
         raise TypeError(name)
     made.args, made.body = signature, body
-    return ast.fix_missing_locations(made)
+    return made
 
 
 def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:

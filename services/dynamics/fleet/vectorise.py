@@ -5,9 +5,33 @@ run on those vehicles alone that take it: their elements are picked out, and put
 """
 
 import ast
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import cache
+from types import CodeType
+from typing import Any
 
-from services.dynamics.fleet.text import define
+from services.dynamics.fleet.text import define, merged
+
+_ROOTS = ("everyday_period", "everyday_remainder", "rigidbody_step")
+"""What is flown on arrays; all that these call comes along."""
+
+
+def on_arrays(name: str, **found: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of the model's text (`rigidbody_step` is `rigidbody.step`) over arrays.
+
+    `found` is what the text calls that is not its own: `sqrt`, `select` and `branch`.
+    """
+    space: dict[str, Any] = dict(found)
+    exec(_text(), space)  # noqa: S102 - our own text
+    function: Callable[..., Any] = space[name]
+    return function
+
+
+@cache
+def _text() -> CodeType:
+    functions = [Vectorise().visit(function) for function in merged(_ROOTS)]
+    tree = ast.fix_missing_locations(ast.Module(functions, []))
+    return compile(tree, "<the model on arrays>", "exec")
 
 
 class Vectorise(ast.NodeTransformer):
@@ -24,7 +48,7 @@ class Vectorise(ast.NodeTransformer):
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         """Rewrite the body, knowing what has a value at each `if`."""
         node.body = self._block(node.body, {argument.arg for argument in node.args.args})
-        return ast.fix_missing_locations(node)
+        return node
 
     def _block(self, body: list[ast.stmt], known: set[str]) -> list[ast.stmt]:
         out: list[ast.stmt] = []

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import hypothesis
 import pytest
 
 from tests.console import chromium
@@ -14,6 +15,9 @@ PROOFS = pytest.StashKey[Proofs]()
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[PROOFS] = Proofs()
+    # How long an example takes says how busy the machine is.
+    hypothesis.settings.register_profile("quadctl", deadline=None)
+    hypothesis.settings.load_profile("quadctl")
     config.addinivalue_line("markers", "prove: full counts, for `make prove`; left out otherwise")
     config.addinivalue_line("markers", "browser: drives a Chromium; left out, loudly, without one")
 

@@ -16,7 +16,7 @@ from schemas.params import DynamicsParams
 from services.dynamics.axis import advance as advance_path
 from services.dynamics.axis import stop
 from services.dynamics.controller import PERIOD, Setpoint, lead
-from services.dynamics.sharing import Axis, Limits, divide
+from services.dynamics.sharing import Axis, Limits, divide, lend
 
 LEAST_LAG = 0.05
 """Shortest lag, s: with 0.03 short climbs aslant, and goals replaced to and fro in a descent, take
@@ -177,6 +177,7 @@ def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float]:
 def brake(plan: Plan, limits: Limits) -> Plan:
     """Come to rest where each axis soonest does."""
     x, y, z, moving, crowded, periods, _ = plan
+    x, y, z = lend(x, y, z)
     return (end(x, limits), end(y, limits), end(z, limits), moving, crowded, periods, 0.0)
 
 

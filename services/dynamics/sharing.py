@@ -6,7 +6,7 @@ own.
 
 from math import sqrt
 
-from services.dynamics.axis import stop
+from services.dynamics.axis import peak, stop
 
 LEAST_SHARE = 1e-5
 """Least share of the limits of an axis, so that none is zero."""
@@ -16,6 +16,9 @@ TIGHT = 1e-9
 
 HALVINGS = 12
 """Steps of bisection for a share of the limits: to 1 in 4000."""
+
+LONG = 2.0
+"""Seconds of braking after which it is looked whether there is more to brake with."""
 
 Limits = tuple[float, ...]
 """8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
@@ -77,6 +80,41 @@ def grant(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -
     return (p, v, a, goal, 0.0 if heading == 0.0 else side, share, j1, j2, j3)
 
 
+def freed(axis: Axis, limits: Limits) -> Axis:
+    """An axis that would brake for long is on its way again, and may get a larger share.
+
+    One that got next to nothing, while others needed all, stops on its goal from wherever it is:
+    at a walking pace, for minutes.
+    """
+    p, v, a, goal, heading, share, j1, j2, j3 = axis
+    j = share * limits[2]
+    side, top, hold = peak(v, a, share * limits[1], j)
+    slow = (heading == 0.0) & ((side * a + 2.0 * top) / j + hold > LONG)
+    return (p, v, a, goal, 1.0 if slow else heading, share, j1, j2, j3)
+
+
+def lent(axis: Axis, left: float) -> Axis:
+    """An axis with a part of the limits more, the square of its share raised by `left`."""
+    p, v, a, goal, heading, share, j1, j2, j3 = axis
+    return (p, v, a, goal, heading, sqrt(share * share + left), j1, j2, j3)
+
+
+def lend(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
+    """What of the limits nobody has goes to the axes by the squares of their speeds.
+
+    A stop with more of them ends sooner, and not beyond where it would have ended.
+    """
+    left = 1.0 - (x[5] * x[5] + y[5] * y[5] + z[5] * z[5])
+    left = left if left > 0.0 else 0.0
+    total = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
+    part = left / total if total > 0.0 else 0.0
+    return (
+        lent(x, part * x[1] * x[1]),
+        lent(y, part * y[1] * y[1]),
+        lent(z, part * z[1] * z[1]),
+    )
+
+
 def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     """Share the limits among the axes, so that the squares of the shares add up to 1.
 
@@ -84,6 +122,9 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     goes by the squares of the ways still to go, which from rest makes all three profiles
     alike but for scale: a straight line.
     """
+    x = freed(x, limits)
+    y = freed(y, limits)
+    z = freed(z, limits)
     nx, wx = claim(x, limits)
     ny, wy = claim(y, limits)
     nz, wz = claim(z, limits)

@@ -31,7 +31,7 @@ def cut(whole: Path, length: int, name: str = "cut.mcap") -> Path:
     return path
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.floats(0, 1))
 @example(0.0)
 @example(1.0)

@@ -23,7 +23,7 @@ def canonical(text: str) -> str | None:
         return None
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(ODD)
 @example("a/***")
 @example("$*")
@@ -45,7 +45,7 @@ def test_a_key_is_what_zenoh_makes_of_it(name: str):
         assert canonical(key_of(name, "uav")) == key == str(zenoh.KeyExpr(key))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(ODD)
 def test_a_single_key_stands_for_no_other(name: str):
     try:
@@ -55,7 +55,7 @@ def test_a_single_key_stands_for_no_other(name: str):
     assert not any(char in str(zenoh.KeyExpr(key)) for char in "*$#?")
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(ODD, st.sampled_from(["get_params", "set_params"]))
 @example("a$b", "get_params")
 @example("*", "get_params")

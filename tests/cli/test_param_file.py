@@ -55,7 +55,7 @@ def test_what_is_missing_is_added_and_the_rest_stays(before: str):
     )  # fmt: skip
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(changed_values(), st.sampled_from([render(), "", render().replace("\n", "\r\n")]))
 def test_any_values_in_any_number_are_written(values: dict[str, Any], before: str):
     wanted = tomllib.loads(before)

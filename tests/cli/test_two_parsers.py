@@ -30,7 +30,7 @@ def by_typer(words: list[str]) -> Line | None:
         return None
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.sampled_from(sorted(COMMANDS)).map(str.split),
     st.lists(st.sampled_from(VALUES + WORDS), max_size=6),

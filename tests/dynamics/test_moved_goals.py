@@ -22,7 +22,7 @@ def excursion(position):
     return max(abs(x) - SIZE[0], abs(y) - SIZE[1], z - SIZE[2], -z)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(GOAL, st.integers(1, 400)), min_size=2, max_size=8))
 def test_the_setpoint_stays_inside_wherever_the_goal_moves(moves):
     setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import ceil, dist, hypot, sqrt
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from schemas.params import DynamicsParams
@@ -70,7 +70,6 @@ def test_a_stop_ends_where_it_was_said_to_and_gets_there_smoothly(limits, speed,
     assert p == end
 
 
-@settings(deadline=None)
 @given(LIMITS, UNIT, UNIT, GOALS)
 def test_an_axis_arrives_within_its_limits_and_smoothly(limits, speed, part, goal):
     before = started(limits, speed, part)
@@ -86,7 +85,6 @@ def test_an_axis_arrives_within_its_limits_and_smoothly(limits, speed, part, goa
         before = now
 
 
-@settings(deadline=None)
 @given(LIMITS, UNIT, UNIT, GOALS)
 def test_a_goal_that_can_be_stopped_at_is_not_passed(limits, speed, part, goal):
     start = started(limits, speed, part)
@@ -96,7 +94,6 @@ def test_a_goal_that_can_be_stopped_at_is_not_passed(limits, speed, part, goal):
     assert max(ahead * (p - goal) for p, _, _ in path(start, goal, limits)) <= MICROMETRE
 
 
-@settings(deadline=None)
 @given(LIMITS, st.floats(1e-4, 20))
 def test_from_rest_to_rest_takes_the_least_time(limits, way):
     periods = sum(1 for _ in path((0.0, 0.0, 0.0), way, limits))
@@ -136,7 +133,7 @@ def off_line(point: tuple[float, ...], start: tuple[float, ...], goal: tuple[flo
     return dist(from_start, [t * w for w in way])
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(POINT, POINT)
 def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal):
     assume(dist(start, goal) > 0.01)
@@ -151,7 +148,7 @@ def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal
     assert trajectory.setpoint == (*goal, *(0.0,) * 12)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(st.tuples(POINT, st.floats(0.02, 1)), min_size=2, max_size=6))
 def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
@@ -178,7 +175,7 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
     assert before == (*legs[-1][0], *(0.0,) * 12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2), st.one_of(st.floats(0, 1), st.just(1.0)))
 def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, then, seconds, part):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
@@ -193,7 +190,37 @@ def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, the
     assert max(sign * (s[0] - goal) for s in fly(trajectory)) <= 10 * MICROMETRE
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=30)
+@given(POINT, POINT, st.floats(0.1, 2))
+@example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5)
+def test_a_goal_moved_in_flight_is_reached_soon(first, then, seconds):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    trajectory.goto(*first)
+    for _ in range(ceil(seconds / PERIOD)):
+        trajectory.advance()
+    trajectory.goto(*then)
+    # An axis that got next to nothing, while another needed all, once crawled for 70 s.
+    for _ in fly(trajectory, 20.0):
+        pass
+    assert trajectory.setpoint[:3] == then
+
+
+@settings(max_examples=30)
+@given(POINT, POINT, st.floats(0.1, 2), st.floats(0.1, 1))
+@example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5, 0.4)
+def test_a_flight_to_a_goal_that_was_moved_stops_soon(first, then, seconds, later):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    for goal, time in ((first, seconds), (then, later)):
+        trajectory.goto(*goal)
+        for _ in range(ceil(time / PERIOD)):
+            trajectory.advance()
+    trajectory.brake()
+    # It took up to a minute where an axis had next to nothing to brake with.
+    for _ in fly(trajectory, 10.0):
+        pass
+
+
+@settings(max_examples=20)
 @given(POINT, st.floats(0.1, 3))
 def test_braking_ends_ahead_without_turning_back(goal, seconds):
     start = (0.0, 0.0, 10.0)

@@ -147,7 +147,7 @@ def recipe(steps: list[tuple[str, int, int, int, int]], ends: list[int]) -> Call
     return function
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.lists(STEPS, max_size=40),
     st.lists(st.integers(0, 46), min_size=3, max_size=3),

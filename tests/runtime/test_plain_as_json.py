@@ -62,7 +62,7 @@ VALUES = st.recursive(
 SAID = st.sampled_from(["", "zenoh/bytes", "application/msgpack", "application/json", "text/json"])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.binary(max_size=40) | VALUES.map(pack), SAID)
 def test_any_payload_can_be_printed_as_text_and_as_json(payload: bytes, said: str):
     value = plain(payload, said)

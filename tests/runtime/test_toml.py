@@ -21,13 +21,13 @@ VALUE = st.recursive(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(VALUE)
 def test_a_value_in_a_file_is_read_back(value: Any):
     assert tomllib.loads(f"value = {toml.value(value)}") == {"value": value}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(VALUE)
 def test_what_get_prints_set_takes(value: Any):
     read = value_of(toml.word(value))

@@ -45,7 +45,7 @@ def arena() -> Iterator[Room]:
 
 def ask(student: Student, *words: object) -> Done:
     """A command of a student's, to the teacher's machine."""
-    return student.say(*words, "--connect", AT, "--identity", student.name)
+    return student.say(*words, "--connect", AT, "--identity", "uav7")
 
 
 def touched(room: Room, bare: Bare, calls: Ear) -> dict[str, tuple[Any, ...]]:
@@ -62,7 +62,7 @@ def test_a_student_flies_his_own_and_touches_no_cage(arena: Room, proofs: Proofs
         calls = Ear(bare, "*/@call/**")
         before = touched(arena, bare, calls)
         flown = side_by_side(lambda s: ask(s, "goto", 1, 1, 1), arena.students)
-        assert {done.code for done in flown} == {0}, flown
+        assert [done for done in flown if done.code] == []
         eventually(lambda: all(len(calls.calls[name]) == 1 for name in before))
         flown_to = touched(arena, bare, calls)
         assert flown_to == {

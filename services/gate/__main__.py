@@ -5,6 +5,7 @@ and so that a revoked name costs a moment of the network and none of the flight.
 """
 
 from schemas.params import Params
+from services.runtime.bus import linger
 from services.runtime.bus.session import open_gate
 from services.runtime.entry import Reopen, start
 from services.runtime.node import Node
@@ -28,6 +29,7 @@ def run(node: Node, params: Params) -> None:
         node.log.info("joining %s as %s", endpoint, who.name.common_name)
     watch = Watch(who.folder)
     for _ in node.ticks(_LOOKS):
+        linger.let_go()
         if watch.changed():
             node.log.info("the list of names has changed: everybody is let in anew")
             raise Reopen

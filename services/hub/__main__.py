@@ -1,6 +1,7 @@
 """The hub: a Zenoh router that every other process is a client of."""
 
 from schemas.params import Params
+from services.runtime.bus import linger
 from services.runtime.bus.session import open_router
 from services.runtime.entry import start
 from services.runtime.node import Node
@@ -11,7 +12,11 @@ def run(node: Node, params: Params) -> None:
     """Route until stopped; Zenoh's own threads do the work."""
     for endpoint in plain(params.hub.listen):
         node.log.info("listening on %s as well", endpoint)
-    node.spin()
+    if not plain([*params.hub.listen, *params.hub.connect]):
+        node.spin()
+        return
+    for _ in node.ticks(linger.LOOKS):
+        linger.let_go()
 
 
 if __name__ == "__main__":

@@ -30,6 +30,9 @@ GRACE = 0.3
 """Seconds that a process may take to end when asked, before it is killed."""
 _RECORDERS_GRACE = 3.0
 """It has an index to write: of each hour that it has recorded, a quarter of a second."""
+_GATES_PATIENCE = 10.0
+"""Seconds that the gate may be silent for: thirty hubs that come back at once, as after each change of
+the list of names, keep it busy for one or two, and who is killed then has them come once more."""
 SETTLED = 1.0
 """Seconds that a command which announces nothing must run before it counts as ready."""
 _DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
@@ -41,7 +44,8 @@ class Process(NamedTuple):
 
     `must_announce` where it is a node of ours or in the place of one; another command counts as
     ready when it has run for a moment. `stranger` where the file names the command. Asked to end, it
-    has `grace` (s) to do so.
+    has `grace` (s) to do so. Its silence counts after `patience` (s), where that is longer than
+    everybody's.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Process(NamedTuple):
     must_announce: bool = True
     stranger: bool = False
     grace: float = GRACE
+    patience: float = 0.0
 
 
 def table(
@@ -81,6 +86,7 @@ def table(
             name in ours,
             name in commands,
             _RECORDERS_GRACE if name == RECORDER else GRACE,
+            _GATES_PATIENCE if name == GATE else 0.0,
         )
         for name in names
         if name not in without

@@ -1,6 +1,7 @@
 """The hub's own loop, with a stand-in for the node: it says where it listens, and routes."""
 
 import logging
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -11,13 +12,17 @@ from services.hub.__main__ import run
 
 
 class Spinning:
-    """A node that only counts how often it was left to spin."""
+    """A node that only counts how often it was left to spin, with or without a look at its links."""
 
     log = logging.getLogger("hub")
     spun = 0
 
     def spin(self) -> None:
         self.spun += 1
+
+    def ticks(self, _hz: float) -> Iterator[float]:
+        self.spun += 1
+        yield 0.0
 
 
 @pytest.mark.parametrize("plain", [[], ["tcp/127.0.0.1:7447", "udp/127.0.0.1:7448"]])

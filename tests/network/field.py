@@ -1,6 +1,5 @@
 """A vehicle, a router and an operator on three machines, with a fleet's keys: what a test may ask."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from tests.network.intruder import sent
 from tests.network.namespaces import Machine, three_machines
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import Done, Foreground, eventually
@@ -65,16 +65,7 @@ class Field:
 
     def intrude(self, who: str) -> dict[str, list[str]]:
         """What somebody with that certificate gets who tries everything."""
-        script = Path(__file__).with_name("intruder.py")
-        done = subprocess.run(
-            [*self.machines[2].enter, sys.executable, str(script), TLS, str(self.keys / who)],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=30,
-        )
-        got: dict[str, list[str]] = json.loads(done.stdout)
-        return got
+        return sent(self.machines[2].enter, TLS, self.keys / who)
 
     def sniffed(self, file: Path) -> AbstractContextManager[None]:
         """Write all that passes the router to a file."""

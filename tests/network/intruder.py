@@ -4,8 +4,10 @@ Prints one JSON document: the keys of the replies, messages and liveliness token
 """
 
 import json
+import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,21 @@ HEARD = ["uav/pose", "uav/**", "**", "uav/@call/**", "*/safety/state"]
 SEEN = ["*/@node/*", "uav/@node/*", "uav/@node/*/@srv/**", "**"]
 
 
+def sent(
+    enter: Sequence[str], endpoint: str, identity: Path, vehicle: str = "uav"
+) -> dict[str, list[str]]:
+    """What somebody with that certificate gets on a machine who tries everything of a vehicle."""
+    done = subprocess.run(
+        [*enter, sys.executable, __file__, endpoint, str(identity), vehicle],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    got: dict[str, list[str]] = json.loads(done.stdout)
+    return got
+
+
 def session(endpoint: str, identity: Path) -> zenoh.Session:
     tls = {
         "root_ca_certificate": str(identity / "ca.pem"),
@@ -53,37 +70,43 @@ def session(endpoint: str, identity: Path) -> zenoh.Session:
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 
 
-def intrude(opened: zenoh.Session, ears: zenoh.Session) -> dict[str, Any]:
+def intrude(opened: zenoh.Session, ears: zenoh.Session, vehicle: str) -> dict[str, Any]:
+    def of(key: str) -> str:
+        return f"{vehicle}/{key.removeprefix('uav/')}" if key.startswith("uav/") else key
+
     # Within one session all that is said comes back, whatever the hub thinks of it: so two.
     heard: list[str] = []
     listeners = [
-        ears.declare_subscriber(key, lambda sample: heard.append(str(sample.key_expr)))
+        ears.declare_subscriber(of(key), lambda sample: heard.append(str(sample.key_expr)))
         for key in HEARD
     ]
     # Somebody else's part, played: what is asked of it would come here.
     asked: list[str] = []
     servers = [
-        ears.declare_queryable(key, lambda query: asked.append(str(query.key_expr)))
+        ears.declare_queryable(of(key), lambda query: asked.append(str(query.key_expr)))
         for key in ("uav/@srv/goto", "uav/safety/state", "uav/@srv/**")
     ]
     tokens = [
         ears.liveliness().declare_token(key)
-        for key in ("uav/@node/safety2", "uav/@node/x/@srv/Goto/1/0/uav%@srv%goto")
+        for key in (
+            f"{vehicle}/@node/safety2",
+            f"{vehicle}/@node/x/@srv/Goto/1/0/{vehicle}%@srv%goto",
+        )
     ]
     replied = []
     for service, request in CALLS.items():
-        replied += replies(opened, f"uav/@srv/{service}", pack(request))
+        replied += replies(opened, of(f"uav/@srv/{service}"), pack(request))
     for pattern in PATTERNS:
-        replied += replies(opened, pattern, pack({}))
+        replied += replies(opened, of(pattern), pack({}))
     for _ in range(3):
         for key, message in PUTS.items():
-            opened.put(key, pack(message))
-            opened.delete(key)
+            opened.put(of(key), pack(message))
+            opened.delete(of(key))
         time.sleep(0.05)
     seen = [
         str(reply.ok.key_expr)
         for key in SEEN
-        for reply in opened.liveliness().get(key, timeout=1.0)
+        for reply in opened.liveliness().get(of(key), timeout=1.0)
         if reply.ok is not None
     ]
     del listeners, servers, tokens
@@ -103,6 +126,6 @@ def replies(opened: zenoh.Session, key: str, payload: bytes) -> list[str]:
 
 
 if __name__ == "__main__":
-    place, who = sys.argv[1], Path(sys.argv[2])
+    place, who, whose = sys.argv[1], Path(sys.argv[2]), sys.argv[3]
     with session(place, who) as mouth, session(place, who) as ears:
-        print(json.dumps(intrude(mouth, ears)))
+        print(json.dumps(intrude(mouth, ears, whose)))

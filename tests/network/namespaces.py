@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -97,3 +98,38 @@ def three_machines() -> Iterator[tuple[Machine, Machine, Machine]]:
             router.address(f"r{link}", f"{net}.1/24")
             machine.address(link, f"{net}.2/24")
         yield vehicle, router, operator
+
+
+class Port(NamedTuple):
+    """Where a machine's cable goes into the other's bridge."""
+
+    machine: Machine
+    bridge: Machine
+    link: str
+
+    @contextmanager
+    def unplugged(self) -> Iterator[None]:
+        """With the cable pulled out."""
+        self.bridge.ip("link", "set", self.link, "down")
+        try:
+            yield
+        finally:
+            self.bridge.ip("link", "set", self.link, "up")
+
+
+@contextmanager
+def one_network(count: int) -> Iterator[tuple[Machine, list[Port]]]:
+    """A machine at 10.7.1.1, and so many others at 10.7.1.2 and on, all on its bridge."""
+    with ExitStack() as held:
+        first, ports = Machine(), []
+        held.callback(first.end)
+        first.ip("link", "add", "name", "room", "type", "bridge")
+        first.address("room", "10.7.1.1/24")
+        for number in range(count):
+            machine = Machine(first)
+            held.callback(machine.end)
+            connect(first, machine, (f"port{number}", "eth"))
+            first.ip("link", "set", f"port{number}", "master", "room", "up")
+            machine.address("eth", f"10.7.1.{2 + number}/24")
+            ports.append(Port(machine, first, f"port{number}"))
+        yield first, ports

@@ -232,6 +232,14 @@ def test_nobody_but_a_hub_is_taken_for_one(net: Field):
     assert "no hub of our fleet" in done.err
 
 
+def test_who_has_just_been_issued_a_certificate_may_use_it_at_once(net: Field):
+    """Who comes to the gate while it still has the old list comes again to the one with the new."""
+    for number in range(3):
+        net.issue(f"operator new{number}")
+        done = net.ask("hold", f"new{number}")
+        assert done.code == 0, done.err
+
+
 def test_a_certificate_that_has_expired(net: Field):
     brief = net.issue("operator brief --days 0.00001")
     eventually(lambda: "expired on" in net.ask("hold", "brief").err)

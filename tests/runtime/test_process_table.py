@@ -16,6 +16,11 @@ def test_our_nodes_in_the_order_in_which_they_start():
         assert process.must_announce
 
 
+def test_the_gate_may_be_silent_for_longer_than_what_the_vehicle_flies_by():
+    patience = {process.name: process.patience for process in table({}, gate=True)}
+    assert patience == dict.fromkeys(NODES, 0.0) | {"gate": 10.0}
+
+
 def test_a_command_takes_a_nodes_place_and_must_announce_itself():
     processes = table({"safety": "python 'my safety.py' --x"})
     assert processes[3] == Process("safety", ("python", "my safety.py", "--x"), True, True)

@@ -26,6 +26,10 @@ class Fake:
     def kill(self) -> None:
         self.done.append("kill")
 
+    def wait(self, _timeout: float) -> bool:
+        self.code = -9
+        return True
+
     def last_words(self) -> str:
         return f"exit {self.code}"
 
@@ -37,9 +41,9 @@ class Fake:
 class Rig:
     """A row and the children that it has started."""
 
-    def __init__(self, *, must_announce: bool) -> None:
+    def __init__(self, *, must_announce: bool, patience: float = 0.0) -> None:
         self.children: list[Fake] = []
-        self.row = Row(Process("x", ("x",), must_announce), self.spawn)
+        self.row = Row(Process("x", ("x",), must_announce, patience=patience), self.spawn)
 
     def spawn(self, _process: Process, _restarts: int) -> Child:
         self.children.append(Fake(100 + len(self.children)))
@@ -106,3 +110,13 @@ def test_its_last_words_come_before_its_end_is_told():
     assert rig.turn(0.1) == "restarting"
     assert rig.said() == ["no wings", "x ended (exit 3): restarting in 0 s"]
     assert rig.children[0].done == ["kill"], "what it has started goes with it"
+
+
+def test_one_with_patience_of_its_own_may_be_silent_for_longer():
+    rig = Rig(must_announce=True, patience=10.0)
+    rig.turn(0.0)
+    rig.row.announced(0.1)
+    rig.row.answered(0.2)
+    assert [rig.turn(now) for now in (2.3, 10.1)] == ["ready"] * 2
+    assert rig.turn(10.3) == "restarting"
+    assert rig.said()[0] == "x: no answer for 10 s: killed"

@@ -54,18 +54,25 @@ def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
 
 
 def _through_gate(address: Address, timeout: float) -> zenoh.Session:
+    # A gate opens anew for a new list of names, which may be the one that has ours: who was not let
+    # in, or came to it before, comes again.
     from services.runtime.secure import permit
 
-    patience = time.monotonic() + min(timeout, _REOPENING)
+    began = seen = time.monotonic()
     while True:
         try:
             session = open_client(address, timeout=timeout)
         except NotAllowed:
             raise
         except Unreachable:
-            if time.monotonic() > patience:
+            if time.monotonic() > seen + min(timeout, _REOPENING):
                 raise
-            time.sleep(_POLL)
         else:
-            permit.welcome(session, address.endpoint, timeout)
-            return session
+            while not (let_in := permit.is_let_in(session, timeout)) and session.info.routers_zid():
+                if time.monotonic() > began + min(timeout, permit.IN_FORCE):
+                    raise permit.kept_out(address.endpoint)
+                time.sleep(_POLL)
+            if let_in:
+                return session
+            seen = time.monotonic()
+        time.sleep(_POLL)

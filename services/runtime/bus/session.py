@@ -39,6 +39,10 @@ _RETRY_MS = 10
 _JOIN_MS = 100
 """The same over a network, and between hubs, where each try costs somebody else a handshake."""
 _LEASE_MS = 1000
+"""Who is silent for so long is taken for gone."""
+_LEASE_AFAR_MS = 4000
+"""The same between machines. A network of thirty laptops, or one of them, stalls for a second now and
+then, and who is taken for gone comes back with a handshake and all that he offers."""
 _ROOM_US = 1_000_000
 """The hub waits so long (us) for who has no room for a message that must not be dropped, and then
 drops him. Less than the 2 s after which a process that does not answer is taken for frozen."""
@@ -100,7 +104,9 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     config["connect"] |= {"endpoints": [address.endpoint, *join]}
     config["listen"] = {"endpoints": listen}
     who = gate.identity_for([*listen, *join])
-    config["transport"]["link"]["tls"] = who.tls()
+    link = config["transport"]["link"]
+    link["tls"] = who.tls()
+    link["tx"]["lease"] = _LEASE_AFAR_MS
     protocol = address.endpoint.partition("/")[0]
     config["access_control"] = gate.rules(who, protocol)
     try:
@@ -128,7 +134,9 @@ def open_client(
     if secure:
         from services.runtime.secure import identity
 
-        config["transport"]["link"]["tls"] = identity.needed(address.endpoint).tls()
+        link = config["transport"]["link"]
+        link["tls"] = identity.needed(address.endpoint).tls()
+        link["tx"]["lease"] = _LEASE_AFAR_MS
     open_timeout = max(int(timeout * 1000), 1)
     config["transport"]["unicast"] = {"open_timeout": open_timeout}
     config["mode"] = "client"

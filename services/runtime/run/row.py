@@ -49,7 +49,7 @@ class Row:
         self.life.runs(now)
         if deaf and self.process.name != "hub":
             self.life.excuse(now)
-        elif why := self.life.complaint(now, answer_timeout):
+        elif why := self.life.complaint(now, max(answer_timeout, self.process.patience)):
             self._tell(f"{self.process.name}: {why}: killed")
             self.child.kill()
             self.child.wait(GRACE)

@@ -158,9 +158,10 @@ class Supervisor:
         return "hub" not in self._rows or self._rows["hub"].life.state == "ready"
 
     def _ping(self) -> None:
+        timeout = self._launch.params.supervise.answer_timeout
         for name, row in self._rows.items():
             if self._health and row.life.state == "ready" and row.process.must_announce:
-                self._health.ping(name, self._launch.params.supervise.answer_timeout)
+                self._health.ping(name, max(timeout, row.process.patience))
 
     def _spawn(self, process: Process, restarts: int) -> Child:
         child = Child(

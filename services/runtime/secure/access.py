@@ -1,8 +1,8 @@
 """From roles and live certificates to Zenoh's access control. Pure.
 
-Everything is denied that is not listed, and nothing is listed as a denial: a rule counts only where its
-key covers all of the message's, so that a denial of `uav/input/position` would not meet what is put on
-`uav/input/*`.
+Everything is denied that is not listed, and nothing is kept out by a denial: a rule counts only where
+its key covers all of the message's, so that a denial of `uav/input/position` would not meet what is put
+on `uav/input/*`. The one denial that there is spares everybody news.
 """
 
 from collections.abc import Iterable, Sequence
@@ -43,8 +43,10 @@ def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, An
     What comes over the protocol `link`, from our own hub, is allowed. Time in Unix s.
     """
     groups: dict[tuple[Role, tuple[str, ...]], list[str]] = {}
+    named: set[str] = set()
     for name in names:
         if name.expires > now:
+            named.update(name.vehicles)
             groups.setdefault((name.role, tuple(name.vehicles)), []).append(name.common_name)
     rules = [_rule("own", "ingress", [*_MESSAGES, *_ASK], _EVERYWHERE)]
     rules += [_rule("own", "egress", [*_MESSAGES, *_ASK], _EVERYWHERE)]
@@ -52,7 +54,10 @@ def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, An
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["own"]}]
     for (role, vehicles), certificates in groups.items():
         subject = f"{role} of {' '.join(vehicles)}"
-        granted = list(_granted(subject, role, vehicles))
+        granted = [
+            *_granted(subject, role, vehicles),
+            *_spared(subject, vehicles, named - {EVERY, *vehicles}),
+        ]
         rules += granted
         subjects.append({"id": subject, "cert_common_names": certificates})
         policies.append({"rules": [rule["id"] for rule in granted], "subjects": [subject]})
@@ -81,10 +86,22 @@ def _granted(subject: str, role: Role, vehicles: Sequence[str]) -> Iterable[dict
         yield _rule(f"{subject} listens", "ingress", ["declare_subscriber"], ["**"])
 
 
-def _rule(about: str, flow: str, messages: list[str], patterns: list[str]) -> dict[str, Any]:
+def _spared(subject: str, vehicles: Sequence[str], others: Iterable[str]) -> list[dict[str, Any]]:
+    # Of thirty hubs each would be told of all the others' listeners; and his people would take what
+    # they say to another's vehicle, which goes nowhere, for heard.
+    if EVERY in vehicles:
+        return []
+    patterns = [f"{other}/{name}" for other in others for name in ("**", "@call/**")]
+    message = ["declare_subscriber"]
+    return [_rule(f"{subject} is spared", "egress", message, patterns, "deny")] if patterns else []
+
+
+def _rule(
+    about: str, flow: str, messages: list[str], patterns: list[str], permission: str = "allow"
+) -> dict[str, Any]:
     return {
         "id": f"{about} {flow}",
-        "permission": "allow",
+        "permission": permission,
         "flows": [flow],
         "messages": messages,
         "key_exprs": sorted(set(patterns)),

@@ -16,8 +16,8 @@ from services.runtime.secure.endpoints import is_secure
 from services.runtime.secure.identity import needed
 from services.runtime.secure.name import Name
 
-_REOPENED = 1.0
-"""Seconds that a gate which has just been opened anew may take to say that it is there."""
+IN_FORCE = 2.0
+"""Seconds in which a new list of names is in force; mostly it is less than one."""
 _POLL = 0.05
 _LOOK = 0.5
 """Seconds in which a vehicle that is there has said so."""
@@ -52,22 +52,35 @@ def everything(connect: str) -> list[str]:
     return keys(who.role, who.vehicles, "listen")
 
 
-def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:
-    """Raise NotAllowed where the hub at that endpoint lets nothing of ours through.
+def is_let_in(session: zenoh.Session, timeout: float) -> bool:
+    """Whether the hub lets anything of ours through.
 
     It lets in whoever has a certificate of the fleet, but tells only those on its list who it is.
     """
+    replies = session.liveliness().get(graph.node_key("*", "gate"), timeout=timeout)
+    return any(reply.ok is not None for reply in replies)
+
+
+def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:
+    """Raise NotAllowed where the hub at that endpoint lets nothing of ours through in time (s).
+
+    For a session that comes back by itself to a gate that opens anew.
+    """
     if not is_secure(connect):
         return
-    deadline = time.monotonic() + min(timeout, _REOPENED)
-    while not _sees_gate(session, timeout):
+    deadline = time.monotonic() + min(timeout, IN_FORCE)
+    while not is_let_in(session, timeout):
         if time.monotonic() > deadline:
-            who = needed(connect).name
-            raise NotAllowed(
-                f"not allowed: {connect} lets nothing through for {who.common_name}",
-                "the certificate was revoked, or the hub has an old list of names: have one issued",
-            )
+            raise kept_out(connect)
         time.sleep(_POLL)
+
+
+def kept_out(connect: str) -> NotAllowed:
+    """What is known of a hub that lets nothing of ours through."""
+    return NotAllowed(
+        f"not allowed: {connect} lets nothing through for {needed(connect).name.common_name}",
+        "the certificate was revoked, or the hub has an old list of names: have one issued",
+    )
 
 
 def tell_apart(
@@ -91,11 +104,6 @@ def tell_apart(
 
 def _informs(session: zenoh.Session, vehicle: str) -> bool:
     return any(reply.ok for reply in session.get(INFO.key(vehicle), timeout=_LOOK))
-
-
-def _sees_gate(session: zenoh.Session, timeout: float) -> bool:
-    replies = session.liveliness().get(graph.node_key("*", "gate"), timeout=timeout)
-    return any(reply.ok is not None for reply in replies)
 
 
 def _one(who: Name) -> str:

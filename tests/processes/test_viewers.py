@@ -91,9 +91,9 @@ def test_and_it_comes_as_soon(watched: Lab, proofs: Proofs):
     free: list[float] = []
     beside: list[float] = []
     for _ in range(5):
-        free += flown(watched, 6).latencies
+        free += flown(watched, 3).latencies
         with standing_still(watched):
-            beside += flown(watched, 6).latencies
+            beside += flown(watched, 3).latencies
     (median, late), (median_beside, late_beside) = map(middle_and_tail, (free, beside))
     proofs.add(
         "a viewer of all keys that stands still: from a pose to safety's answer",

@@ -57,7 +57,7 @@ def undisturbed(lab: Lab, jump: Callable[[int], None]) -> int:
     """Fly to and fro, the clock set in each flight; returns how often that was."""
     with lab.bare() as bare:
         poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
-        legs = ((4.0, HOUR), (-4.0, 0), (4.0, -HOUR), (-4.0, HOUR), (4.0, 0))
+        legs = ((4.0, HOUR), (-4.0, -HOUR), (4.0, 0))
         for x, ahead in legs:
             goal = {"x": x, "y": 0.0, "z": 1.0}
             assert bare.call("goto", **goal).value == {"accepted": True, "reason": ""}
@@ -90,7 +90,7 @@ def test_an_hour_on_and_back_in_flight(lab: Lab):
     }
     lines = (f"{name} = {json.dumps(command)}\n" for name, command in nodes.items())
     lab.start(lab.file("[processes]\n" + "".join(lines)), "--set", "dynamics.start.z=1", *PATIENT)
-    assert undisturbed(lab, clock.set) == 5
+    assert undisturbed(lab, clock.set) == 3
     # That it has jumped at all: to safety the deadline of what we call now is long over.
     clock.set(HOUR)
     assert lab.quadctl("goto", 0, 0, 1, "--json").error["code"] == "expired"

@@ -25,7 +25,7 @@ ORDERS = (
     ),
     Promise(
         "a second safety process",
-        "refuses to start, exit 7; of a hundred that start together one stays",
+        "refuses to start, exit 7; of a hundred started together on a machine one stays",
         (
             "tests/processes/test_endings.py::test_a_node_started_a_second_time_exits_7",
             "tests/processes/test_moments.py::test_of_many_safeties_one_stays",

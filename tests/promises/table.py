@@ -33,11 +33,7 @@ def table(proofs: list[Proof]) -> str:
 
 def owners(proof: Proof) -> list[Promise]:
     """The promises that a proof gives a figure of."""
-    return [
-        promise
-        for promise in PROMISES
-        if any(_is_of(proof, last) for last in promise.last)
-    ]  # fmt: skip
+    return [each for each in PROMISES if any(_is_of(proof, last) for last in each.last)]
 
 
 def is_long(test: str) -> bool:

@@ -108,7 +108,7 @@ def test_ten_thousand_flights(module_lab: Lab, proofs: Proofs):
         took = time.monotonic() - began
         proofs.add(
             f"10 000 flights of 60 s in {air}: worst excursion beyond the cage",
-            f"{1000 * done.json['worst_excursion']:.2g} mm, {len(done.json['violations'])} violations,"
+            f"{1000 * done.json['worst_excursion']:.3g} mm, {len(done.json['violations'])} violations,"
             f" in {took:.0f} s",
             f"{1000 * most:.0f} mm",
         )

@@ -16,6 +16,9 @@ BMP388: its highest output data rate (BST-BMP388-DS001, register ODR).
 
 LAB_NOISE = 1e-5
 
+AIR = (250.0, 1250.0)
+"""What the air can be, hPa: 10 km up, where the lab's world ends, and the most that parts measure."""
+
 
 class FaultParams(Struct, forbid_unknown_fields=True):
     """What is wrong with the barometer."""

@@ -1,16 +1,16 @@
-"""What the long counts have found, kept in a file that the README's table is made from."""
+"""What the long counts have found, kept in a file that the README's table is made from.
+
+`python -m tests.proofs` makes that table anew, as after a change of what is promised.
+"""
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from benchmarks import machine, readme
+from tests.promises.table import Proof, table
 
 FILE = Path(__file__).parents[1] / "benchmarks" / "proofs.json"
-
-Proof = dict[str, Any]
-"""`promise`, what was `found`, what is `promised`; `commit`, `date` and `processor` of the run."""
 
 
 class Proofs:
@@ -32,7 +32,7 @@ class Proofs:
         kept = {proof["promise"]: proof for proof in read()}
         kept |= {proof["promise"]: proof | here for proof in self._found}
         FILE.write_bytes(msgspec.json.format(msgspec.json.encode(list(kept.values())), indent=1))
-        readme.replace("proofs", table(list(kept.values())))
+        tell()
 
 
 def read() -> list[Proof]:
@@ -41,13 +41,10 @@ def read() -> list[Proof]:
     return found
 
 
-def table(proofs: list[Proof]) -> str:
-    """The README's table."""
-    rows = ["| promise | found | promised | commit |", "|---|---|---|---|"]
-    rows += [
-        f"| {proof['promise']} | {proof['found']} | {proof['promised']} | {proof['commit']} |"
-        for proof in proofs
-    ]
-    processors = sorted({proof["processor"] for proof in proofs})
-    rows += ["", f"Found by `make prove` on {', '.join(processors)}."]
-    return "\n".join(rows) + "\n"
+def tell() -> None:
+    """Make the README's table anew."""
+    readme.replace("proofs", table(read()))
+
+
+if __name__ == "__main__":
+    tell()

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from cli.doctor import offers, topics
+from cli.doctor.barometer import barometer
 from cli.doctor.check import Check, failed, passed, warned
 from cli.doctor.settings import Settings, faults, parameters
 from services.runtime.bus.survey import Survey
@@ -10,7 +11,8 @@ from services.runtime.errors import QuadctlError
 from services.runtime.record import RunRecord
 
 _NEED_THE_HUB = (
-    "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "parameters",
+    "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "barometer",
+    "parameters",
 )  # fmt: skip
 
 
@@ -32,6 +34,7 @@ def bus(
     yield from topics.topics(found, vehicle)
     yield from offers.services(found)
     yield topics.clocks(found)
+    yield from barometer(found, vehicle)
     replies = (answer.values for answers in found.answers.values() for answer in answers)
     running = {name: value for values in replies for name, value in values.items()}
     yield parameters(settings, running)

@@ -8,6 +8,7 @@ driver that leaves the arithmetic to its reader has (`in_pressure_raw` + `in_pre
 import re
 from collections.abc import Callable
 
+from schemas.barometer import AIR
 from services.runtime.errors import QuadctlError
 
 Read = Callable[[str], bytes | None]
@@ -18,8 +19,6 @@ SCALE, OFFSET = "in_pressure_scale", "in_pressure_offset"
 
 _NUMBER = re.compile(rb"-?\d+(\.\d+)?\n")
 """As the kernel writes it: the end of the line tells that the number is whole."""
-_LEAST, _MOST = 250.0, 1250.0
-"""What the air can be, hPa: 10 km up, where the lab's world ends, and the most that parts measure."""
 
 
 def has_pressure(read: Read) -> bool:
@@ -42,9 +41,10 @@ def hectopascals(folder: str, read: Read) -> float:
             "plug it in, load its driver, or name another folder in pressure.iio",
         )
     hpa = 10 * kilopascals
-    if not _LEAST <= hpa <= _MOST:
+    least, most = AIR
+    if not least <= hpa <= most:
         raise QuadctlError(
-            f"{folder}/{said} says {kilopascals:g} kPa: the air has {_LEAST / 10:g} to {_MOST / 10:g}",
+            f"{folder}/{said} says {kilopascals:g} kPa: the air has {least / 10:g} to {most / 10:g}",
             "look at the sensor and its driver; by Linux's rules the file is in kPa",
         )
     return hpa

@@ -1,5 +1,6 @@
 """What doctor makes of a bus: rates, publishers, servers, schemas, clocks."""
 
+from math import nan
 from typing import Any
 
 import msgspec
@@ -7,7 +8,7 @@ import pytest
 from msgspec import Struct
 from msgspec.structs import replace
 
-from cli.doctor import offers, topics
+from cli.doctor import barometer, offers, topics
 from cli.doctor.check import Check
 from schemas.describe import schema_hash
 from schemas.topics import GOTO, SERVICES, TOPICS
@@ -123,6 +124,34 @@ def test_clocks():
         check = topics.clocks(survey(heard={"uav/pose": heard(3, 1.0, age=age)}))
         assert verdict(check) == "WARN"
         assert said in check.evidence
+
+
+@pytest.mark.parametrize(
+    ("expected", "said", "readings"),
+    [
+        ("PASS", "1013.25 hPa, and it changes", [1013.25 + 1e-6 * (n % 3) for n in range(10)]),
+        ("PASS", "too few to see", [1013.0] * 7),
+        ("WARN", "stuck: 1013 hPa 8 times over", [1012.0] + [1013.0] * 8),
+        ("FAIL", "1300 hPa is not the pressure of air", [1013.0] * 8 + [1300.0]),
+        ("FAIL", "nan hPa is not", [1013.0, nan]),
+        ("WARN", "not checked", []),
+    ],
+)
+def test_the_barometer(expected: str, said: str, readings: list[float]):
+    check = barometer.judged(readings)
+    assert (check.verdict, said in check.evidence) == (expected, True), check
+
+
+def test_its_readings_are_those_before_the_baseline_is_taken_off():
+    found = Heard()
+    found.take(100.0, b"garbage", "a", 0.0)
+    for number in range(8):
+        said = {"stamp": 0.1 * number, "pressure": 0.5, "baseline": 1012.0}
+        payload = msgspec.msgpack.encode(said | {"samples": 11, "spread": 0.0})
+        found.take(100.0 + number, payload, "a", 0.0)
+    (check,) = barometer.barometer(survey(heard={"uav/sensors/pressure": found}), "uav")
+    assert "stuck: 1012.5 hPa" in check.evidence
+    assert list(barometer.barometer(survey(heard={}), "uav")) == []
 
 
 def test_what_a_stranger_publishes_has_no_pace():

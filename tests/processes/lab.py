@@ -22,6 +22,8 @@ from tests.processes.running import Done, Foreground, alive, eventually
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "cli.main"]
+PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6")
+"""For `up`, where a flight is not to be stopped because the machine has much else to do."""
 _PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
 """What a user's shell may have set and a lab does not inherit."""
 CACHE = Path(__file__).parents[2] / ".cache"

@@ -1,12 +1,14 @@
 """The barometer as a real part, and what can go wrong with it, on a running system."""
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from tests.processes.bare import Bare, Watch
-from tests.processes.lab import Lab, private_lab
+from tests.processes.doctored import ask
+from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.processes.running import eventually
 
 STEP, NOISE, FURTHEST = 0.16, 0.2, 160.0
@@ -19,7 +21,7 @@ def part() -> Iterator[Lab]:
     with private_lab() as made:
         made.start(
             "--set", "dynamics.start.z=1", "--set", "pressure.profile=bmp280",
-            "--set", "pressure.rate=25", "--set", "dynamics.seed=3",
+            "--set", "pressure.rate=25", "--set", "dynamics.seed=3", *PATIENT,
         )  # fmt: skip
         yield made
 
@@ -117,6 +119,42 @@ def test_delayed_it_shows_what_was(part: Lab, session: Bare, readings: Watch):
     put_in(session, kind="none")
     told = ("fault: delay", "fault: none")
     eventually(lambda: all(line in part.quadctl("node", "logs", "pressure").out for line in told))
+
+
+def test_doctor_sees_that_it_is_stuck_or_off_in_flight(part: Lab, session: Bare, readings: Watch):
+    """And the flight goes on as it was: safety does not go by the barometer."""
+    states = session.watch("uav/safety/state")
+    assert session.call("calibrate_pressure", zero=True).ok
+    for kind, x, name, verdict, evidence in (
+        ("stuck", 3.0, "barometer", "WARN", "stuck: "),
+        ("off", -3.0, "topic uav/sensors/pressure", "FAIL", "nothing came in"),
+    ):
+        put_in(session, kind=kind)
+        session.fly(x, 0.0, 1.0)
+        began = time.monotonic()
+        found = ask(part)
+        took = time.monotonic() - began
+        assert evidence in found.said(name, verdict)
+        assert found.checks[name]["fix"]
+        assert found.said("faults", "WARN").startswith(f"put in: barometer-{kind}")
+        assert took < 10, "its whole timeout: it has waited for somebody"
+    assert {state["reason"] for state in states.messages} == {""}
+
+
+def test_calibrated_in_flight_its_spread_says_so(part: Lab, session: Bare, readings: Watch):
+    readings.next(30)
+    at_rest = part.quadctl("calibrate", "--json").json["spread"]
+    poses = session.watch("uav/pose")
+    session.fly(0.0, 0.0, 0.5)
+    assert session.call("goto", x=0.0, y=0.0, z=4.5).value["accepted"]
+    poses.until(lambda p: p["position"]["z"] > 3.0)
+    climbing = part.quadctl("calibrate", "--json")
+    assert climbing.code == 0
+    # 12 Pa a metre: what the second's readings differ by is the climb, no longer the noise.
+    assert climbing.json["spread"] > max(5 * at_rest, 0.12)
+    shown = readings.until(lambda r: r["baseline"] == climbing.json["baseline"])
+    assert shown["spread"] == climbing.json["spread"]
+    session.fly(0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize(

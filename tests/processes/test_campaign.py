@@ -2,6 +2,7 @@
 
 import re
 import signal
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,9 +14,14 @@ from cli.options import options_of
 from tests.compiled import compiled_kernel
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually
+from tests.proofs import Proofs
 
 SHORT = ("campaign", "--flights", 6, "--seconds", 4, "--seed", 3)
 SHAPE = {"flights", "seed", "worst_excursion", "transitions", "refusals", "violations", "hash"}
+
+MARGIN, GUSTS = 0.01, 0.05
+"""What a vehicle may be beyond the cage, m: in still air, and beside that in wind, by the square of
+its speed (m/s)."""
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +92,28 @@ def test_a_violation_ends_it_with_8_and_says_how_to_fly_it_again(
     said = capsys.readouterr().out
     assert "VIOLATION    seed 3000001: MOVING to a goal outside" in said
     assert "again: quadctl campaign --replay 3000001 --seconds 4 --faults" in said
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1200)
+def test_ten_thousand_flights(module_lab: Lab, proofs: Proofs):
+    compiled_kernel()
+    for air, more, most in (
+        ("still air", (), MARGIN),
+        ("wind of 3 m/s with faults", ("--wind", 3, "--faults"), MARGIN + GUSTS * 3**2),
+    ):
+        words = ("campaign", "--flights", 10_000, "--seed", 1, *more, "--json")
+        began = time.monotonic()
+        done = module_lab.quadctl(*words, timeout=600.0)
+        took = time.monotonic() - began
+        proofs.add(
+            f"10 000 flights of 60 s in {air}: worst excursion beyond the cage",
+            f"{1000 * done.json['worst_excursion']:.3g} mm, {len(done.json['violations'])} violations,"
+            f" in {took:.0f} s",
+            f"{1000 * most:.0f} mm",
+        )
+        assert done.code == 0, done.json["violations"]
+        assert done.json["worst_excursion"] <= most
 
 
 def test_it_reads_well(report: dict[str, Any]):

@@ -14,7 +14,8 @@ from tests.processes.lab import NODES, Lab, private_lab
 from tests.processes.running import Done, eventually
 
 NEED_THE_HUB = {
-    "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "parameters",
+    "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "barometer",
+    "parameters",
 }  # fmt: skip
 
 
@@ -32,7 +33,13 @@ def test_a_healthy_system_has_no_fault_and_is_not_changed(shared_lab: Lab, hover
     assert found.failed == set()
     for name in ("realm", *(f"node {node}" for node in NODES), "hub answers", "announced"):
         found.said(name, "PASS")
-    for name in ("schemas", "servers", "publishers", *(f"services of {node}" for node in NODES)):
+    for name in (
+        "schemas",
+        "servers",
+        "publishers",
+        "barometer",
+        *(f"services of {node}" for node in NODES),
+    ):
         found.said(name, "PASS")
     for topic, hz in {
         "uav/pose": 100,
@@ -142,6 +149,26 @@ def test_second_servers_and_publishers_and_other_schemas(patient: Lab):
     behind = found.said("clocks", "WARN")
     assert re.search(r"on uav/sensors/pressure is stamped 360\d\.\d s in the past", behind)
     found.said("topic uav/sensors/pressure", "WARN")
+
+
+def test_somebody_elses_setpoints_are_seen(patient: Lab):
+    """They are safety's alone to write; nobody announces that he writes them too."""
+    with patient.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        doctor = patient.spawn(*patient.command("doctor", "--json", "--timeout", "10"))
+
+        def written() -> bool:
+            pose = bare.watch("uav/pose").next()[0]
+            where = {"position": {"x": 0.0, "y": 0.0, "z": 1.0}, "brake": False}
+            bare.put("uav/input/position", {"boot": pose["boot"], "for_seq": pose["seq"], **where})
+            return doctor.ended
+
+        eventually(written, 30.0)
+        assert states.messages, "safety goes on"
+    found = Found(Done(doctor.wait(), doctor.log, ""))
+    said = found.said("publishers", "FAIL")
+    assert said == "uav/input/position is published by safety and 1 more, not announced"
+    assert "`quadctl node list`" in found.checks["publishers"]["fix"]
 
 
 def test_a_realm_that_others_can_read_or_whose_socket_is_gone(patient: Lab):

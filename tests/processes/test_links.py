@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.processes.bare import Bare, gap, pack, speed, ticket
-from tests.processes.lab import Lab, private_lab
+from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.processes.proxy import Proxy
 from tests.processes.running import eventually
 from tests.proofs import Proofs
@@ -21,9 +21,8 @@ DELAY = 0.2
 """Seconds, each way."""
 SHORT, LONG = 1.5, 5.0
 """Seconds of a cut; either is longer than Zenoh keeps a connection that is silent."""
-PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6",
-           "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50",
-           "--set", "supervise.answer_timeout=30")  # fmt: skip
+ROOMY = (*PATIENT, "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50",
+         "--set", "supervise.answer_timeout=30")  # fmt: skip
 """A busy machine is no bad link."""
 AT_REST = 0.05
 """m/s."""
@@ -34,7 +33,7 @@ GOTO = "uav/@srv/goto"
 def far_operator() -> Iterator[tuple[Lab, Proxy]]:
     """A whole system, and a bad link to it."""
     with private_lab() as made, Proxy(made.home / "hub.sock", DELAY) as link:
-        made.start(*PATIENT)
+        made.start(*ROOMY)
         yield made, link
 
 
@@ -42,7 +41,7 @@ def far_operator() -> Iterator[tuple[Lab, Proxy]]:
 def safety_apart() -> Iterator[tuple[Lab, Proxy]]:
     """A system whose safety is a process of its own at the other end of a bad link."""
     with private_lab() as made, Proxy(made.home / "hub.sock", DELAY) as link:
-        made.start("--without", "safety", *PATIENT)
+        made.start("--without", "safety", *ROOMY)
         safety = made.spawn(
             sys.executable, "-P", "-m", "services.safety", "--connect", link.endpoint
         )
@@ -134,7 +133,7 @@ def test_safety_that_is_cut_off_the_vehicle_hovers_and_it_comes_back():
 def test_cuts_of_five_seconds_again_and_again(proofs: Proofs):
     count = 10
     with private_lab() as lab, Proxy(lab.home / "hub.sock", DELAY) as link:
-        lab.start(*PATIENT)
+        lab.start(*ROOMY)
         executed = sum(cut_off_the_operator(lab, link, LONG) for _ in range(count))
     proofs.add(
         "200 ms each way and cuts of 5 s between operator and hub: commands executed twice or late",

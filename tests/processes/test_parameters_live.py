@@ -2,10 +2,11 @@
 
 import signal
 from collections.abc import Iterator
+from itertools import pairwise
 
 import pytest
 
-from tests.processes.bare import Bare, speed
+from tests.processes.bare import Bare, gap, speed
 from tests.processes.lab import Lab, private_lab
 
 
@@ -39,11 +40,28 @@ def test_a_smaller_cage_holds_at_once(tuned: Lab, session: Bare):
     assert "[-3, 3]" in refused["reason"]
 
 
+def test_a_cage_that_shrinks_past_the_vehicle_lets_it_come_back_alone(tuned: Lab, session: Bare):
+    assert session.call("hold").ok
+    poses = session.watch("uav/pose")
+    place = poses.until(lambda p: speed(p) < 0.01)["position"]
+    assert place["z"] > 0.9
+    assert tuned.quadctl("param", "set", "safety.virtual_cage.z=0.5").code == 0
+    assert session.state()["state"] == "HOVERING"
+    assert max(gap(pose["position"], place) for pose in poses.next(30)) < 0.05
+    assert "beyond [0, 0.5]" in session.call("goto", **place).value["reason"]
+    mark = len(poses.messages)
+    back = tuned.quadctl("goto", place["x"], place["y"], 0.2, "--json")
+    assert (back.code, back.json["arrived"]) == (0, True), back
+    heights = [pose["position"]["z"] for pose in poses.messages[mark:]]
+    assert all(now <= before + 1e-3 for before, now in pairwise(heights))
+
+
 def test_a_bad_value_changes_nothing_even_beside_good_ones(tuned: Lab, session: Bare):
     before = session.call("safety/get_params", names=[]).value
     for words in (
         ("safety.virtual_cage.x", "nan"),
         ("safety.virtual_cage.x", "-3"),
+        ("safety.virtual_cage.z", "0.1"),
         ("safety.virtual_cage.y=3", "safety.virtual_cage.x=wide"),
         ("safety.virtual_cage.y=3", "safety.virtual_cage.q=3"),
     ):

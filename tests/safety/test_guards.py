@@ -5,7 +5,7 @@ from math import sqrt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from schemas.geometry import Position, Velocity
 from schemas.messages import CageSize
@@ -119,6 +119,44 @@ def test_resized_it_hovers_in_place_only_with_the_cage_on(cage_on: bool):
     rig.params.virtual_cage.x = 1.0
     rig.monitor.resize()
     assert rig.monitor.setpoint().brake is cage_on
+
+
+FACES = {
+    "east": Position(1.0, 0.0, 0.0),
+    "west": Position(-1.0, 0.0, 0.0),
+    "north": Position(0.0, 1.0, 0.0),
+    "south": Position(0.0, -1.0, 0.0),
+    "top": Position(0.0, 0.0, 1.0),
+    "floor": Position(0.0, 0.0, -1.0),
+}
+WALLS = {"east": 5.0, "west": 5.0, "north": 5.0, "south": 5.0, "top": 1.0, "floor": 1.0}
+"""How far each face is from ONE_UP, m."""
+
+
+@pytest.mark.parametrize("distance", [0.3, 2.0, 6.0])
+@pytest.mark.parametrize("face", FACES)
+def test_beyond_any_face_it_hovers_and_comes_back_by_goals_inside_alone(face: str, distance: float):
+    def out(metres: float) -> Position:
+        """So far beyond the face."""
+        way, (x, y, z) = WALLS[face] + metres, astuple(FACES[face])
+        return Position(way * x, way * y, 1.0 + way * z)
+
+    rig = Rig(cage_on=False).hovering()
+    for part in (0.3, 0.6, 1.0):
+        rig.at(out(part * distance))
+    rig.monitor.hold()
+    rig.at(out(distance))
+    rig.monitor.toggle(cage_on=True)
+    assert (rig.state.state, rig.state.cage_on) == ("HOVERING", True)
+    assert rig.state.goal == out(distance)
+    for goal in (out(distance), out(distance / 2), out(1e-9)):
+        assert rig.monitor.ask(goal) != ""
+        assert (rig.state.state, rig.state.goal) == ("HOVERING", out(distance))
+    assert rig.monitor.ask(ONE_UP) == ""
+    for part in (0.9, 0.5, 0.2):
+        assert rig.at(out(part * distance)).state == "MOVING"
+    outwards = Velocity(*astuple(FACES[face]))
+    assert rig.at(out(0.3 * distance), outwards).state == "HOVERING"
 
 
 def test_the_progress_of_a_way_back_is_told_nobody():

@@ -1,8 +1,11 @@
 """What came on one key while somebody listened: how often, from whom, and how old."""
 
+from collections import deque
 from typing import Any
 
 import msgspec
+
+_KEPT = 32
 
 
 class Heard:
@@ -11,6 +14,8 @@ class Heard:
     def __init__(self) -> None:
         self.count = 0
         self.age = 0.0
+        self.newest: deque[bytes] = deque(maxlen=_KEPT)
+        """The last payloads, the newest last."""
         self._first = self._last = 0.0
         self._payloads = (b"", b"")
         self._sources: dict[str, tuple[float, float]] = {}
@@ -21,6 +26,7 @@ class Heard:
             self._first, self._payloads = now, (payload, payload)
         self.count, self._last = self.count + 1, now
         self._payloads = (self._payloads[0], payload)
+        self.newest.append(payload)
         if source:
             began, _ = self._sources.get(source, (now, now))
             self._sources[source] = (began, now)

@@ -1,0 +1,38 @@
+"""Every promise has tests that there are, and the README tells what was last found of each."""
+
+import pytest
+
+from benchmarks import readme
+from tests.promises.entry import Promise
+from tests.promises.table import PROMISES, ROOT, is_long, owners, table
+from tests.proofs import read
+
+
+def test_every_hazard_stands_there_once():
+    hazards = [promise.hazard for promise in PROMISES]
+    assert sorted(set(hazards)) == sorted(hazards)
+
+
+@pytest.mark.parametrize("promise", PROMISES, ids=lambda promise: promise.hazard)
+def test_a_promise_is_held_by_tests_that_there_are(promise: Promise):
+    assert any(not is_long(test) for test in promise.tests), "one of every day at least"
+    # A figure comes from a long count.
+    assert not promise.last or any(map(is_long, promise.tests))
+
+
+def test_a_test_that_there_is_not_is_told():
+    with pytest.raises(LookupError, match="there is no tests/promises"):
+        is_long("tests/promises/test_promises.py::test_none")
+    with pytest.raises(LookupError, match="there is no tests/none"):
+        is_long("tests/none.py::test_none")
+
+
+def test_every_figure_is_of_one_promise():
+    found = {proof["promise"]: len(owners(proof)) for proof in read()}
+    assert found == dict.fromkeys(found, 1)
+
+
+def test_the_readme_has_the_table_that_is_made_from_all_this():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    made = readme.between(text, "proofs", table(read()))
+    assert text == made, "`python -m tests.proofs` makes it anew"

@@ -73,7 +73,7 @@ FAILURES = (
     ),
     Promise(
         "processes that ignore SIGTERM",
-        "asked, then killed after 300 ms; of starts and stops nothing is left",
+        "asked to end, then killed; of starts and stops nothing is left",
         (
             "tests/processes/test_endings.py::test_a_signal_ends_a_foreground_run_and_all_of_it",
             "tests/processes/test_endings.py::test_starts_and_stops_leave_nothing_behind",

@@ -2,6 +2,8 @@
 
 from tests.promises.entry import Last, Promise
 
+_ROOM = "30 students' machines and a teacher's on one network"
+
 OTHERS = (
     Promise(
         "strangers on the network",
@@ -31,6 +33,35 @@ OTHERS = (
             "tests/processes/test_many.py::test_thirty_realms_for_a_minute",
         ),
         (Last("30 realms side by side"),),
+    ),
+    Promise(
+        "thirty students on one network",
+        "each flies his own and nobody else's; the teacher sees, stops and lands all; in flight nobody"
+        " notices a cable that is out or a name that is revoked",
+        (
+            "tests/network/test_page.py::test_the_page_as_it_stands",
+            "tests/network/test_room.py::test_all_are_listed_and_their_poses_keep_their_rates",
+            "tests/network/test_room.py::test_all_fly_at_the_same_time_each_to_a_goal_of_his_own",
+            "tests/network/test_room.py::test_nobody_reaches_his_neighbours_vehicle",
+            "tests/network/test_room.py::test_the_teacher_stops_all_and_lands_all",
+            "tests/network/test_room.py::test_a_cable_that_is_out_disturbs_nobody_else",
+            "tests/network/test_room.py::test_who_is_revoked_is_out_and_the_others_are_undisturbed",
+        ),
+        (
+            Last(f"{_ROOM}: until", "all listed"),
+            Last(f"{_ROOM}: poses", "poses"),
+            Last(f"{_ROOM}, each at", "at his neighbour's"),
+            Last(f"{_ROOM}, in flight", "told to hold, hovering; landed"),
+            Last(
+                f"{_ROOM}, the cable",
+                "of another's poses, one cable out, then ten: longest gap at home, at the teacher's;"
+                " heard again",
+            ),
+            Last(
+                f"{_ROOM}, one revoked",
+                "until his last message; another's longest gap at the teacher's, at home",
+            ),
+        ),
     ),
     Promise(
         "a thousand vehicles on one hub",

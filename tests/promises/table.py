@@ -52,8 +52,15 @@ def _tests(path: str) -> dict[str, bool]:
     if not file.is_file():
         return {}
     tree = ast.parse(file.read_text(encoding="utf-8"))
+    marks = [
+        ast.unparse(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark"
+    ]
     return {
-        node.name: any("mark.prove" in ast.unparse(each) for each in node.decorator_list)
+        node.name: any(
+            "mark.prove" in each for each in [*marks, *map(ast.unparse, node.decorator_list)]
+        )
         for node in tree.body
         if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
     }

@@ -1,13 +1,12 @@
 """How fast simulated time goes in lock-step, with the real processes and every pose recorded."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.system import Home, running
+from services.dynamics.process.swift import have_made
 
 _MISSION = Path(__file__).parents[1] / "examples" / "mission.toml"
 _HOVER = 'end = 60.0\nrows = [{ at = 3.0, do = "calibrate" }]\n'
@@ -19,9 +18,7 @@ def measure(results: Results, effort: Effort) -> None:
 
     The vehicle's machine code, which a run has made once for a machine, is there by then.
     """
-    making = [sys.executable, "-P", "-m", "services.dynamics.process.making"]
-    with subprocess.Popen(making, stdin=subprocess.PIPE) as maker:
-        maker.wait()
+    have_made()
     with running("--set", "dynamics.speed=0") as where:
         hover = where.folder / "hover.toml"
         hover.write_text(_HOVER, encoding="utf-8")

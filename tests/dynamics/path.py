@@ -1,8 +1,10 @@
 """A setpoint by itself, moved by hand."""
 
+from math import ceil
+
 from schemas.params import DynamicsParams
 from services.dynamics import setpoint
-from services.dynamics.controller import Setpoint
+from services.dynamics.controller import PERIOD, Setpoint
 from services.dynamics.setpoint import limits_of
 from services.dynamics.sharing import Axis
 
@@ -43,3 +45,7 @@ class Path:
 
     def advance(self) -> None:
         self._plan = setpoint.advance(self._plan, self._limits)
+
+    def advance_for(self, seconds: float) -> None:
+        for _ in range(ceil(seconds / PERIOD)):
+            self.advance()

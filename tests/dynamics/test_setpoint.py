@@ -180,8 +180,7 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
 def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, then, seconds, part):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     trajectory.goto(*first)
-    for _ in range(ceil(seconds / PERIOD)):
-        trajectory.advance()
+    trajectory.advance_for(seconds)
     p, v, a, *_ = trajectory.x
     nearest = p + stop(v, a, ACCELERATION, JERK)
     goal = first[0] if part == 1.0 else nearest + part * (first[0] - nearest)
@@ -196,8 +195,7 @@ def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, the
 def test_a_goal_moved_in_flight_is_reached_soon(first, then, seconds):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     trajectory.goto(*first)
-    for _ in range(ceil(seconds / PERIOD)):
-        trajectory.advance()
+    trajectory.advance_for(seconds)
     trajectory.goto(*then)
     # An axis that got next to nothing, while another needed all, once crawled for 70 s.
     for _ in fly(trajectory, 20.0):
@@ -212,8 +210,7 @@ def test_a_flight_to_a_goal_that_was_moved_stops_soon(first, then, seconds, late
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     for goal, time in ((first, seconds), (then, later)):
         trajectory.goto(*goal)
-        for _ in range(ceil(time / PERIOD)):
-            trajectory.advance()
+        trajectory.advance_for(time)
     trajectory.brake()
     # It took up to a minute where an axis had next to nothing to brake with.
     for _ in fly(trajectory, 10.0):
@@ -226,8 +223,7 @@ def test_braking_ends_ahead_without_turning_back(goal, seconds):
     start = (0.0, 0.0, 10.0)
     trajectory = Path(DynamicsParams(), start)
     trajectory.goto(*goal)
-    for _ in range(ceil(seconds / PERIOD)):
-        trajectory.advance()
+    trajectory.advance_for(seconds)
     trajectory.brake()
     stops = trajectory.goal
     way = [g - s for g, s in zip(goal, start, strict=True)]

@@ -14,6 +14,15 @@ _MAKING = (sys.executable, "-P", "-m", "services.dynamics.process.making")
 _log = logging.getLogger(__name__)
 
 
+def have_made() -> None:
+    """Have the machine code made where there is none; returns when that is done, or has failed."""
+    import subprocess
+
+    # It ends when its stdin does, which is at the latest when we do.
+    with subprocess.Popen(_MAKING, stdin=subprocess.PIPE) as making:
+        making.wait()
+
+
 class Swift:
     """Loads the machine code in the background, and has it made where it has not been yet.
 
@@ -35,7 +44,6 @@ class Swift:
 
     def _fetch(self) -> None:
         # Loaded here, in the background: one vehicle in real time needs none of it.
-        import subprocess
         from importlib.util import find_spec
 
         if find_spec("numba") is None:
@@ -45,9 +53,7 @@ class Swift:
         code = stored()
         if code is None:
             _log.info("compiling the vehicle, once for this machine; it flies meanwhile")
-            # It ends when its stdin does, which is at the latest when we do.
-            with subprocess.Popen(_MAKING, stdin=subprocess.PIPE) as making:
-                making.wait()
+            have_made()
             code = stored()
         if code is None:
             _log.warning("the vehicle could not be compiled: it flies on as plain Python")

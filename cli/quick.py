@@ -49,7 +49,8 @@ def _read(declared: list[Word], line: Iterator[str], common: dict[str, Any]) -> 
     placed = iter(word for word in declared if isinstance(word.said, Arg))
     signed, place = takes_signed(declared), None
     for text in line:
-        if text.startswith("-") and not (signed and is_number(text)):
+        # `-inf` may be a number, or -i, -n and -f in one.
+        if text.startswith("-") and not (signed and is_number(text) and not text[1].isalpha()):
             name, equals, value = text.partition("=")
             if equals and not text.startswith("--"):
                 raise _Declined  # of a short one the rest would be its value, the = as well

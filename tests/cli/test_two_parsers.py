@@ -1,7 +1,7 @@
 """The quick parser and Typer read the same declarations, so they read a line alike."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cli import quick, typed
@@ -31,6 +31,7 @@ def by_typer(words: list[str]) -> Line | None:
 
 
 @settings(max_examples=300)
+@example(["topic", "pub"], ["-inf"], [])  # -n is an option there
 @given(
     st.sampled_from(sorted(COMMANDS)).map(str.split),
     st.lists(st.sampled_from(VALUES + WORDS), max_size=6),

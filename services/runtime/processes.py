@@ -15,7 +15,7 @@ GATE = "gate"
 RECORDER = "recorder"
 """Comes besides them where a run is to be recorded."""
 
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+_NAME = r"[A-Za-z0-9_-]{1,40}"
 
 State = Literal["starting", "ready", "restarting", "down"]
 
@@ -77,7 +77,7 @@ def table(
             raise Invalid(f"--without {name}: there is no such process", f"one of {known}")
     for name in names:
         # `up` is the supervisor's own name in the log.
-        if not _NAME.fullmatch(name) or name == "up":
+        if not re.fullmatch(_NAME, name) or name == "up":
             raise Invalid(f"processes.{name}: no name for a process", "use letters, digits, _, -")
     return tuple(
         Process(

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from datetime import datetime
 from typing import Any
 
 import msgspec
@@ -39,11 +38,9 @@ def _carried(value: Any, depth: int = 0) -> Any:
             return value.hex()
         case float() if not math.isfinite(value):
             return str(value)
-        case datetime():
-            return value.isoformat()
         case msgspec.msgpack.Ext():
             return {"ext": value.code, "data": bytes(value.data).hex()}
-    return value
+    return msgspec.to_builtins(value)  # a time becomes text
 
 
 def _table(value: dict[Any, Any], depth: int) -> Any:

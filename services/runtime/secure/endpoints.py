@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from schemas.endpoint import LOCAL, PORTS, SECURE
 from services.runtime.errors import UsageError
 
-_FORM = re.compile(rf"(?:{'|'.join(PORTS)})/[^/?#]+:\d{{1,5}}(?:[?#].*)?|(?:{'|'.join(LOCAL)})/.+")
+_FORM = rf"(?:{'|'.join(PORTS)})/[^/?#]+:\d{{1,5}}(?:[?#].*)?|(?:{'|'.join(LOCAL)})/.+"
 _LOOPBACK = ("127.", "localhost:", "[::1]:")
 
 
 def check(endpoint: str) -> None:
     """Raise UsageError for what is none."""
-    if not _FORM.fullmatch(endpoint):
+    if not re.fullmatch(_FORM, endpoint):
         raise UsageError(
             f"'{endpoint}' is no endpoint",
             f"endpoints are PROTOCOL/ADDRESS, as tls/lab2:7447; the protocols are {', '.join(PORTS)},"

@@ -8,9 +8,9 @@ import pytest
 from tests.processes.lab import Lab
 
 SLOW = {
-    "asyncio", "cli.typed", "dataclasses", "inspect", "json", "logging", "numpy", "pathlib",
-    "platform", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
-    "urllib",
+    "asyncio", "cli.typed", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
+    "pathlib", "platform", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
+    "urllib", "uuid",
 }  # fmt: skip
 
 

@@ -12,10 +12,10 @@ _ALONE = """
 @njit(error_model='numpy', nogil=True, cache=True)
 def alone(blocks, constants, steps, every):
     for b in range(blocks.shape[0]):
-        for count in range(steps):
+        for count in range(0, steps, 2):
             if count % 4 == every:
                 _act(blocks[b], constants[b])
-            _move(blocks[b], constants[b])
+            _calm2(blocks[b], constants[b])
 """
 
 

@@ -1,6 +1,6 @@
 """One flight's safety: the monitor that flies live, fed with poses and the rows of a mission."""
 
-from math import ceil, inf, isfinite
+from math import inf, isfinite
 
 from msgspec.structs import replace
 
@@ -59,11 +59,16 @@ class Lane:
     def wanted(self) -> float:
         """The period in which there is something to do, whatever the vehicle does."""
         lied_to = self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to)
-        if lied_to or self._following.doubts:
+        if lied_to:
             return 0
-        return (
-            ceil(self._rows[self._next].at * SETPOINT.hz) if self._next < len(self._rows) else inf
-        )
+        row = self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
+        # One early, lest it be one late by rounding.
+        return min(row, self._following.due * SETPOINT.hz - 1)
+
+    @property
+    def stands(self) -> bool:
+        """Whether the vehicle stood still on its way when it was last looked at."""
+        return self._following.due < inf
 
     def see(self, period: int, motion: Motion) -> None:
         """Show a pose, unless it does not get through."""

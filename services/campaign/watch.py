@@ -17,10 +17,10 @@ from services.safety.model import State
 from services.safety.reach import AT_REST
 
 _SLACK = 1e-9
-_NOTES = 16
-"""What is noted of each monitor: the period in which it is wanted, whether it is moving, settling
-and returning, its range, how far it takes to stop, how far it comes in a period, and these."""
-_GOAL, _LOW, _HIGH = slice(7, 10), slice(10, 13), slice(13, 16)
+_NOTES = 17
+"""What is noted of each monitor: when it is wanted, in periods, whether it is moving, standing,
+settling and returning, its range, how far it takes to stop, how far it comes in a period, and these."""
+_GOAL, _LOW, _HIGH = slice(8, 11), slice(11, 14), slice(14, 17)
 
 
 class Watch:
@@ -37,7 +37,7 @@ class Watch:
         goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on else inf
         # One row of numbers: to write them one by one would take ten times as long.
         self._notes[:, number] = (
-            lane.wanted, s.state is State.MOVING, s.settling, s.cage_on and s.beyond > 0.0,
+            lane.wanted, s.state is State.MOVING, lane.stands, s.settling, s.cage_on and s.beyond > 0.0,
             params.acceptance_range + _SLACK, 0.5 / params.max_deceleration,
             params.max_speed / SETPOINT.hz,
             goal.x, goal.y, goal.z,
@@ -48,9 +48,10 @@ class Watch:
     def awake(self, period: int, motion: Floats, last: Floats) -> list[int]:
         """The monitors that are to see this pose, of (6, vehicles)."""
         place, velocity = motion[:3], motion[3:]
-        wanted, moving, settling, returning, reach, half, fastest = self._notes[:7]
+        wanted, moving, stands, settling, returning, reach, half, fastest = self._notes[:8]
         arrives = _within(place - self._notes[_GOAL], reach)
-        rests = ((settling > 0.0) | (moving > 0.0)) & _within(velocity, AT_REST + _SLACK)
+        rests = ((settling > 0.0) | (moving > stands)) & _within(velocity, AT_REST + _SLACK)
+        starts = (stands > 0.0) & ~_within(velocity, AT_REST - _SLACK)
         stop = place + half * velocity * np.abs(velocity)
         leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
         leaps = ~_within(place - last[:3], fastest)
@@ -58,6 +59,7 @@ class Watch:
             (wanted <= period)
             | ((moving > 0.0) & (arrives | leaves | (returning > 0.0)))
             | rests
+            | starts
             | leaps
         )
         numbers: list[int] = np.flatnonzero(found).tolist()

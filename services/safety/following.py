@@ -1,5 +1,7 @@
 """Whether the vehicle follows what it is told, as its poses show. Pure."""
 
+from math import inf
+
 from schemas.geometry import Position
 from schemas.messages import Pose
 from services.safety.reach import at_rest
@@ -22,9 +24,9 @@ class Following:
         self._still_since: float | None = None
 
     @property
-    def doubts(self) -> bool:
-        """Whether the vehicle stood still on its way when it was last looked at."""
-        return self._still_since is not None
+    def due(self) -> float:
+        """The stamp (s) beyond which a vehicle that now stands still on its way is in trouble, else inf."""
+        return inf if self._still_since is None else self._still_since + PATIENCE
 
     def trouble(self, pose: Pose, goal: Position | None, limit: float, *, moving: bool) -> str:
         """Why the vehicle has stopped by itself, empty where it has not.

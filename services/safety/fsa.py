@@ -119,18 +119,18 @@ RULES = (
 # fmt: on
 
 
-Table = dict[type[Event], tuple[Rule, ...]]
+Table = dict[tuple[State, type[Event]], tuple[Rule, ...]]
 
 
-def by_event(rules: Iterable[Rule]) -> Table:
-    """The rules for each event, in their order: what a step has to look through."""
+def by_place(rules: Iterable[Rule]) -> Table:
+    """The rules for each state and event, in their order: what a step has to look through."""
     table: Table = {}
     for rule in rules:
-        table[rule.on] = (*table.get(rule.on, ()), rule)
+        table[rule.at, rule.on] = (*table.get((rule.at, rule.on), ()), rule)
     return table
 
 
-_TABLE = by_event(RULES)
+_TABLE = by_place(RULES)
 
 
 def step(
@@ -140,9 +140,9 @@ def step(
 
     Raises LookupError where no rule fits, which the tests show never to be.
     """
-    table = _TABLE if rules is RULES else by_event(rules)
-    for rule in table.get(type(event), ()):
-        if rule.at is situation.state and rule.when(situation, event, world):
+    table = _TABLE if rules is RULES else by_place(rules)
+    for rule in table.get((situation.state, type(event)), ()):
+        if rule.when(situation, event, world):
             after = rule.do(situation, event, world)
             return after if after.state is rule.to else replace(after, state=rule.to)
     raise LookupError(f"no rule for {situation.state} and {event}")

@@ -1,5 +1,7 @@
 """Whether the vehicle follows what it is told, as its poses show."""
 
+from math import inf
+
 from msgspec.structs import replace
 
 from schemas.geometry import Position, Velocity
@@ -80,4 +82,4 @@ def test_standing_still_is_counted_anew_after_each_move_and_only_on_the_way():
         assert look(following, count * PERIOD, velocity=still) == ""
     for count in range(200, 300):
         assert look(following, count * PERIOD, velocity=STILL, moving=False) == ""
-        assert not following.doubts
+        assert following.due == inf

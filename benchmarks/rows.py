@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from benchmarks.bars import AtLeast, AtMost, AtMostTimes, Bar
 
 GROUPS = (
-    "commands", "calls", "topics", "launches", "footprint", "flights", "lockstep", "recorder",
-    "console",
+    "commands", "calls", "topics", "launches", "footprint", "vehicles", "flights", "lockstep",
+    "recorder", "console",
 )  # fmt: skip
 
 
@@ -63,6 +63,11 @@ ROWS = (
     Row("footprint", "flight_processor", "processor, whole system in flight, of one core", "%",
         (AtMost(8),)),
     Row("footprint", "gone", "`kill -9` of a node until it is in no listing", "ms", (AtMost(50),)),
+    Row("vehicles", "vehicles_100", "processor, 100 vehicles of one run in flight, poses at 20 Hz each, of one core", "%", (AtMost(100),)),
+    Row("vehicles", "each_of_1", "the same of a run of one", "%"),
+    Row("vehicles", "each_of_10", "the same of 10, for each", "%"),
+    Row("vehicles", "each_of_100", "the same of 100, for each", "%"),
+    Row("vehicles", "physics", "the physics alone of 1000 in flight, on arrays, for each", "%"),
     Row("flights", "within_05", "3 m step: within 0.5 m", "s", (AtMost(1.6),)),
     Row("flights", "within_02", "3 m step: within 0.2 m", "s", (AtMost(1.9),)),
     Row("flights", "overshoot", "3 m step: overshoot", "m", (AtMost(0.01),)),

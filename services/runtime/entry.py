@@ -48,14 +48,11 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
     """Run a node until SIGINT, SIGTERM, or its supervisor's death; never returns.
 
     Reads the command line (`--help` tells), opens the session, serves the node's parameters
-    and calls `run(node, params)`, for each of several vehicles on a thread of its own. `opening` replaces
+    and calls `run(node, params)`, once for each of several vehicles, which take turns. `opening` replaces
     the way the session is opened, and opens it again where `run` raises Reopen.
     """
     options = _parse(name)
-    several = len(_vehicles(options)) > 1
-    # The thread of a vehicle's service has its name.
-    line = "%(threadName)s: %(message)s" if several else "%(message)s"
-    logging.basicConfig(level=logging.INFO, format=line, stream=sys.stderr)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     for level in (logging.WARNING, logging.ERROR):
         logging.addLevelName(level, logging.getLevelName(level).lower())
     try:
@@ -126,14 +123,14 @@ def _crew(
 ) -> Crew:
     """The service of every vehicle, about to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
-    crew = Crew()
-    first = next(iter(fleet.values()))
+    alone = len(fleet) == 1
+    crew, first = Crew(alone=alone), next(iter(fleet.values()))
     for vehicle, params in fleet.items():
         like = None if params is first else first
-        alone = len(fleet) == 1
-        node = Node(name, vehicle, opened, restarted=restarted, like=like, alone=alone)
+        loop = crew.loop()
+        node = Node(name, vehicle, opened, loop, restarted=restarted, like=like, alone=alone)
         _serve_params(node, params, realm)
-        crew.take(vehicle, node.loop, partial(run, node, params))
+        crew.take(loop, partial(run, node, params))
     return crew
 
 

@@ -5,7 +5,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from queue import Empty, SimpleQueue
+
+from services.runtime.inbox import Inbox, Item
 
 _LATE = 0.1
 """A loop that is later than this (s) drops the ticks it missed instead of hurrying after them."""
@@ -18,8 +19,13 @@ class Loop:
     sleeps; then one of Zenoh's may take it for what is done at once, which saves waking the loop.
     """
 
-    def __init__(self) -> None:
-        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+    def __init__(self, inbox: Inbox | None = None, origin: float | None = None) -> None:
+        """With an inbox of its own, or this one.
+
+        Loops with the same `origin` (monotonic s) tick together where their rates are equal: what
+        they send then travels together.
+        """
+        self._inbox, self._origin = Inbox() if inbox is None else inbox, origin
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
         self._waits = 0
@@ -27,7 +33,7 @@ class Loop:
         self._turn.acquire()
         self.stopping = False
 
-    def at_once(self, item: Callable[[], None]) -> None:
+    def at_once(self, item: Item) -> None:
         """Have something done on this thread while the loop sleeps, else soon, in its order.
 
         It must not wait for anything: this may be the thread by which that would come.
@@ -37,7 +43,7 @@ class Loop:
             return
         try:
             # A loop that waits for a condition has to look at it afterwards.
-            if self._waits or not self._inbox.empty():
+            if self._waits or len(self._inbox):
                 self.post(item)
             else:
                 item()
@@ -51,7 +57,7 @@ class Loop:
         """Whether the loop waits for a condition, and anything may be what it waits for."""
         return self._waits > 0
 
-    def post(self, item: Callable[[], None]) -> None:
+    def post(self, item: Item) -> None:
         """Have something done soon; safe to call from any thread."""
         self._inbox.put(item)
 
@@ -81,8 +87,8 @@ class Loop:
         at every tick and whenever it is to be: a new one counts from the last tick.
         """
         rate_now = hz if callable(hz) else lambda: hz
-        rate, start, count = rate_now(), time.monotonic(), 0
-        last = start
+        rate, count = rate_now(), 0
+        last = start = self._beat(rate)
         while self._serve_until(start + count / rate):
             now = time.monotonic()
             if rate_now() != rate:
@@ -93,7 +99,7 @@ class Loop:
                 yield now
                 count += 1
                 if time.monotonic() > start + count / rate + _LATE:
-                    start, count = time.monotonic(), 1
+                    start, count = self._beat(rate), 1
 
     def spin(self) -> None:
         """Serve the inbox until stopped."""
@@ -114,6 +120,13 @@ class Loop:
         finally:
             self._waits -= 1
 
+    def _beat(self, rate: float) -> float:
+        """From when on ticks are counted: from now, or from the last one of all with this origin."""
+        now = time.monotonic()
+        if self._origin is None or rate == math.inf:
+            return now
+        return self._origin + math.floor((now - self._origin) * rate) / rate
+
     def _serve_until(self, deadline: float) -> bool:
         """Serve the inbox until a time on the monotonic clock; False when stopped.
 
@@ -121,26 +134,24 @@ class Loop:
         time has passed, and no more than that: a loop that is late still answers, and a flood does
         not hold up its ticks.
         """
-        for _ in range(self._inbox.qsize()):
-            self._inbox.get_nowait()()
+        for _ in range(len(self._inbox)):
+            if item := self._inbox.next():
+                item()
         while not self.stopping and not self._retimed and self._serve_one(deadline):
             pass
         self._retimed = False
         return not self.stopping
 
     def _serve_one(self, deadline: float) -> bool:
-        left = deadline - time.monotonic()
-        if left <= 0:
+        if time.monotonic() >= deadline:
             return False
         self._turn.release()
         try:
-            # An untimed wait can miss a signal, so even an endless one looks up now and then.
-            item = self._inbox.get(timeout=min(left, 0.5))
-        except Empty:
-            return True
+            item = self._inbox.wait(deadline)
         finally:
             self._turn.acquire()
-        item()
+        if item:
+            item()
         return True
 
 

@@ -36,6 +36,7 @@ class Node:
         name: str,
         vehicle: str,
         session: zenoh.Session,
+        loop: Loop | None = None,
         *,
         restarted: bool = False,
         like: Params | None = None,
@@ -53,9 +54,10 @@ class Node:
         self._others = roster.offers(session, vehicle)
         if name in roster.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
-        self.log = logging.getLogger(name)
+        log = logging.getLogger(name)
+        self.log = log if alone else _Of(vehicle, log)
         self._session = session
-        self.loop = Loop()
+        self.loop = loop or Loop()
         self._declared: list[Any] = []
         self._offers: list[Callable[[], graph.Offer]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -212,3 +214,14 @@ class Node:
             self._tokens.pop(key).undeclare()
         for key in keys - self._tokens.keys():
             self._tokens[key] = self._session.liveliness().declare_token(key)
+
+
+class _Of(logging.LoggerAdapter[logging.Logger]):
+    """Says of which vehicle a line tells, where there are several."""
+
+    def __init__(self, vehicle: str, log: logging.Logger) -> None:
+        super().__init__(log)
+        self._vehicle = vehicle
+
+    def process(self, msg: Any, kwargs: Any) -> Any:
+        return f"{self._vehicle}: {msg}", kwargs

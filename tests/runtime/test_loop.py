@@ -1,11 +1,15 @@
 """Whose turn it is: a loop's own thread, or another's while the loop sleeps."""
 
+import math
 import threading
+import time
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any
 
 import pytest
 
+from services.runtime.inbox import Inbox, Item
 from services.runtime.loop import Loop
 
 SOON = 10.0
@@ -112,3 +116,27 @@ def test_what_fails_at_once_ends_the_loop_as_if_it_had_been_posted():
     made.loop.at_once(fail)
     made.thread.join(SOON)
     assert [str(error) for error in made.raised] == ["wrong"]
+
+
+class Still(Inbox):
+    """Nothing ever comes; a clock that shows each time that is waited for."""
+
+    now = 103.017
+
+    def wait(self, deadline: float) -> Item | None:
+        self.now = deadline
+        return None
+
+
+@pytest.mark.parametrize(("origin", "first"), [(None, 103.017), (100.0, 103.0), (100.01, 103.01)])
+def test_loops_of_one_origin_tick_together(monkeypatch, origin: float | None, first: float):
+    inbox = Still()
+    monkeypatch.setattr(time, "monotonic", lambda: inbox.now)
+    ticks = list(islice(Loop(inbox, origin).ticks(50.0), 4))
+    assert ticks == pytest.approx([103.017, first + 0.02, first + 0.04, first + 0.06])
+
+
+def test_ticks_without_pause_have_no_beat(monkeypatch):
+    inbox = Still()
+    monkeypatch.setattr(time, "monotonic", lambda: inbox.now)
+    assert list(islice(Loop(inbox, 100.0).ticks(math.inf), 3)) == [103.017] * 3

@@ -12,8 +12,8 @@ from services.runtime.errors import Invalid, UsageError
 from services.runtime.settings.params import check, gather
 from services.runtime.vehicles import DEFAULT, listed
 
-MOST = 1000
-"""Vehicles of one run."""
+MOST = 200
+"""Vehicles of one run: of 300 a hub takes longer to learn what they offer than a start may take."""
 _GRID = 2.0
 """Metres between two vehicles at the start."""
 _SHARED = ("hub", "supervise", "processes", "dynamics.speed")

@@ -1,0 +1,95 @@
+"""What several vehicles of one run take, all of them on their way."""
+
+import time
+from collections import Counter
+from itertools import cycle
+
+import msgspec
+import zenoh
+
+from benchmarks import proc
+from benchmarks.children import Failed
+from benchmarks.effort import Effort
+from benchmarks.model.vehicles import flying as parameters
+from benchmarks.model.vehicles import send
+from benchmarks.raw.session import opened
+from benchmarks.results import Results
+from benchmarks.system import Home, running
+
+_HZ, _LEAST_HZ = 20, 19
+_STEPS = 1000
+"""Of the model, in a second."""
+_SETTLED = 5.0
+_LEG_SECONDS = 2.5
+_AWAY = ((1.0, 0.0, 1.0), (1.0, 1.0, 1.5), (0.0, 1.0, 1.0), (0.0, 0.0, 2.0))
+"""Goals, m, from where a vehicle started."""
+_WIDE = ("--set", "safety.virtual_cage.x=100", "--set", "safety.virtual_cage.y=100")
+"""They start on a grid that is larger than the usual cage."""
+_COUNTS = (1, 10, 100)
+_MANY = 1000
+
+
+def measure(results: Results, effort: Effort) -> None:
+    """Processor time of the whole run, and of it what falls to one vehicle."""
+    share = 0.0
+    for count in _COUNTS:
+        words = ("--vehicles", str(count), *_WIDE, "--set", f"dynamics.rate={_HZ}")
+        with running(*words) as where, opened(where.endpoint) as session:
+            share = flying(where, session, count, effort.seconds)
+        results.add(f"each_of_{count}", "ours", [share / count])
+    results.add("vehicles_100", "ours", [share])
+
+
+def measure_physics(results: Results, effort: Effort) -> None:
+    """Processor time of as many simulated seconds of an array fleet."""
+    from services.dynamics.fleet.arrays import ArrayFleet
+
+    fleet = ArrayFleet([parameters()] * _MANY)
+    send(fleet.goto, _MANY)
+    fleet.advance(_STEPS)
+    began = time.process_time()
+    for _ in range(round(effort.seconds)):
+        fleet.advance(_STEPS)
+    busy = time.process_time() - began
+    results.add("physics", "ours", [100 * busy / round(effort.seconds) / _MANY])
+
+
+def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> float:
+    """The run's share of one core, %, for so long; raises Failed where poses are missing."""
+    names = [f"uav{number}" for number in range(count)]
+    homes: dict[str, tuple[float, float]] = {}
+    heard: Counter[str] = Counter()
+
+    def on_pose(sample: zenoh.Sample) -> None:
+        name = str(sample.key_expr).partition("/")[0]
+        heard[name] += 1
+        if name not in homes:
+            at = msgspec.msgpack.decode(sample.payload.to_bytes())["position"]
+            homes[name] = at["x"], at["y"]
+
+    poses = session.declare_subscriber("*/pose", zenoh.handlers.Callback(on_pose, indirect=False))
+    time.sleep(_SETTLED)
+    processes, before = where.processes(), Counter(heard)
+    busy, began = proc.busy_of(processes), time.monotonic()
+    for x, y, z in cycle(_AWAY):
+        for name in names:
+            east, north = homes[name]
+            _send(session, name, {"x": east + x, "y": north + y, "z": z, "replace": True})
+        left = began + seconds - time.monotonic()
+        time.sleep(max(min(left, _LEG_SECONDS), 0))
+        if left <= _LEG_SECONDS:
+            break
+    passed, after = time.monotonic() - began, proc.busy_of(processes)
+    poses.undeclare()
+    slowest = min((heard[name] - before[name]) / passed for name in names)
+    if slowest < _LEAST_HZ:
+        raise Failed(f"of {count} vehicles one has poses at {slowest:.1f} Hz")
+    return 100 * (sum(after.values()) - sum(busy.values())) / passed
+
+
+def _send(session: zenoh.Session, name: str, goal: dict[str, float | bool]) -> None:
+    for reply in session.get(f"{name}/@srv/goto", payload=msgspec.msgpack.encode(goal)):
+        answer = reply.ok and msgspec.msgpack.decode(reply.ok.payload.to_bytes())
+        if answer and answer["accepted"]:
+            return
+    raise Failed(f"{name} takes no goal")

@@ -32,7 +32,6 @@ MAY_ASK = {
     "run/logs.py": "when a line was logged",
     "run/row.py": "when a process was started, which is only told",
     "run/sweep.py": "a name that no other run has",
-    "bus/plain.py": "shows a stranger's date",
     "secure/authority.py": "until when a certificate holds",
     "secure/fleet.py": "until when a certificate holds",
     "secure/gate.py": "until when a certificate holds",

@@ -69,7 +69,9 @@ class Server(Generic[Q, R]):
                 f"'{query.key_expr}' is a pattern, and services are not called by pattern",
                 f"call {self.key}",
             )
-        return wire.decode_call(query.attachment.to_bytes() if query.attachment else None)
+        # The binding makes each part anew whenever it is looked at.
+        attachment = query.attachment
+        return wire.decode_call(attachment.to_bytes() if attachment else None)
 
     def _once(self, call: Call, query: zenoh.Query) -> Answer | None:
         """The first answer to this call, None where it is yet to be given."""
@@ -106,8 +108,9 @@ class Server(Generic[Q, R]):
     def _execute(self, query: zenoh.Query, call: Call | None) -> Answer:
         self.call = call
         try:
-            payload = query.payload.to_bytes() if query.payload is not None else b""
-            said = str(query.encoding) if query.encoding is not None else ""
+            sent, encoding = query.payload, query.encoding
+            payload = sent.to_bytes() if sent is not None else b""
+            said = str(encoding) if encoding is not None else ""
             request = wire.decode(self._service.request, payload, said)
         except QuadctlError as error:
             return False, wire.encode_error(error)

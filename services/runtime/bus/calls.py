@@ -1,9 +1,8 @@
 """The caller's side of a service."""
 
 import os
-import threading
 import time
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -11,6 +10,7 @@ from msgspec import Struct
 from schemas.contract import Service
 from schemas.envelope import Call
 from services.runtime.bus import wire
+from services.runtime.bus.matching import Matching
 from services.runtime.bus.plain import plain
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
@@ -47,6 +47,7 @@ class Asker:
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
         )
+        self._server = Matching(self._querier)
 
     def ask(
         self, payload: bytes, encoding: str, timeout: float, boot: str = ""
@@ -75,7 +76,7 @@ class Asker:
         raise gone(self._key)
 
     def _wait_for_server(self, deadline: float, timeout: float) -> None:
-        if not wait_for_match(self._querier, deadline - time.monotonic()):
+        if not (self._server.is_there or self._server.wait(deadline - time.monotonic())):
             raise Unreachable(
                 f"nobody served {self._key} within {round(timeout, 2):g} s",
                 "its process is down or does not offer it, or this identity may not call it:"
@@ -85,10 +86,12 @@ class Asker:
 
 def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
     """A reply and its encoding; raises what an error reply stands for."""
-    if reply.ok is not None:
-        return reply.ok.payload.to_bytes(), str(reply.ok.encoding)
-    assert reply.err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
-    payload, said = reply.err.payload.to_bytes(), str(reply.err.encoding)
+    # The binding makes each part anew whenever it is looked at.
+    if (ok := reply.ok) is not None:
+        return ok.payload.to_bytes(), str(ok.encoding)
+    err = reply.err
+    assert err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
+    payload, said = err.payload.to_bytes(), str(err.encoding)
     if said == wire.ERROR_ENCODING:
         raise wire.decode_error(payload)
     if payload == b"Timeout":
@@ -105,26 +108,3 @@ def gone(key: str) -> Unreachable:
         f"the server of {key} went away in mid-call: the outcome is unknown",
         "look at `quadctl status`, then ask again",
     )
-
-
-def has_match(end: zenoh.Querier | zenoh.Publisher) -> bool:
-    """Whether the hub has told of somebody at the other end."""
-    status: Any = end.matching_status  # the stubs take it for a bool
-    return bool(status.matching)
-
-
-def wait_for_match(end: zenoh.Querier | zenoh.Publisher, timeout: float) -> bool:
-    """Wait up to a timeout (s) for somebody at the other end; False where nobody came."""
-    if has_match(end):
-        return True
-    arrived = threading.Event()
-
-    def on_change(status: zenoh.MatchingStatus) -> None:
-        if status.matching:
-            arrived.set()
-
-    listener = end.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
-    try:
-        return has_match(end) or arrived.wait(max(timeout, 0))
-    finally:
-        listener.undeclare()

@@ -2,7 +2,7 @@
 
 import zenoh
 
-from services.runtime.bus.calls import has_match, wait_for_match
+from services.runtime.bus.matching import Matching
 
 
 class Outlet:
@@ -15,6 +15,7 @@ class Outlet:
             encoding=encoding or zenoh.Encoding.ZENOH_BYTES,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
+        self._listeners = Matching(self._publisher)
 
     def put(self, payload: bytes) -> None:
         """Publish one message."""
@@ -22,8 +23,8 @@ class Outlet:
 
     def wait_for_listener(self, timeout: float) -> bool:
         """Wait up to a timeout (s) for somebody who listens; False where nobody came."""
-        return wait_for_match(self._publisher, timeout)
+        return self._listeners.wait(timeout)
 
     def is_heard(self) -> bool:
         """Whether anybody listens, as far as the hub has said; ask after a round trip to it."""
-        return has_match(self._publisher)
+        return self._listeners.is_there

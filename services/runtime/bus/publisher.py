@@ -7,7 +7,7 @@ from msgspec import Struct
 
 from schemas.contract import Topic
 from services.runtime.bus import wire
-from services.runtime.bus.calls import has_match
+from services.runtime.bus.matching import Matching
 
 M = TypeVar("M", bound=Struct)
 
@@ -29,12 +29,13 @@ class Publisher(Generic[M]):
             encoding=self._encoding,
             congestion_control=control.BLOCK if waits else control.DROP,
         )
+        self._listeners = Matching(self._publisher)
         self._last = b""
 
     @property
     def is_heard(self) -> bool:
         """Whether the hub has told of a listener."""
-        return has_match(self._publisher)
+        return self._listeners.is_there
 
     def put(self, message: M) -> None:
         """Publish a message; numbers must be Python's own, not numpy's."""

@@ -6,7 +6,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 _PR_SET_PDEATHSIG = 1
@@ -52,6 +53,22 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
     if os.environ.get("QUADCTL_SUPERVISED"):
         die_with_parent()
         threading.Thread(target=_watch_parent, args=(stop,), daemon=True).start()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Have Ctrl-C wait until the block is done, where the system can make it wait.
+
+    What it interrupts half done could not be told from what somebody else has done.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _watch_parent(stop: Callable[[], None]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.processes.bare import Bare, speed
-from tests.processes.lab import Lab, private_lab
+from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.processes.running import eventually
 
 FAR = {"x": 4.5, "y": 0.0, "z": 1.0}
@@ -113,7 +113,7 @@ def test_a_bus_that_is_cut_is_shown_as_that(lab: Lab):
 
 
 def test_a_frozen_process_goes_on_when_that_is_taken_out(lab: Lab):
-    lab.start("--set", "supervise.answer_timeout=60")
+    lab.start("--set", "supervise.answer_timeout=60", *PATIENT)
     old = lab.nodes()
     assert lab.quadctl("fault", "inject", "safety-frozen").code == 0
     eventually(lambda: "in  safety-frozen" in lab.quadctl("fault", "list").out)

@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from tests.processes.lab import NODES, Lab, private_lab
+from tests.processes.lab import NODES, PATIENT, Lab, private_lab
 from tests.processes.running import eventually
 
 VEHICLES = ["uav0", "uav1", "uav2"]
@@ -16,7 +16,7 @@ VEHICLES = ["uav0", "uav1", "uav2"]
 def three() -> Iterator[Lab]:
     """Three vehicles that hover, the last one higher."""
     with private_lab() as made:
-        made.start("--vehicles", 3, "--set", "uav2.safety.takeoff=2")
+        made.start("--vehicles", 3, "--set", "uav2.safety.takeoff=2", *PATIENT)
         for vehicle in VEHICLES:
             eventually(partial(is_up, made, vehicle))
         yield made
@@ -118,13 +118,14 @@ def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
 
 
 def test_a_file_is_compared_and_saved_by_vehicle(three: Lab):
-    file = three.file("# kept\n[safety]\ntakeoff = 1.0\n", "saved.toml")
+    said = "# kept\n[safety]\ntakeoff = 1.0\npose_timeout = 0.6\n"
+    file = three.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")
     assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav0").out == ""
     assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == (
         "safety.takeoff: 1.0 -> 2.0\n"
     )
     assert three.quadctl("param", "save", "saved.toml", "--vehicle", "uav2").code == 0
-    assert file.read_text().startswith("# kept\n[safety]\ntakeoff = 1.0\n")
+    assert file.read_text().startswith(said)
     assert "[uav2.safety]\ntakeoff = 2.0" in file.read_text()
     assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == ""
     assert three.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
@@ -187,7 +188,7 @@ def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
 
 def test_they_fly_while_they_are_compiled_which_ends_when_they_do(lab: Lab):
     lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
-    lab.start("--vehicles", 2)
+    lab.start("--vehicles", 2, *PATIENT)
     eventually(lambda: "compiling the vehicle" in lab.log("dynamics"))
     eventually(lambda: len(lab.processes()) > 1 + len(NODES))
     eventually(partial(is_up, lab, "uav1"))

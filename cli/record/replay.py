@@ -12,6 +12,7 @@ from cli.lab.progress import Progress
 from cli.names import checked_key
 from cli.options import Options
 from cli.own import run_of_its_own
+from cli.pace import Pace
 from cli.which import about_topic, anyone
 from schemas.params import Params
 from services.runtime.bag.reader import Bag, Recorded
@@ -105,16 +106,13 @@ def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int
     """Say it all; returns how many messages, and in how many seconds."""
     client.permit("publish", *plan.keys)
     stage, said = Stage(client.session, plan.keys), 0
-    began = shown = asked = time.monotonic()
+    began = shown = time.monotonic()
+    pace = Pace(client)
     with Progress("replaying", quiet=quiet) as progress:
         for message in plan.messages():
             at = (message.at - plan.begin) / 1e9
-            while speed and (left := began + at / speed - time.monotonic()) > 0:
-                # What is said to a hub that is gone is lost, and nobody else would tell.
-                time.sleep(min(left, client.timeout / 2))
-                if time.monotonic() - asked > client.timeout / 2:
-                    client.flush(client.timeout / 2)
-                    asked = time.monotonic()
+            if speed:
+                pace.rest(began + at / speed)
             stage.put(message.key, message.payload, message.encoding)
             said += 1
             if (now := time.monotonic()) - shown > _SHOWN_EVERY:

@@ -7,6 +7,7 @@ from cli import bus, output
 from cli.declare import Arg, Opt
 from cli.names import single_key
 from cli.options import Options
+from cli.pace import Pace
 from cli.topic.payload import Payload, payload_of
 from cli.which import about_topic
 from schemas.topics import topic_of
@@ -90,18 +91,14 @@ def _send(
             )
             raise client.explained(nobody)
         output.note(f"nobody listens on {key} yet")
-    start = asked = time.monotonic()
+    start, pace = time.monotonic(), Pace(client)
     try:
         while wanted is None or sent < wanted:
-            time.sleep(max(start + sent / hz - time.monotonic(), 0))
+            pace.rest(start + sent / hz)
             outlet.put(payload.data)
             sent += 1
-            if time.monotonic() - asked > client.timeout / 2:
-                # What is sent to a hub that is gone is lost, and nobody else would say so.
-                client.flush(client.timeout / 2)
-                asked = time.monotonic()
     except KeyboardInterrupt:
         output.note(f"sent {sent} messages on {key}")
         raise
-    client.flush()
+    pace.ask()
     return sent

@@ -4,7 +4,6 @@ import json
 import os
 import resource
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -239,14 +238,3 @@ def test_a_run_is_recorded_whole_and_a_dead_recorder_goes_on_beside(lab: Lab):
     notes = Bag(second)
     list(notes.messages())
     assert json.loads(notes.notes["quadctl"]["params"])["dynamics"]["start"]["z"] == 1
-
-
-def test_a_run_goes_on_when_its_recording_finds_no_room(lab: Lab):
-    limit = "ulimit -f 200; exec " + " ".join(lab.command("up", "-d", "--record", "r.mcap"))
-    done = subprocess.run(
-        ["sh", "-c", limit], env=lab.environment, cwd=lab.folder, check=False, capture_output=True
-    )
-    assert done.returncode == 0, done
-    eventually(lambda: "the recording has stopped: " in lab.log("recorder"), 30.0)
-    assert {n["restarts"] for name, n in lab.nodes().items() if name != "recorder"} == {0}
-    assert lab.quadctl("goto", 1, 0, 1).code == 0

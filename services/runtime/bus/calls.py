@@ -14,6 +14,9 @@ from services.runtime.bus.matching import Matching
 from services.runtime.bus.plain import plain
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
+_LOST = 0.1
+"""Seconds after which it is known of a server that it has ended, which gave no answer."""
+
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
@@ -26,15 +29,14 @@ class Caller(Generic[Q, R]):
         self._asker = Asker(session, service.key(vehicle))
         self._encoding = wire.encoding(service.request)
 
-    def call(self, request: Q, timeout: float, boot: str = "") -> R:
+    def call(self, request: Q, timeout: float, boot: str = "", *, again: bool = False) -> R:
         """Send one request and return its reply; waits and raises as an Asker does."""
         try:
             payload = wire.encode(request)
         except (OverflowError, TypeError) as error:
             raise Invalid(f"the request cannot be sent: {error}") from error
-        return wire.decode(
-            self._service.response, *self._asker.ask(payload, self._encoding, timeout, boot)
-        )
+        answer = self._asker.ask(payload, self._encoding, timeout, boot, again=again)
+        return wire.decode(self._service.response, *answer)
 
 
 class Asker:
@@ -50,33 +52,43 @@ class Asker:
         self._server = Matching(self._querier)
 
     def ask(
-        self, payload: bytes, encoding: str, timeout: float, boot: str = ""
+        self, payload: bytes, encoding: str, timeout: float, boot: str = "", *, again: bool = False
     ) -> tuple[bytes, str]:
         """Send one request; returns the reply and its encoding.
 
         Waits for a server up to the timeout (s). Raises Unreachable, TimedOut, or what the
         server replied. The request carries an id and the deadline: it is executed once or
-        never, and never late.
+        never, and never late. Where it may get lost between routers that have just met, a server
+        that looks at the id may be sent it `again`.
         """
         deadline = time.monotonic() + timeout
         self._wait_for_server(deadline, timeout)
+        changes = self._server.changes if again else 0
         left = max(deadline - time.monotonic(), 0.001)
-        ticket = Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot)
-        replies = self._session.get(
-            self._key,
-            payload=payload,
-            encoding=encoding,
-            attachment=wire.encode(ticket),
-            target=zenoh.QueryTarget.BEST_MATCHING,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=left,
-        )
-        for reply in replies:
-            return read(reply, self._key, timeout)
+        ticket = wire.encode(Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot))
+        while left > 0:
+            replies = self._session.get(
+                self._key,
+                payload=payload,
+                encoding=encoding,
+                attachment=ticket,
+                target=zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=left,
+            )
+            for reply in replies:
+                return read(reply, self._key, timeout)
+            if not again:
+                break
+            time.sleep(_LOST)
+            # Another server does not know the id, and might execute it a second time.
+            if self._server.changes != changes:
+                break
+            left = deadline - time.monotonic()
         raise gone(self._key)
 
     def _wait_for_server(self, deadline: float, timeout: float) -> None:
-        if not (self._server.is_there or self._server.wait(deadline - time.monotonic())):
+        if not self._server.wait(deadline - time.monotonic()):
             raise Unreachable(
                 f"nobody served {self._key} within {round(timeout, 2):g} s",
                 "its process is down or does not offer it, or this identity may not call it:"

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from services.runtime.bus.hearing import Readings, Stream
     from services.runtime.bus.outlet import Outlet
 
+T = TypeVar("T")
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
@@ -28,10 +29,11 @@ _BACKLOG = 10_000
 
 _LOOK = 0.1
 """Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
+_LOSING = 0.05
+"""Seconds in which it is known that a connection is lost, at most."""
 
 _lost: list["Client"] = []
-"""Clients whose hub is gone, kept as they are: to close one, or drop what it has
-declared, takes a second."""
+"""Whose hub is gone, kept as they are: to close one, or drop what it has declared, takes a second."""
 
 
 class Client:
@@ -82,7 +84,7 @@ class Client:
         self.permit("call", service.key(self.vehicle))
         try:
             caller = Caller(self.session, self.vehicle, service)
-            return caller.call(request, self._within(timeout), boot)
+            return caller.call(request, self._within(timeout), boot, again=bool(self._connect))
         except Unreachable as problem:
             raise self.explained(problem, service.node, service.key(self.vehicle)) from problem
 
@@ -221,28 +223,28 @@ class Client:
 
         Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
         """
-        found = roster.nodes(self.session, self.vehicle, self._within(timeout))
-        self._check_hub()
-        return found
+        return self._answered(roster.nodes(self.session, self.vehicle, self._within(timeout)))
 
     def vehicles(self) -> list[str]:
         """The vehicles that have a ready node; raises as `nodes`."""
-        found = roster.vehicles(self.session, self.timeout)
-        self._check_hub()
-        return found
+        return self._answered(roster.vehicles(self.session, self.timeout))
 
     def offers(self, timeout: float | None = None) -> list[graph.Offer]:
         """The topics and services of the ready nodes; raises as `nodes`."""
-        found = roster.offers(self.session, self.vehicle, self._within(timeout))
-        self._check_hub()
-        return found
+        return self._answered(roster.offers(self.session, self.vehicle, self._within(timeout)))
 
     def _within(self, timeout: float | None) -> float:
         return self.timeout if timeout is None else timeout
 
-    def _check_hub(self) -> None:
-        # Without a connection there is nobody to ask, and the answer is empty at once.
-        if not self.session.info.routers_zid():
-            from services.runtime.bus import missing
+    def _answered(self, found: list[T]) -> list[T]:
+        """What the hub has answered; raises where it was nobody's answer."""
+        # Without a connection there is nobody to ask, and the answer is what we have ourselves, or
+        # empty at once. Of one that is being lost it is so a moment before that is known.
+        deadline = time.monotonic() + _LOSING
+        while self.session.info.routers_zid():
+            if found or time.monotonic() > deadline:
+                return found
+            time.sleep(_LOSING / 10)
+        from services.runtime.bus import missing
 
-            raise missing.hub_lost(None if self._connect else self.realm, self._since)
+        raise missing.hub_lost(None if self._connect else self.realm, self._since)

@@ -9,7 +9,7 @@ from services.runtime.bus import foreign
 
 
 class Matching:
-    """Of a querier or a publisher, as the hub tells; to look at it often costs nothing."""
+    """Of a querier or a publisher, as the hub tells."""
 
     def __init__(self, end: zenoh.Querier | zenoh.Publisher) -> None:
         self._end = end
@@ -18,29 +18,32 @@ class Matching:
 
     @property
     def is_there(self) -> bool:
-        """Whether the hub has told of somebody."""
-        self._listen()
-        return self._there.is_set()
+        """Whether the hub has told of somebody up to now; a listener is told of it later."""
+        status: Any = self._end.matching_status  # the stubs take it for a bool
+        return bool(status.matching)
 
     def wait(self, timeout: float) -> bool:
         """Wait up to a timeout (s) for somebody; False where nobody came."""
+        if self.is_there:
+            return True
         self._listen()
         return self._there.wait(max(timeout, 0))
 
+    @property
+    def changes(self) -> int:
+        """How often somebody came or went, since this was first looked at."""
+        self._listen()
+        return self._changes
+
     def _listen(self) -> None:
-        # Where nobody looks, nothing is declared: of a thousand ends that takes time.
+        # Where nobody waits, nothing is declared: of a thousand ends that takes time.
         if self._listener is None:
             callback = zenoh.handlers.Callback(self._on_change, indirect=False)
             self._listener = self._end.declare_matching_listener(callback)
             # It tells of changes alone; one that came meanwhile is newer than what is asked here.
-            before, status = self._changes, self._status
-            if self._changes == before and status:
+            before, there = self._changes, self.is_there
+            if self._changes == before and there:
                 self._there.set()
-
-    @property
-    def _status(self) -> bool:
-        status: Any = self._end.matching_status  # the stubs take it for a bool
-        return bool(status.matching)
 
     def _on_change(self, status: zenoh.MatchingStatus) -> None:
         foreign.stay()

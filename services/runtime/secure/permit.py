@@ -16,8 +16,8 @@ from services.runtime.secure.endpoints import is_secure
 from services.runtime.secure.identity import needed
 from services.runtime.secure.name import Name
 
-IN_FORCE = 2.0
-"""Seconds in which a new list of names is in force; mostly it is less than one."""
+IN_FORCE = 5.0
+"""Seconds in which a new list of names is in force however busy the machine; mostly it is half of one."""
 _POLL = 0.05
 _LOOK = 0.5
 """Seconds in which a vehicle that is there has said so."""

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("schemas", "services", "cli")
+PACKAGES = ("schemas", "services", "cli", "tests", "benchmarks")
 LONGEST = 250
 MEDIAN = 80
 

@@ -1,7 +1,6 @@
 """Thirty students on one network, each with a machine of his own, who cannot disturb one another."""
 
 import time
-from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
@@ -16,7 +15,6 @@ from tests.network.room import (
     Ear,
     Room,
     Student,
-    classroom,
     side_by_side,
 )
 from tests.processes.bare import gap
@@ -40,28 +38,6 @@ LONG = 5.0
 """Seconds that a cable is out."""
 EVERYWHERE = {"hub", "gate"}
 """The nodes that everybody may see of everybody."""
-
-
-@pytest.fixture(scope="module")
-def room(proofs: Proofs) -> Iterator[Room]:
-    """All thirty of them up, and heard."""
-    with classroom(COUNT) as made, ExitStack() as held:
-        made.open()
-        began = time.monotonic()
-        made.come()
-        came = time.monotonic()
-        names = [student.name for student in made.students]
-        eventually(lambda: list(made.listed()) == names, 60.0)
-        seen = time.monotonic()
-        made.listen(held)
-        made.rests()
-        proofs.add(
-            f"{HERE}: until the teacher's `fleet list` has all",
-            f"{seen - came:.1f} s after the last was up; all up in {came - began:.0f} s on one machine's"
-            " two cores",
-            "all",
-        )
-        yield made
 
 
 def goals(room: Room, side: float) -> dict[str, dict[str, float]]:

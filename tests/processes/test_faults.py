@@ -15,7 +15,7 @@ FAR = {"x": 4.5, "y": 0.0, "z": 1.0}
 def taught() -> Iterator[Lab]:
     """A system for faults; a machine with much else to do must not be taken for one."""
     with private_lab() as made:
-        made.start("--set", "dynamics.start.z=1", "--set", "safety.pose_timeout=0.5")
+        made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 

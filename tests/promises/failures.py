@@ -97,7 +97,7 @@ FAILURES = (
         "the recording stops and says so; the flight does not notice",
         (
             "tests/processes/test_record.py::test_a_full_disk_stops_the_recording_and_never_the_flight",
-            "tests/processes/test_record.py::test_a_run_goes_on_when_its_recording_finds_no_room",
+            "tests/processes/test_full_disk.py::test_a_run_goes_on_when_its_recording_finds_no_room",
             "tests/bag/test_outfile.py::test_a_full_device_is_told",
         ),
     ),

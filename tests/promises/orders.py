@@ -9,6 +9,7 @@ ORDERS = (
         (
             "tests/processes/test_calls.py::test_the_same_id_is_executed_once_and_answered_alike",
             "tests/processes/test_calls.py::test_past_its_deadline_a_call_is_expired_and_not_executed",
+            "tests/processes/test_lost_calls.py::test_a_server_that_ended_in_mid_call_is_not_asked_again",
             "tests/processes/test_links.py::test_over_a_link_that_is_cut_nothing_is_executed_twice_or_late",
             "tests/processes/test_links.py::test_cuts_of_five_seconds_again_and_again",
         ),

@@ -11,7 +11,7 @@ OTHERS = (
         " allowed to is not",
         (
             "tests/network/test_network.py::test_a_default_up_listens_nowhere",
-            "tests/network/test_network.py::test_strangers_are_kept_out",
+            "tests/network/test_certificates.py::test_strangers_are_kept_out",
             "tests/network/test_network.py::test_who_may_not_is_told_so_at_once",
             "tests/network/test_network.py::test_who_breaks_our_rules_meets_zenohs",
         ),
@@ -20,7 +20,7 @@ OTHERS = (
         "a certificate that is revoked",
         "gets nothing from 2 s after",
         (
-            "tests/network/test_network.py::test_a_revoked_name_is_out_within_two_seconds_and_the_flight_goes_on",
+            "tests/network/test_certificates.py::test_a_revoked_name_is_out_within_two_seconds_and_the_flight_goes_on",
             "tests/network/test_revoked.py::test_a_revoked_certificate_gets_nothing_after_two_seconds",
         ),
         (Last("a revoked certificate"),),
@@ -43,6 +43,7 @@ OTHERS = (
             "tests/network/test_room.py::test_all_are_listed_and_their_poses_keep_their_rates",
             "tests/network/test_room.py::test_all_fly_at_the_same_time_each_to_a_goal_of_his_own",
             "tests/network/test_room.py::test_nobody_reaches_his_neighbours_vehicle",
+            "tests/network/test_arena.py::test_a_student_flies_his_own_and_touches_no_cage",
             "tests/network/test_room.py::test_the_teacher_stops_all_and_lands_all",
             "tests/network/test_room.py::test_a_cable_that_is_out_disturbs_nobody_else",
             "tests/network/test_room.py::test_who_is_revoked_is_out_and_the_others_are_undisturbed",
@@ -51,6 +52,10 @@ OTHERS = (
             Last(f"{_ROOM}: until", "all listed"),
             Last(f"{_ROOM}: poses", "poses"),
             Last(f"{_ROOM}, each at", "at his neighbour's"),
+            Last(
+                f"{_ROOM}, their vehicles on the teacher's",
+                "the vehicles on the teacher's machine: at his neighbour's",
+            ),
             Last(f"{_ROOM}, in flight", "told to hold, hovering; landed"),
             Last(
                 f"{_ROOM}, the cable",

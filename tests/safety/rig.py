@@ -6,7 +6,7 @@ from schemas.geometry import Position, Velocity
 from schemas.messages import Pose, SafetyState
 from schemas.params import CageParams, SafetyParams
 from services.safety.monitor import Monitor
-from tests.safety.rows import POSE
+from tests.safety.worlds import POSE
 
 GROUND, ONE_UP = Position(0.0, 0.0, 0.0), Position(0.0, 0.0, 1.0)
 INSIDE, OTHER, OUTSIDE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0), Position(9.0, 0.0, 1.0)

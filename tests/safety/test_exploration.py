@@ -26,7 +26,7 @@ from services.safety.model import (
     Toggle,
     World,
 )
-from tests.safety.rows import ENVELOPE, LAST, POSE
+from tests.safety.worlds import ENVELOPE, LAST, POSE
 
 CAGES = (CageSize(5.0, 5.0, 2.0), CageSize(3.0, 3.0, 2.0))
 POINTS = (Position(0.0, 0.0, 1.0), Position(4.0, 0.0, 1.0), Position(9.0, 0.0, 1.0))

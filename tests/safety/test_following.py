@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from schemas.geometry import Position, Velocity
 from services.safety.following import PATIENCE, Following
-from tests.safety.rows import POSE
+from tests.safety.worlds import POSE
 
 LIMIT, PERIOD = 0.15, 0.05
 GOAL, OTHER = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)

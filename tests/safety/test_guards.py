@@ -12,7 +12,7 @@ from schemas.messages import CageSize
 from services.safety.cage import beyond, why_outside
 from services.safety.reach import soonest_stop
 from tests.safety.rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
-from tests.safety.rows import POSE
+from tests.safety.worlds import POSE
 
 CAGE = CageSize(5.0, 4.0, 2.0)
 NUMBERS = st.floats(-20, 20, allow_subnormal=False).filter(lambda x: x == 0 or abs(x) > 1e-100)

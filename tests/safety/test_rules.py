@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from services.safety import actions, conditions
 from services.safety.fsa import RULES, Rule, step
 from services.safety.model import Event, Situation, State, World
-from tests.safety.rows import CASES, PLAIN, SEEING, Case
+from tests.safety.rows import CASES, Case
+from tests.safety.worlds import PLAIN, SEEING
 
 Table = tuple[Rule, ...]
 

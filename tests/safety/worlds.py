@@ -1,0 +1,59 @@
+"""Situations and worlds that the automaton is tried in."""
+
+from msgspec.structs import replace
+
+from schemas.geometry import BodyRates, Position, Quaternion, Velocity
+from schemas.messages import CageSize, Pose
+from services.safety.model import Ask, Envelope, Situation, State, World
+
+HOVERING, VERIFYING, MOVING = State
+
+HERE = Position(0.0, 0.0, 1.0)
+GOAL = Position(3.0, 0.0, 1.0)
+INSIDE = Position(1.0, 2.0, 1.5)
+OUTSIDE = Position(9.0, 0.0, 1.0)
+BELOW = Position(9.0, 0.0, -0.25)
+CAGE = CageSize(5.0, 5.0, 2.0)
+
+FLYING, RESTING = Velocity(1.0, 0.0, 0.0), Velocity(0.0, 0.0, 0.049)
+POSE = Pose("b1", 0, 4.0, HERE, FLYING, Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0))
+LAST = replace(POSE, position=Position(-0.05, 0.0, 1.0), stamp=3.95)
+ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01)
+SEEING = World(POSE, LAST, fresh=True, cage=CAGE, acceptance_range=0.5, envelope=ENVELOPE)
+BLIND = replace(SEEING, fresh=False)
+AT_REST = replace(SEEING, pose=replace(POSE, velocity=RESTING))
+REBOOTED = replace(SEEING, pose=replace(POSE, boot="b2"))
+AT_GOAL = replace(SEEING, last=replace(LAST, position=Position(2.45, 0.0, 1.0)))
+NEAR = replace(AT_GOAL, pose=replace(POSE, position=Position(2.501, 0.0, 1.0)))
+LEAPT = replace(SEEING, last=replace(LAST, position=Position(0.511, 0.0, 1.0)))
+RUSHED = replace(SEEING, last=replace(LAST, position=Position(0.509, 0.0, 1.0)))
+LEAPT_TO_REST = replace(LEAPT, pose=AT_REST.pose)
+
+
+def leaving(before: float, x: float = 5.05) -> World:
+    """On its way out at 2 m/s, which takes 0.2 m to stop, after another speed (m/s) before."""
+    pose = replace(POSE, position=Position(x, 0.0, 1.0), velocity=Velocity(2.0, 0.0, 0.0))
+    past = Position(x - 0.1, 0.0, 1.0)
+    last = replace(LAST, position=past, velocity=Velocity(before, 0.0, 0.0))
+    return replace(SEEING, pose=pose, last=last)
+
+
+FASTER, SLOWER = leaving(1.0), leaving(3.0)
+OUT = FASTER.pose.position
+LEAPT_OUT = replace(FASTER, last=replace(FASTER.last, position=HERE))
+AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
+
+PLAIN = Situation(
+    state=HOVERING,
+    goal=GOAL,
+    cage_on=True,
+    candidate=Ask(OUTSIDE),
+    back=HOVERING,
+    boot="b1",
+    request=7,
+    brake=False,
+    settling=False,
+    takeoff=False,
+    beyond=0.125,
+    reason="before",
+)

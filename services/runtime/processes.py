@@ -112,13 +112,17 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
 
 
 class Life:
-    """One process's ups and downs; time (s) is passed in."""
+    """One process's ups and downs; time (s) is passed in.
 
-    def __init__(self, *, must_announce: bool = True) -> None:
+    The silence of one that `must_answer` counts from its readiness on, of another from its first
+    answer: it may be a command that answers nobody.
+    """
+
+    def __init__(self, *, must_announce: bool = True, must_answer: bool = False) -> None:
         self.state: State = "starting"
         self.restarts = 0
         self.taken = False
-        self._must_announce = must_announce
+        self._must_announce, self._must_answer = must_announce, must_answer
         self._deaths = 0
         self._started = 0.0
         self._ready_since: float | None = None
@@ -137,9 +141,11 @@ class Life:
         """It announced itself."""
         if self.state != "ready":
             self.state, self._ready_since, self.taken = "ready", now, False
+            if self._must_answer:
+                self._answered = now
 
     def answered(self, now: float) -> None:
-        """It replied to a ping; from then on its silence counts."""
+        """It replied to a ping."""
         self._answered = now
 
     def excuse(self, now: float) -> None:

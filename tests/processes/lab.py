@@ -145,7 +145,7 @@ class Lab:
             now = self.nodes()[node]
             return now["state"] == "ready" and now["pid"] not in {0, old}
 
-        eventually(is_back, within)
+        eventually(is_back, within, lambda: f"{self.nodes()}\n{self.log('up')}")
 
     def command(self, *words: object) -> list[str]:
         """The command line of `quadctl`, for a process beside the test."""

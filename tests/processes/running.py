@@ -34,11 +34,13 @@ class Done(NamedTuple):
         return error
 
 
-def eventually(condition: Callable[[], T], within: float = 10.0) -> T:
-    """Ask until the answer is true; returns it, or fails with the last one."""
+def eventually(
+    condition: Callable[[], T], within: float = 10.0, tell: Callable[[], str] = str
+) -> T:
+    """Ask until the answer is true; returns it, or fails with the last one and what `tell` says."""
     deadline = time.monotonic() + within
     while not (answer := condition()):
-        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s"
+        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s\n{tell()}"
         time.sleep(0.01)
     return answer
 

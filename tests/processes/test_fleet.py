@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.processes.lab import Lab, private_lab
+from tests.processes.running import eventually
 
 FILE = """
 [vehicles]
@@ -203,16 +204,20 @@ def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str
 
 def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab]):
     two, one = fleet
-    one.signal("dynamics", signal.SIGSTOP)
-    try:
-        done = two.quadctl("fleet", "list", "--json", "--timeout", 0.5)
-        assert done.code == 4
-        rows = {row["vehicle"]: row for row in done.json}
-        assert rows["red"]["position"] is None
-        assert rows["red"]["error"]["code"] == "timeout"
-        assert rows["uav0"]["error"] is None
-    finally:
-        one.signal("dynamics", signal.SIGCONT)
+    with one.bare() as bare:
+        one.signal("dynamics", signal.SIGSTOP)
+        try:
+            # Frozen for a second it counts as gone; before that, as one that does not answer.
+            eventually(lambda: "dynamics" not in bare.nodes())
+            done = two.quadctl("fleet", "list", "--json", "--timeout", 0.5)
+            assert done.code == 3
+            rows = {row["vehicle"]: row for row in done.json}
+            assert (rows["red"]["state"], rows["red"]["position"]) == ("HOVERING", None)
+            assert rows["red"]["error"]["code"] == "unreachable"
+            assert rows["uav0"]["error"] is None
+        finally:
+            one.signal("dynamics", signal.SIGCONT)
+        eventually(lambda: "dynamics" in bare.nodes())
 
 
 def test_it_lands_in_gusts_whatever_the_acceptance_range(lab: Lab):

@@ -95,6 +95,11 @@ def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
     assert flight.call("goto", **GOAL).value["accepted"]
 
 
+def test_a_node_that_freezes_as_soon_as_it_is_there_is_killed_and_restarted(roomy: Lab):
+    roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
+    roomy.revived("pressure", roomy.signal("pressure", signal.SIGSTOP))
+
+
 def test_a_node_that_always_dies_fails_the_start_with_its_last_words(lab: Lab):
     lab.file(
         '[processes]\nsafety = "python -c \'raise SystemExit(\\"no wings\\")\'"\n', "quad.toml"

@@ -132,6 +132,18 @@ def test_silence_counts_from_the_first_answer_on():
     assert life.complaint(200.0, TIMEOUT) == ""
 
 
+def test_the_silence_of_one_that_must_answer_counts_from_its_readiness_on():
+    life = Life(must_answer=True)
+    life.started(0.0)
+    assert life.complaint(9.0, TIMEOUT) == ""
+    life.ready(9.0)
+    assert life.complaint(11.0, TIMEOUT) == ""
+    assert life.complaint(11.01, TIMEOUT) == "no answer for 2 s"
+    life.died(11.01)
+    life.started(11.01)
+    assert life.complaint(20.0, TIMEOUT) == ""
+
+
 def test_who_could_not_be_heard_is_excused():
     life = Life()
     life.started(0.0)

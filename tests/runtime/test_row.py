@@ -43,7 +43,9 @@ class Rig:
 
     def __init__(self, *, must_announce: bool, patience: float = 0.0) -> None:
         self.children: list[Fake] = []
-        self.row = Row(Process("x", ("x",), must_announce, patience=patience), self.spawn)
+        self.row = Row(
+            Process("x", ("x",), must_announce, not must_announce, patience=patience), self.spawn
+        )
 
     def spawn(self, _process: Process, _restarts: int) -> Child:
         self.children.append(Fake(100 + len(self.children)))

@@ -16,7 +16,7 @@ class Row:
     def __init__(self, process: Process, spawn: Callable[[Process, int], Child]) -> None:
         """`spawn` starts the process, after so many restarts."""
         self.process, self._spawn = process, spawn
-        self.life = Life(must_announce=process.must_announce)
+        self.life = Life(must_announce=process.must_announce, must_answer=not process.stranger)
         self.child: Child | None = None
         self._due: float | None = 0.0
         self._started = 0.0

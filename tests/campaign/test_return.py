@@ -31,7 +31,6 @@ def mission(side: tuple[float, float, float], distance: float) -> Mission:
     return Mission(0, END, safety, MIDDLE, (0.0, 0.0), rows)
 
 
-@pytest.mark.timeout(120)
 def test_it_hovers_in_place_takes_only_goals_inside_and_comes_nearer_at_every_step():
     places = list(product(SIDES, DISTANCES))
     batch = Batch([mission(side, distance) for side, distance in places], Plain)

@@ -8,6 +8,9 @@ import pytest
 
 from tests.checks import house
 
+# mypy looks at the whole tree, and mostly for the first time.
+pytestmark = pytest.mark.timeout(300)
+
 IMPURE = ("time", "random", "os", "pathlib", "threading", "zenoh", "services.runtime.node")
 FORBIDDEN = {
     "schemas": ("numpy", "typer", "services.runtime", "cli", *IMPURE),

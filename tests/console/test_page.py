@@ -13,7 +13,7 @@ from tests.console.served import Console
 from tests.processes.lab import NODES, Lab
 from tests.processes.running import eventually
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.browser
 
 LIVE = "document.body?.dataset.link === 'live'"
 

@@ -67,7 +67,6 @@ def places(tmp_path: Path) -> Iterator[dict[str, tuple[Machine, Lab]]]:
         yield labs
 
 
-@pytest.mark.timeout(120)
 def test_the_page_as_it_stands(places: dict[str, tuple[Machine, Lab]], tmp_path: Path):
     said: dict[str, dict[str, str]] = {name: {} for name in places}
     todo = steps()

@@ -43,7 +43,6 @@ def flights(fast: Lab) -> dict[str, dict[str, Any]]:
         return dict(zip(labs, pool.map(fly, labs.values()), strict=True))
 
 
-@pytest.mark.timeout(120)
 def test_the_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):
     fast = flights["fast"]
     # One vehicle in real time flies as plain Python.

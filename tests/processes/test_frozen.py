@@ -81,7 +81,6 @@ def test_when_the_hub_has_lost_it(patient: Lab, proofs: Proofs, who: str):
 
 
 @pytest.mark.prove
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("who", FREEZABLE)
 @pytest.mark.parametrize("line", STREAMS, ids=lambda line: line.words)
 def test_in_mid_stream(patient: Lab, line: Line, who: str):
@@ -106,7 +105,6 @@ def test_in_mid_stream(patient: Lab, line: Line, who: str):
 
 
 @pytest.mark.prove
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("who", FREEZABLE)
 def test_of_what_ends_processes(who: str):
     with patient_lab() as lab:

@@ -1,6 +1,8 @@
 """A process that dies or freezes in flight comes back by itself, and the lab goes on with it."""
 
+import os
 import signal
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -109,6 +111,33 @@ def test_a_node_that_always_dies_fails_the_start_with_its_last_words(lab: Lab):
     assert "safety does not stay up" in failed.error["message"]
     assert "no wings" in failed.error["message"]
     assert not lab.home.exists()
+
+
+def test_a_supervisor_that_was_stopped_itself_holds_nobody_for_frozen(roomy: Lab):
+    before = roomy.nodes()
+    supervisor = roomy.status()["pid"]
+    os.kill(supervisor, signal.SIGSTOP)
+    try:
+        time.sleep(3.0)  # longer than anybody may be silent
+    finally:
+        os.kill(supervisor, signal.SIGCONT)
+    # It has looked at all of them again when it has restarted one.
+    roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
+    after = roomy.nodes()
+    restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
+    assert restarts == {name: int(name == "pressure") for name in NODES}
+
+
+def test_what_was_sent_to_a_hub_that_was_restarted_is_not_told_as_sent(roomy: Lab):
+    old = roomy.nodes()["hub"]["pid"]
+    with roomy.bare() as bare:
+        heard = bare.watch("own/key")
+        said = roomy.spawn(*roomy.command("topic", "pub", "own/key", "1", "-r", 20, "-n", 100_000))
+        heard.next(3)
+        roomy.signal("hub", signal.SIGKILL)
+    roomy.revived("hub", old)
+    assert said.wait() == 3, said.log
+    assert "the hub was restarted meanwhile" in said.log
 
 
 def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: Lab):

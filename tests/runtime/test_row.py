@@ -51,9 +51,9 @@ class Rig:
         self.children.append(Fake(100 + len(self.children)))
         return cast("Child", self.children[-1])
 
-    def turn(self, now: float) -> str:
+    def turn(self, now: float, *, deaf: bool = False) -> str:
         """Look at it; its state then."""
-        self.row.turn(now, deaf=False, answer_timeout=2.0)
+        self.row.turn(now, deaf=deaf, answer_timeout=2.0)
         return self.row.life.state
 
     def said(self) -> list[str]:
@@ -122,3 +122,12 @@ def test_one_with_patience_of_its_own_may_be_silent_for_longer():
     assert [rig.turn(now) for now in (2.3, 10.1)] == ["ready"] * 2
     assert rig.turn(10.3) == "restarting"
     assert rig.said()[0] == "x: no answer for 10 s: killed"
+
+
+def test_it_is_not_blamed_for_what_could_not_be_heard():
+    rig = Rig(must_announce=True)
+    rig.turn(0.0)
+    rig.row.announced(0.1)
+    assert rig.turn(9.0, deaf=True) == "ready"
+    assert [rig.turn(now) for now in (9.1, 10.9)] == ["ready"] * 2
+    assert rig.turn(11.1) == "restarting"

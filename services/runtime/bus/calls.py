@@ -80,7 +80,7 @@ class Asker:
                 return read(reply, self._key, timeout)
             if not again:
                 break
-            time.sleep(_LOST)
+            time.sleep(max(min(_LOST, deadline - time.monotonic()), 0))
             # Another server does not know the id, and might execute it a second time.
             if self._server.changes != changes:
                 break

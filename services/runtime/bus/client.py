@@ -9,6 +9,7 @@ from msgspec import Struct
 from schemas.contract import Service, Topic
 from services.runtime.bus import graph, roster, wire
 from services.runtime.bus.calls import Asker, Caller
+from services.runtime.bus.contact import Contact
 from services.runtime.bus.reach import reach
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.realm import Realm
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from services.runtime.bus.hearing import Readings, Stream
     from services.runtime.bus.outlet import Outlet
 
-T = TypeVar("T")
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
@@ -29,8 +29,6 @@ _BACKLOG = 10_000
 
 _LOOK = 0.1
 """Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
-_LOSING = 0.05
-"""Seconds in which it is known that a connection is lost, at most."""
 
 _lost: list["Client"] = []
 """Whose hub is gone, kept as they are: to close one, or drop what it has declared, takes a second."""
@@ -47,13 +45,14 @@ class Client:
         self.vehicle, self.timeout = vehicle, timeout
         self.realm, self._connect = Realm(realm), connect
         self.session = reach(self.realm, connect, timeout)
-        self._since, self._held = time.time(), list[object]()
+        self._hub = Contact(self.session, None if connect else self.realm)
+        self._held: list[object] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.session.info.routers_zid():
+        if self._hub.is_there:
             self.session.close()
         else:
             _lost.append(self)
@@ -215,36 +214,27 @@ class Client:
         return outlet
 
     def flush(self, timeout: float | None = None) -> None:
-        """Return once the hub has read all that was sent before; raises as `nodes`."""
+        """Return once the hub has read all that was sent before; raises as `nodes`.
+
+        Unreachable also where a part may have gone to a hub that has been restarted meanwhile.
+        """
         self.nodes(timeout)
+        self._hub.check_unbroken()
 
     def nodes(self, timeout: float | None = None) -> list[str]:
         """The ready nodes.
 
         Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
         """
-        return self._answered(roster.nodes(self.session, self.vehicle, self._within(timeout)))
+        return self._hub.answered(roster.nodes(self.session, self.vehicle, self._within(timeout)))
 
     def vehicles(self) -> list[str]:
         """The vehicles that have a ready node; raises as `nodes`."""
-        return self._answered(roster.vehicles(self.session, self.timeout))
+        return self._hub.answered(roster.vehicles(self.session, self.timeout))
 
     def offers(self, timeout: float | None = None) -> list[graph.Offer]:
         """The topics and services of the ready nodes; raises as `nodes`."""
-        return self._answered(roster.offers(self.session, self.vehicle, self._within(timeout)))
+        return self._hub.answered(roster.offers(self.session, self.vehicle, self._within(timeout)))
 
     def _within(self, timeout: float | None) -> float:
         return self.timeout if timeout is None else timeout
-
-    def _answered(self, found: list[T]) -> list[T]:
-        """What the hub has answered; raises where it was nobody's answer."""
-        # Without a connection there is nobody to ask, and the answer is what we have ourselves, or
-        # empty at once. Of one that is being lost it is so a moment before that is known.
-        deadline = time.monotonic() + _LOSING
-        while self.session.info.routers_zid():
-            if found or time.monotonic() > deadline:
-                return found
-            time.sleep(_LOSING / 10)
-        from services.runtime.bus import missing
-
-        raise missing.hub_lost(None if self._connect else self.realm, self._since)

@@ -1,6 +1,7 @@
 """Whether somebody is at the other end."""
 
 import threading
+import weakref
 from typing import Any
 
 import zenoh
@@ -38,7 +39,14 @@ class Matching:
     def _listen(self) -> None:
         # Where nobody waits, nothing is declared: of a thousand ends that takes time.
         if self._listener is None:
-            callback = zenoh.handlers.Callback(self._on_change, indirect=False)
+            # Weakly: what the listener holds is not let go while it is ours.
+            told = weakref.WeakMethod(self._on_change)
+
+            def on_change(status: zenoh.MatchingStatus) -> None:
+                if tell := told():
+                    tell(status)
+
+            callback = zenoh.handlers.Callback(on_change, indirect=False)
             self._listener = self._end.declare_matching_listener(callback)
             # It tells of changes alone; one that came meanwhile is newer than what is asked here.
             before, there = self._changes, self.is_there

@@ -33,7 +33,7 @@ class Row:
     def turn(self, now: float, *, deaf: bool, answer_timeout: float) -> None:
         """Start it when that is due, see whether it has ended, end it when it must be.
 
-        `deaf` says that nobody but the hub could have been heard lately.
+        `deaf` says that it could not have been heard lately.
         """
         if self.child is None:
             if self._due is not None and now >= self._due:
@@ -47,7 +47,7 @@ class Row:
                 self.child.kill()
             return
         self.life.runs(now)
-        if deaf and self.process.name != "hub":
+        if deaf:
             self.life.excuse(now)
         elif why := self.life.complaint(now, max(answer_timeout, self.process.patience)):
             self._tell(f"{self.process.name}: {why}: killed")

@@ -129,7 +129,7 @@ class Supervisor:
         self._looked = now
         for row in self._rows.values():
             # Behind a frozen hub all are silent; it comes first in the table, and is killed.
-            deaf = asleep or not self._hub_is_ready()
+            deaf = asleep or (row.process.name != "hub" and not self._hub_is_ready())
             row.turn(now, deaf=deaf, answer_timeout=self._launch.params.supervise.answer_timeout)
         self._show()
         self._write_record()

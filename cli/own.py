@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+from msgspec.structs import replace
+
 from services.runtime.realm import Realm
 from services.runtime.run.detach import detach
 from services.runtime.run.halt import halt
@@ -23,13 +25,14 @@ def run_of_its_own(launch: Launch) -> Iterator[Realm]:
     heeded = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, _leave) for number in heeded}
     try:
-        detach(launch)
+        leash = detach(replace(launch, owned=True))
         try:
             yield realm
         finally:
             for number in heeded:
                 signal.signal(number, signal.SIG_IGN)
             halt(realm)
+            leash.close()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

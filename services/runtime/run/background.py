@@ -1,10 +1,12 @@
 """The supervisor's own process behind `quadctl up -d`.
 
-Reads a Launch from stdin, and writes one Settled to stdout when all are ready or one failed.
+Reads a Launch, one line, from stdin, and writes one Settled to stdout when all are ready or one failed.
+A run that is owned ends when its stdin does: with its owner, even by kill -9, on every platform.
 """
 
 import os
 import sys
+import threading
 from pathlib import Path
 
 import msgspec
@@ -20,12 +22,15 @@ def main() -> int:
     """Run a realm in the background."""
     # Not sys.stdin, which is None where the shell had closed it (`quadctl up -d <&-`).
     with os.fdopen(0, "rb", closefd=False) as pipe:
-        launch = msgspec.json.decode(pipe.read(), type=Launch)
+        launch = msgspec.json.decode(pipe.readline(), type=Launch)
 
     def on_settled(supervisor: Supervisor, failed: str) -> None:
         _say(Settled(failed))
         if failed:
             supervisor.stop()
+        elif launch.owned:
+            # Not before: a process with threads cannot fork its nodes.
+            threading.Thread(target=_end_with_owner, args=(supervisor,), daemon=True).start()
 
     try:
         with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
@@ -34,6 +39,11 @@ def main() -> int:
         _say(Settled(error.message, error.code, error.hint))
         return error.exit_code
     return 0
+
+
+def _end_with_owner(supervisor: Supervisor) -> None:
+    os.read(0, 1)
+    supervisor.stop()
 
 
 def _say(settled: Settled) -> None:

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import threading
+from typing import IO
 
 import msgspec
 from msgspec import Struct
@@ -25,9 +26,10 @@ class Settled(Struct, frozen=True):
     hint: str = ""
 
 
-def detach(launch: Launch) -> None:
+def detach(launch: Launch) -> IO[bytes]:
     """Start a supervisor in the background, and return when it says that all are ready.
 
+    What is returned holds a run that is `owned`: it ends when that is closed, as with this process.
     Raises AlreadyServed where the realm is live, Invalid for what cannot be launched, and
     QuadctlError with the last lines of what did not come up; then nothing is left running.
     """
@@ -37,8 +39,10 @@ def detach(launch: Launch) -> None:
     patience = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
     patience.start()
     try:
-        supervisor.stdin.write(msgspec.json.encode(launch))
-        supervisor.stdin.close()
+        supervisor.stdin.write(msgspec.json.encode(launch) + b"\n")
+        supervisor.stdin.flush()
+        if not launch.owned:
+            supervisor.stdin.close()
         said = supervisor.stdout.read()
     except BaseException:
         # Ctrl-C: what was begun is not left behind.
@@ -53,6 +57,7 @@ def detach(launch: Launch) -> None:
     if settled.failed or not said:
         supervisor.wait(START_TIMEOUT)
         raise QuadctlError(settled.failed or "the supervisor ended at once", settled.hint)
+    return supervisor.stdin
 
 
 def _start() -> subprocess.Popen[bytes] | forked.Forked:

@@ -26,7 +26,8 @@ class Launch(Struct, frozen=True):
     """All that a supervisor needs to know: each vehicle's parameters among it.
 
     `[processes]` commands run in `folder`. The run is recorded to the file `record`, where one is
-    named. `insecure` says that plain endpoints may reach beyond this machine.
+    named. `insecure` says that plain endpoints may reach beyond this machine. One that is `owned` ends
+    with who started it.
     """
 
     realm: str
@@ -35,6 +36,7 @@ class Launch(Struct, frozen=True):
     folder: str
     record: str = ""
     insecure: bool = False
+    owned: bool = False
 
     @property
     def vehicles(self) -> list[str]:

@@ -41,6 +41,9 @@ _FIRST_POSE = 1.0
 _REST = 0.85
 """Of a period: in real time the poses that come within it need wake nobody."""
 
+_LOST_AFTER = 1.5 / SETPOINT.hz
+"""Who asks again sooner after an answer (s) has not lost it: it stands still, and says so at 100 Hz."""
+
 
 class Safety:
     """What the process does on each message, call and tick."""
@@ -50,7 +53,7 @@ class Safety:
         self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
         self._setpoints = node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
-        self._answered, self._waiting, self._seen = -1, False, 0.0
+        self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._newest, self._deciding = self.monitor.pose, False
         self._following = Following()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
@@ -93,6 +96,7 @@ class Safety:
     def _send_setpoint(self) -> None:
         if self.monitor.situation.boot and not self._deciding:
             self._setpoints.put(self.monitor.setpoint())
+            self._sent = time.monotonic()
 
     def _wait_for_pose(self) -> None:
         # A hub or a vehicle that is just being restarted is no reason to refuse a goal. Only
@@ -110,7 +114,7 @@ class Safety:
             self._newest, self._seen = pose, self._poses.received
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
-            if pose.seq == self.monitor.pose.seq:
+            if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > _LOST_AFTER:
                 # Asked again: the answer was lost on its way.
                 self._send_setpoint()
             return

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.processes import telemetry
 from tests.processes.bare import Bare, speed
 from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.processes.running import eventually
@@ -123,3 +124,22 @@ def test_a_frozen_process_goes_on_when_that_is_taken_out(lab: Lab):
     # Of the goal asked for meanwhile the outcome is unknown: it may have been taken in time.
     assert lab.quadctl("goto", 1, 0, 1, "--replace").code == 0
     assert lab.nodes() == old
+
+
+def test_a_pose_that_is_told_again_and_again_is_not_answered_each_time(lab: Lab):
+    lab.start("--without", "dynamics", "--without", "pressure")
+    with lab.bare() as bare:
+        setpoints = bare.watch("uav/input/position")
+
+        def tell(seq: int) -> None:
+            bare.put("uav/pose", telemetry.pose(seq))
+
+        tell(1)
+        setpoints.until(lambda s: s["for_seq"] == 1)
+        for _ in range(400):
+            tell(1)
+        tell(2)
+        setpoints.until(lambda s: s["for_seq"] == 2)
+        # It still says 20 times a second what is to be done.
+        answers = [s for s in setpoints.messages if s["for_seq"] == 1]
+        assert len(answers) < 200

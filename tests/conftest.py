@@ -7,7 +7,7 @@ import pytest
 
 from tests.console import chromium
 from tests.processes.bare import Bare
-from tests.processes.lab import Lab, private_lab
+from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.proofs import Proofs
 
 PROOFS = pytest.StashKey[Proofs]()
@@ -63,7 +63,7 @@ def lab() -> Iterator[Lab]:
 def shared_lab() -> Iterator[Lab]:
     """A running system that many tests share; the vehicle stands in the air at (0, 0, 1)."""
     with private_lab() as made:
-        made.start("--set", "dynamics.start.z=1")
+        made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tests.processes.bare import Bare, gap, speed
-from tests.processes.lab import QUADCTL, Lab
+from tests.processes.lab import PATIENT, QUADCTL, Lab
 from tests.processes.running import eventually
 
 GOAL = {"x": 1.0, "y": 2.0, "z": 1.0}
@@ -67,7 +67,7 @@ def test_a_goal_while_moving_is_busy_until_replaced(shared_lab: Lab, hover: Bare
 
 def test_a_goal_right_after_the_start_is_taken_the_next_is_busy_and_replace_is_taken(lab: Lab):
     # Slow, so that the second command finds the first one's flight under way on any machine.
-    lab.start("--set", "dynamics.control.max_speed=0.5")
+    lab.start("--set", "dynamics.control.max_speed=0.5", *PATIENT)
     # The first thing after the start: taken, although the take-off is still under way.
     assert lab.quadctl("goto", *FAR, "--no-wait").code == 0
     busy = lab.quadctl("goto", 1, 0, 1)

@@ -157,14 +157,14 @@ def test_a_hub_that_is_away_is_told_and_the_others_do_what_they_are_told(fleet: 
     with silent_hub() as silent:
         away = f'dead = {{ connect = "tcp/127.0.0.1:1" }}\nmute = {{ connect = "{silent}" }}\n'
         file = two.file(text % away, "away.toml")
-        done = two.quadctl("fleet", "hold", "--fleet", file, "--timeout", 0.7, "--json")
+        done = two.quadctl("fleet", "hold", "--fleet", file, "--timeout", 3, "--json")
         stopped = {row["vehicle"]: row["stopped"] for row in done.json}
         assert stopped == dict.fromkeys(NAMES, True) | {"dead": False, "mute": False}
         errors = {row["vehicle"]: row["error"] for row in done.json if row["error"]}
         codes = {name: error["code"] for name, error in errors.items()}
         assert codes == {"dead": "unreachable", "mute": "timeout"}
         assert (done.code, done.error["code"]) == (3, "unreachable")
-        rows = two.quadctl("fleet", "list", "--fleet", file, "--timeout", 0.7)
+        rows = two.quadctl("fleet", "list", "--fleet", file, "--timeout", 3)
         assert rows.code == 3
         assert [line.split()[0] for line in rows.out.splitlines()[1:]] == [*NAMES, *codes]
         assert "unreachable: nothing answers at tcp/127.0.0.1:1" in rows.out
@@ -209,7 +209,7 @@ def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab])
         try:
             # Frozen for a second it counts as gone; before that, as one that does not answer.
             eventually(lambda: "dynamics" not in bare.nodes())
-            done = two.quadctl("fleet", "list", "--json", "--timeout", 0.5)
+            done = two.quadctl("fleet", "list", "--json", "--timeout", 3)
             assert done.code == 3
             rows = {row["vehicle"]: row for row in done.json}
             assert (rows["red"]["state"], rows["red"]["position"]) == ("HOVERING", None)

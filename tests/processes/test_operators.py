@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.processes.bare import Bare
-from tests.processes.lab import Lab
+from tests.processes.lab import PATIENT, Lab
 from tests.proofs import Proofs
 
 
@@ -47,14 +47,14 @@ def operate(bare: Bare, y: float, count: int) -> list[tuple[float, float]]:
 
 
 def test_two_operators_have_one_queue(lab: Lab):
-    lab.start("--set", "dynamics.start.z=1")
+    lab.start("--set", "dynamics.start.z=1", *PATIENT)
     assert two_operators(lab, 60) == (80, 40)
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(300)
 def test_two_operators_and_a_thousand_gotos(lab: Lab, proofs: Proofs):
-    lab.start("--set", "dynamics.start.z=1")
+    lab.start("--set", "dynamics.start.z=1", *PATIENT)
     taken, refused = two_operators(lab, 500)
     proofs.add(
         "two operators at once, 500 gotos each: one order, every reply that of its request",

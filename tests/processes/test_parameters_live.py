@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from tests.processes.bare import Bare, gap, speed
-from tests.processes.lab import Lab, private_lab
+from tests.processes.lab import PATIENT, Lab, private_lab
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,9 @@ def tuned() -> Iterator[Lab]:
     """A lab of its own, because parameters stay changed."""
     with private_lab() as made:
         # Slow, so that a flight lasts longer than a command on a busy machine.
-        made.start("--set", "dynamics.start.z=1", "--set", "dynamics.control.max_speed=0.3")
+        made.start(
+            "--set", "dynamics.start.z=1", "--set", "dynamics.control.max_speed=0.3", *PATIENT
+        )
         yield made
 
 

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 
 from services.runtime.bag.reader import Bag
 from tests.processes.bare import pack
-from tests.processes.lab import Lab, private_lab
+from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.processes.running import Foreground, alive, eventually
 
 BURST = 20_000
@@ -25,7 +25,7 @@ BURST = 20_000
 def room() -> Iterator[Lab]:
     """A running system that many tests record."""
     with private_lab() as made:
-        made.start("--set", "dynamics.start.z=1")
+        made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 
@@ -138,7 +138,7 @@ def test_ten_thousand_a_second_are_all_there(room: Lab):
             publisher.put(pack(payload))
             if number % 100 == 0:
                 time.sleep(max(began + number / 10_000 - time.monotonic(), 0))
-        eventually(lambda: f'"messages":{BURST},' in run.log)
+        eventually(lambda: f'"messages":{BURST},' in run.log, 60.0)
     facts = json.loads(stopped(run).splitlines()[-1])
     assert (facts["messages"], facts["lost"]) == (BURST, 0)
     numbers = [m.value["n"] for m in Bag(room.folder / "flood.mcap").messages()]

@@ -11,7 +11,7 @@ from services.runtime.errors import QuadctlError
 from services.runtime.realm import Realm
 from services.runtime.run import asking
 from tests.processes.bare import Bare, gap, speed
-from tests.processes.lab import NODES, Lab, private_lab
+from tests.processes.lab import NODES, PATIENT, Lab, private_lab
 from tests.processes.running import eventually
 
 GOAL = {"x": 7.0, "y": 0.0, "z": 1.0}
@@ -21,7 +21,7 @@ GOAL = {"x": 7.0, "y": 0.0, "z": 1.0}
 def roomy() -> Iterator[Lab]:
     """A lab with room for a flight long enough to kill something in the middle of it."""
     with private_lab() as made:
-        made.start("--set", "safety.virtual_cage.x=9", "--set", "dynamics.start.z=1")
+        made.start("--set", "safety.virtual_cage.x=9", "--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 
@@ -143,7 +143,7 @@ def test_what_was_sent_to_a_hub_that_was_restarted_is_not_told_as_sent(roomy: La
 def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: Lab):
     eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
     roomy.signal("hub", signal.SIGKILL)
-    assert roomy.quadctl("topic", "echo", "pose", "-n", "1").code == 0
+    assert roomy.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
 
 
 def test_a_restart_is_done_when_it_is_asked_for_whatever_state_the_process_is_in(roomy: Lab):

@@ -16,7 +16,7 @@ SPREAD = ["min", "max", "std", "n"]
 def test_a_topic_that_nobody_publishes_is_told_with_the_nearest_that_somebody_does(
     shared_lab: Lab, hover: Bare
 ):
-    done = shared_lab.quadctl("topic", "echo", "uav/sensor/pressure", "-n", 1, "--timeout", 0.3)
+    done = shared_lab.quadctl("topic", "echo", "uav/sensor/pressure", "-n", 1, "--timeout", 2)
     assert done.code == 3
     assert "did you mean uav/sensors/pressure?" in done.err
 

@@ -86,7 +86,7 @@ def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
 
 
 def test_a_vehicle_that_there_is_not_is_told_with_those_that_there_are(three: Lab):
-    done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 0.3)
+    done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
     assert done.code == 3
     assert "this run has no vehicle drone" in done.err
     assert "it has uav0, uav1, uav2" in done.err

@@ -22,7 +22,7 @@ TIME_OF_DAY = {"time", "time_ns", "datetime", "localtime", "gmtime", "ctime", "s
 MAY_ASK = {
     "bus/ahead.py": "a call's deadline, which the contract has as Unix time",
     "bus/calls.py": "a call's deadline",
-    "bus/client.py": "since when a command runs, to be compared with a process's start",
+    "bus/contact.py": "since when a command runs, to be compared with a process's start",
     "bus/hearing.py": "the age of messages, which is only told",
     "bus/surveyor.py": "the age of messages, and a call's deadline",
     "bus/tap.py": "when a recording begins",

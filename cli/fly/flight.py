@@ -79,8 +79,10 @@ class Flight:
             raise
 
     def _call_ahead(self) -> None:
-        for row in self._mission.rows:
-            service, request = row.call()
+        calls = [(row, *row.call()) for row in self._mission.rows]
+        for service in {service.name: service for _, service, _ in calls}.values():
+            self._client.wait_for_server(service)
+        for row, service, request in calls:
             self.rows.append((row, self._ahead(service, request, row.at, _nothing)))
         # While a node holds a call it is in lock-step: its last one is for the end.
         for node in NODES:

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -101,6 +102,16 @@ def test_what_is_no_mission_is_told_with_its_row_before_anything_is_done(lab: La
     assert lab.quadctl("fly", "nowhere.toml").code == 6
     lab.file('rows = [{ at = 1.0, do = "hold" }]', "mission.toml")
     assert lab.quadctl("fly", "mission.toml").code == 3
+
+
+def test_a_service_that_nobody_serves_is_told_before_anything_is_done(lab: Lab):
+    example = Path(__file__).parents[2] / "examples" / "my_safety.py"
+    command = f'[processes]\nsafety = ["python", "{example}"]\n'
+    lab.start(lab.file(command), "--set", "dynamics.start.z=1")
+    lab.file('rows = [{ at = 1.0, do = "cage", on = true }]', "mission.toml")
+    done = lab.quadctl("fly", "mission.toml", "--timeout", 1)
+    assert done.code == 3
+    assert "nobody served uav/@srv/toggle_cage within 1 s" in done.err
 
 
 LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 1.0 }]'

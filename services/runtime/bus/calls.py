@@ -62,7 +62,7 @@ class Asker:
         that looks at the id may be sent it `again`.
         """
         deadline = time.monotonic() + timeout
-        self._wait_for_server(deadline, timeout)
+        self.wait_for_server(timeout)
         changes = self._server.changes if again else 0
         left = max(deadline - time.monotonic(), 0.001)
         ticket = wire.encode(Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot))
@@ -87,8 +87,9 @@ class Asker:
             left = deadline - time.monotonic()
         raise gone(self._key)
 
-    def _wait_for_server(self, deadline: float, timeout: float) -> None:
-        if not self._server.wait(deadline - time.monotonic()):
+    def wait_for_server(self, timeout: float) -> None:
+        """Return when a server is there; raises Unreachable where none comes in time (s)."""
+        if not self._server.wait(timeout):
             raise Unreachable(
                 f"nobody served {self._key} within {round(timeout, 2):g} s",
                 "its process is down or does not offer it, or this identity may not call it:"

@@ -87,6 +87,15 @@ class Client:
         except Unreachable as problem:
             raise self.explained(problem, service.node, service.key(self.vehicle)) from problem
 
+    def wait_for_server(self, service: Service[Q, R]) -> None:
+        """Return when somebody serves it; raises as `call` where nobody does."""
+        key = service.key(self.vehicle)
+        self.permit("call", key)
+        try:
+            Asker(self.session, key).wait_for_server(self.timeout)
+        except Unreachable as problem:
+            raise self.explained(problem, service.node, key) from problem
+
     def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
         self.permit("call", key)

@@ -53,12 +53,14 @@ class _Echo:
         self._client, self._key, self._field = client, key, field
         self._stream = client.listen(key)
         self._kinds: set[tuple[str, type[Invalid]]] = set()
+        self._heard = False
 
     def next(self) -> tuple[Message, Any]:
         """The next message with what there is to show of it; raises what Client.silent says."""
         deadline = time.monotonic() + self._client.timeout
         unread: Invalid | None = None
         while (message := self._stream.next(deadline - time.monotonic())) is not None:
+            self._heard = True
             try:
                 value = shown(message, self._key, self._client.vehicle)
                 return message, field_of(value, self._field)
@@ -71,7 +73,7 @@ class _Echo:
             # A flood of nonsense must not keep the command from its timeout.
             if time.monotonic() > deadline:
                 break
-        raise self._client.silent(self._key, unread)
+        raise self._client.silent(self._key, unread, more=self._heard)
 
     def _told(self, key: str, problem: Invalid) -> Invalid:
         of = key if "*" in self._key else self._key

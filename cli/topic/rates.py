@@ -75,7 +75,7 @@ def _measure(
                 heard.append(_heard(message, aged=measure is delay_of))
                 seen, ends = seen + 1, now + client.timeout
             elif now >= ends:
-                raise client.silent(key)
+                raise client.silent(key, more=seen > 0)
             if now >= due:
                 due = now + _PERIOD
                 # With -n and --json one document is asked for: the last.

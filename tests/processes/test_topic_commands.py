@@ -21,6 +21,22 @@ def test_a_topic_that_nobody_publishes_is_told_with_the_nearest_that_somebody_do
     assert "did you mean uav/sensors/pressure?" in done.err
 
 
+@pytest.mark.parametrize(("verb", "shown"), [("echo", "---"), ("hz", "average rate")])
+def test_where_no_more_comes_no_other_name_is_guessed(
+    shared_lab: Lab, bare: Bare, verb: str, shown: str
+):
+    run = shared_lab.spawn(*shared_lab.command("topic", verb, "uav/own/word", "--timeout", 2))
+
+    def is_shown() -> bool:
+        bare.put("uav/own/word", 1)
+        return shown in run.log
+
+    eventually(is_shown)
+    assert run.wait() == 3
+    assert "nothing more came on uav/own/word within 2 s" in run.log
+    assert "did you mean" not in run.log
+
+
 def test_info(shared_lab: Lab):
     said = shared_lab.quadctl("topic", "info", "/uav/pose", "--json").json
     assert said["publishers"] == ["dynamics"]

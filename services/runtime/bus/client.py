@@ -27,9 +27,6 @@ R = TypeVar("R", bound=Struct)
 _BACKLOG = 10_000
 """Messages kept for a slow reader; the oldest go first beyond."""
 
-_LOOK = 0.1
-"""Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
-
 _lost: list["Client"] = []
 """Whose hub is gone, kept as they are: to close one, or drop what it has declared, takes a second."""
 
@@ -162,34 +159,18 @@ class Client:
         self._held.append(stream)
         return stream
 
-    def silent(self, key: str, unread: Invalid | None = None) -> QuadctlError:
-        """Why nothing came on a key or key expression.
+    def silent(
+        self, key: str, unread: Invalid | None = None, *, more: bool = False
+    ) -> QuadctlError:
+        """Why nothing came on a key or key expression, or no `more`.
 
         What came could not be read; its publisher is quiet; or there is none.
         """
         if unread is not None:
             return self._only_unread(unread)
-        try:
-            offers = self.offers(_LOOK)
-        except QuadctlError as other:
-            text = f"nothing came on {key} within {self.timeout:g} s: {other.message}"
-            return type(other)(text, other.hint)
-        for offer in offers:
-            if offer.kind == "@pub" and roster.covers(key, offer.key):
-                return TimedOut(
-                    f"nothing came on {key} within {self.timeout:g} s, although {offer.node}"
-                    " publishes it",
-                    "its process is busy, frozen, or waits for another: `quadctl status`",
-                )
         from services.runtime.bus import missing
-        from services.runtime.settings.named import nearest
 
-        problem = Unreachable(
-            f"nothing came on {key} within {self.timeout:g} s: nobody publishes it",
-            nearest(key, [offer.key for offer in offers if offer.kind == "@pub"])
-            or "`quadctl topic list` shows what there is",
-        )
-        return self.explained(problem, missing.publisher_of(key, self.vehicle))
+        return missing.silence(self, key, more=more)
 
     def explained(self, problem: Unreachable, node: str = "", key: str = "") -> QuadctlError:
         """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen.

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from schemas.topics import TOPICS
 from services.runtime import record, vitals
+from services.runtime.bus import roster
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
@@ -66,6 +67,31 @@ def why(client: "Client", connect: str, problem: Unreachable, node: str, key: st
         return type(other)(f"{problem.message}: {other.message}", other.hint)
     stranger = None if connect else _stranger(client, problem)
     return stranger or explained(problem, node, silent)
+
+
+def silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
+    """Why nothing came on a key or key expression: its publisher is quiet, or there is none.
+
+    `more` says that something had come before.
+    """
+    came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
+    try:
+        offers = [offer for offer in client.offers(_LOOK) if offer.kind == "@pub"]
+    except QuadctlError as other:
+        return type(other)(f"{came}: {other.message}", other.hint)
+    for offer in offers:
+        if roster.covers(key, offer.key):
+            return TimedOut(
+                f"{came}, although {offer.node} publishes it",
+                "its process is busy, frozen, or waits for another: `quadctl status`",
+            )
+    if more:
+        problem = Unreachable(came, "`--timeout` lets it wait for longer")
+    else:
+        like = nearest(key, [offer.key for offer in offers])
+        hint = like or "`quadctl topic list` shows what there is"
+        problem = Unreachable(f"{came}: nobody publishes it", hint)
+    return client.explained(problem, publisher_of(key, client.vehicle))
 
 
 def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:

@@ -50,8 +50,13 @@ def topic(
     measured = heard.hz / pace
     said = f"{measured:.1f} Hz of {offer.hz:g}" + (" (simulated time)" if pace != 1 else "")
     share = measured / offer.hz
-    if abs(share - 1) <= _TOLERANCE or (at_least and share > 1):
+    if abs(share - 1) <= _TOLERANCE:
         return passed(name, said)
+    if at_least and share > 1:
+        # A few in a row, as at a restart, are no rate.
+        return passed(
+            name, f"{heard.count} in {seconds:.1f} s: each change besides {offer.hz:g} Hz"
+        )
     if share > 1:
         return warned(name, said, "`quadctl topic list` shows who publishes it")
     # A machine with too much to do is no fault of the system, which knows how to be late.

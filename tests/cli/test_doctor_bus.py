@@ -85,6 +85,7 @@ def test_a_state_may_come_more_often_and_not_less():
     state = replace(POSE, hz=10.0)
     often, seldom = (topics.topic(state, heard(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
     assert (verdict(often), verdict(seldom)) == ("PASS", "WARN")
+    assert often.evidence == "40 in 2.0 s: each change besides 10 Hz"
 
 
 def test_at_another_speed_rates_are_of_simulated_time():

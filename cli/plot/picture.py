@@ -10,6 +10,8 @@ from schemas.messages import CageSize
 from services.runtime.errors import Invalid, QuadctlError
 
 _TIME = "simulated time, s"
+_LAST: dict[str, Any] = {"marker": "D", "markersize": 5, "markevery": [-1]}
+"""The mark where a vehicle was at the end, of each boot."""
 
 
 def draw(file: Path, flight: Flight, title: str) -> None:
@@ -58,7 +60,8 @@ def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
             label = "path" if len(tracks) == 1 else vehicle
             for leg in tracks[vehicle].legs:
                 across, ups = [point[1] for point in leg], [point[up] for point in leg]
-                axes.plot(across, ups, color=shade, linewidth=1.5, label=label)
+                # Of one that stood still there would be no line; its last place has a mark.
+                axes.plot(across, ups, color=shade, linewidth=1.5, label=label, **_LAST)
         _spots(axes, [s for t in tracks.values() for s in t.taken], up, "o", TAKEN, "accepted")
         _spots(axes, [s for t in tracks.values() for s in t.refused], up, "x", REFUSED, "rejected")
         axes.set_aspect("equal")

@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from cli.plot import palette
 from cli.plot.flight import Flight, Spot
 from cli.plot.picture import draw
 from schemas.geometry import Position
@@ -58,3 +61,15 @@ def test_two_vehicles_are_drawn_with_and_without_air_and_cage(tmp_path: Path):
     for ending in ("png", "svg"):
         draw(tmp_path / f"two.{ending}", gathered(*said), "two")
         assert (tmp_path / f"two.{ending}").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("poses", [1, 5])
+def test_who_stood_still_has_a_mark_at_the_place(tmp_path: Path, poses: int):
+    from matplotlib import colors, image
+
+    said: list[Any] = [("uav/pose", pose(seq, x=0.0)) for seq in range(poses)]
+    draw(tmp_path / "still.png", gathered(*said), "still")
+    picture = image.imread(tmp_path / "still.png")[..., :3]
+    above = picture[: len(picture) // 2, : picture.shape[1] // 2]
+    path = colors.to_rgb(palette.of_vehicles(["uav"])["uav"])
+    assert (abs(above - path) < 0.02).all(axis=2).sum() > 20

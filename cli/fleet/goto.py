@@ -1,7 +1,8 @@
 """`fleet goto`: all vehicles to their goals, and the flights there watched together."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 from msgspec import Struct
@@ -67,10 +68,12 @@ def goto(
         if said.formation and not options.json:
             _tell_who_stays(said.formation, fleet, requests)
         members = [member for member in fleet.members if member.name in requests]
-        asked, problems = _ask(hubs, members, requests, options)
-        flying = [member for member in members if _is_accepted(asked.get(member.name))]
-        if flying and not no_wait:
-            problems |= _watch(hubs, flying, asked, arrive, quiet=options.json)
+        accepted: list[str] = []
+        with _told_of(accepted):
+            asked, problems = _ask(hubs, members, requests, accepted, options)
+            flying = [member for member in members if _is_accepted(asked.get(member.name))]
+            if flying and not no_wait:
+                problems |= _watch(hubs, flying, asked, arrive, quiet=options.json)
     if options.json:
         output.document(
             [_row(m, options, asked.get(m.name), problems.get(m.name)) for m in members]
@@ -107,14 +110,34 @@ def _tell_who_stays(title: str, fleet: Fleet, sent: Mapping[str, Any]) -> None:
         output.note(f"{', '.join(stay)} {have} no place in {title}: {they}")
 
 
+@contextmanager
+def _told_of(accepted: Collection[str]) -> Iterator[None]:
+    """Where Ctrl-C ends the wait, say that those fly on that have accepted a goal by then."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if accepted:
+            output.note("stopped waiting: the flights go on; `quadctl fleet hold` stops them")
+        raise
+
+
 def _ask(
-    hubs: Hubs, members: list[Member], requests: Mapping[str, GotoRequest], options: Options
+    hubs: Hubs,
+    members: list[Member],
+    requests: Mapping[str, GotoRequest],
+    accepted: list[str],
+    options: Options,
 ) -> tuple[dict[str, _Asked], dict[str, QuadctlError]]:
+    """Bring all their goals; `accepted` names who takes one, while others are still awaited."""
+
     def ask(member: Member, client: Client) -> _Asked:
         request = requests[member.name]
         left, client.timeout = client.timeout, options.timeout
         flight = Flight(client, Position(request.x, request.y, request.z))
-        return _Asked(client, flight, client.call(GOTO, request, left))
+        reply = client.call(GOTO, request, left)
+        if reply.accepted:
+            accepted.append(member.name)
+        return _Asked(client, flight, reply)
 
     heard = hubs.ask(members, ask, bounded=True)
     problems = dict(heard.problems)
@@ -147,11 +170,7 @@ def _watch(
             flight.watch(limit, lambda left: board.update(member.name, left, whole))
             board.update(member.name, 0.0, whole)
 
-        try:
-            problems = hubs.ask(members, watch, bounded=False).problems
-        except KeyboardInterrupt:
-            output.note("stopped waiting: the flights go on; `quadctl fleet hold` stops them")
-            raise
+        problems = hubs.ask(members, watch, bounded=False).problems
     for member in members:
         flight = asked[member.name].flight
         if flight.arrived and not quiet:

@@ -5,6 +5,7 @@ import signal
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,6 +48,12 @@ def silent_hub() -> Iterator[str]:
     """Whoever connects is let in by the kernel, and never hears a word."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+def beside_a_mute_one(lab: Lab, one: Lab, silent: str) -> Path:
+    mute = f'mute = {{ connect = "{silent}" }}'
+    red = f'red = {{ connect = "{endpoint(one)}", vehicle = "uav" }}'
+    return lab.file(f"[vehicles]\n{mute}\n{red}", "mute.toml")
 
 
 def listed(lab: Lab, *words: object) -> dict[str, dict[str, Any]]:
@@ -187,11 +194,7 @@ def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str
     two, one = fleet
     with silent_hub() as silent, one.bare() as bare:
         states = bare.watch("uav/safety/state")
-        file = two.file(
-            f'[vehicles]\nmute = {{ connect = "{silent}" }}\n'
-            f'red = {{ connect = "{endpoint(one)}", vehicle = "uav" }}',
-            "mute.toml",
-        )
+        file = beside_a_mute_one(two, one, silent)
         assert bare.call("goto", x=4.0, y=-4.0, z=2.0, replace=True).value["accepted"]
         run = two.spawn(*two.command("fleet", verb, "--fleet", file, "--timeout", 60))
         states.until(lambda s: s["reason"] == "hold: stopped on request")
@@ -200,6 +203,19 @@ def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str
         assert not run.ended, run.log
         run.send(signal.SIGINT)
         assert run.wait() == 130, run.log
+
+
+def test_ctrl_c_says_that_who_has_accepted_flies_on(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    with silent_hub() as silent, one.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        file = beside_a_mute_one(two, one, silent)
+        words = ("mute=1,1,1", "red=-4,4,2", "--replace", "--fleet", file, "--timeout", 60)
+        run = two.spawn(*two.command("fleet", "goto", *words))
+        states.until(lambda s: s["goal"]["x"] == -4 and s["state"] == "HOVERING")
+        run.send(signal.SIGINT)
+        assert run.wait() == 130
+        assert run.log == "stopped waiting: the flights go on; `quadctl fleet hold` stops them\n"
 
 
 def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab]):

@@ -7,8 +7,8 @@ from cli import output
 from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.param.changes import file_values, known_of
-from cli.param.file import replace
 from cli.param.running import Running
+from services.runtime.newfile import making
 from services.runtime.settings import toml
 
 
@@ -31,7 +31,8 @@ def dump(
         known_of(file_values(None, options), values)
     text = toml.document(values)
     if file is not None:
-        replace(file, text.encode())
+        with making(file), file.open("x", encoding="utf-8") as out:
+            out.write(text)
         output.either(options, {"file": str(file)}, f"wrote {file}")
     elif options.json:
         output.document(values)

@@ -59,6 +59,9 @@ def test_a_dump_is_a_file_that_can_be_launched_and_loaded(tuned: Lab):
     wanted.safety.takeoff, wanted.dynamics.seed, wanted.supervise.answer_timeout = 2.0, 7, 3.0
     assert load(tuned.folder / "dump.toml") == wanted
     assert tuned.quadctl("param", "dump").out == (tuned.folder / "dump.toml").read_text()
+    again = tuned.quadctl("param", "dump", "safety", "-o", "dump.toml", "--json")
+    assert (again.code, again.error["message"]) == (6, "dump.toml is there already")
+    assert load(tuned.folder / "dump.toml") == wanted
     for command in ("load", "diff"):
         assert tuned.quadctl("param", command, "dump.toml") == (0, "", "")
     part = tuned.quadctl("param", "dump", "safety.virtual_cage", "/state_safety_node/takeoff").out

@@ -6,11 +6,11 @@ from cli import output, which
 from cli.declare import Arg
 from cli.options import Options
 from cli.param.names import node_of
-from cli.param.running import Running
+from cli.param.running import Running, Values, tables
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.settings import toml
 from services.runtime.settings.kept import UNSERVED
-from services.runtime.settings.named import normal_name, value_of
+from services.runtime.settings.named import flatten, normal_name, value_of
 
 
 def set_(
@@ -45,13 +45,25 @@ def set_(
             raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")
         reply = running.set(node_of(next(iter(values)), running.nodes()), values)
     if not reply.success:
-        names = " ".join(values)
-        raise Invalid(
-            f"nothing was changed: {reply.reason}",
-            f"`quadctl param describe {names}` tells its bounds",
-        )
+        raise Invalid(f"nothing was changed: {reply.reason}", _way_out(values))
     if options.json:
         output.document(values)
     else:
         for name, value in values.items():
             output.line(f"{name}: {toml.word(value)}")
+
+
+def _way_out(values: Values) -> str:
+    """What helps where a node has refused values: its reason says no more than what is wrong."""
+    from services.runtime.settings import declared
+
+    leaves = {normal_name(name): value for name, value in flatten(values)}
+    fixed = [name for name in leaves if declared.fixed_at_launch(name)]
+    if fixed:
+        settings = " ".join(f"--set {name}={toml.word(leaves[name])}" for name in fixed)
+        return f"it takes a new run: `quadctl down`, then `quadctl up {settings}`"
+    if leaves.keys() <= declared.leaves().keys() | declared.tables().keys():
+        return f"`quadctl param describe {' '.join(leaves)}` tells the bounds"
+    # What a user's own node has is described nowhere.
+    ours = next(iter(leaves)).partition(".")[0] in tables()
+    return "`quadctl param list` shows those that there are" if ours else ""

@@ -72,6 +72,21 @@ def test_a_bad_value_changes_nothing_even_beside_good_ones(tuned: Lab, session: 
     assert session.call("safety/get_params", names=[]).value == before
 
 
+@pytest.mark.parametrize(
+    ("words", "said", "hint"),
+    [
+        ("safety.virtual_cage.x -3", ">= 0.2", "`quadctl param describe safety.virtual_cage.x`"),
+        ("safety.virtual_cage 3", "expected `object`", "param describe safety.virtual_cage`"),
+        ("safety.virtual_cage.xx 3", "did you mean safety.virtual_cage.x?", "`quadctl param list`"),
+        ("dynamics.speed 0", "fixed at launch", "`quadctl up --set dynamics.speed=0`"),
+    ],
+)
+def test_the_way_out_is_told_for_what_there_is(tuned: Lab, words: str, said: str, hint: str):
+    error = tuned.quadctl("param", "set", *words.split(), "--json").error
+    assert said in error["message"]
+    assert hint in error["hint"]
+
+
 def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):
     words = ("safety.virtual_cage.x=3", "/safety/virtual_cage/y=2.5")
     assert tuned.quadctl("param", "set", *words).code == 0

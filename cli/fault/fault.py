@@ -1,5 +1,6 @@
 """`fault list`, `inject` and `clear`: what goes wrong, to order."""
 
+import time
 from typing import Annotated
 
 from cli import bus, output
@@ -8,8 +9,8 @@ from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES, Fault, active
 from cli.fault.kept import frozen, kept
 from cli.node.kill import signalled
 from cli.options import Options
-from schemas.requests import SetParamsRequest
-from schemas.topics import set_params
+from schemas.requests import GetParamsRequest, SetParamsRequest
+from schemas.topics import get_params, set_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.processes import NODES
@@ -47,6 +48,7 @@ def inject(
 
     Example: quadctl fault inject barometer-stuck
     """
+    gone = ""
     node, _, what = name.rpartition("-")
     if name == BUS_CUT:
         node, what = "hub", "frozen"
@@ -55,8 +57,9 @@ def inject(
     else:
         fault = _named(name)
         with bus.connect(options) as client:
-            _set(client, fault, fault.value)
-    output.either(options, {"injected": name}, f"{name} is in")
+            gone = _put(client, fault)
+    place = f", in the place of {gone}" if gone else ""
+    output.either(options, {"injected": name}, f"{name} is in{place}")
 
 
 def clear(
@@ -86,9 +89,17 @@ def clear(
     )
 
 
-def _set(client: Client, fault: Fault, value: object) -> None:
+def _put(client: Client, fault: Fault) -> str:
+    """Put it in; returns the fault that is out by that: of those of one parameter one can be in."""
+    ends = time.monotonic() + client.timeout
+    there = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
+    _set(client, fault, fault.value, max(ends - time.monotonic(), 0.001))
+    return next((name for name in active(there) if name != fault.name), "")
+
+
+def _set(client: Client, fault: Fault, value: object, timeout: float | None = None) -> None:
     request = SetParamsRequest({fault.parameter: value})
-    reply = client.call(set_params(fault.node), request)
+    reply = client.call(set_params(fault.node), request, timeout)
     if not reply.success:
         raise Invalid(reply.reason, "nothing was changed")
 

@@ -49,6 +49,19 @@ def test_what_is_in_is_shown_by_list_status_and_doctor(taught: Lab, sound: Bare)
     assert taught.quadctl("fault", "clear").out == "no fault is in\n"
 
 
+def test_the_one_whose_place_is_taken_is_told(taught: Lab, sound: Bare):
+    for name, told in (
+        ("pose-jump", ""),
+        ("pose-jump", ""),
+        ("gust", ""),
+        ("pose-delayed", ", in the place of pose-jump"),
+    ):
+        assert taught.quadctl("fault", "inject", name) == (0, f"{name} is in{told}\n", "")
+    assert taught.quadctl("fault", "inject", "pose-jump", "--json").json == {
+        "injected": "pose-jump"
+    }
+
+
 @pytest.mark.parametrize("fault", ["pose-frozen", "pose-delayed", "pose-jump"])
 def test_a_bad_pose_stops_a_flight_with_its_reason(taught: Lab, sound: Bare, fault: str):
     states, poses = sound.watch("uav/safety/state"), sound.watch("uav/pose")

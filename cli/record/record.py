@@ -55,12 +55,15 @@ def record(
 
 def _follow(options: Options, recorder: Recorder) -> dict[str, Any]:
     """Show how far it is until it has ended; the first Ctrl-C ends it well."""
-    stopped = False
+    stopped, connected = False, True
     reports = recorder.reports()
     while True:
         try:
             for number, facts in enumerate(reports):
                 _show(options, facts, first=number == 0 and not stopped)
+                if facts["connected"] is not connected and not options.json:
+                    _tell_of_the_hub(back=not connected)
+                connected = facts["connected"]
                 if facts["state"] == "done":
                     return facts
         except KeyboardInterrupt:
@@ -81,6 +84,13 @@ def _show(options: Options, facts: dict[str, Any], *, first: bool) -> None:
         text = f"{facts['seconds']:.0f} s, {facts['messages']} messages, {_size(facts['bytes'])}"
         sys.stderr.write(f"\r\033[K{text if facts['state'] == 'recording' else ''}")
         sys.stderr.flush()
+
+
+def _tell_of_the_hub(*, back: bool) -> None:
+    """In the place of the live line, which comes again below."""
+    start = "\r\033[K" if sys.stderr.isatty() else ""
+    text = "the hub is back" if back else "the hub is gone: recording goes on when it is back"
+    output.note(f"{start}{text}")
 
 
 def _summary(facts: dict[str, Any]) -> str:

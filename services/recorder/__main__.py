@@ -93,7 +93,7 @@ def _attended(options: argparse.Namespace, node: Node, params: Params) -> None:
 
 
 def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> None:
-    """Record until stopped, and `tell` about once a second how far it is.
+    """Record until stopped; `tell` about once a second how far it is, of the hub's loss at once.
 
     Of several vehicles' nodes the first one records, for all.
     """
@@ -126,7 +126,8 @@ def _record(node: Node, recording: Recording, tap: Tap, tell: Tell, end: float) 
         if tap.lost > recording.lost:
             node.log.warning("%d messages came that there was no room for", tap.lost)
         recording.lost = tap.lost
-        if count % _FLUSHES == 0:
+        before, recording.connected = recording.connected, tap.connected
+        if count % _FLUSHES == 0 or recording.connected is not before:
             tell(recording.facts("recording"))
         if now >= end:
             node.loop.stop()

@@ -96,12 +96,15 @@ def test_a_run_that_goes_down_and_comes_up_again_is_recorded_on(lab: Lab):
     run = recording(lab, "-o", "twice.mcap")
     first = lab.first_bare().state()["boot"]
     assert lab.quadctl("down").code == 0
+    eventually(lambda: "the hub is gone: recording goes on when it is back\n" in run.log)
     lab.start()
     file = lab.folder / "twice.mcap"
     with lab.bare() as bare:
         second = bare.state()["boot"]
     eventually(lambda: boots(file) >= {first, second})
-    assert "twice.mcap: " in stopped(run)
+    _, *told, ended = stopped(run).splitlines()
+    assert [line.partition(":")[0] for line in told] == ["the hub is gone", "the hub is back"]
+    assert ended.startswith("twice.mcap: ")
     assert lab.quadctl("bag", "check", "twice.mcap").code == 0
 
 

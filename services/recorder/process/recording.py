@@ -23,7 +23,7 @@ class Recording:
 
     def __init__(self, path: Path, notes: dict[str, str]) -> None:
         """Make the file, with facts about the run; raises Invalid where that cannot be."""
-        self.path, self.lost = path, 0
+        self.path, self.lost, self.connected = path, 0, True
         self._began = time.monotonic()
         self._scenes: dict[str, Scene] = {}
         with making(path):
@@ -70,6 +70,7 @@ class Recording:
             "keys": len(bag.keys),
             "bytes": bag.size,
             "lost": self.lost,
+            "connected": self.connected,
         }
 
     def _keep(self, message: Taken) -> None:

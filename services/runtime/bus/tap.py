@@ -61,6 +61,11 @@ class Tap:
         self._session.get(key, callback, target=target, consolidation=consolidation, timeout=1.0)
 
     @property
+    def connected(self) -> bool:
+        """Whether the hub is there: one that is gone is waited for, and one that is back heard."""
+        return bool(self._session.info.routers_zid())
+
+    @property
     def waiting(self) -> int:
         """How many messages have come that are not yet taken."""
         return len(self._waiting)

@@ -202,6 +202,7 @@ FIXED_AT_LAUNCH = frozenset(
         "pressure.iio",
         "dynamics.speed",
         "dynamics.seed",
+        "dynamics.setpoint_timeout",
         "hub.transport",
         "hub.listen",
         "hub.connect",

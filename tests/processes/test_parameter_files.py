@@ -182,19 +182,17 @@ def test_where_a_node_fails_in_the_middle_it_is_told_how_far_it_went(lab: Lab):
     lab.start("--without", "safety")
     with lab.bare() as bare:
         served = _stubborn(bare)
-        text = (
-            "[pressure]\nrate = 20.0\n[safety]\ntakeoff = 2.0\n[dynamics]\nsetpoint_timeout = 0.2"
-        )
+        text = "[pressure]\nrate = 20.0\n[safety]\ntakeoff = 2.0\n[dynamics]\nrate = 50.0"
         done = lab.quadctl("param", "load", lab.file(text), "--json")
         assert (done.code, done.out) == (6, "")
         assert done.error["message"] == (
             "not today; changed: pressure.rate: 10.0 -> 20.0; "
-            "failed: safety.takeoff: 1.0 -> 2.0; not tried: dynamics.setpoint_timeout: 0.15 -> 0.2"
+            "failed: safety.takeoff: 1.0 -> 2.0; not tried: dynamics.rate: 100.0 -> 50.0"
         )
         for each in served:
             each.undeclare()
     now = json.loads(lab.quadctl("param", "get", "pressure.rate", "dynamics", "--json").out)
-    assert (now["pressure.rate"], now["dynamics.setpoint_timeout"]) == (20.0, 0.15)
+    assert (now["pressure.rate"], now["dynamics.rate"]) == (20.0, 100.0)
     # With nobody there it fails before anything is changed.
     done = lab.quadctl("param", "load", lab.file(text.replace("20.0", "30.0")), "--json")
     assert (done.code, "nothing was changed" in done.error["message"]) == (3, True)

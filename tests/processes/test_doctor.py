@@ -184,7 +184,7 @@ def test_a_realm_that_others_can_read_or_whose_socket_is_gone(patient: Lab):
 
 
 def test_another_vehicle(patient: Lab):
-    found = glance(patient, "--vehicle", "cat")
+    found = ask(patient, "--vehicle", "cat")
     assert {"realm", "announced"} <= found.failed
     assert "runs the vehicle uav, and cat was asked for" in found.said("realm", "FAIL")
 

@@ -148,8 +148,9 @@ def test_the_nodes_of_one_vehicle_on_two_machines(net: Field):
     assert wrong.wait() == 3
     assert "a vehicle of drone may not announce drone/@node/safety" in wrong.log
     nodes = [net.node("safety", "drone", "guard"), net.node("pressure", "drone", "sensor")]
-    eventually(lambda: net.ask("calibrate --vehicle drone").code == 0)
-    eventually(lambda: net.ask("goto 1 0 1 --vehicle drone").code == 0)
+    # On a machine with much else to do the two nodes, two commands and three gates take their time.
+    eventually(lambda: net.ask("calibrate --vehicle drone").code == 0, 40.0)
+    eventually(lambda: net.ask("goto 1 0 1 --vehicle drone").code == 0, 40.0)
     assert net.ask("topic hz drone/input/position -n 5").code == 0
     for node in nodes:
         node.send(signal.SIGTERM)

@@ -88,15 +88,15 @@ class Simulation:
         As fast as it goes, those that nobody answers go out with the next one that is answered:
         sent together they cost each process on their way one wake, where they would cost five.
         """
-        vehicle = self._vehicle
+        px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = self._vehicle.state
         pose = Pose(
             self._boot,
             self._seq,
             self._stamp,
-            Position(*vehicle.position),
-            Velocity(*vehicle.velocity),
-            Quaternion(*vehicle.orientation),
-            BodyRates(*vehicle.body_rates),
+            Position(px, py, pz),
+            Velocity(vx, vy, vz),
+            Quaternion(qw, qx, qy, qz),
+            BodyRates(wx, wy, wz),
         )
         self._unsent.append(self._reported.through(pose))
         if self._params.speed != 0 or self._answer_is_due:

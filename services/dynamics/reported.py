@@ -24,9 +24,13 @@ class Reported:
 
     def through(self, pose: Pose) -> Pose:
         """What is told in place of the true pose."""
-        self._keep(pose)
-        self._told = self._faulty(pose)
-        return self._told
+        if self._params.pose == "none":
+            self._past.clear()
+        else:
+            self._keep(pose)
+            pose = self._faulty(pose)
+        self._told = pose
+        return pose
 
     def _faulty(self, pose: Pose) -> Pose:
         match self._params.pose:
@@ -37,13 +41,11 @@ class Reported:
                 return next(
                     (old for old in reversed(self._past) if old.stamp <= then), self._past[0]
                 )
-            case "jump":
-                place = structs.replace(pose.position, x=pose.position.x + self._params.jump)
-                return structs.replace(pose, position=place)
-        return pose
+        place = structs.replace(pose.position, x=pose.position.x + self._params.jump)
+        return structs.replace(pose, position=place)
 
     def _keep(self, pose: Pose) -> None:
-        if self._params.pose != "delayed" or (self._past and self._past[-1].boot != pose.boot):
+        if self._past and self._past[-1].boot != pose.boot:
             self._past.clear()
         self._past.append(pose)
         while self._past[0].stamp < pose.stamp - _LONGEST:

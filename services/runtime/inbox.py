@@ -32,8 +32,10 @@ class Inbox:
 
     def wait(self, deadline: float) -> Item | None:
         """What comes until then (monotonic s); None where nothing does, or for no reason at all."""
-        left = max(deadline - time.monotonic(), 0)
+        left = deadline - time.monotonic()
+        if left <= 0:
+            return self.next()
         try:
-            return self._items.get(timeout=min(left, LOOK_UP))
+            return self._items.get(timeout=min(LOOK_UP, left))
         except Empty:
             return None

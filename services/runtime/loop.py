@@ -28,7 +28,8 @@ class Loop:
         self._inbox, self._origin = Inbox() if inbox is None else inbox, origin
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
-        self._waits = 0
+        self.waits = 0
+        """Waits for a condition under way; while there are any, anything may be what is waited for."""
         self._turn = threading.Lock()
         self._turn.acquire()
         self.stopping = False
@@ -43,7 +44,7 @@ class Loop:
             return
         try:
             # A loop that waits for a condition has to look at it afterwards.
-            if self._waits or len(self._inbox):
+            if self.waits or len(self._inbox):
                 self.post(item)
             else:
                 item()
@@ -51,11 +52,6 @@ class Loop:
             self.post(partial(_fail, error))
         finally:
             self._turn.release()
-
-    @property
-    def waits(self) -> bool:
-        """Whether the loop waits for a condition, and anything may be what it waits for."""
-        return self._waits > 0
 
     def post(self, item: Item) -> None:
         """Have something done soon; safe to call from any thread."""
@@ -110,7 +106,7 @@ class Loop:
         """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
         deadline = time.monotonic() + timeout
         # Counted first: what comes between the two would wake nobody and not be seen.
-        self._waits += 1
+        self.waits += 1
         self.catch_up()
         try:
             while not condition():
@@ -118,7 +114,7 @@ class Loop:
                     return False
             return True
         finally:
-            self._waits -= 1
+            self.waits -= 1
 
     def _beat(self, rate: float) -> float:
         """From when on ticks are counted: from now, or from the last one of all with this origin."""

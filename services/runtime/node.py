@@ -99,7 +99,7 @@ class Node:
         """
 
         def awaited() -> bool:
-            return self.loop.waits or self._schedule.holding
+            return self.loop.waits > 0 or self._schedule.holding
 
         post = self.loop.post
         now = self.loop.at_once if at_once else post

@@ -36,16 +36,13 @@ class Schedule:
         self._soonest = self._first_deadline = inf
         self.under_way = False
         """Whether a call waits for a time of the boot that is now."""
+        self.holding = False
+        """Whether any call waits."""
 
     @property
     def now(self) -> tuple[str, float]:
         """The boot and the time in it (simulated s) last seen; "" and 0 before the first."""
         return self._boot, self._stamp
-
-    @property
-    def holding(self) -> bool:
-        """Whether any call waits."""
-        return bool(self._held)
 
     def hold(self, call: Held) -> None:
         """Let a call wait; one for boot "" is for the boot that is now.
@@ -92,7 +89,7 @@ class Schedule:
             call.settle(None)
 
     def _keep(self, calls: list[Held]) -> None:
-        self._held = calls
+        self._held, self.holding = calls, bool(calls)
         ours = [call.at for call in calls if call.boot == self._boot]
         self.under_way = bool(ours)
         self._soonest = min(ours, default=inf)

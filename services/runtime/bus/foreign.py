@@ -12,6 +12,8 @@ def stay() -> None:
     The binding makes a thread state for each callback and drops it afterwards: with the memory
     mapped and unmapped for it, some 40 us a message. One hold more than is let go keeps it.
     """
-    if not hasattr(_known, "here"):
+    try:
+        _known.here  # noqa: B018 - asked so with each message, for which hasattr takes too long
+    except AttributeError:
         _known.here = True
         ctypes.pythonapi.PyGILState_Ensure()

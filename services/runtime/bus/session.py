@@ -25,7 +25,8 @@ TWO_THREADS = (
 )
 """One thread that reads and one that writes: each wake spared is processor time spared, and time
 of a call. Not one for both: reading waits for room to write in, and one query of a megabyte would
-stop the hub for good."""
+stop the hub for good. For the same reason it is the writing one that watches all sockets (`acc`): by
+it comes the word that there is room."""
 CLIENT_THREADS = (
     "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"

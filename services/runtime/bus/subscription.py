@@ -89,6 +89,10 @@ class Subscription(Generic[M]):
         # Copied at once: a sample kept for later was seen, once in a million, to have been written
         # over by what came next.
         self._waiting.append((now, sample.payload.to_bytes(), said))
+        self._count += 1
+        if (passed := now - self._since) > _WINDOW:
+            self._flood = self._count > _FLOOD * passed
+            self._since, self._count = now, 0
         if not self._posted and (now >= self._rests_until or self._awaited()):
             self._posted = True
             (self._post if self._flood else self._at_once)(self.catch_up)
@@ -110,22 +114,13 @@ class Subscription(Generic[M]):
             # A handler that serves the inbox meanwhile has taken them itself.
             if self._waiting and self._take(*self._waiting.popleft()) and self._value is not None:
                 self._handler(self._value)
-        if self._floods(count):
+        if self._flood:
             self._posted = True
             self._post(self._gather)
 
     def _gather(self) -> None:
         time.sleep(_GATHER)
         self.catch_up()
-
-    def _floods(self, count: int) -> bool:
-        """Whether messages come in a flood, this many with this turn of the loop."""
-        now = time.monotonic()
-        self._count += count
-        if now - self._since > _WINDOW:
-            self._flood = self._count > _FLOOD * (now - self._since)
-            self._since, self._count = now, 0
-        return self._flood
 
     def _look(self) -> None:
         if self._handler is None and self._waiting:

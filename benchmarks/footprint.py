@@ -21,18 +21,14 @@ _QUICK_DEATH = 2.2
 """A node that dies sooner after it was ready counts as a fault at start."""
 
 
-def measure_system(results: Results, effort: Effort) -> None:
-    """Memory and processor time of the running system, in hover and in flight."""
+def measure_flight(results: Results, effort: Effort) -> None:
+    """Processor time of the system while it flies, and memory of its nodes."""
     with running() as where:
         time.sleep(_SETTLED)
-        hover = shares(where, effort.seconds, fly=False)
         flight = shares(where, effort.seconds, fly=True)
         memory = {name: proc.pss(pid) for pid, name in where.processes().items()}
-    results.notes["hover_processor"], results.notes["flight_processor"] = hover, flight
-    results.notes["system_memory"] = memory
-    results.add("hover_processor", "ours", [sum(hover.values())])
+    results.notes["flight_processor"] = flight
     results.add("flight_processor", "ours", [sum(flight.values())])
-    results.add("system_memory", "ours", [sum(memory.values())])
     results.add("node_memory", "ours", [max(memory.values())])
 
 

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from benchmarks.children import Failed, process
+from benchmarks.system import started_with
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(__file__).with_name("ros1")
@@ -76,6 +77,14 @@ class Ros:
     def node(self, *words: str) -> tuple[Sequence[str], Mapping[str, str]]:
         """A worker of benchmarks/ros1/node.py."""
         return (PYTHON, "-m", "benchmarks.ros1.node", *words), self.environment
+
+    def traffic(self, role: str) -> list[str]:
+        """The command that starts a node which sends and hears as one of ours."""
+        return [PYTHON, str(PACKAGE / "traffic.py"), role]
+
+    def pids(self) -> list[int]:
+        """Every live process of the graph."""
+        return started_with("ROS_MASTER_URI", self.environment["ROS_MASTER_URI"])
 
     def lab(self) -> list[str]:
         """The command that starts the lab's node."""

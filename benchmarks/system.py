@@ -63,15 +63,7 @@ class Home:
 
     def pids(self) -> list[int]:
         """Every live process that was started in this home, recorded or not."""
-        mark = os.fsencode(f"XDG_RUNTIME_DIR={self.folder}\0")
-        found = []
-        for path in Path("/proc").glob("[0-9]*"):
-            try:
-                if mark in (path / "environ").read_bytes():
-                    found.append(int(path.name))
-            except OSError:
-                continue  # it ended while we looked, or is another user's
-        return [pid for pid in found if alive(pid)]
+        return started_with("XDG_RUNTIME_DIR", str(self.folder))
 
 
 @contextmanager
@@ -107,6 +99,19 @@ def hub() -> Iterator[Home]:
     """Our hub, alone."""
     with home() as where, process([*PYTHON, "services.hub"], where.environment):
         yield where
+
+
+def started_with(name: str, value: str) -> list[int]:
+    """Every live process with this in its environment."""
+    mark = os.fsencode(f"{name}={value}\0")
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark in (path / "environ").read_bytes():
+                found.append(int(path.name))
+        except OSError:
+            continue  # it ended while we looked, or is another user's
+    return [pid for pid in found if alive(pid)]
 
 
 def alive(pid: int) -> bool:

@@ -1,0 +1,88 @@
+"""What the hovering system costs, and the same messages on the peers with nothing behind them."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+
+from benchmarks import proc, ros
+from benchmarks.bars import Side
+from benchmarks.children import PYTHON, process
+from benchmarks.effort import Effort
+from benchmarks.ours.node import pose
+from benchmarks.results import Results
+from benchmarks.system import home, running
+from schemas.geometry import Position
+from schemas.messages import Pressure, Setpoint
+from services.runtime.bus import wire
+
+Processes = Callable[[], dict[int, str]]
+"""Those of a side, by pid, with a name for each."""
+
+_SETTLED = 8.0
+"""Seconds from launch in which the vehicle takes off and comes to rest."""
+
+
+def measure(results: Results, effort: Effort) -> None:
+    """Processor time and memory of all processes, each side in turn."""
+    sides: dict[Side, Callable[[], AbstractContextManager[Processes]]] = {
+        "ours": _ours,
+        "raw": _raw,
+    }
+    if why := ros.absent():
+        results.missing(["hover_processor", "system_memory"], "ros", why)
+    else:
+        sides["ros"] = _ros
+    for run in range(effort.runs):
+        for side, started in sides.items():
+            with started() as processes:
+                time.sleep(_SETTLED)
+                names, began = processes(), time.monotonic()
+                before = proc.busy_of(names)
+                time.sleep(effort.seconds / 2)
+                passed, after = time.monotonic() - began, proc.busy_of(names)
+                share = {n: 100 * (after[pid] - before[pid]) / passed for pid, n in names.items()}
+                memory = {name: proc.pss(pid) for pid, name in names.items()}
+            results.add("hover_processor", side, [sum(share.values())], run)
+            results.add("system_memory", side, [sum(memory.values())], run)
+            results.notes[f"hover_processor, {side}"] = share
+            results.notes[f"system_memory, {side}"] = memory
+
+
+@contextmanager
+def _ours() -> Iterator[Processes]:
+    with running() as where:
+        yield where.processes
+
+
+@contextmanager
+def _raw() -> Iterator[Processes]:
+    with home() as where, ExitStack() as stack:
+        bare = [*PYTHON, "benchmarks.raw.traffic", where.endpoint]
+        Path(where.endpoint.partition("/")[2]).parent.mkdir(parents=True)
+        parts = {"hub": 0, **_sizes()}
+        started = {
+            stack.enter_context(process([*bare, role, str(size)], where.raw)).pid: role
+            for role, size in parts.items()
+        }
+        yield lambda: started
+
+
+@contextmanager
+def _ros() -> Iterator[Processes]:
+    with home() as where, ros.master(where.folder / "ros") as graph, ExitStack() as stack:
+        started = {
+            stack.enter_context(process(graph.traffic(role), graph.environment)).pid: role
+            for role in _sizes()
+        }
+        yield lambda: {pid: started.get(pid, f"of roscore, {pid}") for pid in graph.pids()}
+
+
+def _sizes() -> dict[str, int]:
+    """Bytes of what each of our nodes sends at its rate."""
+    place = Position(1.25, -2.5, 1.0625)
+    return {
+        "vehicle": len(wire.encode(pose(1000))),
+        "monitor": len(wire.encode(Setpoint("0123456789abcdef", 1000, place, brake=False))),
+        "sensor": len(wire.encode(Pressure(1000.0, 0.25, 1013.25, 10, 1e-5))),
+    }

@@ -15,6 +15,7 @@ from benchmarks.system import home, running
 from schemas.geometry import Position
 from schemas.messages import Pressure, Setpoint
 from services.runtime.bus import wire
+from services.runtime.bus.session import TWO_THREADS
 
 Processes = Callable[[], dict[int, str]]
 """Those of a side, by pid, with a name for each."""
@@ -58,12 +59,13 @@ def _ours() -> Iterator[Processes]:
 @contextmanager
 def _raw() -> Iterator[Processes]:
     with home() as where, ExitStack() as stack:
-        bare = [*PYTHON, "benchmarks.raw.traffic", where.endpoint]
         Path(where.endpoint.partition("/")[2]).parent.mkdir(parents=True)
-        parts = {"hub": 0, **_sizes()}
-        started = {
+        bare = [*PYTHON, "benchmarks.raw.traffic", where.endpoint]
+        threads = where.environment | {"ZENOH_RUNTIME": TWO_THREADS}
+        hub = stack.enter_context(process([*bare, "hub", "0"], threads))
+        started = {hub.pid: "hub"} | {
             stack.enter_context(process([*bare, role, str(size)], where.raw)).pid: role
-            for role, size in parts.items()
+            for role, size in _sizes().items()
         }
         yield lambda: started
 
@@ -72,10 +74,10 @@ def _raw() -> Iterator[Processes]:
 def _ros() -> Iterator[Processes]:
     with home() as where, ros.master(where.folder / "ros") as graph, ExitStack() as stack:
         started = {
-            stack.enter_context(process(graph.traffic(role), graph.environment)).pid: role
-            for role in _sizes()
+            stack.enter_context(process(graph.traffic(role, size), graph.environment)).pid: role
+            for role, size in _sizes().items()
         }
-        yield lambda: {pid: started.get(pid, f"of roscore, {pid}") for pid in graph.pids()}
+        yield lambda: {pid: f"of roscore, {pid}" for pid in graph.pids()} | started
 
 
 def _sizes() -> dict[str, int]:

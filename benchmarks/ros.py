@@ -78,9 +78,9 @@ class Ros:
         """A worker of benchmarks/ros1/node.py."""
         return (PYTHON, "-m", "benchmarks.ros1.node", *words), self.environment
 
-    def traffic(self, role: str) -> list[str]:
-        """The command that starts a node which sends and hears as one of ours."""
-        return [PYTHON, str(PACKAGE / "traffic.py"), role]
+    def traffic(self, role: str, size: int) -> list[str]:
+        """The command that starts a node which sends so many bytes as often as one of ours."""
+        return [PYTHON, str(PACKAGE / "traffic.py"), role, str(size)]
 
     def pids(self) -> list[int]:
         """Every live process of the graph."""

@@ -8,7 +8,7 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.param.changes import file_values, known_of
 from cli.param.running import Running
-from services.runtime.newfile import making
+from services.runtime.newfile import write_new
 from services.runtime.settings import toml
 
 
@@ -31,8 +31,7 @@ def dump(
         known_of(file_values(None, options), values)
     text = toml.document(values)
     if file is not None:
-        with making(file), file.open("x", encoding="utf-8") as out:
-            out.write(text)
+        write_new(file, text)
         output.either(options, {"file": str(file)}, f"wrote {file}")
     elif options.json:
         output.document(values)

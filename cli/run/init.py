@@ -6,7 +6,7 @@ from typing import Annotated
 from cli import output
 from cli.declare import Arg
 from cli.options import Options
-from services.runtime.newfile import making
+from services.runtime.newfile import write_new
 from services.runtime.settings.template import render
 
 _DEFAULT_FILE = Path("quad.toml")
@@ -19,6 +19,5 @@ def init(
 
     Example: quadctl init my_lab.toml
     """
-    with making(file), file.open("x", encoding="utf-8") as out:
-        out.write(render())
+    write_new(file, render())
     output.either(options, {"file": str(file)}, f"wrote {file}")

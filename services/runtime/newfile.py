@@ -1,10 +1,24 @@
 """A file that is made anew: nothing that is there is written over."""
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from services.runtime.errors import Invalid
+
+_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a text to a file that is not there yet, whole or not at all; raises Invalid."""
+    with making(path), path.open("x", encoding="utf-8") as out:
+        try:
+            out.write(text)
+            out.flush()
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
 
 
 @contextmanager
@@ -15,9 +29,9 @@ def making(path: Path) -> Iterator[None]:
     except FileExistsError as error:
         raise taken(path) from error
     except OSError as error:
-        raise Invalid(
-            f"{path} cannot be written: {error.strerror}", "name a place that you may write to"
-        ) from error
+        full = error.errno in _FULL
+        hint = "make room on its disk" if full else "name a place that you may write to"
+        raise Invalid(f"{path} cannot be written: {error.strerror}", hint) from error
 
 
 def taken(path: Path) -> Invalid:

@@ -22,11 +22,13 @@ def main() -> int:
     """Run a realm in the background."""
     # Not sys.stdin, which is None where the shell had closed it (`quadctl up -d <&-`).
     with os.fdopen(0, "rb", closefd=False) as pipe:
-        launch = msgspec.json.decode(pipe.readline(), type=Launch)
+        asked = pipe.readline()
+    if not asked.endswith(b"\n"):
+        return 0  # who asked was killed over it
+    launch = msgspec.json.decode(asked, type=Launch)
 
     def on_settled(supervisor: Supervisor, failed: str) -> None:
-        _say(Settled(failed))
-        if failed:
+        if not _say(Settled(failed)) or failed:
             supervisor.stop()
         elif launch.owned:
             # Not before: a process with threads cannot fork its nodes.
@@ -46,14 +48,19 @@ def _end_with_owner(supervisor: Supervisor) -> None:
     supervisor.stop()
 
 
-def _say(settled: Settled) -> None:
-    os.write(1, msgspec.json.encode(settled))
+def _say(settled: Settled) -> bool:
+    """Whether who waits for it is still there to hear it."""
+    try:
+        os.write(1, msgspec.json.encode(settled))
+    except BrokenPipeError:
+        return False
     # Letting go of stdout tells the reader that this was all; stderr is the command's own, and
     # who captures it would wait for its end as long as we run.
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (2, 1):
         os.dup2(nowhere, stream)
     os.close(nowhere)
+    return True
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from schemas.params import Params
 from services.runtime.bag.reader import Bag, Recorded
 from services.runtime.bus.client import Client
 from services.runtime.bus.roster import covers
-from services.runtime.bus.stage import Stage
 from services.runtime.errors import Invalid
 from services.runtime.processes import NODES
 from services.runtime.realm import Realm
@@ -104,8 +103,7 @@ def _somewhere(options: Options) -> Iterator[Client]:
 
 def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int, float]:
     """Say it all; returns how many messages, and in how many seconds."""
-    client.permit("publish", *plan.keys)
-    stage, said = Stage(client.session, plan.keys), 0
+    stage, said = client.stage(plan.keys), 0
     began = shown = time.monotonic()
     pace = Pace(client)
     with Progress("replaying", quiet=quiet) as progress:

@@ -126,7 +126,7 @@ def _record(node: Node, recording: Recording, tap: Tap, tell: Tell, end: float) 
         if tap.lost > recording.lost:
             node.log.warning("%d messages came that there was no room for", tap.lost)
         recording.lost = tap.lost
-        before, recording.connected = recording.connected, tap.connected
+        before, recording.connected = recording.connected, tap.has_held()
         if count % _FLUSHES == 0 or recording.connected is not before:
             tell(recording.facts("recording"))
         if now >= end:

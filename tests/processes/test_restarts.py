@@ -128,16 +128,20 @@ def test_a_supervisor_that_was_stopped_itself_holds_nobody_for_frozen(roomy: Lab
     assert restarts == {name: int(name == "pressure") for name in NODES}
 
 
-def test_what_was_sent_to_a_hub_that_was_restarted_is_not_told_as_sent(roomy: Lab):
-    old = roomy.nodes()["hub"]["pid"]
-    with roomy.bare() as bare:
-        heard = bare.watch("own/key")
-        said = roomy.spawn(*roomy.command("topic", "pub", "own/key", "1", "-r", 20, "-n", 100_000))
-        heard.next(3)
-        roomy.signal("hub", signal.SIGKILL)
-    roomy.revived("hub", old)
-    assert said.wait() == 3, said.log
-    assert "the hub was restarted meanwhile" in said.log
+def test_who_hears_no_more_of_a_dead_node_is_told_so(roomy: Lab):
+    eventually(roomy.is_ready)
+    supervisor, old = roomy.status()["pid"], roomy.nodes()["dynamics"]["pid"]
+    heard = roomy.spawn(*roomy.command("topic", "echo", "pose", "--timeout", 1))
+    eventually(lambda: "---" in heard.log)
+    # Nobody restarts it meanwhile.
+    os.kill(supervisor, signal.SIGSTOP)
+    try:
+        roomy.signal("dynamics", signal.SIGKILL)
+        assert heard.wait() == 3
+    finally:
+        os.kill(supervisor, signal.SIGCONT)
+    assert "nothing more came on uav/pose within 1 s: dynamics is gone" in heard.log
+    roomy.revived("dynamics", old)
 
 
 def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: Lab):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from schemas.roles import Right
     from services.runtime.bus.hearing import Readings, Stream
     from services.runtime.bus.outlet import Outlet
+    from services.runtime.bus.stage import Stage
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -44,6 +45,7 @@ class Client:
         self.session = reach(self.realm, connect, timeout)
         self._hub = Contact(self.session, None if connect else self.realm)
         self._held: list[object] = []
+        self._own: set[str] = set()
 
     def __enter__(self) -> Self:
         return self
@@ -172,43 +174,61 @@ class Client:
 
         return missing.silence(self, key, more=more)
 
-    def explained(self, problem: Unreachable, node: str = "", key: str = "") -> QuadctlError:
+    def explained(
+        self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
+    ) -> QuadctlError:
         """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen.
 
-        NotAllowed where the hub keeps us from a `key` that is served.
+        NotAllowed where the hub keeps us from a `key` that is served. `live` are the ready nodes,
+        where the hub has just told them: it is not asked again.
         """
         from services.runtime.bus import missing
 
-        return missing.why(self, self._connect, problem, node, key)
+        return missing.why(self, self._connect, problem, node, key, live)
 
-    def silent_processes(self, timeout: float | None = None) -> list[ProcessRecord]:
+    def silent_processes(
+        self, timeout: float | None = None, live: list[str] | None = None
+    ) -> list[ProcessRecord]:
         """Nodes of this machine's run that are there, and that the hub takes for gone."""
         from services.runtime.bus import missing
 
-        live = self.nodes(timeout)
-        if self._connect:
-            return []
-        return missing.silent_processes(self.realm, self.vehicle, live)
+        live = self.nodes(timeout) if live is None else live
+        return [] if self._connect else missing.silent_processes(self.realm, self.vehicle, live)
 
     def _only_unread(self, unread: Invalid) -> Invalid:
-        text = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
-        return Invalid(text, unread.hint)
+        said = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
+        return Invalid(said, unread.hint)
 
     def outlet(self, key: str, encoding: str = "") -> "Outlet":
         """Publish on a key."""
         from services.runtime.bus.outlet import Outlet
 
         self.permit("publish", key)
+        self._hub.watch()
         outlet = Outlet(self.session, key, encoding)
         self._held.append(outlet)
         return outlet
 
+    def stage(self, keys: dict[str, str]) -> "Stage":
+        """Play the part of all who once published on keys, each with its encoding.
+
+        Raises AlreadyServed where somebody has one of them.
+        """
+        from services.runtime.bus import stage
+
+        self.permit("publish", *keys)
+        self._hub.watch()
+        self._own.add(stage.NAME)
+        return stage.Stage(self.session, keys)
+
     def flush(self, timeout: float | None = None) -> None:
         """Return once the hub has read all that was sent before; raises as `nodes`.
 
-        Unreachable also where a part may have gone to a hub that has been restarted meanwhile.
+        Unreachable also where the connection was lost meanwhile, or the hub restarted.
         """
-        self.nodes(timeout)
+        found = roster.nodes(self.session, self.vehicle, self._within(timeout))
+        # Of what we are ourselves we hear without a hub.
+        self._hub.answered([node for node in found if node not in self._own])
         self._hub.check_unbroken()
 
     def nodes(self, timeout: float | None = None) -> list[str]:

@@ -5,7 +5,8 @@ from typing import TypeVar
 
 import zenoh
 
-from services.runtime.errors import QuadctlError
+from services.runtime.bus.breaks import Breaks
+from services.runtime.errors import QuadctlError, Unreachable
 from services.runtime.realm import Realm
 
 T = TypeVar("T")
@@ -21,6 +22,11 @@ class Contact:
         """`realm` is the hub's, where it is one of this machine."""
         self._session, self._realm = session, realm
         self._since, self._first = time.time(), self._hubs()
+        self._breaks: Breaks | None = None
+
+    def watch(self) -> None:
+        """From now on see that the connection is lost, though it come back; for who sends."""
+        self._breaks = self._breaks or Breaks(self._session)
 
     @property
     def is_there(self) -> bool:
@@ -39,12 +45,18 @@ class Contact:
         raise self._lost()
 
     def check_unbroken(self) -> None:
-        """Raise Unreachable where another hub is there now: it has nothing of what the first was sent.
+        """Raise Unreachable where a part of what was sent may be lost, though all is well again.
 
-        A session comes back by itself.
+        A session comes back by itself: to another hub, which has nothing of what the first was sent,
+        or to the same one, from which it was cut off.
         """
         if not self._first & self._hubs():
             raise self._lost()
+        if self._breaks and self._breaks.any():
+            raise Unreachable(
+                "the connection to the hub was lost for a moment: what was sent then has not come",
+                "send it again; the hub was busy or frozen for longer than a second",
+            )
 
     def _hubs(self) -> set[str]:
         return {str(hub) for hub in self._session.info.routers_zid()}

@@ -50,13 +50,20 @@ def explained(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> Q
     )
 
 
-def why(client: "Client", connect: str, problem: Unreachable, node: str, key: str) -> QuadctlError:
+def why(
+    client: "Client",
+    connect: str,
+    problem: Unreachable,
+    node: str,
+    key: str,
+    live: list[str] | None,
+) -> QuadctlError:
     """The problem with all that is known of it; a client's side of `explained`.
 
     NotAllowed where the hub at `connect` keeps us from a `key` that is served.
     """
     try:
-        silent = client.silent_processes(_LOOK)
+        silent = client.silent_processes(_LOOK, live)
         if key and connect:
             from services.runtime.secure import permit
 
@@ -76,22 +83,26 @@ def silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
     """
     came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
     try:
-        offers = [offer for offer in client.offers(_LOOK) if offer.kind == "@pub"]
+        told = client.offers(_LOOK)
     except QuadctlError as other:
         return type(other)(f"{came}: {other.message}", other.hint)
+    offers = [offer for offer in told if offer.kind == "@pub"]
     for offer in offers:
         if roster.covers(key, offer.key):
             return TimedOut(
                 f"{came}, although {offer.node} publishes it",
                 "its process is busy, frozen, or waits for another: `quadctl status`",
             )
-    if more:
+    ours = publisher_of(key, client.vehicle)
+    if more and ours:
+        problem = Unreachable(f"{came}: {ours} is gone", "`quadctl status` shows what became of it")
+    elif more:
         problem = Unreachable(came, "`--timeout` lets it wait for longer")
     else:
         like = nearest(key, [offer.key for offer in offers])
         hint = like or "`quadctl topic list` shows what there is"
         problem = Unreachable(f"{came}: nobody publishes it", hint)
-    return client.explained(problem, publisher_of(key, client.vehicle))
+    return client.explained(problem, ours, live=[offer.node for offer in told])
 
 
 def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import zenoh
 
 from services.runtime.bus import foreign, roster
+from services.runtime.bus.breaks import Breaks
 from services.runtime.errors import TimedOut
 
 _MOST_BYTES = 256 << 20
@@ -39,7 +40,7 @@ class Tap:
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
         """Returns once the hub knows of it; raises TimedOut where that does not answer."""
         self.lost = 0
-        self._session = session
+        self._session, self._breaks = session, Breaks(session)
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._waiting: deque[Taken] = deque()
         # Each counted by one thread alone, so that nothing need be locked.
@@ -60,10 +61,12 @@ class Tap:
         target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
         self._session.get(key, callback, target=target, consolidation=consolidation, timeout=1.0)
 
-    @property
-    def connected(self) -> bool:
-        """Whether the hub is there: one that is gone is waited for, and one that is back heard."""
-        return bool(self._session.info.routers_zid())
+    def has_held(self) -> bool:
+        """Whether the hub is there, and was so since this was last asked.
+
+        One that is gone is waited for, and one that is back heard.
+        """
+        return not self._breaks.any() and bool(self._session.info.routers_zid())
 
     @property
     def waiting(self) -> int:

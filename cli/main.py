@@ -1,87 +1,17 @@
-"""The `quadctl` command: runs a line, and leaves the process with the code that says how it went."""
+"""The way into the `quadctl` command: from here on Ctrl-C is no error, also while it is imported."""
 
-import gc
 import os
-import sys
-
-from cli import (
-    alone,
-    lean,  # noqa: F401 - before all that imports msgspec
-    output,
-    quick,
-    streams,
-)
-from cli.options import options_of
-from services.runtime.errors import QuadctlError, UsageError
 
 _CTRL_C = 130
-_COMPLETING = "_QUADCTL_COMPLETE"
 
 
 def main() -> None:
     """Run the command line and exit with the code that says how it went."""
-    words = sys.argv[1:]
-    as_json = "--json" in words
     try:
-        streams.ensure()
-        _check_encoding(words)
-        _run(words)
-        streams.flush()
-        code = 0
-    except SystemExit as leaving:
-        code = leaving.code if isinstance(leaving.code, int) else 0
-    except QuadctlError as problem:
-        output.error(problem, as_json=as_json)
-        code = problem.exit_code
+        from cli import command
     except KeyboardInterrupt:
-        code = _CTRL_C
-    except BrokenPipeError:
-        # The reader, such as `head`, has what it wanted.
-        code = 0
-    except Exception as problem:  # noqa: BLE001 - the last place where it can be told
-        import traceback
-
-        traceback.print_exc()
-        text = f"unexpected: {type(problem).__name__}: {problem}"
-        output.error(
-            QuadctlError(text, "please report this, with the lines above"), as_json=as_json
-        )
-        code = QuadctlError.exit_code
-    _leave(code)
-
-
-def _run(words: list[str]) -> None:
-    if _COMPLETING in os.environ:
-        from cli.complete import shells
-
-        fits = shells.answer()
-        if fits is not None:
-            output.line(fits)
-            return
-    words = alone.given(words)
-    line = quick.read(words)
-    if line is None:
-        from cli import typed
-
-        line = typed.read(words)
-    # All that a command needs is there: what it makes from now on is looked through, and no more.
-    gc.freeze()
-    gc.enable()
-    line.command(options_of(line.common), **line.values)
-
-
-def _check_encoding(words: list[str]) -> None:
-    for word in words:
-        try:
-            word.encode()
-        except UnicodeEncodeError as error:
-            shown = word.encode(errors="backslashreplace").decode()
-            raise UsageError(f"{shown} is not UTF-8", "write it in this terminal's own") from error
-
-
-def _leave(code: int) -> None:
-    # Sessions are closed and streams flushed; the interpreter's own farewell takes 5 ms more.
-    os._exit(code)
+        os._exit(_CTRL_C)
+    command.main()
 
 
 if __name__ == "__main__":

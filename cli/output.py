@@ -13,6 +13,9 @@ from services.runtime.errors import QuadctlError
 _WIDEST = 12
 """Characters of a float that are shown as they are."""
 
+_TAME = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if code not in b"\t\n"}
+"""How what would steer a terminal is shown: strings come from anybody on the bus."""
+
 
 def document(value: Any) -> None:
     """Print one JSON document, on one line, at once."""
@@ -20,8 +23,8 @@ def document(value: Any) -> None:
 
 
 def line(text: str) -> None:
-    """Print one line of text, at once."""
-    streams.say(f"{text}\n")
+    """Print text, at once."""
+    streams.say(f"{text.translate(_TAME)}\n")
 
 
 def either(options: Options, value: Any, text: str) -> None:
@@ -53,7 +56,7 @@ def fields(value: Any, indent: str = "") -> None:
 
 def note(text: str) -> None:
     """Say something beside the output proper, on stderr."""
-    sys.stderr.write(f"{text}\n")
+    sys.stderr.write(f"{text.translate(_TAME)}\n")
 
 
 def error(problem: QuadctlError, *, as_json: bool) -> None:
@@ -64,9 +67,9 @@ def error(problem: QuadctlError, *, as_json: bool) -> None:
         sys.stderr.write(msgspec.json.encode({"error": said}).decode() + "\n")
         return
     for message in (*problem.others, problem.message):
-        sys.stderr.write(f"error: {message}\n")
+        note(f"error: {message}")
     if problem.hint:
-        sys.stderr.write(f"  try: {problem.hint}\n")
+        note(f"  try: {problem.hint}")
 
 
 def _shown(value: Any, *, quoted: bool = True) -> str:

@@ -1,6 +1,7 @@
 """The three standard streams, whatever the shell has made of them."""
 
 import os
+import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +40,15 @@ def flush() -> None:
     with _written():
         sys.stdout.flush()
         sys.stderr.flush()
+
+
+def ensure_read() -> None:
+    """Raise BrokenPipeError where who read our stdout through a pipe has left."""
+    if hasattr(select, "poll"):
+        poll = select.poll()
+        poll.register(1, 0)  # only what is told unasked
+        if any(events & select.POLLERR for _, events in poll.poll(0)):
+            raise BrokenPipeError
 
 
 @contextmanager

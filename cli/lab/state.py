@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import bus, output
+from cli import bus, output, streams
 from cli.declare import Opt
 from cli.options import Options
 from schemas.messages import Pose, SafetyState
@@ -50,6 +50,8 @@ def _changes(client: Client) -> Iterator[SafetyState]:
         # Published before we listened; what was since is heard before the reply that says it.
         waiting.insert(0, now)
     while True:
+        # With nothing new to print we would not notice that nobody reads it any more.
+        streams.ensure_read()
         for state in waiting:
             content = msgspec.structs.replace(state, stamp=0.0)
             if content != told:

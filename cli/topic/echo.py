@@ -51,7 +51,7 @@ class _Echo:
 
     def __init__(self, client: Client, key: str, field: str) -> None:
         self._client, self._key, self._field = client, key, field
-        self._stream = client.listen(key)
+        self._stream = client.listen(key, held=True)
         self._kinds: set[tuple[str, type[Invalid]]] = set()
         self._heard = False
 

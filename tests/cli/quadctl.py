@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from cli import main
+from cli import command
 
 
 class Said(NamedTuple):
@@ -42,13 +42,13 @@ def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     def leave(code: int) -> None:
         raise _Left(code)
 
-    monkeypatch.setattr(main, "_leave", leave)
+    monkeypatch.setattr(command, "_leave", leave)
     monkeypatch.setenv("COLUMNS", "200")
 
     def run(*words: object) -> Said:
         monkeypatch.setattr(sys, "argv", ["quadctl", *map(str, words)])
         try:
-            main.main()
+            command.main()
         except _Left as left:
             code = int(left.args[0])
         else:

@@ -25,7 +25,7 @@ def test_a_command_that_reads_no_recording_loads_nothing_for_that():
     others = {
         where.partition(":")[0] for path, where in COMMANDS.items() if path not in READS_RECORDINGS
     }
-    assert loaded("cli.main", *sorted(others), "services.runtime.bus.client") == []
+    assert loaded("cli.command", *sorted(others), "services.runtime.bus.client") == []
 
 
 def test_neither_does_a_node_that_records_nothing():

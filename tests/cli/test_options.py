@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cli import main, options
+from cli import command, options
 from cli.options import Options
 from tests.cli.quadctl import Quadctl
 
@@ -36,7 +36,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
         found.append(made(said))
         return found[-1]
 
-    monkeypatch.setattr(main, "options_of", telling)
+    monkeypatch.setattr(command, "options_of", telling)
     return found
 
 

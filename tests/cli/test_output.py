@@ -106,3 +106,13 @@ def test_progress_shows_nothing_where_nobody_looks(capsys: Capture, quiet: bool)
     with Progress("flying", quiet=quiet) as progress:
         progress.update(0.5, "1 m to go")
     assert capsys.readouterr() == ("", "")
+
+
+def test_what_would_steer_the_terminal_is_shown_as_what_it_is(capsys: Capture):
+    output.fields({"\x1b[31mred": 1})
+    output.table([("uav/\x1b]0;title\x07", "a\rb\x9b2J")])
+    output.note("say \x1b[1m it")
+    assert capsys.readouterr() == (
+        "\\x1b[31mred: 1\nuav/\\x1b]0;title\\x07  a\\x0db\\x9b2J\n",
+        "say \\x1b[1m it\n",
+    )

@@ -94,3 +94,16 @@ def test_a_name_that_is_none_is_told_the_nearest_live_one(shared_lab: Lab, mine:
         "try: did you mean mine/blink?",
         "try: `quadctl service list` shows the keys",
     ]
+
+
+def test_a_service_that_drops_a_call_is_not_told_as_gone(shared_lab: Lab, bare: Bare):
+    def drop(query: zenoh.Query) -> None:
+        with query:
+            pass
+
+    bare._declared.append(bare.session.declare_queryable("uav/@srv/drops", drop, complete=True))
+    said = shared_lab.quadctl("service", "call", "uav/@srv/drops", "--json")
+    assert said.code == 3
+    assert said.error["message"] == (
+        "who serves uav/@srv/drops ended the call without an answer: the outcome is unknown"
+    )

@@ -55,3 +55,10 @@ def test_it_ends_where_the_state_comes_no_more(shared_lab: Lab, bare: Bare):
     assert LINE.fullmatch(done.out.rstrip())
     assert "nothing came on drone/safety/state within 0.5 s" in done.err
     stranger.undeclare()
+
+
+def test_it_ends_soon_after_its_reader_though_nothing_changes(shared_lab: Lab, hover: Bare):
+    watch = " ".join(map(str, shared_lab.command("state", "--watch", "--json")))
+    piped = shared_lab.spawn("sh", "-c", f"{watch} | head -1")
+    assert piped.wait() == 0
+    assert len(piped.log.splitlines()) == 1

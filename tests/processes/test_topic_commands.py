@@ -113,7 +113,7 @@ def test_a_silent_key_ends_by_the_timeout(shared_lab: Lab):
         "topic delay no/thing": 3,
         "topic echo no/**": 3,
         # Offered, latched, and not published again.
-        "topic echo */info": 4,
+        "topic bw */info": 4,
         "topic hz info": 4,
     }
     done = shared_lab.each(lines, "--timeout", "0.3", "--json")

@@ -128,3 +128,11 @@ def test_a_reset_is_a_new_boot_and_drops_the_goal(shared_lab: Lab, hover: Bare):
     assert dropped["state"] == "HOVERING"
     assert "anew" in dropped["reason"]
     assert gap(dropped["goal"], {"x": 0, "y": 0, "z": 1}) < 0.1
+
+
+@pytest.mark.parametrize(("key", "shown"), [("uav/info", "vehicle"), ("safety/state", "reason")])
+def test_what_a_latched_topic_holds_is_echoed_at_once(shared_lab: Lab, key: str, shown: str):
+    # The state is published once a second, info never again.
+    said = shared_lab.quadctl("topic", "echo", key, "-n", 1, "--timeout", 0.5, "--json")
+    assert (said.code, said.err) == (0, "")
+    assert shown in said.json

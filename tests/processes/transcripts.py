@@ -92,8 +92,8 @@ SAID = {
         3,
         "",
         (
-            f"error: the server of {DROPPED} went away in mid-call: the outcome is unknown\n"
-            "  try: look at `quadctl status`, then ask again\n"
+            f"error: who serves {DROPPED} ended the call without an answer: the outcome is unknown\n"
+            "  try: its handler may have failed: the log of its process may say more\n"
         ),
     ),
     "service call uav/@srv/nobody --timeout 0.2": (

@@ -85,7 +85,9 @@ class Asker:
             if self._server.changes != changes:
                 break
             left = deadline - time.monotonic()
-        raise gone(self._key)
+        # It is known a moment after its end that a server has ended.
+        time.sleep(max(min(_LOST, deadline - time.monotonic()), 0))
+        raise gone(self._key, still_there=self._server.is_there)
 
     def wait_for_server(self, timeout: float) -> None:
         """Return when a server is there; raises Unreachable where none comes in time (s)."""
@@ -115,8 +117,13 @@ def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
     raise QuadctlError(f"{key} failed: {plain(payload, said)}", "the log of its node may say more")
 
 
-def gone(key: str) -> Unreachable:
-    """What is known of a call whose server ended without an answer."""
+def gone(key: str, *, still_there: bool = False) -> Unreachable:
+    """What is known of a call that ended without an answer; whoever serves it may be `still_there`."""
+    if still_there:
+        return Unreachable(
+            f"who serves {key} ended the call without an answer: the outcome is unknown",
+            "its handler may have failed: the log of its process may say more",
+        )
     return Unreachable(
         f"the server of {key} went away in mid-call: the outcome is unknown",
         "look at `quadctl status`, then ask again",

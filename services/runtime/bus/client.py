@@ -1,17 +1,16 @@
 """A command's way onto the bus: connects at once or fails at once, and never hangs."""
 
-import time
 from typing import TYPE_CHECKING, Self, TypeVar
 
-import zenoh
 from msgspec import Struct
 
 from schemas.contract import Service, Topic
-from services.runtime.bus import graph, roster, wire
+from schemas.topics import topic_of
+from services.runtime.bus import graph, latched, roster
 from services.runtime.bus.calls import Asker, Caller
 from services.runtime.bus.contact import Contact
 from services.runtime.bus.reach import reach
-from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from services.runtime.errors import Invalid, QuadctlError, Unreachable
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord
 
@@ -107,35 +106,12 @@ class Client:
         """The last message of a latched topic."""
         key = topic.key(self.vehicle)
         self.permit("read", key)
-        deadline = time.monotonic() + self.timeout
-        why: QuadctlError = Unreachable(
-            f"nobody answered for {key} within {self.timeout:g} s",
-            f"is {topic.node} up? `quadctl status` shows it",
-        )
-        while (left := deadline - time.monotonic()) > 0:
-            # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
-            for reply in self.session.get(
-                key,
-                target=zenoh.QueryTarget.ALL,
-                consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=left,
-            ):
-                if reply.ok is None:
-                    if isinstance(why, Invalid):
-                        continue  # that something came says more than that no more did
-                    why = TimedOut(
-                        f"{topic.node} did not answer within {self.timeout:g} s",
-                        "its process is busy or frozen: `quadctl status` shows which",
-                    )
-                    continue
-                try:
-                    payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
-                    return wire.decode(topic.type, payload, said)
-                except Invalid as problem:
-                    why = self._only_unread(wire.unreadable(key, problem))
-            # Nobody answers for the key yet; a restart takes a tenth of a second.
-            time.sleep(max(min(deadline - time.monotonic(), 0.02), 0))
-        raise self.explained(why, topic.node) if isinstance(why, Unreachable) else why
+        try:
+            return latched.latest(self.session, topic, key, self.timeout)
+        except Invalid as problem:
+            raise self._only_unread(problem) from problem
+        except Unreachable as problem:
+            raise self.explained(problem, topic.node) from problem
 
     def first(self, topic: Topic[M]) -> M:
         """The next message of a topic."""
@@ -152,12 +128,18 @@ class Client:
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return Readings(self.listen(*types, backlog=backlog), types)
 
-    def listen(self, *keys: str, backlog: int = _BACKLOG) -> "Stream":
-        """Hear keys or key expressions; up to `backlog` messages wait for their reader."""
+    def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "Stream":
+        """Hear keys or key expressions; up to `backlog` messages wait for their reader.
+
+        With what latched topics `held` before, it comes first.
+        """
         from services.runtime.bus.hearing import Stream
 
         self.permit("listen", *keys)
         stream = Stream(self.session, keys, backlog)
+        for key in keys if held else ():
+            if (topic := topic_of(key)) is not None and topic.latched:
+                stream.ask(self.session, key, self.timeout)
         self._held.append(stream)
         return stream
 

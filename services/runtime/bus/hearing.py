@@ -32,7 +32,7 @@ class Stream:
     """Messages as they come, of one key or several; of more than `backlog` the oldest go first."""
 
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
-        self._backlog = backlog
+        self._backlog, self._has_come = backlog, False
         self._queue: SimpleQueue[Message] = SimpleQueue()
         callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
@@ -44,13 +44,25 @@ class Stream:
         except Empty:
             return None
 
+    def ask(self, session: zenoh.Session, key: str, timeout: float) -> None:
+        """Have what is held under a key, of a latched topic, come before all messages."""
+        target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
+        session.get(key, callback, target=target, consolidation=consolidation, timeout=timeout)
+
     @property
     def waiting(self) -> int:
         """How many messages have come that are not yet read."""
         return self._queue.qsize()
 
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        # What came meanwhile is as new.
+        if reply.ok is not None and not self._has_come:
+            self._on_sample(reply.ok)
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         foreign.stay()
+        self._has_come = True
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
         if self._queue.qsize() >= self._backlog:

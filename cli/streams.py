@@ -1,7 +1,6 @@
 """The three standard streams, whatever the shell has made of them."""
 
 import os
-import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,6 +43,8 @@ def flush() -> None:
 
 def ensure_read() -> None:
     """Raise BrokenPipeError where who read our stdout through a pipe has left."""
+    import select
+
     if hasattr(select, "poll"):
         poll = select.poll()
         poll.register(1, 0)  # only what is told unasked

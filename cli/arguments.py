@@ -50,11 +50,13 @@ def is_pairs(words: list[str]) -> bool:
 
 def without_type(words: list[str], own: str = "") -> list[str]:
     """Leave out a type that comes first, as `rostopic pub` has it: it is known by the name."""
-    if len(words) > 1:
-        package, _, name = words[0].rpartition("/")
-        if (own and name == own) or (package and re.fullmatch(_ROS_TYPE, words[0])):
-            return words[1:]
-    return words
+    return words[1:] if len(words) > 1 and is_type(words[0], own) else words
+
+
+def is_type(word: str, own: str = "") -> bool:
+    """Whether a word is a type of ROS, or the topic's `own` with or without a package."""
+    name = word.rpartition("/")[2]
+    return bool((own and name == own) or re.fullmatch(_ROS_TYPE, word))
 
 
 def value(word: str) -> Any:

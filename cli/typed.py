@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from cli import output, table
 from cli.complete.shells import SCRIPTS
-from cli.declare import Arg, Line, Word, takes_signed, words_of
+from cli.declare import Arg, Line, Word, is_number, takes_signed, words_of
 from cli.options import COMMON, options_of
 from services.runtime.errors import UsageError
 
@@ -157,6 +157,29 @@ class _Command(TyperCommand):
 
     def __init__(self, *args: Any, params: list[Any] | None = None, **kwargs: Any) -> None:
         super().__init__(*args, params=[*(params or []), *_common()], **kwargs)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take `-1` for the number that it is; of what else begins with -, only what is declared."""
+        if ctx.ignore_unknown_options:
+            self._check_options(ctx, args)
+        return super().parse_args(ctx, args)
+
+    def _check_options(self, ctx: Any, args: list[str]) -> None:
+        # Typer leaves every unknown option among the words by their place, as if it were one.
+        values, left, _ = self.make_parser(ctx).parse_args([*args])
+        placed: list[Any] = [*left]
+        for word in self.params:
+            if word.param_type_name == "argument":
+                value = values.get(word.name or "")
+                placed += value if isinstance(value, (list, tuple)) else [value]
+        after = args[args.index("--") + 1 :] if "--" in args else []
+        for text in placed:
+            signed = isinstance(text, str) and len(text) > 1 and text.startswith("-")
+            if signed and text not in after and not is_number(text):
+                raise UsageError(
+                    f"No such option: {text}",
+                    f"`{ctx.command_path} --help`; after a -- it would be no option",
+                )
 
 
 class _Group(TyperGroup):

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cli.arguments import is_data, is_pairs, message_of, table_of, without_type
+from cli.topic.once import without_once
+from schemas.contract import Topic
 from schemas.topics import topic_of
 from services.runtime.bus import wire
 from services.runtime.errors import Invalid, UsageError
@@ -32,8 +34,8 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
     """
     if form and form not in FORMS:
         raise UsageError(f"--as {form}: no such form", f"it is one of {', '.join(FORMS)}")
-    topic = topic_of(key)
-    if topic is not None and key == topic.key(vehicle):
+    topic = _declared(key, vehicle)
+    if topic is not None:
         if form:
             raise Invalid(
                 f"{key} carries {topic.type.__name__} and nothing else",
@@ -47,6 +49,18 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
         raise UsageError("there is nothing to send", "write name=value words, JSON, or a text")
     form = form or _form_of(words)
     return Payload(_bytes(words, form), FORMS[form])
+
+
+def split_once(key: str, vehicle: str, words: list[str]) -> tuple[list[str], bool]:
+    """The words without rostopic's -1 where it is not a value for a key; whether there was one."""
+    if (topic := _declared(key, vehicle)) is None:
+        return without_once(words, None)
+    return without_once(words, len(topic.type.__struct_fields__), topic.type.__name__)
+
+
+def _declared(key: str, vehicle: str) -> Topic[Any] | None:
+    topic = topic_of(key)
+    return topic if topic is not None and key == topic.key(vehicle) else None
 
 
 def _form_of(words: list[str]) -> str:

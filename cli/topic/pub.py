@@ -8,7 +8,7 @@ from cli.declare import Arg, Opt
 from cli.names import single_key
 from cli.options import Options
 from cli.pace import Pace
-from cli.topic.payload import Payload, payload_of
+from cli.topic.payload import Payload, payload_of, split_once
 from cli.which import about_topic
 from schemas.topics import topic_of
 from services.runtime.bus.client import Client
@@ -38,17 +38,19 @@ def pub(
 ) -> None:
     """Publish one message, or with -r many, as soon as somebody listens.
 
-    What goes to a topic of ours is checked against its type. rostopic's -1 before the topic is
-    understood, and so is a type before the message, which is not needed.
+    What goes to a topic of ours is checked against its type. rostopic's -1 is understood before the
+    topic and beside a message, but in a row of numbers, as x y -1, it is one of them; and so is a
+    type before the message, which is not needed.
 
     Example: quadctl topic pub input/position_request x=1 y=2 z=1
     """
     words = arguments or []
     if topic == "-1" and words:
         (topic, *words), once = words, True
-    wanted = _count(rate, count, once=once)
     options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
+    words, said = split_once(key, options.vehicle, words)
+    wanted = _count(rate, count, once=once or said)
     payload = payload_of(key, options.vehicle, words, form)
     with bus.connect(options) as client:
         _warn(key, client.vehicle)

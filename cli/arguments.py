@@ -12,6 +12,7 @@ from services.runtime.settings.named import put, value_of
 
 M = TypeVar("M", bound=Struct)
 
+_NAMED = r"[A-Za-z_]\w*:(\s|$)"
 _ROS_TYPE = r"\w+_(msgs|srvs|interfaces)/(msg/|srv/)?[A-Z]\w*"
 
 
@@ -40,7 +41,19 @@ def table_of(words: list[str]) -> Any:
 
 def is_data(words: list[str]) -> bool:
     """Whether the words are one table or list, in one argument."""
-    return len(words) == 1 and words[0].lstrip()[:1] in {"{", "["}
+    return len(words) == 1 and (_is_flow(words[0]) or _is_block(words[0]))
+
+
+def _is_flow(text: str) -> bool:
+    return text.lstrip()[:1] in {"{", "["}
+
+
+def _is_block(text: str) -> bool:
+    """Whether a text is `name: value` lines; what is between is indented, or an item with a dash."""
+    first, *more = [line for line in text.splitlines() if line.strip()] or [""]
+    return bool(re.match(_NAMED, first.lstrip())) and all(
+        line[0].isspace() or line.startswith("- ") or re.match(_NAMED, line) for line in more
+    )
 
 
 def is_pairs(words: list[str]) -> bool:
@@ -71,7 +84,7 @@ def value(word: str) -> Any:
 
 def _table(type_: type[Struct], name: str, words: list[str]) -> Any:
     names = type_.__struct_fields__
-    if is_data(words) and words[0].lstrip().startswith("{"):
+    if is_data(words) and not words[0].lstrip().startswith("["):
         return _data(words[0])
     if all("=" in word for word in words):
         return _pairs(words)
@@ -89,7 +102,9 @@ def _pairs(words: list[str]) -> dict[str, Any]:
 
 
 def _data(text: str) -> Any:
-    """One argument that is a table or a list: JSON, or as ROS users write it, `{x: 1}`."""
+    """One argument that is a table or a list: JSON, or as ROS users write it, `{x: 1}`, `x: 1`."""
+    if not _is_flow(text):
+        return _lines(text)
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -102,3 +117,15 @@ def _data(text: str) -> Any:
                 f"the argument is not JSON: {error}; nor as in ROS: {problem.message}",
                 "write name=value words, or one '{\"name\": value}'",
             ) from error
+
+
+def _lines(text: str) -> Any:
+    from cli import block
+
+    try:
+        return block.read(text)
+    except Invalid as problem:
+        raise Invalid(
+            f"the argument is no lines of name: value: {problem.message}",
+            "write name=value words, or `--as text` to a key of your own",
+        ) from problem

@@ -36,7 +36,7 @@ def _value(tokens: list[str], depth: int = 0) -> Any:
     if word == "{":
         table: dict[str, Any] = {}
         while not _ends(tokens, "}", first=not table):
-            name = _scalar(_next(tokens, "a field"))
+            name = scalar(_next(tokens, "a field"))
             if (colon := _next(tokens, "':'")) != ":":
                 raise Invalid(f"after {name} there is {colon!r} in place of ':'")
             table[str(name)] = _value(tokens, depth + 1)
@@ -46,7 +46,7 @@ def _value(tokens: list[str], depth: int = 0) -> Any:
         while not _ends(tokens, "]", first=not items):
             items.append(_value(tokens, depth + 1))
         return items
-    return _scalar(word)
+    return scalar(word)
 
 
 def _ends(tokens: list[str], end: str, *, first: bool) -> bool:
@@ -65,7 +65,8 @@ def _next(tokens: list[str], wanted: str) -> str:
     return tokens.pop()
 
 
-def _scalar(word: str) -> Any:
+def scalar(word: str) -> Any:
+    """One value that is neither a table nor a list."""
     if word[0] == "'":
         return word[1:-1].replace("''", "'")
     if word in set("{}[],:"):

@@ -26,7 +26,10 @@ def call(
     name: Annotated[str, Arg("A service.", complete="service")],
     arguments: Annotated[
         list[str] | None,
-        Arg("As zero=true, as JSON, or as values in the fields' order.", complete="field"),
+        Arg(
+            "As zero=true, as JSON or 'zero: true', or as values in the fields' order.",
+            complete="field",
+        ),
     ] = None,
     form: Annotated[
         str, Opt("How to write to a service that is none of ours: msgpack or json.", ("--as",))

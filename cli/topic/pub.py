@@ -24,7 +24,10 @@ def pub(
     topic: Annotated[str, Arg("A topic, or any Zenoh key.", complete="topic")],
     arguments: Annotated[
         list[str] | None,
-        Arg("As x=1 pose.y=2, as JSON or {x: 1}, or as values in order.", complete="field"),
+        Arg(
+            "As x=1 pose.y=2, as JSON, {x: 1} or x: 1 in lines, or as values in order.",
+            complete="field",
+        ),
     ] = None,
     rate: Annotated[
         float | None, Opt("Messages a second, until -n of them or Ctrl-C.", ("-r", "--rate"))

@@ -28,6 +28,8 @@ SETPOINT = "boot=b for_seq=1 position.x=1 position.y=2 position.z=3 brake=false"
         ["{x: 1, y: -.5, z: 2.0}"],
         ["{'x': 1, \"y\": -5e-1, z: +2}"],
         [" {x: 1,y: -0.5 , z: 2,} "],
+        ["x: 1\ny: -0.5\nz: 2\n"],
+        ["geometry_msgs/Vector3", "  x: 1.0\n\n  y: -.5\n  z: 2"],
         ["geometry_msgs/Vector3", "{x: 1, y: -0.5, z: 2}"],
         ["geometry_msgs/msg/Point", "1", "-.5", "2"],
         ["Waypoint", "x=1", "y=-0.5", "z=2"],
@@ -43,6 +45,8 @@ def test_a_waypoint_in_many_spellings(words: list[str]):
     [
         SETPOINT.split(),
         ["{boot: b, for_seq: 1, position: {x: 1, y: 2, z: 3}, brake: False}"],
+        ["boot: 'b'\nfor_seq: 1\nposition: {x: 1, y: 2, z: 3}\nbrake: False"],
+        ["boot: b\nfor_seq: 1\nposition:\n  x: 1\n  y: 2\n  z: 3\nbrake: false"],
         ["b", "1", "{x = 1, y = 2, z = 3}", "False"],
     ],
 )
@@ -66,6 +70,10 @@ def test_a_message_with_a_table_in_it(words: list[str]):
         (["{x: 1, y: 2, z: 3} 4"], "after its end"),
         (["{x: ,}"], "in place of a value"),
         (["{x: 'it}"], "cannot be read"),
+        (["x: 1\n y: 2"], "cannot be read from 'y: 2'"),
+        (["x: {y: 1"], "it ends where"),
+        (["x: 1\ny:\nz: 2"], "$.y"),
+        (["x:\n" + "- " * 100_000], "nested deeper"),
         (["{" * 100_000], "in place of a value"),
         (["[" * 100_000], ""),
     ],
@@ -86,6 +94,26 @@ DATA = st.recursive(
 )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("zero: true", {"zero": True}),
+        ("data: hello: there, you", {"data": "hello: there, you"}),
+        ("data: ''", {"data": ""}),
+        ("a:\n  b:\n    c: 1\n  d: [1, {e: 2}]\nf: ~", {"a": {"b": {"c": 1}, "d": [1, {"e": 2}]}, "f": None}),
+        ("data:\n- 0\n- 1", {"data": [0, 1]}),
+        ("a:\n  - x: 1\n    y: 2\n  - - 3\n  -\nb: 4", {"a": [{"x": 1, "y": 2}, [3], None], "b": 4}),
+    ],
+)  # fmt: skip
+def test_lines_as_completion_of_ros_inserts_them_are_a_table(text: str, found: Any):
+    assert table_of([text]) == found
+
+
+@pytest.mark.parametrize("text", ["http://host", "12:30", "error: it\nis no table", "a b: c", ""])
+def test_a_text_with_a_colon_is_a_text(text: str):
+    assert table_of([text]) == text
+
+
 @given(DATA)
 def test_the_flow_style_reads_all_that_json_writes(value: Any):
     text = json.dumps(value, ensure_ascii=False)
@@ -93,10 +121,11 @@ def test_the_flow_style_reads_all_that_json_writes(value: Any):
         assert flow.read(text) == value
 
 
-@given(st.text("{}[]:,'\"ab1 .\\\n", max_size=20))
+@given(st.text("{}[]:,'\"ab1 .-\\\n", max_size=20))
 def test_no_text_is_more_than_invalid(text: str):
-    with suppress(Invalid):
-        table_of(["{" + text])
+    for begin in ("{", "a: ", "a:\n"):
+        with suppress(Invalid):
+            table_of([begin + text])
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_what_cannot_be_is_exit_6_before_anything_is_asked(quadctl: Quadctl, lin
 
 @pytest.mark.parametrize(
     "arguments",
-    ["zero=true", "zero=True", "True", "true", '{"zero":true}'],
+    ["zero=true", "zero=True", "True", "true", '{"zero":true}', "zero: true"],
 )
 def test_a_request_may_be_written_as_in_ros(quadctl: Quadctl, arguments: str):
     said = quadctl("service", "call", "/calibrate_pressure", arguments, "--json")

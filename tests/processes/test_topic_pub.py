@@ -31,6 +31,7 @@ def heard(bare: Bare) -> list[Sample]:
         f"/{REQUEST} geometry_msgs/Vector3 '{{x: 2, y: -1, z: 1}}'",
         f"-1 {REQUEST} geometry_msgs/Vector3 2 -1 1",
         f"/{REQUEST} geometry_msgs/Vector3 '{{x: 2, y: -1, z: 1}}' -1",
+        f"-1 /{REQUEST} 'x: 2\ny: -1\nz: 1'",
         "input/position_request x=2 y=-1 z=1 --once",
         """input/position_request '{"x": 2, "y": -1, "z": 1}'""",
     ],

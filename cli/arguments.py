@@ -13,7 +13,7 @@ from services.runtime.settings.named import put, value_of
 M = TypeVar("M", bound=Struct)
 
 _NAMED = r"[A-Za-z_]\w*:(\s|$)"
-_ROS_TYPE = r"\w+_(msgs|srvs|interfaces)/(msg/|srv/)?[A-Z]\w*"
+_ROS_TYPE = r"\w+(_(msgs|srvs|interfaces)/(msg/|srv/)?|/(msg|srv)/)[A-Z]\w*"
 
 
 def message_of(type_: type[M], name: str, words: list[str]) -> M:
@@ -67,7 +67,7 @@ def without_type(words: list[str], own: str = "") -> list[str]:
 
 
 def is_type(word: str, own: str = "") -> bool:
-    """Whether a word is a type of ROS, or the topic's `own` with or without a package."""
+    """Whether a word is a type as in ROS, or the topic's `own` with or without a package."""
     name = word.rpartition("/")[2]
     return bool((own and name == own) or re.fullmatch(_ROS_TYPE, word))
 

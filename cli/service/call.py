@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import msgspec
 
 from cli import bus, output
-from cli.arguments import message_of, table_of
+from cli.arguments import is_type, message_of, table_of
 from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.service import lookup
@@ -37,6 +37,8 @@ def call(
 ) -> None:
     """Call a service and print its reply; one of your own by its name or key too.
 
+    A type before the request, as ros2 service call has it, is understood and not needed.
+
     Example: quadctl service call toggle_cage cage_on=false
     """
     if form not in _FORMS:
@@ -59,6 +61,7 @@ def call(
 
 
 def _ours(options: Options, service: Service[Any, Any], words: list[str]) -> Any:
+    words = _without_type(words, service.type_name)
     request = message_of(service.request, service.name, words)
     with bus.connect(options) as client:
         return msgspec.to_builtins(client.call(service, request))
@@ -66,11 +69,17 @@ def _ours(options: Options, service: Service[Any, Any], words: list[str]) -> Any
 
 def _theirs(options: Options, name: str, words: list[str], form: str) -> Any:
     encoding, encode = _FORMS[form]
-    payload = encode(table_of(words) if words else {})
     with lookup.connect(options, name) as client:
-        key = lookup.key_of(client, name)
+        key, type_ = lookup.key_of(client, name)
+        words = _without_type(words, type_)
+        payload = encode(table_of(words) if words else {})
         try:
             return plain(*client.ask(key, payload, encoding))
         except Unreachable as problem:
             hint = lookup.nearest_live(client, name) or problem.hint
             raise Unreachable(problem.message, hint) from problem
+
+
+def _without_type(words: list[str], own: str) -> list[str]:
+    # A request without fields may be no more than its type.
+    return words[1:] if words and is_type(words[0], own) else words

@@ -40,15 +40,15 @@ def offered(client: Client, name: str) -> Offer | None:
     return next((o for o in services(client) if o.key == bare or o.name in spellings), None)
 
 
-def key_of(client: Client, name: str) -> str:
-    """The key to call by a name that is none of ours.
+def key_of(client: Client, name: str) -> tuple[str, str]:
+    """The key to call by a name that is none of ours, and the type that is announced, or none.
 
     A full key is taken as it is, announced or not. Raises Invalid, with the nearest live name,
     for a name that nobody has announced.
     """
     offer = offered(client, name)
     if offer is not None:
-        return offer.key
+        return offer.key, offer.type
     bare = name.strip("/")
     if f"/{_MARK}" not in bare:
         raise unknown(client, name)
@@ -58,7 +58,7 @@ def key_of(client: Client, name: str) -> str:
             f"{key} is a pattern, and services are not called by pattern",
             "`quadctl service list` shows the keys",
         )
-    return key
+    return key, ""
 
 
 def services(client: Client) -> list[Offer]:

@@ -133,6 +133,7 @@ def test_no_text_is_more_than_invalid(text: str):
     [
         (["std_msgs/String", "hello"], ["hello"]),
         (["std_srvs/srv/SetBool", "data=true"], ["data=true"]),
+        (["my_own/srv/Square", "a=1"], ["a=1"]),
         (["std_msgs/String"], ["std_msgs/String"]),
         (["hello", "world"], ["hello", "world"]),
         (["a/b", "c"], ["a/b", "c"]),

@@ -106,3 +106,19 @@ def test_what_cannot_be_is_exit_6_before_anything_is_asked(quadctl: Quadctl, lin
 def test_a_request_may_be_written_as_in_ros(quadctl: Quadctl, arguments: str):
     said = quadctl("service", "call", "/calibrate_pressure", arguments, "--json")
     assert (said.code, said.error["code"]) == (3, "unreachable")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "/calibrate_pressure Calibrate {zero:true}",
+        "/calibrate_pressure quad/Calibrate zero=true",
+        "/calibrate_pressure std_srvs/srv/SetBool true",
+        "pressure/get_params GetParams {names:[]}",
+        "/hold std_srvs/srv/Trigger",
+        "hold Hold",
+    ],
+)
+def test_the_type_before_a_request_is_left_out(quadctl: Quadctl, line: str):
+    said = quadctl("service", "call", *line.split(), "--json")
+    assert (said.code, said.error["code"]) == (3, "unreachable")

@@ -72,6 +72,14 @@ def test_it_is_listed_shown_and_called(shared_lab: Lab, mine: None):
     assert formless.code == 2
 
 
+def test_its_type_before_the_request_is_left_out(shared_lab: Lab, mine: None):
+    spellings = ("Blink '{times: 3}'", "quad/Blink times=3", "my_own/srv/Blink 'times: 3'")
+    done = shared_lab.each([f"service call /mine/blink {spelling}" for spelling in spellings])
+    assert {ended.out.splitlines()[0] for ended in done.values()} == {"did: 3"}
+    alone = shared_lab.quadctl("service", "call", KEY, "std_srvs/srv/Trigger")
+    assert alone.err.startswith(f"error: {KEY} failed: times, please\n")
+
+
 def test_a_name_that_is_none_is_told_the_nearest_live_one(shared_lab: Lab, mine: None):
     done = shared_lab.each(
         [

@@ -3,6 +3,8 @@
 import re
 from typing import Any
 
+from msgspec import Struct
+
 from schemas.contract import Service
 from schemas.topics import SERVICES, TOPICS, get_params, set_params, topic_of
 from services.runtime.errors import Invalid
@@ -52,13 +54,28 @@ def _canonical(key: str) -> str:
     return "/".join(chunks)
 
 
+PARAMETERS: tuple[Service[Any, Any], ...] = (get_params("NODE"), set_params("NODE"))
+"""The services that every node has."""
+
+
 def types() -> dict[str, str]:
     """Every name that a type may be asked for by, to its own."""
+    services = (*SERVICES, *PARAMETERS)
     own = [topic.type.__name__ for topic in TOPICS]
-    own += [service.type_name for service in (*SERVICES, get_params("NODE"), set_params("NODE"))]
+    own += [service.type_name for service in services]
+    own += parts()
     known = {name: name for name in own} | {name.lower(): name for name in own}
-    known |= {service.name: service.type_name for service in SERVICES}
+    known |= {service.name.removeprefix("NODE/"): service.type_name for service in services}
     return known | {topic.name: topic.type.__name__ for topic in TOPICS}
+
+
+def parts() -> dict[str, type[Struct]]:
+    """The types that stand in those of topics and services, as Position in Pose, by their names."""
+    from schemas import describe
+
+    whole = [topic.type for topic in TOPICS]
+    whole += [part for one in (*SERVICES, *PARAMETERS) for part in (one.request, one.response)]
+    return {part.__name__: part for type_ in whole for part in describe.parts(type_)}
 
 
 def fields_of(name: str, vehicle: str) -> tuple[str, ...]:

@@ -26,6 +26,14 @@ def service_definition(request: type[Struct], response: type[Struct]) -> str:
     return "\n".join(part for part in (definition(request), "---", definition(response)) if part)
 
 
+def parts(type_: type[Struct]) -> Iterator[type[Struct]]:
+    """The types of a type's fields that have fields themselves, and of theirs."""
+    for field in inspect.type_info(type_).fields:  # type: ignore[attr-defined]
+        if isinstance(field.type, inspect.StructType):
+            yield field.type.cls
+            yield from parts(field.type.cls)
+
+
 def type_name(type_: inspect.Type) -> str:
     """A type's name as a ROS user reads it, as `float64`, `string[]` or `Position`."""
     match type_:

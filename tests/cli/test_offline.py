@@ -13,15 +13,45 @@ CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
 
 @pytest.mark.parametrize(
     "name",
-    ["calibrate", "Calibrate", "CALIBRATE", "calibrate_pressure", "/calibrate_pressure"],
+    [
+        *("calibrate", "Calibrate", "CALIBRATE", "calibrate_pressure", "/calibrate_pressure"),
+        *("quad/Calibrate", "quad/srv/Calibrate", "CalibrateRequest", "@srv/calibrate_pressure"),
+        *("/uav/@srv/calibrate_pressure", "/uav7/calibrate_pressure"),
+    ],
 )
 def test_a_service_type_by_any_of_its_names(quadctl: Quadctl, name: str):
     assert quadctl("type", "show", name) == (0, CALIBRATE, "")
 
 
-@pytest.mark.parametrize("name", ["Waypoint", "waypoint", "input/position_request"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Waypoint",
+        "waypoint",
+        "input/position_request",
+        "/uav/input/position_request",
+        "quad/msg/Waypoint",
+    ],
+)
 def test_a_message_type_by_any_of_its_names(quadctl: Quadctl, name: str):
     assert quadctl("type", "show", name).out == "float64 x\nfloat64 y\nfloat64 z\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "type_"),
+    [
+        ("/uav/pose", "Pose"),
+        ("uav/info", "Info"),
+        ("pressure/get_params", "GetParams"),
+        ("/uav/@srv/my/node/set_params", "SetParams"),
+        ("get_params", "GetParams"),
+        ("Position", "Position"),
+        ("velocity", "Velocity"),
+        ("quad/CageSize", "CageSize"),
+    ],
+)
+def test_a_type_by_a_full_key_a_nodes_service_or_as_a_part(quadctl: Quadctl, name: str, type_: str):
+    assert quadctl("type", "show", name, "--json").json["name"] == type_
 
 
 def test_every_declared_type_can_be_listed_and_shown(quadctl: Quadctl):
@@ -46,7 +76,15 @@ def test_a_type_as_json(quadctl: Quadctl):
     }
 
 
-@pytest.mark.parametrize(("name", "hint"), [("calibrat", "alibrate?"), ("zzzzz", "type list")])
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("calibrat", "alibrate?"),
+        ("zzzzz", "type list"),
+        ("uav/poze", "pose?"),
+        ("std_srvs/SetBool", "type list"),
+    ],
+)
 def test_a_type_that_is_not_there(quadctl: Quadctl, name: str, hint: str):
     said = quadctl("type", "show", name, "--json")
     assert (said.code, said.error["code"]) == (6, "invalid")

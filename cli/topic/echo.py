@@ -7,30 +7,39 @@ from cli import bus, output
 from cli.declare import Arg, Opt
 from cli.names import checked_key
 from cli.options import Options
+from cli.topic.behind import split
 from cli.topic.shown import NoField, field_of, shown
 from cli.which import about_topic
 from services.runtime.bus.client import Client
 from services.runtime.bus.hearing import Message
 from services.runtime.bus.wire import unreadable
-from services.runtime.errors import Invalid
+from services.runtime.errors import Invalid, UsageError
 
 
 def echo(
     options: Options,
     topic: Annotated[str, Arg("A topic, or any Zenoh key or key expression.", complete="topic")],
     count: Annotated[int | None, Opt("End after so many messages.", ("-n",), min=1)] = None,
+    once: Annotated[bool, Opt("End after one message.", ("-1", "--once"))] = False,
     field: Annotated[str, Opt("Show one field of each message, as position.z or values.0.")] = "",
 ) -> None:
     """Print messages as they come; ends when none comes within the timeout.
 
     Of an expression, as uav/**, each message is preceded by its key, and with --json is
-    {"key": ..., "value": ...}.
+    {"key": ..., "value": ...}. A field may stand behind its topic, as pose/position/z.
 
     Example: quadctl topic echo sensors/pressure -n 3
     """
-    options = about_topic(options, topic)
+    if once and (count or 1) > 1:
+        raise UsageError("--once does not go with -n", "leave one of them out")
+    count = 1 if once else count
+    name, behind = split(topic)
+    options = about_topic(options, name)
     key = checked_key(topic, options.vehicle)
     with bus.connect(options) as client:
+        if behind and _is_field(client, key, name):
+            key = checked_key(name, options.vehicle)
+            field = f"{behind}.{field}".rstrip(".")
         echoed = _Echo(client, key, field)
         seen = 0
         while count is None or seen < count:
@@ -44,6 +53,12 @@ def echo(
                 if not field:
                     output.line("---")
             seen += 1
+
+
+def _is_field(client: Client, key: str, topic: str) -> bool:
+    """Whether a key means a field behind a topic of the vehicle: it may be somebody's own topic."""
+    ours = checked_key(topic, client.vehicle).startswith(f"{client.vehicle}/")
+    return ours and all(offer.key != key for offer in client.offers())
 
 
 class _Echo:

@@ -31,14 +31,25 @@ def shown(message: Message, key: str, vehicle: str) -> Any:
 
 
 def field_of(value: Any, path: str) -> Any:
-    """One field of a message by its dotted path, as `position.z` or `values.0`; raises NoField."""
-    for part in filter(None, path.split(".")):
+    """One field of a message by its path, as `position.z`, `position/z` or `values.0`.
+
+    Raises NoField.
+    """
+    within, left = "", path.split(".")[::-1]
+    while left:
+        part = left.pop()
         if isinstance(value, dict) and part in value:
             value = value[part]
         elif isinstance(value, list) and part.isdecimal() and int(part) < len(value):
             value = value[int(part)]
-        else:
-            raise NoField(f"the message has no field {path}", f"at {part} there is: {_has(value)}")
+        elif "/" in part:
+            # As ROS writes it; a stranger's field may have it in its name.
+            left += part.split("/")[::-1]
+            continue
+        elif part:
+            where = f"in {within or 'the message'} there is: {_has(value)}"
+            raise NoField(f"the message has no field {path}", where)
+        within = f"{within}.{part}".strip(".")
     return value
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from cli.topic.behind import split
 from cli.topic.shown import NoField, field_of, shown
 from schemas.messages import Waypoint
 from services.runtime.bus import wire
@@ -44,12 +45,21 @@ def test_under_a_strangers_first_chunk_the_name_of_our_topic_says_nothing():
         show(message("camera/input/position_request", PACKED, other))
 
 
-DATA = {"a": {"b": [10, {"c": 5}]}, "0": "zero"}
+DATA = {"a": {"b": [10, {"c": 5}]}, "0": "zero", "d/e": {"f": 6}}
 
 
 @pytest.mark.parametrize(
     ("path", "found"),
-    [("a.b.0", 10), ("a.b.1.c", 5), ("0", "zero"), ("a.b", [10, {"c": 5}]), ("", DATA)],
+    [
+        ("a.b.0", 10),
+        ("a.b.1.c", 5),
+        ("0", "zero"),
+        ("a.b", [10, {"c": 5}]),
+        ("", DATA),
+        ("a/b/1/c", 5),
+        ("/a/b.0", 10),
+        ("d/e.f", 6),
+    ],
 )
 def test_a_field_by_its_path(path: str, found: Any):
     assert field_of(DATA, path) == found
@@ -58,10 +68,12 @@ def test_a_field_by_its_path(path: str, found: Any):
 @pytest.mark.parametrize(
     ("path", "has"),
     [
-        ("a.q", "b"),
-        ("a.b.2", "a list of 2"),
+        ("q", "in the message there is: a, 0, d/e"),
+        ("a.q", "in a there is: b"),
+        ("a/q", "in a there is: b"),
+        ("a.b.2", "in a.b there is: a list of 2"),
         ("a.b.-1", "a list of 2"),
-        ("0.x", "no fields"),
+        ("0.x", "in 0 there is: no fields"),
         ("a.b.x", "list"),
     ],
 )
@@ -77,3 +89,25 @@ def test_what_is_published_on_a_pattern_is_what_it_is_listened_to_as():
     with pytest.raises(Invalid):
         shown(sent, "uav/pose", "uav")
     assert shown(sent, "uav/*", "uav") == msgspec.to_builtins(POINT)
+
+
+@pytest.mark.parametrize(
+    ("name", "topic", "field"),
+    [
+        ("/uav/pose/position", "uav/pose", "position"),
+        ("pose/position/x", "pose", "position.x"),
+        ("/uav/input/position/position/z", "uav/input/position", "position.z"),
+        ("uav/safety/state/goal", "uav/safety/state", "goal"),
+        ("info/topics/pose", "info", "topics.pose"),
+    ],
+)
+def test_a_field_behind_a_topic(name: str, topic: str, field: str):
+    assert split(name) == (topic, field)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["pose", "uav/pose", "uav/pose/image", "uav/input/position_request", "a/b/pose/stamp", ""],
+)
+def test_what_is_no_field_behind_a_topic(name: str):
+    assert split(name) == (name, "")

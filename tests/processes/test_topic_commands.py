@@ -137,6 +137,34 @@ def test_an_expressions_messages_tell_their_key(shared_lab: Lab):
     assert "passed over a message on uav/pose: the message has no field baseline" in field.err
 
 
+def test_one_message_and_a_field_of_it_as_in_ros(shared_lab: Lab, hover: Bare):
+    lines = {
+        "topic echo pose --once": "boot",
+        "topic echo -1 /uav/pose": "boot",
+        "topic echo pose -1 --field position/z": "1.0",
+        "topic echo pose/position/z -1": "1.0",
+        "topic echo /uav/pose/position -1 --field z": "1.0",
+        "topic echo /uav/pose/position --once": "x",
+    }
+    done = shared_lab.each(lines)
+    assert {line: ended.out[:4].partition(":")[0].rstrip() for line, ended in done.items()} == {
+        line: begin[:4] for line, begin in lines.items()
+    }
+    wrong = shared_lab.quadctl("topic", "echo", "pose/position/q", "--json")
+    assert (wrong.code, wrong.error["hint"]) == (6, "in position there is: x, y, z")
+    assert shared_lab.quadctl("topic", "echo", "pose", "-1", "-n", 2).code == 2
+
+
+def test_a_topic_of_ones_own_is_no_field_behind_ours(shared_lab: Lab, bare: Bare):
+    token = "uav/@node/eye/@pub/Point/00c0ffee/30/uav%pose%position"
+    kept = [bare.session.liveliness().declare_token(token)]
+    bare.nodes()  # a round trip: the hub knows of it
+    silent = shared_lab.quadctl("topic", "echo", "uav/pose/position", "-1", "--timeout", 0.3)
+    assert (silent.code, silent.out) == (4, "")
+    assert "nothing came on uav/pose/position" in silent.err
+    assert kept
+
+
 @pytest.mark.parametrize(
     ("payload", "encoding", "words", "shown"),
     [

@@ -10,11 +10,14 @@ from cli.options import Options
 from cli.pace import Pace
 from cli.topic.payload import Payload, payload_of, split_once
 from cli.which import about_topic
-from schemas.topics import topic_of
+from schemas.topics import TOPICS, topic_of
 from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, Unreachable, UsageError
+from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
+from services.runtime.settings.named import nearest
 
 _FASTEST = 10_000.0
+_LOOK = 0.1
+"""Seconds for finding the name that is meant, once the timeout is over."""
 _DEFAULT_HZ = 10.0
 """What rostopic takes where many messages are wanted and no rate is given."""
 
@@ -82,6 +85,21 @@ def _warn(key: str, vehicle: str) -> None:
         )
 
 
+def _nobody(client: Client, key: str) -> QuadctlError:
+    """That nobody listens, with the nearest name that there is."""
+    nobody = f"nobody listened on {key} within {client.timeout:g} s: nothing was sent"
+    try:
+        offers = client.offers(_LOOK)
+    except QuadctlError as other:
+        return type(other)(f"{nobody}: {other.message}", other.hint)
+    # Who listens is not announced: what is ours, or published, is likelier than another name.
+    names = {offer.key for offer in offers if offer.kind == "@pub"}
+    names |= {topic.key(client.vehicle) for topic in TOPICS}
+    like = "" if key in names else nearest(key, names)
+    hint = f"{like or 'is it spelled right?'} --no-wait sends nevertheless"
+    return client.explained(Unreachable(nobody, hint))
+
+
 def _send(
     client: Client, key: str, payload: Payload, wanted: int | None, hz: float, *, wait: bool
 ) -> int:
@@ -90,11 +108,7 @@ def _send(
     outlet = client.outlet(key, payload.encoding)
     if wait and not outlet.wait_for_listener(client.timeout):
         if wanted is not None:
-            nobody = Unreachable(
-                f"nobody listened on {key} within {client.timeout:g} s: nothing was sent",
-                "is it spelled right? --no-wait sends nevertheless",
-            )
-            raise client.explained(nobody)
+            raise _nobody(client, key)
         output.note(f"nobody listens on {key} yet")
     start, pace = time.monotonic(), Pace(client)
     try:

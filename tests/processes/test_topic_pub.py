@@ -87,6 +87,19 @@ def test_it_waits_for_a_listener(shared_lab: Lab, bare: Bare):
     assert (alone.code, alone.out) == (0, "sent 1 message on late/other\n")
 
 
+def test_the_nearest_name_is_told_where_nobody_listens(shared_lab: Lab, bare: Bare):
+    hints = {
+        "topic pub sensors/pressur x=1": "did you mean uav/sensors/pressure?",
+        "topic pub uav/input/position_reqest x=1 y=2 z=1": "did you mean uav/input/position_request?",
+        "topic pub zzz x=1": "is it spelled right?",
+    }
+    done = shared_lab.each(hints, "--timeout", "0.2", "--json")
+    assert {line: ended.error["hint"] for line, ended in done.items()} == {
+        line: f"{hint} --no-wait sends nevertheless" for line, hint in hints.items()
+    }
+    assert {ended.code for ended in done.values()} == {3}
+
+
 def test_what_a_node_of_ours_publishes_is_sent_with_a_warning(shared_lab: Lab, bare: Bare):
     readings = bare.watch("uav/sensors/pressure")
     words = "sensors/pressure stamp=0 pressure=-7 baseline=0 samples=0 spread=0"

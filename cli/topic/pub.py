@@ -18,6 +18,8 @@ from services.runtime.settings.named import nearest
 _FASTEST = 10_000.0
 _LOOK = 0.1
 """Seconds for finding the name that is meant, once the timeout is over."""
+_LAST = 0.5
+"""Seconds in which the hub is to say, after Ctrl-C, that it has all."""
 _DEFAULT_HZ = 10.0
 """What rostopic takes where many messages are wanted and no rate is given."""
 
@@ -97,7 +99,7 @@ def _nobody(client: Client, key: str) -> QuadctlError:
     names |= {topic.key(client.vehicle) for topic in TOPICS}
     like = "" if key in names else nearest(key, names)
     hint = f"{like or 'is it spelled right?'} --no-wait sends nevertheless"
-    return client.explained(Unreachable(nobody, hint))
+    return client.explained(Unreachable(nobody, hint), live=[offer.node for offer in offers])
 
 
 def _send(
@@ -117,7 +119,15 @@ def _send(
             outlet.put(payload.data)
             sent += 1
     except KeyboardInterrupt:
-        output.note(f"sent {sent} messages on {key}")
+        output.note(_interrupted(client, key, sent))
         raise
     pace.ask()
     return sent
+
+
+def _interrupted(client: Client, key: str, sent: int) -> str:
+    try:
+        client.flush(_LAST)
+    except QuadctlError as problem:
+        return f"of {sent} messages on {key} a part may be lost: {problem.message}"
+    return f"sent {sent} messages on {key}"

@@ -43,6 +43,22 @@ def test_what_was_sent_while_the_hub_was_frozen_is_not_told_as_sent(lab: Lab):
     assert lab.nodes()["hub"]["restarts"] == 0
 
 
+def test_ctrl_c_tells_what_may_be_lost(lab: Lab):
+    lab.start("--set", "dynamics.start.z=1")
+    old = lab.nodes()["hub"]["pid"]
+    with lab.bare() as bare:
+        heard = bare.watch("own/key")
+        words = ("topic", "pub", "own/key", "1", "-r", 20, "--timeout", 20)
+        said = lab.spawn(*lab.command(*words))
+        heard.next(3)
+        lab.signal("hub", signal.SIGKILL)
+        lab.revived("hub", old)
+        heard.next(3)
+    said.send(signal.SIGINT)
+    assert said.wait() == 130
+    assert "messages on own/key a part may be lost: " in said.log
+
+
 def test_a_replay_asks_the_hub_and_not_itself(lab: Lab, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
     lab.start(*(f"--without={node}" for node in NODES if node != "hub"))

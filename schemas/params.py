@@ -35,7 +35,11 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
         Meta(gt=0, le=100, description="a goal nearer than this is reached", extra={"unit": "m"}),
     ] = 0.5
     cage_on: Annotated[
-        bool, Meta(description="whether the cage is on at launch", extra={"unit": ""})
+        bool,
+        Meta(
+            description="whether the cage is on at launch; `quadctl cage on` and `off` turn it later",
+            extra={"unit": ""},
+        ),
     ] = True
     virtual_cage: Annotated[
         CageParams,
@@ -198,6 +202,7 @@ class Params(Struct, forbid_unknown_fields=True):
 
 FIXED_AT_LAUNCH = frozenset(
     {
+        "safety.cage_on",
         "pressure.source",
         "pressure.iio",
         "dynamics.speed",
@@ -209,3 +214,6 @@ FIXED_AT_LAUNCH = frozenset(
     }
 )
 """What all processes must agree on, or what cannot be undone: `param set` refuses these."""
+
+LIVE_SWITCHES = {"safety.cage_on": "`quadctl cage on` or `quadctl cage off`"}
+"""Of these, what changes in the running system that of which they say how it is at launch."""

@@ -9,7 +9,7 @@ from cli.options import Options
 from cli.param.changes import Change, changes, known_of, lines, values_of
 from cli.param.running import Running, Values
 from services.runtime.errors import Invalid, QuadctlError
-from services.runtime.settings.declared import fixed_at_launch
+from services.runtime.settings.declared import fixed_at_launch, live_switch
 from services.runtime.settings.fleet import said_of
 from services.runtime.settings.named import flatten, put
 from services.runtime.settings.params import check, read
@@ -56,9 +56,12 @@ def _check(values: Values, file: Path) -> None:
 def _refuse_fixed(found: list[Change], file: Path) -> None:
     fixed = [change for change in found if fixed_at_launch(change.name)]
     if fixed:
+        switches = "".join(
+            f", and use {switch}" for change in fixed if (switch := live_switch(change.name))
+        )
         raise Invalid(
             f"fixed at launch: {_told(fixed)}; nothing was changed",
-            f"`quadctl down`, then `quadctl up {file}`; or take it out of the file",
+            f"`quadctl down`, then `quadctl up {file}`; or take it out of the file{switches}",
         )
 
 

@@ -58,6 +58,8 @@ def _way_out(values: Values) -> str:
     from services.runtime.settings import declared
 
     leaves = {normal_name(name): value for name, value in flatten(values)}
+    if switch := next(filter(None, map(declared.live_switch, leaves)), ""):
+        return f"{switch} changes it at once"
     fixed = [name for name in leaves if declared.fixed_at_launch(name)]
     if fixed:
         settings = " ".join(f"--set {name}={toml.word(leaves[name])}" for name in fixed)

@@ -78,6 +78,7 @@ def test_a_bad_value_changes_nothing_even_beside_good_ones(tuned: Lab, session: 
         ("safety.virtual_cage.x -3", ">= 0.2", "`quadctl param describe safety.virtual_cage.x`"),
         ("safety.virtual_cage 3", "expected `object`", "param describe safety.virtual_cage`"),
         ("safety.virtual_cage.xx 3", "did you mean safety.virtual_cage.x?", "`quadctl param list`"),
+        ("safety.cage_on true", "fixed at launch", "`quadctl cage on`"),
         ("dynamics.speed 0", "fixed at launch", "`quadctl up --set dynamics.speed=0`"),
     ],
 )
@@ -85,6 +86,21 @@ def test_the_way_out_is_told_for_what_there_is(tuned: Lab, words: str, said: str
     error = tuned.quadctl("param", "set", *words.split(), "--json").error
     assert said in error["message"]
     assert hint in error["hint"]
+
+
+def test_the_cage_is_not_said_to_be_on_while_it_is_off(tuned: Lab, session: Bare):
+    assert tuned.quadctl("cage", "off").code == 0
+    try:
+        for words in ("safety.cage_on true", "safety.takeoff=2 safety.cage_on=true"):
+            done = tuned.quadctl("param", "set", *words.split())
+            assert (done.code, done.out) == (6, "")
+        assert not session.state()["cage_on"]
+        assert tuned.quadctl("param", "get", "safety.takeoff").out == "1.0\n"
+    finally:
+        assert tuned.quadctl("cage", "on").code == 0
+    assert tuned.quadctl("param", "set", "safety.cage_on=false").code == 6
+    assert session.state()["cage_on"]
+    assert "Change:   at launch" in tuned.quadctl("param", "describe", "safety.cage_on").out
 
 
 def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):

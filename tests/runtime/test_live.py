@@ -81,12 +81,10 @@ def test_a_change_is_saved_then_made_then_told():
 def test_who_holds_a_table_sees_the_change():
     bench = Bench()
     cage, safety = bench.params.safety.virtual_cage, bench.params.safety
-    assert (
-        bench.live.set(SetParamsRequest({"/safety/virtual_cage/x": 3, "safety.cage_on": False}))
-        == TAKEN
-    )
+    values = {"/safety/virtual_cage/x": 3, "safety.takeoff": 2}
+    assert bench.live.set(SetParamsRequest(values)) == TAKEN
     assert (cage.x, cage.y, cage.z) == (3.0, 5.0, 5.0)
-    assert not safety.cage_on
+    assert safety.takeoff == 2.0
     assert bench.params.safety is safety
     assert safety.virtual_cage is cage
 
@@ -114,7 +112,6 @@ def test_one_bad_value_and_nothing_is_changed():
         ({"safety": 2}, "expected `object`"),
         ({"pressure__rate": 2}, "pressure.rate is not a parameter of safety"),
         ({"nonsense": 2}, "nonsense is not a parameter of safety"),
-        ({"safety__cage_on": 1}, "expected `bool`"),
     ],
 )
 def test_a_bad_change_is_refused_by_name(values: dict[str, Any], said: str):
@@ -127,6 +124,11 @@ def test_what_is_fixed_at_launch_is_refused_with_the_way_to_set_it(name: str):
     value = bench.get(name)[name]
     said = (f"{name} is fixed at launch", f"quadctl up --set {name}=")
     bench.refuses(*said, **{name.replace(".", "__"): value})
+
+
+def test_the_cage_is_turned_by_its_command_alone_so_that_nobody_takes_it_for_on():
+    Bench().refuses("fixed at launch", "`quadctl cage on`", safety__cage_on=True)
+    Bench().refuses("fixed at launch", "`quadctl cage off`", safety__cage_on=False)
 
 
 def test_a_rule_between_values_holds_for_live_changes_too():

@@ -5,7 +5,7 @@ from typing import Any
 
 from msgspec import Struct, inspect, to_builtins
 
-from schemas.params import FIXED_AT_LAUNCH, Params
+from schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
 from services.runtime.settings.kept import UNSERVED
 
 
@@ -66,6 +66,11 @@ def tables() -> dict[str, str]:
 def fixed_at_launch(name: str) -> bool:
     """Whether a running system refuses to change it."""
     return name in FIXED_AT_LAUNCH or name.partition(".")[0] in UNSERVED
+
+
+def live_switch(name: str) -> str:
+    """The command that changes at once what a parameter fixes at launch alone; mostly none."""
+    return LIVE_SWITCHES.get(name, "")
 
 
 def _fields(cls: type[Struct]) -> tuple[inspect.Field, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.params import FIXED_AT_LAUNCH, Params
+from schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
 from schemas.requests import (
     GetParamsRequest,
     GetParamsResponse,
@@ -69,7 +69,9 @@ class LiveParams:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             put(tables, name, value, "param set")
             if normal_name(name) in FIXED_AT_LAUNCH:
-                raise Invalid(f"{name} is fixed at launch", f"use `quadctl up --set {name}=...`")
+                ways = (LIVE_SWITCHES.get(normal_name(name)), f"`quadctl up --set {name}=...`")
+                hint = f"use {', or '.join(filter(None, ways))}"
+                raise Invalid(f"{name} is fixed at launch", hint)
         checked: Struct = getattr(check(tables, "param set"), self._name)
         return checked
 

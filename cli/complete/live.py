@@ -8,12 +8,13 @@ import msgspec
 
 from cli import names as known
 from cli import which
+from cli.complete import spelled
 from cli.declare import Names
 from cli.options import Options
 from cli.param.names import nodes_with_params
 from schemas.params import Params
 from schemas.requests import GetParamsRequest
-from schemas.topics import get_params
+from schemas.topics import TOPICS, get_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.settings.named import flatten
@@ -28,7 +29,7 @@ _PATIENCE = 0.1
 def names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[str]:
     """The names of a kind; `field` is one of the subject's, a topic or service.
 
-    A topic or service is spelled as it was begun: by its name, or by its full key.
+    Each is spelled as it was begun: by its name, or by its full key, with or without a slash.
     """
     try:
         return list(_names(kind, options, begun, subject))
@@ -41,7 +42,8 @@ def _names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[
     if not kind:
         return []
     if kind == "setting":
-        return [f"{name}=" for name, _ in flatten(msgspec.to_builtins(Params()))]
+        settings = (name for name, _ in flatten(msgspec.to_builtins(Params())))
+        return [f"{spelling}=" for name in settings for spelling in spelled.setting(name, begun)]
     if kind == "field":
         vehicle = which.about_topic(options, subject).named or _vehicle(options)
         return [f"{field}=" for field in known.fields_of(subject, vehicle)]
@@ -62,8 +64,10 @@ def _vehicle(options: Options) -> str:
 
 
 def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str]:
+    vehicle = client.vehicle
     if kind == "node":
-        yield from sorted({*client.nodes()})
+        for name in sorted({*client.nodes()}):
+            yield from spelled.node(name, begun, vehicle)
     elif kind == "vehicle":
         yield from client.vehicles()
     elif kind == "param":
@@ -71,13 +75,19 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
             client.timeout = max(until - time.monotonic(), 0.001)
             # One that does not answer must not hide the others' names.
             with contextlib.suppress(QuadctlError):
-                yield from client.call(get_params(node), GetParamsRequest([])).values
+                for name in client.call(get_params(node), GetParamsRequest([])).values:
+                    yield from spelled.parameter(name, begun, vehicle)
+    elif kind == "service":
+        for offer in client.offers():
+            if offer.kind == "@srv":
+                yield from spelled.service(offer, begun, vehicle)
     else:
-        wanted = "@srv" if kind == "service" else "@pub"
-        offers = (offer for offer in client.offers() if offer.kind == wanted)
-        if begun.startswith("/"):
-            yield from (f"/{offer.key}" for offer in offers)
-        elif client.vehicle == _ALL or begun.startswith(f"{client.vehicle}/"):
-            yield from (offer.key for offer in offers)
-        else:
-            yield from (offer.name for offer in offers)
+        for key in _topics(client):
+            yield from spelled.topic(key, begun, vehicle)
+
+
+def _topics(client: Client) -> Iterator[str]:
+    """The keys of those that are published, and of those that wait for whoever wants to publish."""
+    yield from (offer.key for offer in client.offers() if offer.kind == "@pub")
+    for vehicle in client.vehicles() if client.vehicle == _ALL else [client.vehicle]:
+        yield from (topic.key(vehicle) for topic in TOPICS if not topic.node)

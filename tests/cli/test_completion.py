@@ -58,6 +58,7 @@ def test_what_nobody_can_know_is_left_open(line: str):
 
 def test_settings_and_types():
     assert words("up --set safety.tak") == ["safety.takeoff="]
+    assert words("up --set /safety/tak") == ["/safety/takeoff="]
     assert words("up --set a=1 --set=safety.tak") == ["--set=safety.takeoff="]
     assert len(words("up quad.toml --set safety.virtual_cage.")) == 3
     assert "calibrate_pressure" in words("type show cal")

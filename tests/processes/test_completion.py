@@ -21,13 +21,20 @@ def completes(lab: Lab, line: str, names: list[str]) -> None:
 def test_names_that_live(shared_lab: Lab, bare: Bare):
     mine = "uav/@node/mine/@pub/Image/00000000/5/uav%camera%left"
     token = bare.session.liveliness().declare_token(mine)
-    completes(shared_lab, "topic echo ca", ["camera/left"])
+    # What it is not called by: a name of nobody's that stands alone is a key of its own.
+    completes(shared_lab, "topic echo uav/ca", ["uav/camera/left"])
+    assert complete(shared_lab, "quadctl topic echo ca") == []
     token.undeclare()
     topics = {"pose", "sensors/pressure", "safety/state"}
     eventually(lambda: topics <= set(complete(shared_lab, "quadctl topic echo ")))
     completes(shared_lab, "topic echo /uav/pos", ["/uav/pose"])
     completes(shared_lab, "topic echo uav/sensors", ["uav/sensors/pressure"])
+    completes(shared_lab, "topic pub input/position_", ["input/position_request"])
     completes(shared_lab, "service info tog", ["toggle_cage"])
+    completes(shared_lab, "service call /cal", ["/calibrate_pressure"])
+    completes(shared_lab, "service call /uav/cal", ["/uav/calibrate_pressure"])
+    completes(shared_lab, "node kill /saf", ["/safety"])
+    completes(shared_lab, "param get /safety/take", ["/safety/takeoff"])
     cage = [f"safety.virtual_cage.{axis}" for axis in "xyz"]
     completes(shared_lab, "param get safety.virt", cage)
     assert complete(shared_lab, "quadctl --realm nowhere topic echo ") == []

@@ -7,10 +7,11 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.names import node_of
 from cli.param.running import Running, Values, tables
+from cli.param.value import read
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.settings import toml
 from services.runtime.settings.kept import UNSERVED
-from services.runtime.settings.named import flatten, normal_name, value_of
+from services.runtime.settings.named import flatten, normal_name
 
 
 def set_(
@@ -32,7 +33,7 @@ def set_(
         )
     options, words = which.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)
-    values = {normal_name(name): value_of(text) for name, _, text in pairs}
+    values = {normal_name(name): read(text) for name, _, text in pairs}
     nodes = {name.partition(".")[0] for name in values}
     if len(nodes) > 1:
         raise UsageError(

@@ -103,6 +103,17 @@ def test_the_cage_is_not_said_to_be_on_while_it_is_off(tuned: Lab, session: Bare
     assert "Change:   at launch" in tuned.quadctl("param", "describe", "safety.cage_on").out
 
 
+def test_a_table_is_taken_as_toml_json_or_ros_write_it(tuned: Lab, session: Bare):
+    for number, text in enumerate(("{ x = %s }", "{x: %s, y: 4}", '{"x": %s.0, "y": 4.0}'), 2):
+        cage = text % number
+        assert tuned.quadctl("param", "set", "safety.virtual_cage", cage).code == 0
+        assert session.state()["cage"]["x"] == number
+    assert tuned.quadctl("param", "set", 'safety.virtual_cage={"x":4.5,"z":4}').code == 0
+    assert session.state()["cage"] == {"x": 4.5, "y": 4.0, "z": 4.0}
+    done = tuned.quadctl("param", "set", "safety.virtual_cage", "{x: 3, q: 4}")
+    assert (done.code, "q" in done.err) == (6, True)
+
+
 def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):
     words = ("safety.virtual_cage.x=3", "/safety/virtual_cage/y=2.5")
     assert tuned.quadctl("param", "set", *words).code == 0

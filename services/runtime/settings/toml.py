@@ -29,7 +29,9 @@ def value(said: Any) -> str:
 def word(said: Any) -> str:
     """A value as `param get` prints it and `param set` takes it: text as it is where that is clear."""
     if isinstance(said, str) and said and said.isprintable() and said.strip() == said:
-        return said if value_of(said) == said else value(said)
+        # A text that begins as a table or list would be read as one, in another notation.
+        plain = value_of(said) == said and said[0] not in "{["
+        return said if plain else value(said)
     return value(said)
 
 

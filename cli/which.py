@@ -34,10 +34,11 @@ def about_service(options: Options, name: str) -> Options:
 def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[str]]:
     """The options with the vehicle that `uav1.safety.takeoff` names, and the words without it.
 
-    Raises UsageError where the words name several.
+    So it is with `/uav1/safety/takeoff`; of a vehicle alone nothing is left, which is all that it
+    has. A value may follow behind a `=`. Raises UsageError where the words name several.
     """
-    first = {word.partition(".")[0] for word in words}
-    if options.named or not (named := first & set(_there(options))):
+    first = {_dotted(word)[0].partition(".")[0] for word in words}
+    if not (named := first & set(_there(options))):
         return options, words
     if len(first) > 1:
         raise UsageError(
@@ -46,8 +47,22 @@ def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[
         )
     vehicle = named.pop()
     return structs.replace(options, named=vehicle), [
-        word.removeprefix(f"{vehicle}.") for word in words
+        name.removeprefix(vehicle).removeprefix(".") + value for name, value in map(_dotted, words)
     ]
+
+
+def about_node(options: Options, name: str) -> tuple[Options, str]:
+    """The options with the vehicle that `/uav1/safety` names, and the node's own name."""
+    vehicle, _, node = name.strip("/").partition("/")
+    if not node or vehicle not in _there(options):
+        return options, name
+    return structs.replace(options, named=vehicle), node
+
+
+def _dotted(word: str) -> tuple[str, str]:
+    """A parameter's name with dots for slashes, and its value with the `=` before it."""
+    name, equals, value = word.partition("=")
+    return name.strip("/").replace("/", "."), f"{equals}{value}"
 
 
 def _there(options: Options) -> list[str]:

@@ -3,7 +3,7 @@
 import time
 from typing import Annotated, Any
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg
 from cli.node.asked import answering, params_of
 from cli.node.seen import Seen, connected, run_of, see
@@ -22,6 +22,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
     Example: quadctl node info safety
     """
     deadline = time.monotonic() + options.timeout
+    options, name = which.about_node(options, name)
     run = run_of(options)
     client = connected(options, run)
     if isinstance(client, QuadctlError):

@@ -5,7 +5,7 @@ import signal
 import sys
 from typing import Annotated
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg, Opt
 from cli.options import Options, here
 from services.runtime import record
@@ -26,39 +26,45 @@ _DONE = {
 
 def kill(
     options: Options,
-    name: Annotated[str, Arg("A node.", complete="node")],
+    names: Annotated[list[str], Arg("Nodes.", complete="node")],
     number: Annotated[str, Opt("KILL, TERM, INT, STOP or CONT.", ("--signal",), "SIGNAL")] = "TERM",
 ) -> None:
-    """Send a signal to a process that `up` looks after, and which it restarts when that ends it.
+    """Send a signal to processes that `up` looks after, and which it restarts when that ends them.
+
+    Where one of several is not there, none gets it.
 
     Example: quadctl node kill pressure --signal KILL
     """
     signal_ = number.upper().removeprefix("SIG")
     if signal_ not in _DONE or not hasattr(signal, f"SIG{signal_}"):
         raise UsageError(f"--signal {number}: no such signal", f"one of {', '.join(_DONE)}")
-    process = signalled(options, name, signal_)
-    said = {"name": process.name, "pid": process.pid, "signal": signal_}
-    output.either(options, said, f"{process.name} (process {process.pid}): {_DONE[signal_]}")
+    run = _run(options)
+    own = [normal_name(which.about_node(options, name)[1]) for name in names]
+    for process in [_process(run, name) for name in dict.fromkeys(own)]:
+        _send(process, signal_)
+        said = {"name": process.name, "pid": process.pid, "signal": signal_}
+        output.either(options, said, f"{process.name} (process {process.pid}): {_DONE[signal_]}")
 
 
-def signalled(options: Options, name: str, signal_: str) -> ProcessRecord:
+def signalled(options: Options, name: str, signal_: str) -> None:
     """Send a signal, as KILL, to a node's process; raises Unreachable where there is none."""
+    _send(_process(_run(options), name), signal_)
+
+
+def _run(options: Options) -> RunRecord:
     here(options, "node kill")
-    process = _process(record.read(Realm(options.realm)), name)
-    _send(process, getattr(signal, f"SIG{signal_}"))
-    return process
+    return record.read(Realm(options.realm))
 
 
 def _process(run: RunRecord, name: str) -> ProcessRecord:
-    wanted = normal_name(name)
     by_name = {process.name: process for process in run.nodes}
-    if wanted not in by_name:
+    if name not in by_name:
         hint = "a node that was started by hand is ended where it was started"
         raise Unreachable(
             f"no process {name} is looked after by `up` in the realm {run.realm}",
-            nearest(wanted, by_name) or hint,
+            nearest(name, by_name) or hint,
         )
-    process = by_name[wanted]
+    process = by_name[name]
     # A recorded process that has just ended may have left its number to a stranger's.
     parent = parent_of(process.pid) if process.pid else None
     if not process.pid or (parent != run.pid and sys.platform == "linux"):
@@ -69,7 +75,8 @@ def _process(run: RunRecord, name: str) -> ProcessRecord:
     return process
 
 
-def _send(process: ProcessRecord, number: int) -> None:
+def _send(process: ProcessRecord, signal_: str) -> None:
+    number = getattr(signal, f"SIG{signal_}")
     try:
         if sys.platform == "win32":
             os.kill(process.pid, number)

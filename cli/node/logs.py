@@ -4,7 +4,7 @@ import time
 from contextlib import ExitStack
 from typing import Annotated
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg, Opt
 from cli.node.tail import Tail
 from cli.options import Options, here
@@ -32,6 +32,8 @@ def logs(
     Example: quadctl node logs safety -n 20 -f
     """
     here(options, "node logs")
+    if name is not None:
+        options, name = which.about_node(options, name)
     realm = Realm(options.realm)
     if not record.is_live(realm) and not realm.logs.is_dir():
         raise record.not_running(realm)

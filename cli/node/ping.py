@@ -4,7 +4,7 @@ import contextlib
 import time
 from typing import Annotated
 
-from cli import bus, output
+from cli import bus, output, which
 from cli.declare import Arg, Opt
 from cli.node.asked import answering, params_of
 from cli.node.seen import run_of, see
@@ -20,9 +20,9 @@ _LONGEST_INTERVAL = 3600.0
 def ping(
     options: Options,
     name: Annotated[str | None, Arg("A node.", complete="node")] = None,
-    count: Annotated[int, Opt("So many pings.", ("-n",), min=1)] = 4,
+    count: Annotated[int, Opt("So many pings.", ("-n", "-c"), min=1)] = 4,
     interval: Annotated[float, Opt("Seconds between them.")] = 1.0,
-    every: Annotated[bool, Opt("Ping all nodes.", ("--all",))] = False,
+    every: Annotated[bool, Opt("Ping all nodes.", ("--all", "-a"))] = False,
 ) -> None:
     """Ask a node for an answer, several times, and tell how long each took.
 
@@ -36,6 +36,8 @@ def ping(
         raise UsageError(
             f"--interval {interval:g}: not a time", f"give seconds, up to {_LONGEST_INTERVAL:g}"
         )
+    if name is not None:
+        options, name = which.about_node(options, name)
     run = run_of(options)
     with bus.connect(options) as client:
         seen = see(client, run)

@@ -3,7 +3,7 @@
 import time
 from typing import Annotated
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg, Opt
 from cli.options import Options, here
 from services.runtime import record
@@ -26,9 +26,13 @@ def restart(
     if bool(names) == everything:
         raise UsageError("node restart takes the nodes' names, or --all")
     realm = Realm(options.realm)
-    wanted = [node.name for node in record.read(realm).nodes] if everything else names or []
+    wanted = (
+        [node.name for node in record.read(realm).nodes]
+        if everything
+        else [normal_name(which.about_node(options, name)[1]) for name in names or []]
+    )
     deadline = time.monotonic() + options.timeout
-    asked = [ask_restart(realm, normal_name(name)) for name in wanted]
+    asked = [ask_restart(realm, name) for name in wanted]
     for before in asked:
         left = max(deadline - time.monotonic(), 0.0)
         after = wait_restarted(realm, before.name, before, left)

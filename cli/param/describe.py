@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from cli import output
+from cli import output, which
 from cli.declare import Arg
 from cli.options import Options
 from cli.param.running import Running, Values
@@ -27,6 +27,7 @@ def describe(
 
     Example: quadctl param describe safety.virtual_cage
     """
+    options, names = which.about_parameters(options, names)
     names = [normal_name(name) for name in names]
     found = {name: _leaves(name) for name in names}
     heard = _present(

@@ -5,20 +5,28 @@ from typing import Annotated
 from cli import output, which
 from cli.declare import Arg
 from cli.options import Options
-from cli.param.running import Running
+from cli.param.running import ALL, Running
+from cli.together import Heard
 from services.runtime.settings import toml
 from services.runtime.settings.named import normal_name
 
 
-def list_(options: Options) -> None:
-    """List every parameter of the running system.
+def list_(
+    options: Options,
+    tables: Annotated[
+        list[str] | None, Arg("Nodes or tables (default: all).", complete="param")
+    ] = None,
+) -> None:
+    """List every parameter of the running system, or those of a node.
 
-    Where a node does not answer, the others' are listed and the exit code tells.
+    Of all, where a node does not answer, the others' are listed and the exit code tells.
 
-    Example: quadctl param list
+    Example: quadctl param list safety
     """
+    options, tables = which.about_parameters(options, tables or ["/"])
     with Running(options) as running:
-        heard = running.every()
+        everything = ALL in map(normal_name, tables)
+        heard = running.every() if everything else Heard({"": running.get(tables)}, {})
     names = sorted(name for answer in heard.answers.values() for name in answer)
     if options.json:
         output.document(names)
@@ -30,7 +38,7 @@ def list_(options: Options) -> None:
 
 def get(
     options: Options,
-    names: Annotated[list[str], Arg("Parameters, or whole tables.", complete="param")],
+    names: Annotated[list[str], Arg("Parameters, whole tables, or / for all.", complete="param")],
 ) -> None:
     """Print the values of parameters, in the words that `param set` takes.
 

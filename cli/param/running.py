@@ -19,6 +19,8 @@ from services.runtime.settings.named import flatten, normal_name
 
 Values = dict[str, Any]
 """By dotted name."""
+ALL = ""
+"""What `/` names: the parameters of every node."""
 
 
 def tables() -> tuple[str, ...]:
@@ -50,6 +52,8 @@ class Running:
     def get(self, names: Iterable[str]) -> Values:
         """Values by leaf or by table, in the order asked for; raises where one is not to be had."""
         names = [normal_name(name) for name in names]
+        if ALL in names:
+            return _all_of(self.every())
         live = self.nodes()
         wanted: dict[str, list[str]] = {}
         for name in names:

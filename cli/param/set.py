@@ -26,7 +26,8 @@ def set_(
     """
     if len(words) == 2 and "=" not in words[0]:
         words = [f"{words[0]}={words[1]}"]
-    if not all("=" in word for word in words):
+    # What only slashes stand before names everything, and no parameter.
+    if not all("=" in word.lstrip("/=") for word in words):
         raise UsageError(
             "param set takes NAME VALUE or NAME=VALUE...",
             f"`quadctl param get {words[0]}` prints what it is" if len(words) == 1 else "",

@@ -52,6 +52,7 @@ PLAIN = [
     "up -d --set a=1 --set b=2 --without hub quad.toml", "status --json", "goto 1 -2 .5 --replace",
     "cage off --timeout 1", "--realm r topic list", "topic echo pose -n 3 --field position.z",
     "service call goto x=1 y=2 z=-3", "service call toggle_cage False --json", "param get a b",
+    "node ping -a -c 3", "node kill a b --signal KILL", "param list /safety",
     "param set safety.takeoff -1", "type show goto", "ps", "node list --connect tls/h:1",
 ]  # fmt: skip
 

@@ -30,6 +30,7 @@ def test_info_of_a_node(patient: Lab):
     assert 1_000_000 < said["pss"] <= said["rss"] < 1_000_000_000
     assert said["cpu"] > 0
     assert said["uptime"] > 0
+    assert patient.quadctl("node", "info", "/uav/safety", "--json").json["pid"] == row["pid"]
     text = patient.quadctl("node", "info", "pressure").out
     assert f"Pid:       {patient.nodes()['pressure']['pid']}\n" in text
     assert " * uav/sensors/pressure [Pressure] 10 Hz\n" in text
@@ -44,7 +45,7 @@ def test_pings_are_told_one_by_one_and_summed_up(patient: Lab):
     assert [pong["node"] for pong in pongs] == ["safety"] * 3
     assert (last["n"], last["min"], last["max"]) == (3, min(times), max(times))
     assert last["min"] <= last["avg"] <= last["max"]
-    everyone = patient.quadctl("node", "ping", "--all", "-n", 1).out.splitlines()
+    everyone = patient.quadctl("node", "ping", "-a", "-c", 1).out.splitlines()
     assert [line.partition(":")[0] for line in everyone] == [
         *(f"pong from {name}" for name in NODES), *NODES,
     ]  # fmt: skip
@@ -95,6 +96,19 @@ def test_a_killed_node_is_restarted_and_what_it_said_stays(patient: Lab):
     assert "pressure ended (SIGKILL)" in patient.quadctl("node", "logs", "up").out
     by_name = patient.quadctl("node", "logs", "-n", 1, "--json").rows
     assert [row["node"] for row in by_name] == ["dynamics", "pressure", "safety", "up"]
+
+
+def test_several_are_killed_at_a_time_or_none(patient: Lab):
+    before = patient.nodes()
+    assert patient.quadctl("node", "kill", "pressure", "nobody").code == 3
+    assert patient.nodes() == before
+    done = patient.quadctl("node", "kill", "pressure", "/uav/dynamics", "pressure", "--json")
+    assert done.rows == [
+        {"name": name, "pid": before[name]["pid"], "signal": "TERM"}
+        for name in ("pressure", "dynamics")
+    ]
+    for name in ("pressure", "dynamics"):
+        patient.revived(name, before[name]["pid"])
 
 
 def test_a_node_of_somebody_elses_is_listed_and_nobody_signals_it(patient: Lab):

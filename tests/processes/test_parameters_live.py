@@ -114,6 +114,22 @@ def test_a_table_is_taken_as_toml_json_or_ros_write_it(tuned: Lab, session: Bare
     assert (done.code, "q" in done.err) == (6, True)
 
 
+def test_names_as_ros_writes_them(tuned: Lab):
+    names = tuned.quadctl("param", "list").out.splitlines()
+    of_safety = [name for name in names if name.startswith("safety.")]
+    lines = {f"param list {name}": of_safety for name in ("safety", "/safety", "/uav/safety")}
+    lines |= {"param list /": names, "param list safety.takeoff": ["safety.takeoff"]}
+    for line, done in tuned.each(lines).items():
+        assert (done.code, done.out.splitlines()) == (0, lines[line])
+    assert sorted(tuned.quadctl("param", "get", "/", "--json").json) == names
+    assert tuned.quadctl("param", "get", "/uav/safety/virtual_cage/x").out == "5.0\n"
+    assert tuned.quadctl("param", "set", "/uav/safety/takeoff", 1).out == "safety.takeoff: 1\n"
+    assert tuned.quadctl("param", "describe", "/uav/safety/takeoff").code == 0
+    told = tuned.each(["param list saftey", "param set / 3", "param set /=3"])
+    assert [done.code for done in told.values()] == [6, 2, 2]
+    assert "did you mean safety?" in told["param list saftey"].err
+
+
 def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):
     words = ("safety.virtual_cage.x=3", "/safety/virtual_cage/y=2.5")
     assert tuned.quadctl("param", "set", *words).code == 0

@@ -9,6 +9,7 @@ from services.runtime.bus.client import Client
 from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.processes import NODES
 from services.runtime.record import ProcessRecord
+from services.runtime.vitals import has_ended
 
 
 def answering(seen: Seen) -> list[ProcessRecord]:
@@ -27,13 +28,29 @@ def params_of(
     name = process.name
     if process.state == "down":
         raise Unreachable(f"{name} is down", f"`quadctl node logs {name}` may tell why")
+    service = get_params(name)
     try:
-        return client.call(get_params(name), GetParamsRequest(names), timeout).values
-    except Unreachable as error:
-        if not process.pid or process.state != "ready":
+        return client.call(service, GetParamsRequest(names), timeout).values
+    except (TimedOut, Unreachable) as error:
+        about_call = service.key(client.vehicle) in error.message
+        if isinstance(error, TimedOut):
+            if not about_call:
+                raise
+            # Part of the time that was given may have gone by before.
+            asked = f"{name} did not answer within {client.timeout:g} s"
+            raise TimedOut(asked, error.hint) from error
+        if process.pid and process.state == "ready" and not has_ended(process.pid):
+            # A second after it froze, the hub takes it for gone; the supervisor sees its process.
+            raise TimedOut(
+                f"{name} does not answer, although its process {process.pid} is there",
+                "it is frozen or busy: `quadctl status`",
+            ) from error
+        if not about_call:
             raise
-        # A second after it froze, the hub takes it for gone; the supervisor sees its process.
-        raise TimedOut(
-            f"{name} does not answer, although its process {process.pid} is there",
-            "it is frozen or busy: `quadctl status`",
-        ) from error
+        raise Unreachable(f"{name} did not answer: {_why_away(process)}", error.hint) from error
+
+
+def _why_away(process: ProcessRecord) -> str:
+    if process.pid and has_ended(process.pid):
+        return f"its process {process.pid} has ended"
+    return "it has gone from the bus" if process.state == "ready" else f"it is {process.state}"

@@ -36,6 +36,8 @@ def ping(
         raise UsageError(
             f"--interval {interval:g}: not a time", f"give seconds, up to {_LONGEST_INTERVAL:g}"
         )
+    # Connecting and looking around are part of the first pings' time.
+    ends = time.monotonic() + options.timeout
     if name is not None:
         options, name = which.about_node(options, name)
     run = run_of(options)
@@ -47,7 +49,8 @@ def ping(
                 raise Unreachable(
                     f"{process.name} serves no get_params", "so there is nothing to ask it for"
                 )
-        _Pings(options, client).run({process.name: process for process in asked}, count, interval)
+        by_name = {process.name: process for process in asked}
+        _Pings(options, client).run(by_name, count, interval, ends)
 
 
 class _Pings:
@@ -58,13 +61,17 @@ class _Pings:
         self._took: dict[str, list[float]] = {}
         self._problems: dict[str, QuadctlError] = {}
 
-    def run(self, asked: dict[str, ProcessRecord], count: int, interval: float) -> None:
-        """Ping, print and sum up; raises the first node's problem where one did not answer."""
+    def run(
+        self, asked: dict[str, ProcessRecord], count: int, interval: float, ends: float
+    ) -> None:
+        """Ping, print and sum up; raises the first node's problem where one did not answer.
+
+        `ends` is when the first of them all have to have answered, on the monotonic clock.
+        """
         begun = time.monotonic()
         for number in range(count):
             time.sleep(max(begun + number * interval - time.monotonic(), 0))
-            names = [name for name in asked if name not in self._problems]
-            heard = ask_each(names, lambda name: self._once(asked[name]))
+            heard = self._round(asked, time.monotonic() + self._client.timeout if number else ends)
             self._problems |= heard.problems
             for name, took in heard.answers.items():
                 self._took.setdefault(name, []).append(took)
@@ -76,16 +83,21 @@ class _Pings:
             self._sum_up(name, all_)
         Heard(self._took, self._problems).fail()
 
+    def _round(self, asked: dict[str, ProcessRecord], until: float) -> Heard[float]:
+        names = [name for name in asked if name not in self._problems]
+        return ask_each(names, lambda name: self._once(asked[name], until))
+
     def _sum_up(self, name: str, took: list[float]) -> None:
         least, mean, most = (1000 * t for t in (min(took), sum(took) / len(took), max(took)))
         said = {"node": name, "n": len(took), "min": least, "avg": mean, "max": most}
         shown = f"{least:.2f}/{mean:.2f}/{most:.2f} ms"
         output.either(self._options, said, f"{name}: {len(took)} pongs, min/avg/max {shown}")
 
-    def _once(self, process: ProcessRecord) -> float:
+    def _once(self, process: ProcessRecord, until: float) -> float:
         """How long an answer took, s."""
         begun = time.monotonic()
         # No node has a parameter of that name: that it says so shows that its loop turns.
         with contextlib.suppress(Invalid):
-            params_of(self._client, process, [f"{process.name}.ping"], self._client.timeout)
+            left = max(until - begun, 0.001)
+            params_of(self._client, process, [f"{process.name}.ping"], left)
         return time.monotonic() - begun

@@ -1,0 +1,108 @@
+"""Asking nodes whether they answer: what is told of one that does not, and by when."""
+
+import os
+from typing import Any, Self
+
+import pytest
+
+from cli.node import asked, ping
+from cli.node.seen import Seen
+from cli.options import Options
+from services.runtime.bus.calls import gone
+from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from services.runtime.record import ProcessRecord
+
+KEY = "uav/@srv/pressure/get_params"
+ENDED = 2**22 + 1
+"""More than a process can have as its number."""
+
+
+class Deaf:
+    """In a client's place: no call is answered; `given` is what each was given, s."""
+
+    vehicle, timeout = "uav", 1.0
+
+    def __init__(self, problem: QuadctlError) -> None:
+        self.problem = problem
+        self.given: list[float] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def call(self, _service: Any, _request: Any, timeout: float) -> Any:
+        self.given.append(timeout)
+        raise self.problem
+
+
+def asking(problem: QuadctlError, pid: int, state: Any = "ready") -> QuadctlError:
+    with pytest.raises(QuadctlError) as caught:
+        asked.params_of(Deaf(problem), ProcessRecord("pressure", pid, state, 0), [], 0.7)  # type: ignore[arg-type]
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("pid", "state", "said"),
+    [
+        (ENDED, "ready", f"pressure did not answer: its process {ENDED} has ended"),
+        (0, "restarting", "pressure did not answer: it is restarting"),
+        (0, "ready", "pressure did not answer: it has gone from the bus"),
+    ],
+)
+def test_a_node_that_dies_is_told_by_its_name(pid: int, state: str, said: str):
+    problem = asking(gone(KEY), pid, state)
+    assert (type(problem), problem.message) == (Unreachable, said)
+    assert "`quadctl status`" in problem.hint
+
+
+def test_a_node_whose_process_is_there_is_frozen_or_busy():
+    problem = asking(gone(KEY), os.getpid())
+    assert isinstance(problem, TimedOut)
+    assert "although its process" in problem.message
+    late = asking(TimedOut(f"{KEY} did not answer within 0.7 s", "it is frozen"), os.getpid())
+    assert (late.message, late.hint) == ("pressure did not answer within 1 s", "it is frozen")
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        TimedOut("the hub, process 3, does not answer any more"),
+        Unreachable("the connection to the hub is lost"),
+        NotAllowed("this identity may not"),
+    ],
+)
+def test_what_is_not_about_the_node_is_told_as_it_is(problem: QuadctlError):
+    assert asking(problem, 0) is problem
+
+
+class Clock:
+    """In the place of `time`: it goes on by what is told, and by a sleep."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def test_the_first_pings_have_what_connecting_has_left_them(monkeypatch: pytest.MonkeyPatch):
+    clock, deaf = Clock(), Deaf(gone(KEY))
+
+    def connect(_options: Options) -> Deaf:
+        clock.now += 0.6
+        return deaf
+
+    monkeypatch.setattr(ping, "time", clock)
+    monkeypatch.setattr(ping.bus, "connect", connect)
+    monkeypatch.setattr(ping, "run_of", lambda _options: None)
+    processes = [ProcessRecord(name, 0, "ready", 0) for name in ("pressure", "safety")]
+    monkeypatch.setattr(ping, "answering", lambda _seen: processes)
+    monkeypatch.setattr(ping, "see", lambda *_: Seen(None, [], []))
+    with pytest.raises(Unreachable):
+        ping.ping(Options("r", "", "uav", json=True, timeout=1.0), every=True)
+    assert deaf.given == pytest.approx([0.4, 0.4])

@@ -13,15 +13,16 @@ from services.runtime.errors import Unreachable, UsageError
 from services.runtime.realm import Realm
 from services.runtime.record import ProcessRecord, RunRecord
 from services.runtime.settings.named import nearest, normal_name
-from services.runtime.vitals import parent_of
+from services.runtime.vitals import is_frozen, parent_of
 
 _DONE = {
-    "KILL": "killed; the supervisor restarts it",
-    "TERM": "asked to end; the supervisor restarts it",
-    "INT": "interrupted; the supervisor restarts it",
-    "STOP": "stopped; the supervisor restarts what does not answer",
-    "CONT": "continued",
+    "KILL": ("killed", "restarts it"),
+    "TERM": ("asked to end", "restarts it"),
+    "INT": ("interrupted", "restarts it"),
+    "STOP": ("stopped", "restarts what does not answer"),
+    "CONT": ("continued", ""),
 }
+"""What a signal has done, and what the supervisor does then."""
 
 
 def kill(
@@ -39,11 +40,20 @@ def kill(
     if signal_ not in _DONE or not hasattr(signal, f"SIG{signal_}"):
         raise UsageError(f"--signal {number}: no such signal", f"one of {', '.join(_DONE)}")
     run = _run(options)
+    told = _told(signal_, run.pid if is_frozen(run.pid) else 0)
     own = [normal_name(which.about_node(options, name)[1]) for name in names]
     for process in [_process(run, name) for name in dict.fromkeys(own)]:
         _send(process, signal_)
         said = {"name": process.name, "pid": process.pid, "signal": signal_}
-        output.either(options, said, f"{process.name} (process {process.pid}): {_DONE[signal_]}")
+        output.either(options, said, f"{process.name} (process {process.pid}): {told}")
+
+
+def _told(signal_: str, frozen: int) -> str:
+    """What comes of a signal; `frozen` is the supervisor's pid where it cannot do anything now."""
+    done, then = _DONE[signal_]
+    if frozen and then:
+        return f"{done}; the supervisor, process {frozen}, is frozen and {then} once it goes on"
+    return f"{done}; the supervisor {then}" if then else done
 
 
 def signalled(options: Options, name: str, signal_: str) -> None:

@@ -7,7 +7,7 @@ from cli import output, which
 from cli.declare import Arg, Opt
 from cli.options import Options, here
 from services.runtime import record
-from services.runtime.errors import UsageError
+from services.runtime.errors import TimedOut, UsageError
 from services.runtime.realm import Realm
 from services.runtime.run.asking import ask_restart, wait_restarted
 from services.runtime.settings.named import normal_name
@@ -35,7 +35,24 @@ def restart(
     asked = [ask_restart(realm, name) for name in wanted]
     for before in asked:
         left = max(deadline - time.monotonic(), 0.0)
-        after = wait_restarted(realm, before.name, before, left)
+        try:
+            after = wait_restarted(realm, before.name, before, left)
+        except TimedOut as problem:
+            raise _late(realm, before.name, options.timeout, problem.hint) from problem
         said = {"name": after.name, "before": before.pid, "pid": after.pid}
         text = f"{after.name}: process {after.pid} in place of {before.pid or 'none'}"
         output.either(options, said, text)
+
+
+def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
+    """Why a process is not back within the time (s) that was given for all of them."""
+    run = record.read(realm)
+    if (realm.asked / name).exists():
+        # The request still lies where the supervisor takes it from.
+        return TimedOut(
+            f"{name} was not restarted: the supervisor, process {run.pid}, did not answer within"
+            f" {timeout:g} s",
+            f"it is frozen or busy, and restarts {name} once it goes on: `quadctl status`",
+        )
+    state = next((node.state for node in run.nodes if node.name == name), "down")
+    return TimedOut(f"{name} is not ready again within {timeout:g} s, but {state}", hint)

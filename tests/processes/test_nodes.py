@@ -174,3 +174,31 @@ def test_a_restart_of_what_cannot_be(patient: Lab, words: str, code: int):
     before = patient.nodes()
     assert patient.quadctl("node", "restart", *words.split()).code == code
     assert patient.nodes() == before
+
+
+def test_a_frozen_supervisor_is_told_of_and_what_it_has_not_done_is_not(patient: Lab):
+    supervisor, before = patient.status()["pid"], patient.nodes()["pressure"]["pid"]
+    os.kill(supervisor, signal.SIGSTOP)
+    try:
+        late = patient.quadctl("node", "restart", "pressure", "--timeout", 0.5, "--json")
+        assert (late.code, patient.nodes()["pressure"]["pid"]) == (4, before)
+        assert late.error["message"] == (
+            f"pressure was not restarted: the supervisor, process {supervisor}, did not answer"
+            " within 0.5 s"
+        )
+        killed = patient.quadctl("node", "kill", "pressure")
+        assert killed.out == (
+            f"pressure (process {before}): asked to end; the supervisor, process {supervisor},"
+            " is frozen and restarts it once it goes on\n"
+        )
+    finally:
+        os.kill(supervisor, signal.SIGCONT)
+    patient.revived("pressure", before)
+
+
+def test_a_restart_that_takes_too_long_is_told_by_the_time_that_was_given(patient: Lab):
+    # The supervisor looks ten times a second, and Python alone takes longer to start than this.
+    before = patient.nodes()["pressure"]["pid"]
+    done = patient.quadctl("node", "restart", "pressure", "--timeout", 0.04, "--json")
+    assert (done.code, "within 0.04 s" in done.error["message"]) == (4, True)
+    patient.revived("pressure", before)

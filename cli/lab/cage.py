@@ -1,9 +1,17 @@
 """`cage on|off|show`: the virtual cage."""
 
+import time
+
 from cli import bus, output
 from cli.options import Options
+from schemas.messages import SafetyState
 from schemas.requests import ToggleCageRequest
 from schemas.topics import STATE, TOGGLE_CAGE
+from services.runtime.bus.client import Client
+from services.runtime.errors import QuadctlError
+
+_LOOK = 0.3
+"""Seconds at most for a look at what was before: safety answers in milliseconds, also from afar."""
 
 
 def on(options: Options) -> None:
@@ -41,11 +49,32 @@ def show(options: Options) -> None:
 
 def _toggle(options: Options, *, cage_on: bool) -> None:
     with bus.connect(options) as client:
-        reply = client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on))
-        reason = client.latest(STATE).reason
+        ends = time.monotonic() + client.timeout
+        # Only a cage that comes on stops a flight, and only a user is told of it.
+        before = _seen(client) if cage_on and not options.json else None
+        left = max(ends - time.monotonic(), 0.001)
+        reply = client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on), left)
+        after = client.latest(STATE) if before is not None else None
     if options.json:
         output.document(reply)
         return
     output.line(f"cage is {'on' if cage_on else 'off'}")
-    if reason and cage_on:
+    if before and after and (reason := _caused(before, after)):
         output.line(reason)
+
+
+def _seen(client: Client) -> SafetyState | None:
+    """The state as it is; None where it is not to be had at once, for the cage must not wait."""
+    try:
+        return client.beside(client.vehicle, min(_LOOK, client.timeout / 4)).latest(STATE)
+    except QuadctlError:
+        return None
+
+
+def _caused(before: SafetyState, after: SafetyState) -> str:
+    """What the cage's coming on has stopped; empty where it was on, or stopped nothing.
+
+    The reason may be an old one, of a request that was refused or a flight that was stopped.
+    """
+    is_new = not before.cage_on and after.cage_on and after.reason != before.reason
+    return after.reason if is_new else ""

@@ -57,6 +57,20 @@ def test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on(hover: Bare):
     assert (end["goal"]["x"], end["reason"]) == (-4.0, "")
 
 
+def test_turned_on_it_tells_what_that_has_stopped_and_nothing_older(shared_lab: Lab, hover: Bare):
+    hover.call("toggle_cage", cage_on=False)
+    assert hover.call("goto", **OUTSIDE).value["accepted"]
+    hover.watch("uav/pose").until(lambda p: speed(p) > 0.5)
+    stopped = shared_lab.quadctl("cage", "on").out.splitlines()
+    assert stopped[0] == "cage is on"
+    assert len(stopped) == 2
+    assert "x = 6" in stopped[1]
+    # The reason stays in the state: it is neither this toggle's, nor the next one's.
+    assert hover.state()["reason"] == stopped[1]
+    for word, said in (("on", "cage is on\n"), ("off", "cage is off\n"), ("on", "cage is on\n")):
+        assert shared_lab.quadctl("cage", word).out == said
+
+
 def test_the_cage_reads_well(shared_lab: Lab, hover: Bare):
     shown = shared_lab.quadctl("cage", "show")
     assert shown.out.splitlines() == [

@@ -89,8 +89,7 @@ def _rows(said: dict[str, Any], about: str) -> list[tuple[str, str]]:
 
 
 def _nobody(key: str, offers: list[Offer], *, heard: bool) -> Unreachable:
-    names = {offer.key: offer.key for offer in offers} | {offer.name: offer.key for offer in offers}
     return Unreachable(
         f"nobody offers {key} now" + (", though somebody listens to it" if heard else ""),
-        nearest(key, names) or "`quadctl topic list` shows what there is",
+        nearest(key, {offer.key for offer in offers}) or "`quadctl topic list` shows what there is",
     )

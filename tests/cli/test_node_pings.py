@@ -5,6 +5,7 @@ from typing import Any, Self
 
 import pytest
 
+from cli import bus
 from cli.node import asked, ping
 from cli.node.seen import Seen
 from cli.options import Options
@@ -98,7 +99,7 @@ def test_the_first_pings_have_what_connecting_has_left_them(monkeypatch: pytest.
         return deaf
 
     monkeypatch.setattr(ping, "time", clock)
-    monkeypatch.setattr(ping.bus, "connect", connect)
+    monkeypatch.setattr(bus, "connect", connect)
     monkeypatch.setattr(ping, "run_of", lambda _options: None)
     processes = [ProcessRecord(name, 0, "ready", 0) for name in ("pressure", "safety")]
     monkeypatch.setattr(ping, "answering", lambda _seen: processes)

@@ -20,7 +20,7 @@ from services.runtime.bus.session import TWO_THREADS
 Processes = Callable[[], dict[int, str]]
 """Those of a side, by pid, with a name for each."""
 
-_SETTLED = 8.0
+_SETTLED = 10.0
 """Seconds from launch in which the vehicle takes off and comes to rest."""
 
 
@@ -40,7 +40,7 @@ def measure(results: Results, effort: Effort) -> None:
                 time.sleep(_SETTLED)
                 names, began = processes(), time.monotonic()
                 before = proc.busy_of(names)
-                time.sleep(effort.seconds / 2)
+                time.sleep(effort.seconds)
                 passed, after = time.monotonic() - began, proc.busy_of(names)
                 share = {n: 100 * (after[pid] - before[pid]) / passed for pid, n in names.items()}
                 memory = {name: proc.pss(pid) for pid, name in names.items()}

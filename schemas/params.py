@@ -215,5 +215,8 @@ FIXED_AT_LAUNCH = frozenset(
 )
 """What all processes must agree on, or what cannot be undone: `param set` refuses these."""
 
+FROM_STANDSTILL = ("dynamics.vehicle", "dynamics.control")
+"""Tables whose values hold from the vehicle's next standstill when they are set in flight."""
+
 LIVE_SWITCHES = {"safety.cage_on": "`quadctl cage on` or `quadctl cage off`"}
 """Of these, what changes in the running system that of which they say how it is at launch."""

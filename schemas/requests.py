@@ -74,9 +74,13 @@ class GetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class GetParamsResponse(Struct, frozen=True):
-    """Every value asked for, by its full dotted name."""
+    """Every value asked for, by its full dotted name, as it was set last.
+
+    Of those that wait for the next standstill, `in_force` has the values that hold until then.
+    """
 
     values: dict[str, Any]
+    in_force: dict[str, Any] = {}
 
 
 class SetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
@@ -86,7 +90,11 @@ class SetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SetParamsResponse(Struct, frozen=True):
-    """Whether they were taken, else why not."""
+    """Whether they were taken, else why not; `waits` names those that hold from the next standstill.
+
+    Where some wait, the reason says so.
+    """
 
     success: bool
     reason: Text
+    waits: list[str] = []

@@ -8,6 +8,7 @@ from cli.options import Options
 from cli.param.running import Running, Values
 from cli.together import Heard
 from schemas.describe import bounds_text, type_name
+from schemas.params import FROM_STANDSTILL
 from services.runtime.errors import Invalid, TimedOut, Unreachable
 from services.runtime.settings import declared, toml
 from services.runtime.settings.declared import Entry, fixed_at_launch
@@ -85,9 +86,15 @@ def _row(leaf: Entry, values: Values) -> dict[str, str]:
         "default": toml.word(leaf.default),
         "value": "-" if said["value"] is None else toml.word(said["value"]),
         "node": said["node"] or "-",
-        "change": "at launch" if said["fixed_at_launch"] else "at once",
+        "change": _when(leaf.name),
         "meaning": leaf.about,
     }
+
+
+def _when(name: str) -> str:
+    if fixed_at_launch(name):
+        return "at launch"
+    return "at a standstill" if name.startswith(FROM_STANDSTILL) else "at once"
 
 
 def _document(leaf: Entry, values: Values) -> dict[str, Any]:

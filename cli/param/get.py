@@ -42,13 +42,18 @@ def get(
 ) -> None:
     """Print the values of parameters, in the words that `param set` takes.
 
+    Of a value that waits for the vehicle's next standstill, tell too what is in force until then.
+
     Example: quadctl param get safety.virtual_cage.x
     """
     options, names = which.about_parameters(options, names)
     with Running(options) as running:
         found = running.get(names)
+    for name, value in running.in_force.items():
+        output.note(f"{name}: {toml.word(value)} is in force until the next standstill")
     if options.json:
-        output.document(found)
+        waits = {"in_force": running.in_force} if running.in_force else {}
+        output.document(found | waits)
     elif list(found) == [normal_name(name) for name in names[:1]]:
         output.line(toml.word(*found.values()))
     else:

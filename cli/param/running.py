@@ -38,6 +38,8 @@ class Running:
         self._options = options
         self._deadline = time.monotonic() + options.timeout
         self._client = bus.connect(options)
+        self.in_force: Values = {}
+        """Of the values read so far, what holds in place of those that wait for a standstill."""
 
     def __enter__(self) -> Self:
         return self
@@ -104,7 +106,9 @@ class Running:
     def _ask(self, wanted: dict[str, list[str]]) -> Heard[Values]:
         def ask(node: str) -> Values:
             request = GetParamsRequest(wanted[node])
-            return self._client.call(get_params(node), request, self._left()).values
+            reply = self._client.call(get_params(node), request, self._left())
+            self.in_force |= reply.in_force
+            return reply.values
 
         return ask_each(wanted, ask)
 

@@ -22,6 +22,8 @@ def set_(
 ) -> None:
     """Change parameters of one running node at once: all of them or none.
 
+    Of a vehicle in flight, body, gains and limits change at its next standstill.
+
     Example: quadctl param set safety.virtual_cage.x 3
     """
     if len(words) == 2 and "=" not in words[0]:
@@ -49,10 +51,11 @@ def set_(
     if not reply.success:
         raise Invalid(f"nothing was changed: {reply.reason}", _way_out(values))
     if options.json:
-        output.document(values)
-    else:
-        for name, value in values.items():
-            output.line(f"{name}: {toml.word(value)}")
+        output.document(values | ({"waits": reply.waits} if reply.waits else {}))
+        return
+    for name, value in values.items():
+        waits = any(leaf == name or leaf.startswith(f"{name}.") for leaf in reply.waits)
+        output.line(f"{name}: {toml.word(value)}{' (from the next standstill)' if waits else ''}")
 
 
 def _way_out(values: Values) -> str:

@@ -3,10 +3,13 @@
 import math
 import os
 from collections.abc import Callable
+from typing import Any
+
+import msgspec
 
 from schemas.geometry import BodyRates, Position, Quaternion, Velocity
 from schemas.messages import Pose, Setpoint
-from schemas.params import Params
+from schemas.params import FROM_STANDSTILL, Params
 from schemas.requests import ResetRequest, ResetResponse
 from schemas.topics import POSE, RESET, SETPOINT
 from services.dynamics.heed import Heed
@@ -16,6 +19,7 @@ from services.dynamics.vehicle import Fly, Vehicle
 from services.runtime.entry import start
 from services.runtime.errors import Refused
 from services.runtime.node import Node
+from services.runtime.settings.named import flatten
 from services.runtime.settings.params import launch_lines
 
 _STEPS_PER_SECOND = 1000
@@ -68,6 +72,18 @@ class Simulation:
     def configure(self) -> None:
         """The parameters have new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
+
+    def in_force(self) -> dict[str, Any]:
+        """Return the values that the vehicle still flies by, by name, of those that wait."""
+        flown, wanted = (
+            dict(flatten(msgspec.to_builtins(each), "dynamics"))
+            for each in (self._vehicle.in_force, self._params)
+        )
+        return {
+            name: value
+            for name, value in flown.items()
+            if name.startswith(FROM_STANDSTILL) and value != wanted[name]
+        }
 
     def advance(self) -> None:
         """Fly one pose's time, and publish the pose."""
@@ -172,7 +188,7 @@ def run(node: Node, params: Params) -> None:
         return ResetResponse(True)
 
     server = node.serve(RESET, reset)
-    node.on_params = simulation.configure
+    node.on_params, node.in_force = simulation.configure, simulation.in_force
     dynamics = params.dynamics
     last_tick = 0.0
     simulation.publish()

@@ -78,15 +78,16 @@ def goto(
         braking = 0.0
         if (standing == 0.0) | (z > 0.0) | (here == 0.0):
             low = (z < HOP) & (here == 0.0)
-            hops = low & (sz < HOP)
+            # In motion over the floor a climb aslant would scrape it, too.
+            moves = (here == 0.0) & (plan[6] == 0.0)
+            hops = (sz < HOP) & (low | moves)
             # A hop in motion begins where that can end, not back where it was asked for.
             ex, ey = setpoint.stopping_place(plan, limits)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
-            hop = 2.0 if hops else 1.0
-            hop = hop if low else 0.0
+            hop = (1.0 if hops else 0.0) + (1.0 if low else 0.0)
             plan = setpoint.goto(
-                plan, ex if hops else x, ey if hops else y, HOP if low else z, limits
+                plan, ex if hops else x, ey if hops else y, HOP if hops | low else z, limits
             )
     return plan, (standing, spin, calm, braking, hop, x, y, z)
 

@@ -179,17 +179,3 @@ def brake(plan: Plan, limits: Limits) -> Plan:
     x, y, z, moving, crowded, periods, _ = plan
     x, y, z = lend(x, y, z)
     return (end(x, limits), end(y, limits), end(z, limits), moving, crowded, periods, 0.0)
-
-
-def restart(axis: Axis) -> Axis:
-    """An axis that looks anew on which side of the goal it would stop."""
-    p, v, a, goal, _, share, j1, j2, j3 = axis
-    moves = (v != 0.0) | (a != 0.0) | (p != goal)
-    return (p, v, a, goal, 1.0 if moves else 0.0, share, j1, j2, j3)
-
-
-def relimit(plan: Plan, limits: Limits) -> Plan:
-    """Go on with new limits of speed, acceleration or jerk."""
-    x, y, z, moving, crowded, periods, still = plan
-    x, y, z = divide(restart(x), restart(y), restart(z), limits)
-    return (x, y, z, moving, crowded, periods, still)

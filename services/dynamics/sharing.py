@@ -31,12 +31,13 @@ ends on (see axis.py), the share of the limits (0 to 1), and the jerk after one,
 
 
 def needed(axis: Axis, limits: Limits) -> float:
-    """Least share of the limits that an axis can do with in its present motion.
+    """Return the least share of the limits that an axis can do with in its present motion.
 
     Where a stop can end short of the goal, one that does. Where none can, or where the axis
     moves away from the goal, the present one: with less, the stop would end beyond where it
-    was bound to when the goal was moved, and that could be outside the cage. The sum of
-    the squares may thereby pass 1 for a while.
+    was bound to when the goal was moved, and that could be outside the cage. Never less than the
+    share that its present acceleration takes: the axis goes on with that acceleration whatever
+    its share, so a smaller one would give the difference away twice.
     """
     p, v, a, goal, _, share, _, _, _ = axis
     most_a = limits[1]
@@ -55,7 +56,8 @@ def needed(axis: Axis, limits: Limits) -> float:
             low = low if fits else middle
             high = middle if fits else high
         share = high
-    return share
+    floor = abs(a) / most_a
+    return floor if share < floor else share
 
 
 def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
@@ -64,9 +66,32 @@ def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
     need = share
     if heading != 0.0:
         need = needed(axis, limits)
-    moves = (v != 0.0) | (a != 0.0) | (p != goal)
+    moves = (v != 0.0) | (a != 0.0)
     way = goal - p - stop(v, a, share * limits[1], share * limits[2])
     return need if moves else 0.0, 0.0 if heading == 0.0 else way
+
+
+def within(
+    x: Axis, y: Axis, z: Axis, nx: float, ny: float, nz: float
+) -> tuple[float, float, float]:
+    """Return the needs of the axes, met as far as the squares of the shares add up to 1.
+
+    No axis gets less than it has, if it needs that much. Where the rest is too little for what is
+    needed on top, an axis passes a goal that was moved nearer, but never the one before, which it
+    could stop at with the share that it has.
+    """
+    hx = nx if nx < x[5] else x[5]
+    hy = ny if ny < y[5] else y[5]
+    hz = nz if nz < z[5] else z[5]
+    had = hx * hx + hy * hy + hz * hz
+    left = 1.0 - had if had < 1.0 else 0.0
+    more = nx * nx + ny * ny + nz * nz - had
+    k = left / more if more > left else 1.0
+    return (
+        sqrt(hx * hx + k * (nx * nx - hx * hx)),
+        sqrt(hy * hy + k * (ny * ny - hy * hy)),
+        sqrt(hz * hz + k * (nz * nz - hz * hz)),
+    )
 
 
 def grant(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
@@ -118,7 +143,8 @@ def lend(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
 def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     """Share the limits among the axes, so that the squares of the shares add up to 1.
 
-    An axis that is stopping keeps its share, one on its way gets what it needs. What is left
+    An axis that is stopping keeps its share, one on its way gets what it needs if there is as much.
+    So the vector of acceleration is within its limit whatever goals are replaced. What is left
     goes by the squares of the ways still to go, which from rest makes all three profiles
     alike but for scale: a straight line.
     """
@@ -128,6 +154,7 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     nx, wx = claim(x, limits)
     ny, wy = claim(y, limits)
     nz, wz = claim(z, limits)
+    nx, ny, nz = within(x, y, z, nx, ny, nz)
     total = sqrt(wx * wx + wy * wy + wz * wz)
     total = total if total > 0.0 else 1.0
     left = 1.0 - (nx * nx + ny * ny + nz * nz)

@@ -5,6 +5,7 @@ count of integration steps, so equal calls give equal bits.
 """
 
 from collections.abc import Callable
+from copy import deepcopy
 from math import ceil
 
 from msgspec.structs import replace
@@ -74,6 +75,9 @@ class Vehicle:
     it is told of a goal above it. A goal below the floor is one on the floor: a landing, which
     ends with idle motors. Once it is at rest its state stands still until it is told of something
     new.
+
+    Its body, gains and limits change at a standstill alone, all together: in flight, new ones could
+    make the goal one that it can no longer stop at.
     """
 
     def __init__(self, params: DynamicsParams) -> None:
@@ -82,17 +86,49 @@ class Vehicle:
         """Integration steps since boot."""
         self.fly: Fly = pilot.fly
         """What takes it through the steps: the text itself, or the same compiled."""
+        self.in_force = deepcopy(params)
+        """The parameters that it flies by."""
+        self._wanted: DynamicsParams | None = None
         self._constants = constants_of(params)
         self._state, self._command, self._plan, self._mode, self._air = initial(params)
 
     def configure(self, params: DynamicsParams) -> None:
-        """Take new parameters (all but `start`) in flight; the state goes on undisturbed."""
-        old, self._constants = self._constants, constants_of(params)
-        limits = self._constants[3]
-        if old[3][:3] != limits[:3]:
-            self._plan = setpoint.relimit(self._plan, limits)
+        """Take new parameters, all but `start`.
+
+        Wind and faults take effect at once, body, gains and limits at the next standstill. A later
+        call replaces what still waits.
+        """
+        now = self.in_force
+        wanted = deepcopy(params)
+        self._use(replace(wanted, vehicle=now.vehicle, control=now.control))
+        waits = (wanted.vehicle, wanted.control) != (now.vehicle, now.control)
+        self._wanted = wanted if waits else None
+        self._settle()
+
+    def _use(self, params: DynamicsParams) -> None:
+        self.in_force, self._constants = params, constants_of(params)
         self._mode = pilot.woken(self._mode)
         self._air = wind.changed(self._air, self._constants[6])
+
+    def _settle(self) -> None:
+        """Adopt what waits, if the vehicle stands or its setpoint is at rest."""
+        wanted, limits = self._wanted, self._constants[3]
+        if wanted is None or not (self.standing or setpoint.at_rest(self._plan, limits)):
+            return
+        before = hover_speed(self.in_force.vehicle)
+        self._use(wanted)
+        self._wanted = None
+        x, y, z = (axis[3] for axis in self._plan[:3])
+        self._plan = setpoint.resting(x, y, z, self._constants[3])
+        if not self.standing and before > 0:
+            # A body that changes in the air stays at rest: its motors turn as its weight asks.
+            self._turn_motors(hover_speed(wanted.vehicle) / before)
+
+    def _turn_motors(self, factor: float) -> None:
+        m0, m1, m2, m3 = self.motors
+        c0, c1, c2, c3 = self._command
+        self._state = (*self._state[:13], factor * m0, factor * m1, factor * m2, factor * m3)
+        self._command = (factor * c0, factor * c1, factor * c2, factor * c3)
 
     @property
     def time(self) -> float:
@@ -175,3 +211,4 @@ class Vehicle:
             self._constants, self.steps, steps,
         )  # fmt: skip
         self.steps += steps
+        self._settle()

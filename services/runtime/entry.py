@@ -174,6 +174,6 @@ def _serve_params(node: Node, params: Params, realm: Realm) -> None:
     def save(table: Any) -> None:
         snapshot.save(realm, node.vehicle, node.name, table)
 
-    live = LiveParams(node.name, params, save, node.params_changed)
+    live = LiveParams(node.name, params, save, node.params_changed, node.params_in_force)
     node.serve(get_params(node.name), live.get)
     node.serve(set_params(node.name), live.set)

@@ -64,6 +64,7 @@ class Node:
         self._schedule = Schedule()
         self._ready = False
         self.on_params: Callable[[], None] | None = None
+        self.in_force: Callable[[], dict[str, Any]] = dict
 
     def publisher(
         self, topic: Topic[M], hz: Callable[[], float] | None = None, *, waits: bool = False
@@ -161,6 +162,10 @@ class Node:
         self.loop.retime()
         if self._ready:
             self._announce()
+
+    def params_in_force(self) -> dict[str, Any]:
+        """Return what still holds, by name, of parameters that wait for a standstill."""
+        return self.in_force()
 
     def ready(self) -> None:
         """Announce the offers and then, last, the node: who sees it may already call it."""

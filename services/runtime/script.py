@@ -64,6 +64,7 @@ class Script:
         self.log = logging.getLogger(f"script.{name}")
         self.stopping, self.in_mission, self.like = False, False, None
         self.on_params: Callable[[], None] | None = None
+        self.in_force: Callable[[], dict[str, Any]] = dict
         self.said: list[Said] = []
         self._heard, self._calls = deque(heard), deque(calls)
         self._boots: set[str] = {""}

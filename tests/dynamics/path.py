@@ -39,10 +39,6 @@ class Path:
     def brake(self) -> None:
         self._plan = setpoint.brake(self._plan, self._limits)
 
-    def configure(self, params: DynamicsParams) -> None:
-        self._limits = limits_of(params)
-        self._plan = setpoint.relimit(self._plan, self._limits)
-
     def advance(self) -> None:
         self._plan = setpoint.advance(self._plan, self._limits)
 

@@ -8,7 +8,6 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from schemas.params import DynamicsParams
-from schemas.vehicle import ControlParams
 from services.dynamics.axis import Motion, advance, brake, stop
 from services.dynamics.controller import PERIOD
 from tests.dynamics.path import Path
@@ -164,11 +163,10 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
                 assert abs(s[k] - before[k] - PERIOD * mean) < 30 * MICROMETRE
                 mean = 0.5 * (s[k + 6] + before[k + 6])
                 assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.5 * JERK * PERIOD**2
-            # An axis keeps the share that its stop was planned with, even where the others
-            # need more than what that leaves: not to pass a wall outranks the vector's limit.
+            assert hypot(*s[6:9]) <= ACCELERATION * (1 + LAG)
+            assert hypot(*s[9:12]) <= JERK * (1 + LAG)
+            # An axis that gives up a part of its share is slowed, but not at once.
             assert hypot(*s[3:6]) <= SPEED * 1.4
-            assert hypot(*s[6:9]) <= ACCELERATION * 1.4
-            assert hypot(*s[9:12]) <= JERK * 1.4
             before = s
     for s in fly(trajectory):
         before = s
@@ -176,17 +174,19 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
 
 
 @settings(max_examples=30)
-@given(POINT, POINT, st.floats(0.1, 2), st.one_of(st.floats(0, 1), st.just(1.0)))
-def test_a_goal_moved_in_flight_is_not_passed_if_it_can_be_stopped_at(first, then, seconds, part):
+@given(st.lists(st.tuples(POINT, st.floats(0.1, 2)), min_size=2, max_size=6))
+def test_goals_moved_in_flight_are_not_passed_beyond_the_farthest(legs):
+    """A goal moved nearer may be passed, where another axis needs the limits: not an older one."""
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
-    trajectory.goto(*first)
-    trajectory.advance_for(seconds)
-    p, v, a, *_ = trajectory.x
-    nearest = p + stop(v, a, ACCELERATION, JERK)
-    goal = first[0] if part == 1.0 else nearest + part * (first[0] - nearest)
-    trajectory.goto(goal, then[1], then[2])
-    sign = 1.0 if first[0] > 0.0 else -1.0
-    assert max(sign * (s[0] - goal) for s in fly(trajectory)) <= 10 * MICROMETRE
+    corners = [(0.0, 0.0, 10.0)]
+    for goal, seconds in legs:
+        trajectory.goto(*goal)
+        corners.append(goal)
+        trajectory.advance_for(seconds)
+    axes = [(min(axis), max(axis)) for axis in zip(*corners, strict=True)]
+    for s in fly(trajectory):
+        for value, (low, high) in zip(s[:3], axes, strict=True):
+            assert low - 10 * MICROMETRE <= value <= high + 10 * MICROMETRE
 
 
 @settings(max_examples=30)
@@ -230,20 +230,3 @@ def test_braking_ends_ahead_without_turning_back(goal, seconds):
     for s in fly(trajectory, 4.0):
         assert sum(v * w for v, w in zip(s[3:6], way, strict=True)) >= -ROUNDING
     assert trajectory.setpoint[:3] == stops
-
-
-def test_new_limits_in_flight_are_kept_from_then_on():
-    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
-    trajectory.goto(20.0, 0.0, 10.0)
-    for _ in range(250):
-        trajectory.advance()
-    before = trajectory.setpoint
-    trajectory.configure(DynamicsParams(control=ControlParams(max_speed=1.0)))
-    speeds = []
-    for s in fly(trajectory):
-        assert abs(s[3] - before[3]) < ACCELERATION * PERIOD * 1.01
-        before = s
-        speeds.append(s[3])
-    assert max(speeds[450:]) <= 1.0 + LAG
-    assert min(speeds) >= 0.0
-    assert trajectory.setpoint[:3] == (20.0, 0.0, 10.0)

@@ -212,15 +212,63 @@ def test_closed_loop_with_four_times_finer_steps_ends_in_the_same_place():
     assert dist(coarse.position, fine.position) < 1e-8
 
 
-def test_parameters_change_in_flight_without_a_jump():
+def everything(vehicle: Vehicle) -> tuple[object, ...]:
+    return vehicle.position, vehicle.velocity, vehicle.setpoint, vehicle.goal
+
+
+def test_body_gains_and_limits_set_in_flight_hold_from_the_next_standstill():
+    vehicle, other = at(z=10.0), at(z=10.0)
+    for each in (vehicle, other):
+        each.goto(20.0, 0.0, 10.0)
+        each.advance(1000)
+    vehicle.configure(
+        DynamicsParams(
+            vehicle=VehicleParams(mass=1.2),
+            control=ControlParams(max_speed=1.0, max_acceleration=0.5, max_jerk=2.0),
+        )
+    )
+    for _ in range(600):
+        assert everything(vehicle) == everything(other)
+        vehicle.advance(10)
+        other.advance(10)
+    assert vehicle.in_force == DynamicsParams(start=vehicle.in_force.start)
+    vehicle.advance(5000)
+    assert vehicle.in_force.vehicle.mass == 1.2
+    assert vehicle.position == pytest.approx((20.0, 0.0, 10.0), abs=1e-6)
+    vehicle.goto(25.0, 0.0, 10.0)
+    fastest = 0.0
+    for _ in range(800):
+        vehicle.advance(10)
+        fastest = max(fastest, vehicle.velocity[0])
+    assert fastest == pytest.approx(1.0, abs=0.01)
+
+
+def test_at_a_standstill_they_hold_at_once_and_nothing_moves():
+    for mass in (0.3, 2.5):
+        vehicle = at(z=10.0)
+        vehicle.configure(DynamicsParams(vehicle=VehicleParams(mass=mass)))
+        assert vehicle.in_force.vehicle.mass == mass
+        vehicle.advance(1000)
+        assert dist(vehicle.position, (0.0, 0.0, 10.0)) < 1e-6
+
+
+def test_wind_and_faults_hold_at_once_whatever_waits():
     vehicle = at(z=10.0)
     vehicle.goto(20.0, 0.0, 10.0)
     vehicle.advance(1000)
-    position, velocity, setpoint = vehicle.position, vehicle.velocity, vehicle.setpoint
-    vehicle.configure(DynamicsParams(control=ControlParams(max_speed=1.0)))
-    assert (vehicle.position, vehicle.velocity, vehicle.setpoint) == (position, velocity, setpoint)
-    vehicle.advance(3000)
-    assert vehicle.velocity[0] == pytest.approx(1.0, abs=0.01)
-    vehicle.configure(DynamicsParams(vehicle=VehicleParams(mass=1.2)))
-    vehicle.advance(10_000)
-    assert vehicle.position == pytest.approx((20.0, 0.0, 10.0), abs=1e-3)
+    windy = DynamicsParams(control=ControlParams(max_speed=1.0))
+    windy.wind.mean.y, windy.fault.motors = 3.0, 0.9
+    vehicle.configure(windy)
+    assert vehicle.wind == (0.0, 3.0, 0.0)
+    assert vehicle.in_force.fault.motors == 0.9
+    assert vehicle.in_force.control.max_speed == 5.0
+
+
+def test_what_waits_is_dropped_where_the_old_values_are_set_again():
+    vehicle = at(z=10.0)
+    vehicle.goto(20.0, 0.0, 10.0)
+    vehicle.advance(1000)
+    for speed in (1.0, 5.0):
+        vehicle.configure(DynamicsParams(control=ControlParams(max_speed=speed)))
+    vehicle.advance(15_000)
+    assert vehicle.in_force.control.max_speed == 5.0

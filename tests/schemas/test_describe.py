@@ -71,7 +71,7 @@ def test_nested_fields_are_indented():
 
 def test_lists_and_maps_read_as_what_they_hold():
     assert definition(GetParamsRequest) == "string[] names"
-    assert definition(GetParamsResponse) == "map<string,any> values"
+    assert definition(GetParamsResponse) == "map<string,any> values\nmap<string,any> in_force"
 
 
 @pytest.mark.parametrize(

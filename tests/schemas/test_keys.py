@@ -53,9 +53,9 @@ def test_every_node_has_the_two_services_of_its_parameters(node: str):
     assert (put.key("uav"), put.type_name) == (f"uav/@srv/{node}/set_params", "SetParams")
     assert get.node == put.node == node
     assert get.request.__struct_fields__ == ("names",)
-    assert get.response.__struct_fields__ == ("values",)
+    assert get.response.__struct_fields__ == ("values", "in_force")
     assert put.request.__struct_fields__ == ("values",)
-    assert put.response.__struct_fields__ == ("success", "reason")
+    assert put.response.__struct_fields__ == ("success", "reason", "waits")
 
 
 def test_goto_does_not_replace_unless_asked():

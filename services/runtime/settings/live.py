@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
+from schemas.params import FIXED_AT_LAUNCH, FROM_STANDSTILL, LIVE_SWITCHES, Params
 from schemas.requests import (
     GetParamsRequest,
     GetParamsResponse,
@@ -21,7 +21,8 @@ from services.runtime.settings.params import check
 class LiveParams:
     """One node's table of the parameters, changed in place, so that all who hold it see it.
 
-    `save` is called with the new table before it takes effect, `changed` after.
+    `save` is called with the new table before it takes effect, `changed` after. `in_force` returns
+    what still holds, by leaf name, of parameters that wait for the vehicle's next standstill.
     """
 
     def __init__(
@@ -30,14 +31,17 @@ class LiveParams:
         params: Params,
         save: Callable[[Any], None],
         changed: Callable[[], None],
+        in_force: Callable[[], dict[str, Any]] = dict,
     ) -> None:
         self._name, self._params, self._save, self._changed = name, params, save, changed
+        self._in_force = in_force
 
     def get(self, request: GetParamsRequest) -> GetParamsResponse:
         """Values by leaf name or by table; all of the node's when no name is given."""
         values = dict(flatten(self._table(), self._name))
+        in_force = self._in_force()
         if not request.names:
-            return GetParamsResponse(values)
+            return GetParamsResponse(values, in_force)
         found: dict[str, Any] = {}
         for name in map(normal_name, request.names):
             part = {
@@ -49,18 +53,22 @@ class LiveParams:
                 hint = nearest(name, values)
                 raise Invalid(f"{self._name} has no parameter {name}", hint)
             found |= part
-        return GetParamsResponse(found)
+        held = {name: value for name, value in in_force.items() if name in found}
+        return GetParamsResponse(found, held)
 
     def set(self, request: SetParamsRequest) -> SetParamsResponse:
         """Check all of them, then save, then change all of them."""
         try:
             fresh = self._checked(request.values)
+            self._check_meanwhile(fresh)
         except Invalid as error:
             return SetParamsResponse(False, "; ".join(filter(None, (error.message, error.hint))))
         self._save(msgspec.to_builtins(fresh))
         _copy(fresh, getattr(self._params, self._name))
         self._changed()
-        return SetParamsResponse(True, "")
+        asked = {normal_name(name) for name, _ in flatten(request.values)}
+        waits = sorted(asked & self._in_force().keys())
+        return SetParamsResponse(True, "from the next standstill" if waits else "", waits)
 
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}
@@ -74,6 +82,15 @@ class LiveParams:
                 raise Invalid(f"{name} is fixed at launch", hint)
         checked: Struct = getattr(check(tables, "param set"), self._name)
         return checked
+
+    def _check_meanwhile(self, fresh: Struct) -> None:
+        """Raise Invalid where the new values and those that hold until a standstill do not fly."""
+        tables = {self._name: msgspec.to_builtins(fresh)}
+        holds = dict(flatten(self._table(), self._name)) | self._in_force()
+        for name, value in holds.items():
+            if name.startswith(FROM_STANDSTILL):
+                put(tables, name, value, "param set")
+        check(tables, "param set: until the vehicle's next standstill")
 
     def _table(self) -> dict[str, Any]:
         table: dict[str, Any] = msgspec.to_builtins(getattr(self._params, self._name, {}))

@@ -8,11 +8,13 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from schemas import airworthy
 from schemas.params import Params
 from services.runtime.errors import Invalid
 from services.runtime.settings.named import flatten, nearest, put, value_of
 
 _WRITTEN = "`quadctl init` writes one"
+_AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
 _MOST_BYTES = 1_000_000
 """Of a file: that of a thousand vehicles has a tenth of it."""
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
@@ -43,11 +45,15 @@ def gather(
 
 
 def check(table: Mapping[str, Any], source: str) -> Params:
-    """Turn plain tables into Params; raises Invalid, naming the source."""
+    """Turn plain tables into Params of a vehicle that can fly; raises Invalid, naming the source."""
     try:
-        return msgspec.convert(table, Params)
+        params = msgspec.convert(table, Params)
     except msgspec.ValidationError as error:
         raise _explain(str(error), source) from error
+    flown = params.dynamics
+    if why := airworthy.why_not(flown.vehicle, flown.control, flown.wind):
+        raise Invalid(f"{source}: dynamics: this vehicle would not fly: {why}", _AIRWORTHY)
+    return params
 
 
 def read(file: Path, hint: str = _WRITTEN) -> dict[str, Any]:

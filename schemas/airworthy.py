@@ -1,0 +1,91 @@
+"""Whether a vehicle can hold its place with its controller in its wind. SI units.
+
+The acceleration to spare is the worst direction's in closed form. The damping is that of the
+linear loop from position to thrust: cascaded gains, and the motors' lag with half a control period.
+"""
+
+from math import cos, hypot, sin, sqrt, tan
+
+from schemas.vehicle import ControlParams, VehicleParams
+from schemas.wind import WindParams
+
+CONTROL_PERIOD = 0.004
+"""Seconds between two commands to the motors."""
+
+LEAST_DAMPING = 0.1
+"""Of 1: a loop that is damped less swings for long, and with 0 for ever."""
+
+_LIFT = 0.9
+"""Part of the full thrust that the vertical may take."""
+_SINK = 0.8
+"""Part of gravity that the vehicle may fall with."""
+_GUSTS = 2.0
+"""RMS of the gusts that are counted on top of the mean wind."""
+_CLOSE = 1e-12
+"""Roots are found to this, relatively; it takes some ten rounds."""
+
+
+def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
+    """Return why these do not fly, empty where they do."""
+    damped = damping(vehicle, control)
+    if damped < LEAST_DAMPING:
+        kind = "unstable" if damped <= 0 else "hardly damped"
+        return (
+            f"{kind}: the gains and motor_lag {vehicle.motor_lag:g} s give a damping of"
+            f" {damped:.2g}, and it takes {LEAST_DAMPING:g}"
+        )
+    spare, what = min(_spare(vehicle, control, wind), key=lambda each: each[0])
+    return f"it cannot hold itself: {what}" if spare <= 0 else ""
+
+
+def _spare(
+    vehicle: VehicleParams, control: ControlParams, wind: WindParams
+) -> tuple[tuple[float, str], ...]:
+    """Return what it can accelerate in every direction while it holds itself, by each cause."""
+    g, tilt = vehicle.gravity, control.max_tilt
+    full = 4 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2 / vehicle.mass
+    hover = sqrt(0.25 * vehicle.mass * g / vehicle.thrust_coefficient)
+    speed = hypot(wind.mean.x, wind.mean.y) + _GUSTS * wind.gust
+    linear = vehicle.linear_drag + 4 * hover * vehicle.rotor_drag.across
+    drag = (vehicle.drag * speed + linear) * speed / vehicle.mass
+    held = g * tan(tilt)
+    return (
+        (_SINK * g, "without gravity it has nothing to sink or tilt with"),
+        (
+            g * sin(tilt) - drag * cos(tilt),
+            f"wind of {speed:.3g} m/s pushes by {drag:.3g} m/s^2, max_tilt holds {held:.3g}",
+        ),
+        (
+            _LIFT * full - g,
+            f"its motors lift {_LIFT * full:.3g} m/s^2 at most, and gravity pulls {g:g}",
+        ),
+    )
+
+
+def damping(vehicle: VehicleParams, control: ControlParams) -> float:
+    """Return the least damping of the closed loop's modes: 1 does not swing, 0 and less grows."""
+    kp, kv = control.position_gain, control.velocity_gain
+    ka, kr = control.attitude_gain, control.rate_gain
+    delay = vehicle.motor_lag + 0.5 * CONTROL_PERIOD
+    loop = (delay, 1.0, kr, kr * ka, kr * ka * kv, kr * ka * kv * kp)
+    return min(-root.real / abs(root) for root in _roots(loop))
+
+
+def _roots(coefficients: tuple[float, ...]) -> list[complex]:
+    """Return a polynomial's roots, the highest power first, by Durand and Kerner's method."""
+    first, last, order = coefficients[0], coefficients[-1], len(coefficients) - 1
+    scale = (last / first) ** (1 / order)
+    monic = [value / (first * scale**power) for power, value in enumerate(coefficients)]
+    roots = [(0.4 + 0.9j) ** number for number in range(order)]
+    moved = 1.0
+    while moved > _CLOSE:
+        moved = 0.0
+        for number, root in enumerate(roots):
+            above, below = 0j, 1 + 0j
+            for value in monic:
+                above = above * root + value
+            for other in roots[:number] + roots[number + 1 :]:
+                below *= root - other
+            roots[number] = root - above / below
+            moved = max(moved, abs(above / below) / abs(root))
+    return [scale * root for root in roots]

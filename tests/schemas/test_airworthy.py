@@ -1,0 +1,77 @@
+"""Which vehicles are refused because they would not hold their place."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from schemas import airworthy
+from schemas.vehicle import ControlParams, VehicleParams
+from schemas.wind import MeanWindParams, WindParams
+from services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
+
+GAIN = st.floats(-2, 3).map(lambda power: 10**power)
+
+
+def why(vehicle=None, control=None, wind=None) -> str:
+    return airworthy.why_not(
+        vehicle or VehicleParams(), control or ControlParams(), wind or WindParams()
+    )
+
+
+def blowing(speed: float) -> WindParams:
+    return WindParams(MeanWindParams(0.6 * speed, 0.8 * speed))
+
+
+def test_it_goes_by_the_controller_that_flies():
+    assert airworthy.CONTROL_PERIOD == PERIOD
+    assert (MOST_LIFT, pytest.approx(1 - LEAST_LIFT)) == (airworthy._LIFT, airworthy._SINK)
+
+
+@settings(max_examples=300)
+@given(GAIN, GAIN, GAIN, GAIN, st.floats(0.001, 10))
+def test_the_damping_is_the_one_of_numpys_roots(kp, kv, ka, kr, lag):
+    control = ControlParams(kp, kv, ka, kr)
+    delay = lag + 0.002
+    roots = np.roots([delay, 1, kr, kr * ka, kr * ka * kv, kr * ka * kv * kp])
+    found = airworthy.damping(VehicleParams(motor_lag=lag), control)
+    assert found == pytest.approx(min(-roots.real / abs(roots)), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "control", "wind"),
+    [
+        ({}, {}, 0.0),
+        ({"motor_lag": 0.06}, {}, 0.0),
+        ({}, {"position_gain": 4.0}, 0.0),
+        ({}, {"velocity_gain": 10.0}, 0.0),
+        ({"mass": 3.0}, {}, 0.0),
+        ({}, {"max_tilt": 0.05}, 0.0),
+        ({}, {}, 9.0),
+    ],
+)
+def test_what_holds_itself_is_taken(vehicle, control, wind):
+    assert why(VehicleParams(**vehicle), ControlParams(**control), blowing(wind)) == ""
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "control", "wind", "said"),
+    [
+        ({"motor_lag": 0.1}, {}, 0.0, "unstable"),
+        ({"motor_lag": 0.5}, {}, 0.0, "unstable"),
+        ({}, {"attitude_gain": 30.0}, 0.0, "hardly damped"),
+        ({}, {"position_gain": 100.0}, 0.0, "unstable"),
+        ({"mass": 4.0}, {}, 0.0, "its motors lift 8.32 m/s^2"),
+        ({"max_motor_speed": 100.0}, {}, 0.0, "its motors lift"),
+        ({"gravity": 0.0}, {}, 0.0, "without gravity"),
+        ({}, {}, 9.2, "wind of 9.2 m/s pushes by 8.46 m/s^2, max_tilt holds 8.26"),
+    ],
+)
+def test_what_does_not_hold_itself_is_refused(vehicle, control, wind, said):
+    found = why(VehicleParams(**vehicle), ControlParams(**control), blowing(wind))
+    assert said in found
+
+
+def test_twice_the_gusts_count_as_wind():
+    wind = WindParams(MeanWindParams(5.0), gust=2.1)
+    assert "wind of 9.2 m/s" in why(wind=wind)

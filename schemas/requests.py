@@ -73,7 +73,7 @@ class GetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
     names: Annotated[list[Text], Meta(max_length=1_000)]
 
 
-class GetParamsResponse(Struct, frozen=True):
+class GetParamsResponse(Struct, frozen=True, omit_defaults=True):
     """Every value asked for, by its full dotted name, as it was set last.
 
     Of those that wait for the next standstill, `in_force` has the values that hold until then.
@@ -89,7 +89,7 @@ class SetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
     values: Annotated[dict[Text, Any], Meta(max_length=1_000)]
 
 
-class SetParamsResponse(Struct, frozen=True):
+class SetParamsResponse(Struct, frozen=True, omit_defaults=True):
     """Whether they were taken, else why not; `waits` names those that hold from the next standstill.
 
     Where some wait, the reason says so.

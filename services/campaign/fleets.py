@@ -83,7 +83,8 @@ class Compiled(CompiledFleet):
 
     def motion(self) -> Floats:
         """Positions (m) and velocities (m/s): (6, vehicles)."""
-        return self._rows[:, :6].transpose(1, 0, 2).reshape(6, -1)[:, self._columns]
+        # Of a single block this would be a view, which shows later motions.
+        return self._rows[:, :6].transpose(1, 0, 2).reshape(6, -1)[:, self._columns].copy()
 
     def room(self, number: int) -> Box:
         """The box that a vehicle would stay in that was to brake now."""

@@ -34,10 +34,11 @@ class Watch:
     def note(self, number: int, lane: Lane) -> None:
         """What one monitor waits for from now on."""
         s, params = lane.monitor.situation, lane.params
-        goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on else inf
+        goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on and s.beyond < inf else inf
         # One row of numbers: to write them one by one would take ten times as long.
         self._notes[:, number] = (
-            lane.wanted, s.state is State.MOVING, lane.stands, s.settling, s.cage_on and s.beyond > 0.0,
+            lane.wanted, s.state is State.MOVING, lane.stands, s.settling,
+            s.cage_on and 0.0 < s.beyond < inf,
             params.acceptance_range + _SLACK, 0.5 / params.max_deceleration,
             params.max_speed / SETPOINT.hz,
             goal.x, goal.y, goal.z,
@@ -57,7 +58,9 @@ class Watch:
         leaps = ~_within(place - last[:3], fastest)
         found = (
             (wanted <= period)
-            | ((moving > 0.0) & (arrives | leaves | (returning > 0.0)))
+            | ((moving > 0.0) & arrives)
+            | leaves
+            | (returning > 0.0)
             | rests
             | starts
             | leaps

@@ -26,6 +26,9 @@ HOP = 0.1
 NEAR = 0.01
 """A place on the floor this near (m) needs no hop: the vehicle is there."""
 
+FLAT = 0.05
+"""Height over way of a climb that is flown as a hop first."""
+
 CLOSE = 0.05
 """A leg is left for the next one this far (m) before its end."""
 
@@ -73,14 +76,16 @@ def goto(
     z = z if z > 0.0 else 0.0
     if (x != tx) | (y != ty) | (z != tz) | (braking > 0.0):
         sx, sy, sz = place(plan, limits)
-        here = (x - sx) * (x - sx) + (y - sy) * (y - sy) <= NEAR * NEAR
+        way = (x - sx) * (x - sx) + (y - sy) * (y - sy)
+        here = way <= NEAR * NEAR
         calm = 0.0
         braking = 0.0
         if (standing == 0.0) | (z > 0.0) | (here == 0.0):
             low = (z < HOP) & (here == 0.0)
-            # In motion over the floor a climb aslant would scrape it, too.
+            # A climb that is flat, or begun in motion over the floor, would scrape it, too.
             moves = (here == 0.0) & (plan[6] == 0.0)
-            hops = (sz < HOP) & (low | moves)
+            flat = (z - sz) * (z - sz) < FLAT * FLAT * way
+            hops = (sz < HOP) & (low | moves | flat)
             # A hop in motion begins where that can end, not back where it was asked for.
             ex, ey = setpoint.stopping_place(plan, limits)
             spin = spin_up if standing > 0.0 else spin

@@ -28,9 +28,12 @@ LAGS_TO_SETTLE = 40.0
 REDIVIDE = 25.0
 """Control periods after which axes that were sent elsewhere in flight share the limits anew."""
 
+BRAKES = 2.0
+"""In a plan that comes to rest wherever it soonest can."""
+
 Plan = tuple[Axis, Axis, Axis, float, float, float, float]
-"""The axes x, y and z; how many of them moved; 1 after a goal that was moved in flight; periods
-since the limits were shared, up to REDIVIDE; periods at rest."""
+"""The axes x, y and z; how many of them moved; 1 after a goal that was moved in flight, or BRAKES;
+periods since the limits were shared, up to REDIVIDE; periods at rest."""
 
 
 def limits_of(params: DynamicsParams) -> Limits:
@@ -137,7 +140,10 @@ def advance(plan: Plan, limits: Limits) -> Plan:
         now = mx + my + mz
         periods = 0.0 if periods + 1.0 == REDIVIDE else periods + 1.0
         if (now < moving) | ((crowded > 0.0) & (periods == 0.0)):
-            x, y, z = divide(x, y, z, limits)
+            if crowded == BRAKES:
+                x, y, z = halt(x, y, z, limits)
+            else:
+                x, y, z = divide(x, y, z, limits)
         moving = now
         still = 0.0 if now > 0.0 else still + 1.0
         if still >= limits[7]:
@@ -174,8 +180,14 @@ def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float]:
     return x[3], y[3]
 
 
-def brake(plan: Plan, limits: Limits) -> Plan:
-    """Come to rest where each axis soonest does."""
-    x, y, z, moving, crowded, periods, _ = plan
+def halt(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
+    """Return axes that stop where they soonest do, with the limits shared anew."""
     x, y, z = lend(x, y, z)
-    return (end(x, limits), end(y, limits), end(z, limits), moving, crowded, periods, 0.0)
+    return end(x, limits), end(y, limits), end(z, limits)
+
+
+def brake(plan: Plan, limits: Limits) -> Plan:
+    """Come to rest as soon as can be; axes that get more of the limits later stop nearer."""
+    x, y, z, moving, _, periods, _ = plan
+    x, y, z = halt(x, y, z, limits)
+    return (x, y, z, moving, BRAKES, periods, 0.0)

@@ -118,25 +118,35 @@ def freed(axis: Axis, limits: Limits) -> Axis:
     return (p, v, a, goal, 1.0 if slow else heading, share, j1, j2, j3)
 
 
-def lent(axis: Axis, left: float) -> Axis:
-    """An axis with a part of the limits more, the square of its share raised by `left`."""
-    p, v, a, goal, heading, share, j1, j2, j3 = axis
-    return (p, v, a, goal, heading, sqrt(share * share + left), j1, j2, j3)
+def kept(axis: Axis) -> float:
+    """Return the share that an axis keeps in a stop: what it has, and none where it has stopped."""
+    return axis[5] if (axis[1] != 0.0) | (axis[2] != 0.0) else 0.0
+
+
+def lent(axis: Axis, need: float, left: float) -> Axis:
+    """Return an axis with its need and a part of what is left, given as a square."""
+    p, v, a, goal, heading, _, j1, j2, j3 = axis
+    share = sqrt(need * need + left)
+    return (p, v, a, goal, heading, LEAST_SHARE if share < LEAST_SHARE else share, j1, j2, j3)
 
 
 def lend(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
-    """What of the limits nobody has goes to the axes by the squares of their speeds.
+    """Return the axes with the limits shared for a stop.
 
-    A stop with more of them ends sooner, and not beyond where it would have ended.
+    Each that still moves keeps its share. The rest goes by the squares of the speeds: a stop with
+    more ends sooner, and nearer.
     """
-    left = 1.0 - (x[5] * x[5] + y[5] * y[5] + z[5] * z[5])
+    nx = kept(x)
+    ny = kept(y)
+    nz = kept(z)
+    left = 1.0 - (nx * nx + ny * ny + nz * nz)
     left = left if left > 0.0 else 0.0
     total = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
     part = left / total if total > 0.0 else 0.0
     return (
-        lent(x, part * x[1] * x[1]),
-        lent(y, part * y[1] * y[1]),
-        lent(z, part * z[1] * z[1]),
+        lent(x, nx, part * x[1] * x[1]),
+        lent(y, ny, part * y[1] * y[1]),
+        lent(z, nz, part * z[1] * z[1]),
     )
 
 

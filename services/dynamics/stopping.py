@@ -44,9 +44,10 @@ def room(plan: Plan, mode: Mode, limits: Limits, periods: int) -> tuple[Point, P
     high = low
     if plan[6] < limits[7]:
         plan, _ = pilot.brake(plan, mode, limits)
+        # Where it gets more of the limits on its way it stops nearer.
+        low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))
         for count in range(periods):
             plan = setpoint.advance(plan, limits)
             if count % EVERY == 0:
                 low, high = widened(low, high, pilot.place(plan, limits))
-        low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))
     return low, high

@@ -1,6 +1,6 @@
 """What a rule does: the next situation, all but its state."""
 
-from math import dist
+from math import dist, inf
 
 from msgspec.structs import astuple, replace
 
@@ -18,7 +18,7 @@ from services.safety.model import (
     Toggle,
     World,
 )
-from services.safety.reach import reach, slowing
+from services.safety.reach import REACTION, caged, leeway, reach
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -36,15 +36,16 @@ def consider(s: Situation, e: Event, _w: World) -> Situation:
 def take(s: Situation, _e: Event, w: World) -> Situation:
     """Fly to the candidate, from outside no farther out than cannot be helped."""
     goal, takeoff = s.candidate.goal, s.candidate.takeoff
-    return replace(
-        s, goal=goal, brake=False, settling=False, takeoff=takeoff, beyond=reach(w), reason=""
-    )
+    s = s if s.beyond < inf else caged(s, w)
+    return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
 
 
 def follow(s: Situation, _e: Event, w: World) -> Situation:
-    """Fly on; what has been left behind of the way back is not to be gone out again."""
-    out = reach(w)
-    return replace(s, beyond=out) if out != s.beyond and (out < s.beyond or slowing(w)) else s
+    """Fly or hover on; what has been left behind of the way back is not to be gone out again."""
+    if not s.cage_on or not 0 < s.beyond < inf or w.pose.stamp < s.since + REACTION:
+        return s
+    out = leeway(w)
+    return replace(s, beyond=out) if out < s.beyond else s
 
 
 def refuse(s: Situation, _e: Event, w: World) -> Situation:
@@ -85,7 +86,17 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
             reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
-    return replace(s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason)
+    # A guard tells once of a vehicle that leaves: it can do no more about it.
+    beyond = inf if isinstance(e, Seen) else s.beyond
+    return replace(
+        s,
+        goal=w.pose.position,
+        brake=True,
+        settling=True,
+        takeoff=False,
+        beyond=beyond,
+        reason=reason,
+    )
 
 
 def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
@@ -93,7 +104,15 @@ def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
     way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
     reason = f"stopped, the pose jumped by {way:.3g} m in {seconds:.3g} s"
-    return replace(s, goal=w.pose.position, brake=True, settling=True, takeoff=False, reason=reason)
+    return replace(
+        s,
+        goal=w.pose.position,
+        brake=True,
+        settling=True,
+        takeoff=False,
+        beyond=inf,
+        reason=reason,
+    )
 
 
 def settle(s: Situation, _e: Event, w: World) -> Situation:
@@ -104,7 +123,7 @@ def settle(s: Situation, _e: Event, w: World) -> Situation:
 def toggle(s: Situation, e: Event, w: World) -> Situation:
     """Turn the cage on or off."""
     assert isinstance(e, Toggle)  # noqa: S101 - RULES pairs this action with Toggle alone
-    return replace(s, cage_on=e.cage_on, beyond=reach(w))
+    return caged(replace(s, cage_on=e.cage_on), w)
 
 
 def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
@@ -113,15 +132,20 @@ def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
 
 
 def resize(s: Situation, _e: Event, w: World) -> Situation:
-    """Fly on in other bounds."""
-    return replace(s, beyond=reach(w))
+    """Fly or hover on in other bounds."""
+    return caged(s, w)
+
+
+def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
+    """Stop, because the goal lies outside of the other bounds."""
+    return stop(resize(s, e, w), e, w)
 
 
 def reboot(s: Situation, e: Event, w: World) -> Situation:
     """Drop the goal: stay where the new boot stands."""
     assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
     return replace(
-        s,
+        caged(s, w),
         boot=w.pose.boot,
         goal=w.pose.position,
         brake=True,

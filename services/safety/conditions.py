@@ -6,7 +6,7 @@ from msgspec.structs import astuple
 
 from services.safety.cage import why_below, why_outside
 from services.safety.model import Ask, Event, Situation, State, Toggle, World
-from services.safety.reach import at_rest, reach, slowing
+from services.safety.reach import at_rest, reach
 
 
 def always(_s: Situation, _e: Event, _w: World) -> bool:
@@ -72,9 +72,5 @@ def jumped(_s: Situation, _e: Event, w: World) -> bool:
 
 
 def straying(s: Situation, _e: Event, w: World) -> bool:
-    """With the cage on, it can no longer stop inside, or on its way back comes no nearer.
-
-    A way out that cannot be helped any more, because the cage came on or shrank around a
-    vehicle at speed, is borne for as long as the vehicle slows down.
-    """
-    return s.cage_on and reach(w) > s.beyond + w.envelope.margin and not slowing(w)
+    """With the cage on, it can no longer stop inside, or where it may if it was put outside."""
+    return s.cage_on and reach(w) > s.beyond + w.envelope.margin

@@ -97,8 +97,9 @@ class Situation(Struct, frozen=True):
 
     `goal` is flown to or held, with `brake` the vehicle's own stopping point is; `candidate`
     is being verified, and a refusal leads back to `back`. `settling` while a stop goes on.
-    `beyond` is how far (m) out of the cage the flight under way has been let come to a stop: 0
-    but for one from outside, of which it falls as the vehicle comes nearer.
+    `beyond` is how far (m) out of the cage the vehicle may come to a stop: 0 but for one that was
+    put outside, of which it falls as the vehicle comes nearer; infinite once a guard has stopped it.
+    `since` (s) is when the cage became what it is.
     """
 
     state: State
@@ -112,4 +113,5 @@ class Situation(Struct, frozen=True):
     settling: bool = False
     takeoff: bool = False
     beyond: float = 0.0
+    since: float = 0.0
     reason: str = ""

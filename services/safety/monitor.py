@@ -137,7 +137,9 @@ class Monitor:
         if after is before and not isinstance(event, Resized):
             return
         # How far from outside it has come is nobody else's concern.
-        if replace(after, beyond=before.beyond) != before or isinstance(event, Resized):
+        if replace(after, beyond=before.beyond, since=before.since) != before or isinstance(
+            event, Resized
+        ):
             self._tell(self.state(), _line(before, after, event))
 
     def _cage(self) -> CageSize:

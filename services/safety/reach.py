@@ -5,15 +5,23 @@ the approach speeds of other autopilots: at each distance from a wall there is a
 it still stops before it.
 """
 
-from math import dist
+from math import dist, sqrt
 
-from msgspec.structs import astuple
+from msgspec.structs import astuple, replace
 
 from schemas.geometry import Position
 from schemas.messages import Pose
-from services.safety.cage import beyond, excess
-from services.safety.model import World
+from services.safety.cage import beyond
+from services.safety.model import Situation, World
 
+REACTION = 0.5
+"""Seconds until a vehicle that is told to stop brakes: a setpoint, the jerk and the lags."""
+RISE = 0.4
+"""Seconds for which its speed may go on to change until then."""
+GENTLE = 0.05
+"""Share of the deceleration that it brakes with at the least."""
+SLACK = 0.1
+"""Metres that a vehicle goes on whose poses do not show yet that it speeds up."""
 AT_REST = 0.05
 """A vehicle slower than this (m/s) has come to rest."""
 
@@ -35,9 +43,28 @@ def reach(w: World) -> float:
     return beyond(soonest_stop(w.pose, w.envelope.deceleration), w.cage)
 
 
-def slowing(w: World) -> bool:
-    """Whether its speed outwards has fallen since the pose before, or it comes nearer."""
-    x, y, z = excess(soonest_stop(w.pose, w.envelope.deceleration), w.cage)
-    now, before = w.pose.velocity, w.last.velocity
-    outwards = x * now.x + y * now.y + z * now.z
-    return outwards <= 0 or outwards < x * before.x + y * before.y + z * before.z
+def leeway(w: World) -> float:
+    """How far out of the cage (m) a sound vehicle gets at the most that is to stop or come back.
+
+    It may be slow to brake and brake gently; and until it brakes, its speed may go on to change as
+    it did between the last two poses.
+    """
+    now, before = astuple(w.pose.velocity), astuple(w.last.velocity)
+    seconds = w.pose.stamp - w.last.stamp
+    rises = RISE / seconds if seconds > 0 else 0.0
+    later = tuple(v + rises * (v - old) for v, old in zip(now, before, strict=True))
+    out = max(beyond(place, w.cage) for place in (_gently(w, now), _gently(w, later)))
+    return max(out, beyond(w.pose.position, w.cage))
+
+
+def caged(s: Situation, w: World) -> Situation:
+    """Let the vehicle come to rest as far out of the cage as it cannot help from now on."""
+    out = leeway(w)
+    return replace(s, beyond=out + SLACK if out > 0 else 0.0, since=w.pose.stamp)
+
+
+def _gently(w: World, velocity: tuple[float, ...]) -> Position:
+    x, y, z = velocity
+    p = w.pose.position
+    seconds = REACTION + 0.5 * sqrt(x * x + y * y + z * z) / (GENTLE * w.envelope.deceleration)
+    return Position(p.x + seconds * x, p.y + seconds * y, p.z + seconds * z)

@@ -38,8 +38,8 @@ def test_an_axis_that_brakes_keeps_the_jerk_to_end_its_braking():
 
 def test_a_hop_that_is_asked_for_in_motion_does_not_lead_back():
     vehicle = standing_at(0.0, 0.0, 0.01)
-    vehicle.goto(6.0, 0.0, 0.2)
-    while vehicle.position[0] < 0.8:
+    vehicle.goto(6.0, 0.0, 0.35)
+    while vehicle.position[0] < 0.6:
         vehicle.advance(10)
     assert vehicle.position[2] < 0.05
     assert vehicle.velocity[0] > 2
@@ -75,3 +75,12 @@ def test_a_short_climb_aslant_does_not_pass_its_goal(start: Point, goal: Point):
     vehicle.goto(*goal)
     _, most = extremes(vehicle, 3.0)
     assert most[2] < goal[2] + 0.004
+
+
+def test_a_flat_way_far_off_does_not_scrape_the_floor():
+    vehicle = standing_at(0.0, 0.0, 0.0)
+    vehicle.goto(40.0, 0.0, 0.2)
+    vehicle.advance(4000)
+    lag = vehicle.setpoint[0] - vehicle.position[0]
+    assert vehicle.position[2] > 0.05
+    assert abs(lag) < 0.05

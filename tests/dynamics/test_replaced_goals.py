@@ -88,7 +88,7 @@ def test_50_000_flights_of_replaced_goals(farthest, proofs: Proofs):
     }
     where = max(worst, key=worst.__getitem__)
     proofs.add(
-        "replaced",
+        "50 000 flights of replaced goals",
         f"{1000 * worst[where]:.1f} mm at most, in the {where}",
         f"{1000 * MARGIN:g} mm",
     )

@@ -8,6 +8,7 @@ import pytest
 
 from tests.processes.bare import Bare, gap, speed
 from tests.processes.lab import PATIENT, Lab, private_lab
+from tests.processes.running import eventually
 
 
 @pytest.fixture(scope="module")
@@ -147,10 +148,47 @@ def test_rate_and_speed_limit_change_while_they_are_used(session: Bare):
     assert (stamps[-1] - stamps[0]) / (len(stamps) - 1) == pytest.approx(0.02, abs=0.01)
     limit = {"dynamics.control.max_speed": 0.5}
     assert session.call("dynamics/set_params", values=limit).value["success"]
+    eventually(lambda: "in_force" not in session.call("dynamics/get_params", names=[]).value)
     poses = session.watch("uav/pose")
     assert session.call("goto", x=-2.0, y=0.0, z=1.0, replace=True).value["accepted"]
     poses.until(lambda p: speed(p) > 0.4)
     assert max(speed(pose) for pose in poses.next(50)) < 0.7
+
+
+def test_what_is_set_in_flight_is_told_to_wait(tuned: Lab, session: Bare):
+    assert session.call("goto", x=2.0, y=0.0, z=1.0, replace=True).value["accepted"]
+    session.watch("uav/pose").until(lambda p: speed(p) > 0.2)
+    name = "dynamics.control.max_acceleration"
+    done = tuned.quadctl("param", "set", name, "0.5")
+    assert (done.code, done.out) == (0, f"{name}: 0.5 (from the next standstill)\n")
+    told = tuned.quadctl("param", "get", name)
+    assert (told.code, told.out) == (0, "0.5\n")
+    assert told.err == f"{name}: 5.0 is in force until the next standstill\n"
+    told = tuned.quadctl("param", "get", name, "dynamics.wind.gust", "--json")
+    assert told.json == {name: 0.5, "dynamics.wind.gust": 0.0, "in_force": {name: 5.0}}
+    done = tuned.quadctl("param", "set", "dynamics.wind.gust=0.1", f"{name}=0.6", "--json")
+    assert done.json == {"dynamics.wind.gust": 0.1, name: 0.6, "waits": [name]}
+    assert "Change:   at a standstill" in tuned.quadctl("param", "describe", name).out
+    values = {name: 5.0, "dynamics.wind.gust": 0.0}
+    assert session.call("dynamics/set_params", values=values).value == {
+        "success": True, "reason": "",
+    }  # fmt: skip
+
+
+def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
+    for words, said in (
+        ("dynamics.vehicle.motor_lag 0.5", "unstable"),
+        ("dynamics.vehicle.mass 4", "its motors lift 8.32 m/s^2 at most"),
+        ("dynamics.wind.mean.x 12", "wind of 12 m/s"),
+        # What waits is not there yet when the wind is.
+        ("dynamics.wind.mean.x=10 dynamics.control.max_tilt=1.2", "until the vehicle's next"),
+    ):
+        done = tuned.quadctl("param", "set", *words.split())
+        assert (done.code, done.out) == (6, "")
+        assert said in done.err
+    assert "in_force" not in session.call("dynamics/get_params", names=[]).value
+    started = tuned.quadctl("up", "--realm", "other", "--set", "dynamics.vehicle.motor_lag=0.5")
+    assert (started.code, "unstable" in started.err) == (6, True)
 
 
 def test_a_node_without_such_a_parameter_says_so(tuned: Lab, session: Bare):

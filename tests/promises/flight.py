@@ -54,6 +54,27 @@ FLIGHT = (
         ),
     ),
     Promise(
+        "goals inside, replaced in flight",
+        "at most 10 mm out of the cage in still air, whatever is replaced when; the vector of"
+        " acceleration keeps its limit, so a goal moved nearer may be passed, an older one is not",
+        (
+            "tests/dynamics/test_replaced_goals.py::test_2000_flights_of_replaced_goals",
+            "tests/dynamics/test_setpoint.py::test_goals_moved_in_flight_are_not_passed_beyond_the_farthest",
+            "tests/dynamics/test_replaced_goals.py::test_50_000_flights_of_replaced_goals",
+        ),
+        (Last("50 000 flights of replaced goals"),),
+    ),
+    Promise(
+        "body, gains or limits set in flight",
+        "they hold from the next standstill, and `param set` says so; at most 10 mm out of the cage."
+        " What is unstable or cannot hold itself is refused, at launch and live, exit 6",
+        (
+            "tests/processes/test_params_in_flight.py::test_no_value_takes_it_out_of_the_cage",
+            "tests/processes/test_parameters_live.py::test_what_is_set_in_flight_is_told_to_wait",
+            "tests/processes/test_parameters_live.py::test_a_vehicle_that_would_not_fly_is_refused",
+        ),
+    ),
+    Promise(
         "the way there leaves the cage",
         "the whole way is inside, of the setpoint too; from outside it leads towards the cage alone",
         (

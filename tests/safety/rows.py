@@ -5,6 +5,7 @@ A case is a situation, an event and a world, and the situation that must follow.
 so that a row with a wrong condition shows.
 """
 
+from math import inf
 from typing import Any, NamedTuple
 
 from msgspec.structs import replace
@@ -25,7 +26,9 @@ from services.safety.model import (
     Toggle,
     World,
 )
+from services.safety.reach import SLACK, leeway
 from tests.safety.worlds import (
+    AS_FAST,
     AT_RANGE,
     AT_REST,
     BELOW,
@@ -43,11 +46,11 @@ from tests.safety.worlds import (
     OUTSIDE,
     PLAIN,
     REBOOTED,
+    RESTS_OUT,
     RUSHED,
     SEEING,
     SLOWER,
     VERIFYING,
-    leaving,
 )
 
 NO_POSE = "no pose: dynamics is silent"
@@ -96,6 +99,16 @@ def stopped(reason: str, goal: Position = HERE) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def guarded(reason: str, goal: Position = HERE) -> dict[str, Any]:
+    """Stopped by a guard, which then tells no more of it."""
+    return stopped(reason, goal) | {"beyond": inf}
+
+
+def caged(world: World) -> dict[str, Any]:
+    """In a cage that is another one from now on, on the way out of it."""
+    return {"beyond": leeway(world) + SLACK, "since": 4.0}
+
+
 def considered(goal: Ask, back: State) -> dict[str, Any]:
     return {"state": VERIFYING, "request": 8, "candidate": goal, "back": back, "reason": ""}
 
@@ -106,13 +119,14 @@ def refused(state: State, reason: str) -> dict[str, Any]:
 
 BOOT = {
     "state": HOVERING, "boot": "b2", "goal": HERE, "brake": True, "settling": False,
-    "takeoff": False, "reason": "anew",
+    "takeoff": False, "beyond": 0.0, "since": 4.0, "reason": "anew",
 }  # fmt: skip
 TAKEN = {
-    "state": MOVING, "brake": False, "settling": False, "takeoff": False, "beyond": 0.0,
-    "reason": "",
+    "state": MOVING, "brake": False, "settling": False, "takeoff": False, "reason": "",
 }  # fmt: skip
-INSIDE_AGAIN = {"beyond": 0.0}
+INSIDE_AGAIN, TOLD, STRICT = {"beyond": 0.0}, {"beyond": inf}, {"beyond": 0.0}
+CAGED, FAR_OUT = INSIDE_AGAIN | {"since": 4.0}, caged(FASTER)
+BESIDE = "stopped, the way led out of the cage by 0.05 m"
 NOTHING: dict[str, Any] = {}
 STOPPING = {"brake": True, "settling": True}
 TAKING_OFF = {"takeoff": True}
@@ -130,15 +144,22 @@ CASES = (
     Case(HOVERING, "always", Ask(OUTSIDE), considered(Ask(OUTSIDE), HOVERING)),
     Case(HOVERING, "always", ASK, considered(ASK, HOVERING), given=FROM_FLIGHT),
     Case(HOVERING, "always", Check(), NOTHING),
-    Case(HOVERING, "jumped", Seen(), stopped(JUMPED), LEAPT),
-    Case(HOVERING, "jumped", Seen(), stopped(JUMPED), LEAPT_TO_REST, STOPPING),
-    Case(HOVERING, "always", Seen(), NOTHING, RUSHED),
-    Case(HOVERING, "always", Seen(), NOTHING, FASTER),
+    Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT),
+    Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT_TO_REST, STOPPING),
+    Case(HOVERING, "jumped", Seen(), guarded("stopped, the pose jumped by 5.05 m in 0.05 s", OUT),
+         LEAPT_OUT),
+    Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER),
+    Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), SLOWER, STOPPING),
+    Case(HOVERING, "straying", Seen(), guarded(BESIDE, OUT), RESTS_OUT, STOPPING | STRICT),
     Case(HOVERING, "settled", Seen(), {"goal": HERE, "settling": False}, AT_REST, STOPPING),
-    Case(HOVERING, "always", Seen(), NOTHING),
-    Case(HOVERING, "always", Seen(), NOTHING, given=STOPPING),
-    Case(HOVERING, "always", Seen(), NOTHING, AT_REST),
-    Case(HOVERING, "always", Seen(), NOTHING, NEAR),
+    Case(HOVERING, "settled", Seen(), {"goal": OUT, "settling": False}, RESTS_OUT, STOPPING | TOLD),
+    Case(HOVERING, "always", Seen(), INSIDE_AGAIN, RUSHED),
+    Case(HOVERING, "always", Seen(), INSIDE_AGAIN),
+    Case(HOVERING, "always", Seen(), INSIDE_AGAIN, given=STOPPING),
+    Case(HOVERING, "always", Seen(), INSIDE_AGAIN, AT_REST),
+    Case(HOVERING, "always", Seen(), INSIDE_AGAIN, NEAR),
+    Case(HOVERING, "always", Seen(), NOTHING, FASTER, TOLD),
+    Case(HOVERING, "always", Seen(), NOTHING, FASTER, OFF),
     Case(HOVERING, "always", Lost(0.2), NOTHING),
     Case(HOVERING, "always", Lost(0.2), NOTHING, given=STOPPING),
     Case(HOVERING, "always", HALTED, NOTHING),
@@ -146,17 +167,18 @@ CASES = (
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED, STOPPING),
     Case(HOVERING, "always", Hold(), stopped(HELD)),
-    Case(HOVERING, "barred", Toggle(cage_on=True), stopped(IN_PLACE) | {"cage_on": True} | INSIDE_AGAIN,
+    Case(HOVERING, "barred", Toggle(cage_on=True), stopped(IN_PLACE) | {"cage_on": True} | CAGED,
          given=OFF | FAR),
-    Case(HOVERING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
-    Case(HOVERING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN, given=FAR),
-    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True} | INSIDE_AGAIN, given=OFF),
-    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True} | INSIDE_AGAIN,
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED),
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED, given=FAR),
+    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True} | CAGED, given=OFF),
+    Case(HOVERING, "always", Toggle(cage_on=True), {"cage_on": True} | CAGED,
          given=OFF | FAR | STOPPING),
-    Case(HOVERING, "barred", Resized(), stopped(IN_PLACE), given=FAR),
-    Case(HOVERING, "always", Resized(), NOTHING),
-    Case(HOVERING, "always", Resized(), NOTHING, given=OFF | FAR),
-    Case(HOVERING, "always", Resized(), NOTHING, given=FAR | STOPPING),
+    Case(HOVERING, "barred", Resized(), stopped(IN_PLACE) | CAGED, given=FAR),
+    Case(HOVERING, "always", Resized(), CAGED),
+    Case(HOVERING, "always", Resized(), FAR_OUT, FASTER),
+    Case(HOVERING, "always", Resized(), CAGED, given=OFF | FAR),
+    Case(HOVERING, "always", Resized(), CAGED, given=FAR | STOPPING),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | STOPPING),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | FROM_FLIGHT),
@@ -166,8 +188,8 @@ CASES = (
          given={"candidate": Ask(INSIDE, takeoff=True)}),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE},
          given=FROM_FLIGHT | FAR | FOR_INSIDE),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, "beyond": 0.25}, FASTER,
-         FOR_INSIDE),
+    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, **FAR_OUT},
+         FASTER, FOR_INSIDE | TOLD),
     Case(VERIFYING, "stranded", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR),
     Case(VERIFYING, "stranded", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR | TAKING_OFF),
     Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND}, given=FROM_FLIGHT),
@@ -188,8 +210,9 @@ CASES = (
     Case(VERIFYING, "always", HALTED, stopped(ALONE), AT_REST),
     Case(VERIFYING, "always", BOOTED, BOOT, REBOOTED),
     Case(VERIFYING, "always", Hold(), stopped(HELD)),
-    Case(VERIFYING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
-    Case(VERIFYING, "always", Resized(), NOTHING),
+    Case(VERIFYING, "always", Toggle(cage_on=False), OFF | CAGED),
+    Case(VERIFYING, "always", Resized(), CAGED),
+    Case(VERIFYING, "always", Resized(), caged(SLOWER), SLOWER),
     Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND),
     Case(MOVING, "blind", REPLACE, refused(MOVING, NO_POSE), BLIND),
     Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND, TAKING_OFF),
@@ -200,17 +223,18 @@ CASES = (
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, NEAR),
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", "takeoff": False}, NEAR,
          TAKING_OFF),
-    Case(MOVING, "jumped", Seen(), stopped(JUMPED), LEAPT),
-    Case(MOVING, "jumped", Seen(), stopped(JUMPED), LEAPT, TAKING_OFF),
-    Case(MOVING, "jumped", Seen(), stopped("stopped, the pose jumped by 5.05 m in 0.05 s", OUT),
+    Case(MOVING, "jumped", Seen(), guarded(JUMPED), LEAPT),
+    Case(MOVING, "jumped", Seen(), guarded(JUMPED), LEAPT, TAKING_OFF),
+    Case(MOVING, "jumped", Seen(), guarded("stopped, the pose jumped by 5.05 m in 0.05 s", OUT),
          LEAPT_OUT),
-    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), FASTER),
-    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), leaving(2.0)),
-    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), FASTER, {"goal": OUT}),
-    Case(MOVING, "straying", Seen(), stopped(ASTRAY, OUT), FASTER, {"beyond": 0.2375}),
+    Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER),
+    Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), AS_FAST),
+    Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER, {"goal": OUT}),
+    Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER, {"beyond": 0.2375}),
     Case(MOVING, "always", Seen(), NOTHING, FASTER, {"beyond": 0.2425}),
-    Case(MOVING, "always", Seen(), {"beyond": 0.25}, FASTER, {"beyond": 0.5}),
-    Case(MOVING, "always", Seen(), {"beyond": 0.25}, SLOWER),
+    Case(MOVING, "always", Seen(), {"beyond": leeway(AS_FAST)}, AS_FAST, {"beyond": 9.0}),
+    Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), SLOWER),
+    Case(MOVING, "always", Seen(), NOTHING, AS_FAST, {"beyond": 9.0, "since": 3.6}),
     Case(MOVING, "always", Seen(), NOTHING, FASTER, OFF),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, RUSHED),
@@ -224,16 +248,17 @@ CASES = (
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED, TAKING_OFF),
     Case(MOVING, "always", Hold(), stopped(HELD)),
     Case(MOVING, "always", Hold(), stopped(HELD), given=TAKING_OFF),
-    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | {"cage_on": True} | INSIDE_AGAIN,
+    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | {"cage_on": True} | CAGED,
          given=OFF | FAR),
-    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | INSIDE_AGAIN, given=FAR),
-    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True} | INSIDE_AGAIN, given=OFF),
-    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True, "beyond": 0.25}, FASTER, OFF),
-    Case(MOVING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN),
-    Case(MOVING, "always", Toggle(cage_on=False), OFF | INSIDE_AGAIN, given=FAR),
-    Case(MOVING, "barred", Resized(), stopped(BARRED), given=FAR),
-    Case(MOVING, "always", Resized(), INSIDE_AGAIN),
-    Case(MOVING, "always", Resized(), {"beyond": 0.25}, FASTER),
-    Case(MOVING, "always", Resized(), INSIDE_AGAIN, given=OFF | FAR),
+    Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | CAGED, given=FAR),
+    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True} | CAGED, given=OFF),
+    Case(MOVING, "always", Toggle(cage_on=True), {"cage_on": True} | FAR_OUT,
+         FASTER, OFF),
+    Case(MOVING, "always", Toggle(cage_on=False), OFF | CAGED),
+    Case(MOVING, "always", Toggle(cage_on=False), OFF | CAGED, given=FAR),
+    Case(MOVING, "barred", Resized(), stopped(BARRED) | CAGED, given=FAR),
+    Case(MOVING, "always", Resized(), CAGED),
+    Case(MOVING, "always", Resized(), FAR_OUT, FASTER),
+    Case(MOVING, "always", Resized(), CAGED, given=OFF | FAR),
 )
 # fmt: on

@@ -21,7 +21,9 @@ LAST = replace(POSE, position=Position(-0.05, 0.0, 1.0), stamp=3.95)
 ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01)
 SEEING = World(POSE, LAST, fresh=True, cage=CAGE, acceptance_range=0.5, envelope=ENVELOPE)
 BLIND = replace(SEEING, fresh=False)
-AT_REST = replace(SEEING, pose=replace(POSE, velocity=RESTING))
+AT_REST = replace(
+    SEEING, pose=replace(POSE, velocity=RESTING), last=replace(LAST, velocity=RESTING)
+)
 REBOOTED = replace(SEEING, pose=replace(POSE, boot="b2"))
 AT_GOAL = replace(SEEING, last=replace(LAST, position=Position(2.45, 0.0, 1.0)))
 NEAR = replace(AT_GOAL, pose=replace(POSE, position=Position(2.501, 0.0, 1.0)))
@@ -38,8 +40,9 @@ def leaving(before: float, x: float = 5.05) -> World:
     return replace(SEEING, pose=pose, last=last)
 
 
-FASTER, SLOWER = leaving(1.0), leaving(3.0)
+FASTER, AS_FAST, SLOWER = leaving(1.0), leaving(2.0), leaving(3.0)
 OUT = FASTER.pose.position
+RESTS_OUT = replace(FASTER, pose=replace(FASTER.pose, velocity=RESTING))
 LEAPT_OUT = replace(FASTER, last=replace(FASTER.last, position=HERE))
 AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
 

@@ -7,12 +7,13 @@ from schemas.geometry import Position
 from schemas.params import SafetyParams
 from services.campaign.batch import Batch
 from services.campaign.diary import Flown
-from services.campaign.fleets import Plain
-from services.campaign.rows import Goto, Mute
+from services.campaign.fleets import Compiled, Plain
+from services.campaign.rows import Cage, Goto, Mute, Resize
 from services.safety.conditions import always
 from services.safety.fsa import Rule
 from services.safety.model import Check, Resized, State, Toggle
 from tests.campaign.flights import Sleepless, batch, missions, put_in
+from tests.compiled import compiled_kernel
 from tests.safety.rig import OUTSIDE, Rig
 
 FOUND = range(8)
@@ -28,6 +29,15 @@ def test_no_flight_breaks_a_promise(flown: list[Flown]):
     assert max(flight.worst for flight in flown) < 0.01
     assert sum(flight.transitions["VERIFYING -> MOVING"] for flight in flown) > 20
     assert sum(flight.transitions.get("VERIFYING -> HOVERING", 0) for flight in flown) > 5
+
+
+def test_a_cage_that_comes_on_or_shrinks_is_no_alarm():
+    module = compiled_kernel()
+    some = missions(range(100, 400), 20.0)
+    flights = Batch(some, lambda params: Compiled(params, module)).fly()
+    assert {row for each in some for row in map(type, each.rows)} > {Cage, Resize}
+    assert sum(each.stops.get("stopped, the goal is now outside the cage", 0) for each in flights)
+    assert sum(each.stops.get("stopped, the way led out of the cage", 0) for each in flights) == 0
 
 
 def test_a_flight_is_the_same_whoever_flies_beside_it(flown: list[Flown]):

@@ -112,6 +112,10 @@ def test_ten_thousand_flights(module_lab: Lab, proofs: Proofs):
             f" in {took:.0f} s",
             f"{1000 * most:.0f} mm",
         )
+        alarms = done.json["stops"].get("stopped, the way led out of the cage", 0)
+        if not more:
+            proofs.add("false alarms of the guard of the way in 10 000 flights", f"{alarms}", "0")
+            assert alarms == 0
         assert done.code == 0, done.json["violations"]
         assert done.json["worst_excursion"] <= most
 

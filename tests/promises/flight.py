@@ -54,6 +54,15 @@ FLIGHT = (
         ),
     ),
     Promise(
+        "a cage that comes on or shrinks around a sound vehicle",
+        "the guard of the way does not stop it, in flight or hovering: it does what can be done",
+        (
+            "tests/campaign/test_batch.py::test_a_cage_that_comes_on_or_shrinks_is_no_alarm",
+            "tests/processes/test_campaign.py::test_ten_thousand_flights",
+        ),
+        (Last("false alarms of the guard of the way in 10 000 flights"),),
+    ),
+    Promise(
         "goals inside, replaced in flight",
         "at most 10 mm out of the cage in still air, whatever is replaced when; the vector of"
         " acceleration keeps its limit, so a goal moved nearer may be passed, an older one is not",

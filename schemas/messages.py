@@ -71,12 +71,16 @@ class CageSize(Struct, frozen=True):
     z: Metres
 
 
+PAUSED = "paused: "
+"""What `reason` begins with while a flight hovers that goes on by itself when poses come again."""
+
+
 class SafetyState(Struct, frozen=True):
     """The automaton as it is.
 
     `request` counts the waypoints asked for, so that two equal refusals differ. `goal` is where
-    the vehicle is sent or holds, m. `reason` says why the last request was refused or the flight
-    stopped, and is empty otherwise. `stamp` is simulated time, s.
+    the vehicle is sent or holds, m. `reason` says why the last request was refused, or the flight
+    stopped, paused or went on, and is empty otherwise. `stamp` is simulated time, s.
     """
 
     boot: Boot

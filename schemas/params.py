@@ -59,10 +59,20 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
         Meta(
             ge=0.05,
             le=10,
-            description="a pose older than this stops the flight",
+            description="a pose older than this pauses the flight: the vehicle brakes",
             extra={"unit": "s"},
         ),
     ] = 0.2
+    grace: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=10,
+            description="a flight goes on by itself after poses or setpoints were missing for up to"
+            " this long; after more it is over",
+            extra={"unit": "s"},
+        ),
+    ] = 1.0
     max_speed: Annotated[
         float,
         Meta(
@@ -203,6 +213,7 @@ class Params(Struct, forbid_unknown_fields=True):
 FIXED_AT_LAUNCH = frozenset(
     {
         "safety.cage_on",
+        "safety.grace",
         "pressure.source",
         "pressure.iio",
         "dynamics.speed",

@@ -6,7 +6,7 @@ from typing import Any
 
 from schemas.contract import Topic
 from schemas.geometry import Position
-from schemas.messages import Pose, SafetyState
+from schemas.messages import PAUSED, Pose, SafetyState
 from schemas.requests import GetParamsRequest
 from schemas.topics import POSE, STATE, get_params
 from services.runtime.bus.client import Client
@@ -26,7 +26,8 @@ def patience(client: Client, metres: float) -> float:
 
     The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
     """
-    values = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"])).values
+    reply = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"]))
+    values = reply.values | reply.in_force
     speed, acceleration, jerk = (
         float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
     )
@@ -38,7 +39,7 @@ class Flight:
     """One flight to a goal. Make it before asking for the goal, so that nothing is missed."""
 
     def __init__(self, client: Client, goal: Position) -> None:
-        self.arrived, self.reason = False, ""
+        self.arrived, self.reason, self.paused = False, "", ""
         self.distance, self.seconds = math.inf, 0.0
         self.goal, self._client = goal, client
         topics: tuple[Topic[Any], ...] = (STATE, POSE)
@@ -58,8 +59,12 @@ class Flight:
                 raise self._client.silent(POSE.key(self._client.vehicle), self._readings.unread)
             self._read(message)
 
-    def watch(self, limit: float, on_progress: Any = None) -> None:
+    def watch(
+        self, limit: float, on_progress: Any = None, on_pause: Any = lambda _reason: None
+    ) -> None:
         """Follow the flight for up to `limit` s, telling `on_progress` the metres to go.
+
+        `on_pause` is called with the reason when the flight pauses, and with "" when it goes on.
 
         Raises Refused where it was stopped, TimedOut where it is not there in time, and what
         Client.silent says where nothing is heard any more.
@@ -74,7 +79,10 @@ class Flight:
                 )
             message = self._readings.next(min(left, self._client.timeout))
             if message is not None:
+                before = self.paused
                 self._read(message)
+                if self.paused != before:
+                    on_pause(self.paused)
                 if on_progress is not None:
                     on_progress(self.distance)
             elif left > self._client.timeout:
@@ -93,7 +101,11 @@ class Flight:
         if not state.boot:
             # Safety was started anew, and has seen nothing yet; what comes next says so.
             return
+        if self._moving and state.reason.startswith(PAUSED):
+            self.paused = state.reason
+            return
         if state.goal == self.goal:
+            self.paused = ""
             self._moving = self._moving or state.state == "MOVING"
             self.arrived = self._moving and state.state == "HOVERING"
         elif self._moving and state.state != "VERIFYING":

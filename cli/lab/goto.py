@@ -68,9 +68,16 @@ def _watch(
         whole = max(flight.distance, 1e-6)
         limit = arrive or (0 if flight.reason else patience(client, whole))
         with Progress("flying", quiet=quiet) as progress:
-            flight.watch(
-                limit, lambda left: progress.update(1 - left / whole, f"{left:.2f} m to go")
-            )
+
+            def show(left: float) -> None:
+                said = flight.paused or f"{left:.2f} m to go"
+                progress.update(1 - left / whole, said)
+
+            def tell(paused: str) -> None:
+                if not quiet:
+                    output.note(paused or "went on")
+
+            flight.watch(limit, show, tell)
     except QuadctlError as problem:
         return problem
     except KeyboardInterrupt:

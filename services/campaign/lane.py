@@ -23,7 +23,7 @@ from services.campaign.rows import (
     Row,
     text,
 )
-from services.safety.following import Following
+from services.safety.following import STANDS, Following
 from services.safety.model import State
 from services.safety.monitor import Monitor
 
@@ -59,7 +59,7 @@ class Lane:
     def wanted(self) -> float:
         """The period in which there is something to do, whatever the vehicle does."""
         lied_to = self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to)
-        if lied_to:
+        if lied_to or self.monitor.situation.paused:
             return 0
         row = self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
         # One early, lest it be one late by rounding.
@@ -92,6 +92,7 @@ class Lane:
         age = self.diary.now - self._heard
         if age > self.params.pose_timeout:
             self.monitor.lose()
+            self.monitor.silent(age)
         if age > REACTION and self.monitor.state().state == "MOVING":
             self.diary.violated(f"MOVING {REACTION:g} s after the last pose")
         return changed
@@ -150,11 +151,14 @@ class Lane:
         # A monitor that was let sleep has seen no pose meanwhile: here a gap says nothing.
         s = self.monitor.situation
         moving = s.state is State.MOVING
-        if why := self._following.trouble(self.monitor.pose, s.goal, inf, moving=moving):
-            self.monitor.halted(why)
+        if self._following.look(self.monitor.pose, s.goal, moving=moving)[1]:
+            self.monitor.halted(STANDS)
 
     def _show(self, pose: Pose) -> None:
         if not self.monitor.ignores(pose):
+            # A monitor that was let sleep has not been deaf.
+            if self._deaf_until > self._heard:
+                self.monitor.silent(self.diary.now - self._heard)
             self._heard = self.diary.now
             self.monitor.see(pose)
 

@@ -39,7 +39,7 @@ class Simulation:
         self, node: Node, params: Params, faster: Callable[[], Fly | None] | None = None
     ) -> None:
         """`faster` is asked before each flight of a pose's time, until it has something faster."""
-        self._node, self._params = node, params.dynamics
+        self._node, self._params, self._grace = node, params.dynamics, params.safety.grace
         self._faster = faster
         self._reported = Reported(params.dynamics.fault)
         self._boots: set[str] = set()
@@ -66,7 +66,7 @@ class Simulation:
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
         self._answered, self._braked, self.heard = -1, True, 0.0
-        self._heed, self._ignores = Heed(), False
+        self._heed, self._ignores, self._alone = Heed(), False, False
         self._node.log.info("boot %s", self._boot)
 
     def configure(self) -> None:
@@ -129,6 +129,7 @@ class Simulation:
             )
             self._vehicle.brake()
             self._heed.stopped()
+            self._alone = True
 
     def wait_for_safety(self) -> None:
         """In lock-step: stop the clock until the last pose is answered, where an answer is due.
@@ -162,7 +163,13 @@ class Simulation:
     def _follow(self, setpoint: Setpoint) -> None:
         if setpoint.boot != self._boot:
             return
+        silence = self._setpoints.received - self.heard
         self._answered, self.heard = setpoint.for_seq, self._setpoints.received
+        # Safety, which sees the silence only by its poses, may find it a little shorter.
+        if self._alone and silence <= self._grace + self._params.setpoint_timeout:
+            self._heed.resumed()
+            self._node.log.info("setpoints again after %.2g s: going on", silence)
+        self._alone = False
         heeds = self._heed.heeds(setpoint.position, brake=setpoint.brake)
         if not (heeds or self._ignores):
             self._node.log.warning("setpoints again: hovering until another goal is asked for")
@@ -196,7 +203,9 @@ def run(node: Node, params: Params) -> None:
         if dynamics.speed != 1 or node.in_mission:
             simulation.wait_for_safety()
         # A loop that was itself held up has not yet heard the setpoints that wait for it.
-        elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick:
+        elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick or (
+            last_tick and now - last_tick > params.safety.grace
+        ):
             simulation.brake()
         simulation.advance()
         last_tick = now

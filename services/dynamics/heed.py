@@ -4,10 +4,10 @@ from schemas.geometry import Position
 
 
 class Heed:
-    """After a brake of its own the vehicle does not go on to the goal that it had.
+    """After a brake of its own the vehicle goes on to the goal that it had within a grace alone.
 
-    Who saw it stop may have come near. It goes on for what was asked of safety since: for another
-    goal, or after a setpoint to brake, which says that safety knows of the stop.
+    After a longer silence somebody may have come near. Then it goes on for what was asked of safety
+    since: for another goal, or after a setpoint to brake, which says that safety knows of the stop.
     """
 
     def __init__(self) -> None:
@@ -17,6 +17,10 @@ class Heed:
     def stopped(self) -> None:
         """The vehicle brakes because it hears nothing."""
         self._void = self._goal
+
+    def resumed(self) -> None:
+        """Go on with the goal: setpoints were missing for no longer than the grace."""
+        self._void = None
 
     def heeds(self, goal: Position, *, brake: bool) -> bool:
         """Whether a setpoint is followed."""

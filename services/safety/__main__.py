@@ -2,6 +2,8 @@
 
 import time
 
+from msgspec.structs import replace
+
 from schemas.geometry import Position
 from schemas.messages import CageSize, Info, Pose, SafetyState, Waypoint
 from schemas.params import Params
@@ -30,12 +32,10 @@ from services.runtime.errors import NotReady
 from services.runtime.node import Node
 from services.runtime.settings.params import launch_lines
 from services.safety.cage import bounds
-from services.safety.following import Following
+from services.safety.following import STANDS, Following
 from services.safety.model import State
 from services.safety.monitor import Monitor
 
-_NEXT_POSE = 0.5
-"""How long (s) a request waits for poses that have stopped coming."""
 _FIRST_POSE = 1.0
 """How long (s) readiness waits for a first pose, so that who sees us ready can fly."""
 _REST = 0.85
@@ -77,16 +77,27 @@ class Safety:
 
         A loop that was `held_up` has not yet seen the poses that wait for it.
         """
-        if self._params.dynamics.speed != 1 or self._node.in_mission:
+        if self._is_stepped:
             return
-        if not held_up and time.monotonic() - self._seen > self._params.safety.pose_timeout:
+        age = time.monotonic() - self._seen
+        if not held_up and age > self._params.safety.pose_timeout:
             self.monitor.lose()
+            self.monitor.silent(age)
             self._send_setpoint()
         s, limit = self.monitor.situation, self._params.dynamics.setpoint_timeout
         goal, moving = None if s.brake else s.goal, s.state is State.MOVING
-        if why := self._following.trouble(self._newest, goal, limit, moving=moving):
-            self.monitor.halted(why)
+        gap, stands = self._following.look(self._newest, goal, moving=moving)
+        if stands:
+            self.monitor.halted(STANDS)
+        elif gap > limit:
+            self.monitor.lagged(f"the vehicle heard nothing for {gap:.2g} s", gap)
+        if stands or gap > limit:
             self._send_setpoint()
+
+    @property
+    def _is_stepped(self) -> bool:
+        """Whether the run is in lock-step, in which silence stops the clock and no flight."""
+        return self._params.dynamics.speed != 1 or self._node.in_mission
 
     def _tell(self, state: SafetyState, line: str) -> None:
         self._states.put(state)
@@ -103,7 +114,7 @@ class Safety:
         # the first of several waits: those that come meanwhile are answered from within.
         if not self.monitor.fresh and not self._waiting:
             self._waiting = True
-            self._node.wait_for(lambda: self.monitor.fresh, _NEXT_POSE)
+            self._node.wait_for(lambda: self.monitor.fresh, self._params.safety.grace)
             self._waiting = False
 
     def _on_pose(self, pose: Pose) -> None:
@@ -111,7 +122,10 @@ class Safety:
             return
         if (pose.boot, pose.stamp) != (self._newest.boot, self._newest.stamp):
             # The same one again and again is no news of the vehicle.
-            self._newest, self._seen = pose, self._poses.received
+            self._newest, before = pose, self._seen
+            self._seen = self._poses.received
+            if before and not self._is_stepped:
+                self.monitor.silent(self._seen - before)
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > _LOST_AFTER:
@@ -133,7 +147,11 @@ class Safety:
     def _goto(self, request: GotoRequest) -> GotoResponse:
         self._wait_for_pose()
         goal = Position(request.x, request.y, request.z)
+        before = self.monitor.setpoint()
         reason = self.monitor.ask(goal, replace=request.replace)
+        if not reason and not before.brake and before.position == goal:
+            # A vehicle that stopped by itself unseen takes the same goal for the old one otherwise.
+            self._setpoints.put(replace(before, brake=True))
         self._send_setpoint()
         return GotoResponse(not reason, reason)
 

@@ -4,13 +4,16 @@ from math import dist, inf
 
 from msgspec.structs import astuple, replace
 
+from schemas.messages import PAUSED
 from services.safety.cage import why_below, why_outside
 from services.safety.model import (
     Ask,
     Booted,
     Event,
+    Gone,
     Halted,
     Hold,
+    Lagged,
     Lost,
     Seen,
     Situation,
@@ -30,7 +33,7 @@ def consider(s: Situation, e: Event, _w: World) -> Situation:
     """Take the request up for verification."""
     assert isinstance(e, Ask)  # noqa: S101 - RULES pairs this action with Ask alone
     # Until it is accepted, the flight under way is still the one it was.
-    return replace(s, request=s.request + 1, candidate=e, back=s.state, reason="")
+    return replace(s, request=s.request + 1, candidate=e, back=s.state, paused=None, reason="")
 
 
 def take(s: Situation, _e: Event, w: World) -> Situation:
@@ -64,7 +67,33 @@ def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
 
 def refuse_blind(s: Situation, _e: Event, _w: World) -> Situation:
     """No goal is taken without a pose."""
-    return replace(s, request=s.request + 1, reason="no pose: dynamics is silent")
+    reason = "no pose: dynamics is silent"
+    if s.paused:
+        reason = f"{PAUSED}{reason}; no goal is taken meanwhile"
+    return replace(s, request=s.request + 1, reason=reason)
+
+
+def pause(s: Situation, e: Event, w: World) -> Situation:
+    """Brake to the stopping point, until poses come again."""
+    assert isinstance(e, Lost)  # noqa: S101 - RULES pairs this action with Lost alone
+    flight = Ask(s.goal, takeoff=s.takeoff)
+    return replace(_stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s"), paused=flight)
+
+
+def resume(s: Situation, _e: Event, _w: World) -> Situation:
+    """Fly on to the goal of the flight that paused."""
+    assert s.paused is not None  # noqa: S101 - RULES pairs this action with `paused`
+    reason = f"went on after a pause: {s.reason.removeprefix(PAUSED)}"
+    goal, takeoff = s.paused.goal, s.paused.takeoff
+    return replace(
+        s, goal=goal, brake=False, settling=False, takeoff=takeoff, paused=None, reason=reason
+    )
+
+
+def note(s: Situation, e: Event, _w: World) -> Situation:
+    """Say that the flight paused: it goes on already."""
+    assert isinstance(e, Lagged)  # noqa: S101 - RULES pairs this action with Lagged alone
+    return replace(s, reason=f"went on after a pause: {e.reason}")
 
 
 def arrive(s: Situation, _e: Event, _w: World) -> Situation:
@@ -75,8 +104,8 @@ def arrive(s: Situation, _e: Event, _w: World) -> Situation:
 def stop(s: Situation, e: Event, w: World) -> Situation:
     """Brake to the stopping point, and say why."""
     match e:
-        case Lost(limit):
-            reason = f"no pose for {limit:g} s: stopped"
+        case Lost(seconds) | Gone(seconds):
+            reason = f"no pose for {seconds:.3g} s: stopped"
         case Halted(why):
             reason = f"stopped, {why}"
         case Hold():
@@ -86,17 +115,9 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
             reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
+    after = _stopped(s, w, reason)
     # A guard tells once of a vehicle that leaves: it can do no more about it.
-    beyond = inf if isinstance(e, Seen) else s.beyond
-    return replace(
-        s,
-        goal=w.pose.position,
-        brake=True,
-        settling=True,
-        takeoff=False,
-        beyond=beyond,
-        reason=reason,
-    )
+    return replace(after, beyond=inf) if isinstance(e, Seen) else after
 
 
 def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
@@ -104,15 +125,7 @@ def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
     way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
     reason = f"stopped, the pose jumped by {way:.3g} m in {seconds:.3g} s"
-    return replace(
-        s,
-        goal=w.pose.position,
-        brake=True,
-        settling=True,
-        takeoff=False,
-        beyond=inf,
-        reason=reason,
-    )
+    return replace(_stopped(s, w, reason), beyond=inf)
 
 
 def settle(s: Situation, _e: Event, w: World) -> Situation:
@@ -123,7 +136,7 @@ def settle(s: Situation, _e: Event, w: World) -> Situation:
 def toggle(s: Situation, e: Event, w: World) -> Situation:
     """Turn the cage on or off."""
     assert isinstance(e, Toggle)  # noqa: S101 - RULES pairs this action with Toggle alone
-    return caged(replace(s, cage_on=e.cage_on), w)
+    return caged(replace(_unpaused(s), cage_on=e.cage_on), w)
 
 
 def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
@@ -133,7 +146,7 @@ def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
 
 def resize(s: Situation, _e: Event, w: World) -> Situation:
     """Fly or hover on in other bounds."""
-    return caged(s, w)
+    return caged(_unpaused(s), w)
 
 
 def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
@@ -151,5 +164,23 @@ def reboot(s: Situation, e: Event, w: World) -> Situation:
         brake=True,
         settling=False,
         takeoff=False,
+        paused=None,
         reason=e.reason,
     )
+
+
+def _stopped(s: Situation, w: World, reason: str) -> Situation:
+    return replace(
+        s,
+        goal=w.pose.position,
+        brake=True,
+        settling=True,
+        takeoff=False,
+        paused=None,
+        reason=reason,
+    )
+
+
+def _unpaused(s: Situation) -> Situation:
+    ended = "stopped, the cage was changed during a pause"
+    return replace(s, paused=None, reason=ended) if s.paused else s

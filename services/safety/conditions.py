@@ -64,6 +64,11 @@ def settled(s: Situation, _e: Event, w: World) -> bool:
     return s.settling and at_rest(w.pose)
 
 
+def paused(s: Situation, _e: Event, _w: World) -> bool:
+    """A flight waits for poses."""
+    return s.paused is not None
+
+
 def jumped(_s: Situation, _e: Event, w: World) -> bool:
     """From the pose before to this one it would have been faster than the vehicle is."""
     way = dist(astuple(w.pose.position), astuple(w.last.position))

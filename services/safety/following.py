@@ -8,6 +8,7 @@ from services.safety.reach import at_rest
 
 PATIENCE = 1.0
 """A vehicle that stands still for so long (s) on its way to a goal does not follow."""
+STANDS = f"the vehicle stood still for {PATIENCE:g} s on its way"
 
 
 class Following:
@@ -28,11 +29,11 @@ class Following:
         """The stamp (s) beyond which a vehicle that now stands still on its way is in trouble, else inf."""
         return inf if self._still_since is None else self._still_since + PATIENCE
 
-    def trouble(self, pose: Pose, goal: Position | None, limit: float, *, moving: bool) -> str:
-        """Why the vehicle has stopped by itself, empty where it has not.
+    def look(self, pose: Pose, goal: Position | None, *, moving: bool) -> tuple[float, bool]:
+        """Return for how long (s) the vehicle has heard nothing, and whether it does not follow.
 
-        It does so when it hears nothing for `limit`, s. `goal` is what it is told, None to brake;
-        `moving` says that it is on its way. A goal that is new since the last look is heard now.
+        `goal` is what it is told, None to brake; `moving` says that it is on its way. A goal that is
+        new since the last look is heard now.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
         gap = pose.stamp - self._stamp if same else 0.0
@@ -41,8 +42,5 @@ class Following:
             self._still_since = None
         elif self._still_since is None:
             self._still_since = pose.stamp
-        if gap > limit:
-            return f"the vehicle heard nothing for {gap:.2g} s"
-        if self._still_since is not None and pose.stamp - self._still_since > PATIENCE:
-            return f"the vehicle stood still for {PATIENCE:g} s on its way"
-        return ""
+        stands = self._still_since is not None and pose.stamp - self._still_since > PATIENCE
+        return gap, stands

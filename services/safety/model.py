@@ -33,9 +33,21 @@ class Seen(Struct, frozen=True):
 
 
 class Lost(Struct, frozen=True):
-    """Poses stopped coming; says for how long (s) they are borne."""
+    """No pose came for so long (s) that the vehicle is to brake."""
 
     limit: float
+
+
+class Gone(Struct, frozen=True):
+    """No pose came for so long (s) that the flight is over, also where one comes now."""
+
+    seconds: float
+
+
+class Lagged(Struct, frozen=True):
+    """The vehicle heard no setpoint for a while, braked by itself, and hears again."""
+
+    reason: str
 
 
 class Halted(Struct, frozen=True):
@@ -64,7 +76,7 @@ class Resized(Struct, frozen=True):
     """The cage has other bounds now."""
 
 
-Event = Ask | Check | Seen | Lost | Halted | Booted | Hold | Toggle | Resized
+Event = Ask | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | Toggle | Resized
 
 
 class Envelope(Struct, frozen=True):
@@ -99,6 +111,7 @@ class Situation(Struct, frozen=True):
     is being verified, and a refusal leads back to `back`. `settling` while a stop goes on.
     `beyond` is how far (m) out of the cage the vehicle may come to a stop: 0 but for one that was
     put outside, of which it falls as the vehicle comes nearer; infinite once a guard has stopped it.
+    `paused` is the flight that goes on when poses come again.
     `since` (s) is when the cage became what it is.
     """
 
@@ -114,4 +127,5 @@ class Situation(Struct, frozen=True):
     takeoff: bool = False
     beyond: float = 0.0
     since: float = 0.0
+    paused: Ask | None = None
     reason: str = ""

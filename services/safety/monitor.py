@@ -16,8 +16,10 @@ from services.safety.model import (
     Check,
     Envelope,
     Event,
+    Gone,
     Halted,
     Hold,
+    Lagged,
     Lost,
     Resized,
     Seen,
@@ -74,6 +76,18 @@ class Monitor:
         if self.fresh:
             self._feed(Lost(self._params.pose_timeout))
             self.fresh = False
+
+    def silent(self, seconds: float) -> None:
+        """No pose has come for this long (s), or none had before one that comes now.
+
+        Beyond the grace the flight is over.
+        """
+        if seconds > self._params.grace:
+            self._feed(Gone(self._params.grace))
+
+    def lagged(self, reason: str, seconds: float) -> None:
+        """The vehicle has heard no setpoint for this long (s); beyond the grace its flight is over."""
+        self._feed(Lagged(reason) if seconds <= self._params.grace else Halted(reason))
 
     def halted(self, reason: str) -> None:
         """The vehicle has stopped by itself: it goes on only where somebody asks anew."""

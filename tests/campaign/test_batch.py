@@ -8,7 +8,7 @@ from schemas.params import SafetyParams
 from services.campaign.batch import Batch
 from services.campaign.diary import Flown
 from services.campaign.fleets import Compiled, Plain
-from services.campaign.rows import Cage, Goto, Mute, Resize
+from services.campaign.rows import Cage, Deaf, Goto, Mute, Resize
 from services.safety.conditions import always
 from services.safety.fsa import Rule
 from services.safety.model import Check, Resized, State, Toggle
@@ -50,13 +50,26 @@ def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
     assert Batch(some, Plain).fly() == Sleepless(some, Plain).fly()
 
 
-def test_a_vehicle_that_heard_nothing_hovers_until_safety_has_stopped_the_flight():
-    rows = (Goto(1.0, 4.0, 0.0, 1.0, False), Mute(1.6, 0.5), Goto(9.0, 4.0, 0.0, 1.0, False))
+@pytest.mark.parametrize(
+    ("seconds", "stops", "arrivals"),
+    [(0.9, {}, 2), (1.5, {"stopped, the vehicle stood still": 1}, 1)],
+)
+def test_a_vehicle_that_heard_nothing_goes_on_within_the_grace_alone(seconds, stops, arrivals):
+    rows = (Goto(1.0, 4.0, 0.0, 1.0, False), Mute(1.6, seconds), Goto(9.0, 4.0, 0.0, 1.0, False))
     calm = replace(missions([0], 15.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
     assert flight.violations == []
-    assert flight.stops == {"stopped, the vehicle stood still": 1}
-    assert len(flight.arrivals) == 1
+    assert flight.stops == stops
+    assert len(flight.arrivals) == arrivals
+
+
+@pytest.mark.parametrize(("seconds", "stops", "arrivals"), [(0.9, {}, 1), (1.5, {"no pose": 1}, 0)])
+def test_a_safety_without_poses_goes_on_within_the_grace_alone(seconds, stops, arrivals):
+    rows = (Goto(1.0, 4.0, 0.0, 1.0, False), Deaf(1.6, seconds))
+    calm = replace(missions([0], 9.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
+    (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
+    assert (flight.violations, flight.stops) == ([], stops)
+    assert len(flight.arrivals) == arrivals
 
 
 def unverified(rule: Rule) -> Rule:

@@ -19,6 +19,12 @@ def test_after_a_stop_of_its_own_it_does_not_go_on_to_the_goal_that_it_had():
     assert not heed.heeds(Position(3.0, 0.0, 1.0), brake=False)
 
 
+def test_within_the_grace_it_goes_on():
+    heed = stopped_on_its_way()
+    heed.resumed()
+    assert heed.heeds(THERE, brake=False)
+
+
 def test_another_goal_was_asked_for_since():
     heed = stopped_on_its_way()
     assert heed.heeds(ELSEWHERE, brake=False)

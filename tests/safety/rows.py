@@ -16,8 +16,10 @@ from services.safety.model import (
     Booted,
     Check,
     Event,
+    Gone,
     Halted,
     Hold,
+    Lagged,
     Lost,
     Resized,
     Seen,
@@ -34,6 +36,7 @@ from tests.safety.worlds import (
     BELOW,
     BLIND,
     FASTER,
+    GOAL,
     HERE,
     HOVERING,
     INSIDE,
@@ -109,6 +112,10 @@ def caged(world: World) -> dict[str, Any]:
     return {"beyond": leeway(world) + SLACK, "since": 4.0}
 
 
+def waiting(reason: str, takeoff: bool = False) -> dict[str, Any]:
+    return stopped(reason) | {"paused": Ask(GOAL, takeoff=takeoff)}
+
+
 def considered(goal: Ask, back: State) -> dict[str, Any]:
     return {"state": VERIFYING, "request": 8, "candidate": goal, "back": back, "reason": ""}
 
@@ -133,6 +140,17 @@ TAKING_OFF = {"takeoff": True}
 OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
 FROM_FLIGHT = {"back": MOVING}
 FOR_INSIDE, FOR_BELOW = {"candidate": Ask(INSIDE)}, {"candidate": Ask(BELOW)}
+SILENT, LAGGED = Gone(1.0), Lagged("the vehicle heard nothing for 0.3 s")
+PAUSE = "paused: no pose for 0.2 s"
+PAUSED = {"paused": Ask(GOAL), "brake": True, "settling": True, "reason": PAUSE}
+WENT_ON = "went on after a pause: "
+RESUMED = {
+    "state": MOVING, "goal": GOAL, "brake": False, "settling": False, "takeoff": False,
+    "paused": None, "reason": f"{WENT_ON}no pose for 0.2 s",
+}  # fmt: skip
+OVER = {"paused": None}
+CHANGED = {"paused": None, "reason": "stopped, the cage was changed during a pause"}
+GIVEN_UP = "no pose for 1 s: stopped"
 ASK, REPLACE, BOOTED = Ask(INSIDE), Ask(INSIDE, replace=True), Booted("anew")
 HALTED = Halted("by itself")
 
@@ -140,6 +158,8 @@ HALTED = Halted("by itself")
 CASES = (
     Case(HOVERING, "blind", ASK, refused(HOVERING, NO_POSE), BLIND),
     Case(HOVERING, "blind", REPLACE, refused(HOVERING, NO_POSE), BLIND),
+    Case(HOVERING, "blind", ASK, refused(HOVERING, f"paused: {NO_POSE}; no goal is taken meanwhile"),
+         BLIND, PAUSED),
     Case(HOVERING, "always", ASK, considered(ASK, HOVERING)),
     Case(HOVERING, "always", Ask(OUTSIDE), considered(Ask(OUTSIDE), HOVERING)),
     Case(HOVERING, "always", ASK, considered(ASK, HOVERING), given=FROM_FLIGHT),
@@ -148,6 +168,12 @@ CASES = (
     Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT_TO_REST, STOPPING),
     Case(HOVERING, "jumped", Seen(), guarded("stopped, the pose jumped by 5.05 m in 0.05 s", OUT),
          LEAPT_OUT),
+    Case(HOVERING, "jumped", Seen(), guarded(JUMPED) | OVER, LEAPT, PAUSED),
+    Case(HOVERING, "paused", Seen(), RESUMED, given=PAUSED),
+    Case(HOVERING, "paused", Seen(), RESUMED | TAKING_OFF,
+         given=PAUSED | {"paused": Ask(GOAL, takeoff=True)}),
+    Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT) | OVER, FASTER, PAUSED),
+    Case(HOVERING, "paused", Seen(), RESUMED, AT_REST, PAUSED),
     Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER),
     Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), SLOWER, STOPPING),
     Case(HOVERING, "straying", Seen(), guarded(BESIDE, OUT), RESTS_OUT, STOPPING | STRICT),
@@ -162,11 +188,20 @@ CASES = (
     Case(HOVERING, "always", Seen(), NOTHING, FASTER, OFF),
     Case(HOVERING, "always", Lost(0.2), NOTHING),
     Case(HOVERING, "always", Lost(0.2), NOTHING, given=STOPPING),
+    Case(HOVERING, "always", Lost(0.2), NOTHING, given=PAUSED),
+    Case(HOVERING, "paused", SILENT, stopped(GIVEN_UP) | OVER, given=PAUSED),
+    Case(HOVERING, "always", SILENT, NOTHING),
+    Case(HOVERING, "always", LAGGED, NOTHING),
+    Case(HOVERING, "always", LAGGED, NOTHING, given=PAUSED),
     Case(HOVERING, "always", HALTED, NOTHING),
     Case(HOVERING, "always", HALTED, NOTHING, given=STOPPING),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED, STOPPING),
+    Case(HOVERING, "always", BOOTED, BOOT | OVER, REBOOTED, PAUSED),
     Case(HOVERING, "always", Hold(), stopped(HELD)),
+    Case(HOVERING, "always", Hold(), stopped(HELD) | OVER, given=PAUSED),
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED | CHANGED, given=PAUSED),
+    Case(HOVERING, "always", Resized(), CAGED | CHANGED, given=PAUSED),
     Case(HOVERING, "barred", Toggle(cage_on=True), stopped(IN_PLACE) | {"cage_on": True} | CAGED,
          given=OFF | FAR),
     Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED),
@@ -206,6 +241,8 @@ CASES = (
     Case(VERIFYING, "always", Seen(), NOTHING),
     Case(VERIFYING, "always", Seen(), NOTHING, NEAR),
     Case(VERIFYING, "always", Lost(0.2), stopped(LOST)),
+    Case(VERIFYING, "always", SILENT, stopped(GIVEN_UP)),
+    Case(VERIFYING, "always", LAGGED, NOTHING),
     Case(VERIFYING, "always", HALTED, stopped(ALONE)),
     Case(VERIFYING, "always", HALTED, stopped(ALONE), AT_REST),
     Case(VERIFYING, "always", BOOTED, BOOT, REBOOTED),
@@ -240,8 +277,11 @@ CASES = (
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, RUSHED),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_RANGE),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_REST, STOPPING),
-    Case(MOVING, "always", Lost(0.2), stopped(LOST)),
-    Case(MOVING, "always", Lost(0.2), stopped(LOST), given=TAKING_OFF),
+    Case(MOVING, "always", Lost(0.2), waiting(PAUSE)),
+    Case(MOVING, "always", Lost(0.2), waiting(PAUSE, takeoff=True), given=TAKING_OFF),
+    Case(MOVING, "always", SILENT, stopped(GIVEN_UP)),
+    Case(MOVING, "always", SILENT, stopped(GIVEN_UP), given=TAKING_OFF),
+    Case(MOVING, "always", LAGGED, {"reason": WENT_ON + LAGGED.reason}),
     Case(MOVING, "always", HALTED, stopped(ALONE)),
     Case(MOVING, "always", HALTED, stopped(ALONE), AT_REST, TAKING_OFF),
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED),

@@ -22,17 +22,56 @@ def test_a_hold_brakes_and_then_settles_where_it_came_to_rest():
     assert rig.monitor.ask(OTHER) == ""
 
 
-def test_lost_poses_stop_the_flight_and_nothing_is_taken_until_they_are_back():
+def test_lost_poses_pause_the_flight_and_nothing_is_taken_until_they_are_back():
     rig = Rig().moving()
     rig.monitor.lose()
-    assert (rig.state.state, rig.state.reason) == ("HOVERING", "no pose for 0.2 s: stopped")
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", "paused: no pose for 0.2 s")
     assert rig.monitor.setpoint().brake
     told = len(rig.told)
     rig.monitor.lose()
+    rig.monitor.silent(0.9)
     assert len(rig.told) == told
-    assert rig.monitor.ask(INSIDE) == "no pose: dynamics is silent"
-    rig.at(ONE_UP)
+    refused = "paused: no pose: dynamics is silent; no goal is taken meanwhile"
+    assert rig.monitor.ask(OTHER) == refused
+    assert rig.at(ONE_UP).state == "MOVING"
+    assert rig.state.reason.startswith("went on after a pause: no pose")
+    assert (rig.monitor.setpoint().position, rig.monitor.setpoint().brake) == (INSIDE, False)
+
+
+def test_beyond_the_grace_the_flight_is_over_also_where_a_pose_comes_then():
+    rig = Rig().moving()
+    rig.monitor.lose()
+    rig.monitor.silent(1.1)
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", "no pose for 1 s: stopped")
+    assert rig.at(ONE_UP).state == "HOVERING"
+    assert rig.monitor.setpoint().brake
     assert rig.monitor.ask(INSIDE) == ""
+
+
+@pytest.mark.parametrize("what", ["toggle", "resize", "hold", "boot"])
+def test_what_happens_in_a_pause_ends_the_flight(what: str):
+    rig = Rig().moving()
+    rig.monitor.lose()
+    match what:
+        case "toggle":
+            rig.monitor.toggle(cage_on=True)
+        case "resize":
+            rig.monitor.resize()
+        case "hold":
+            rig.monitor.hold()
+    state = rig.at(ONE_UP, boot="b2" if what == "boot" else "b1")
+    assert state.state == "HOVERING"
+    assert state.reason
+    assert rig.monitor.setpoint().brake
+
+
+def test_a_vehicle_that_lagged_flies_on_within_the_grace_alone():
+    rig = Rig().moving()
+    rig.monitor.lagged("the vehicle heard nothing for 0.4 s", 0.4)
+    assert rig.state.state == "MOVING"
+    assert rig.state.reason == "went on after a pause: the vehicle heard nothing for 0.4 s"
+    rig.monitor.lagged("the vehicle heard nothing for 1.4 s", 1.4)
+    assert (rig.state.state, rig.monitor.setpoint().brake) == ("HOVERING", True)
 
 
 def test_losing_poses_while_hovering_changes_nothing_but_blinds():

@@ -63,6 +63,7 @@ def test_every_event_and_every_condition_and_action_is_in_the_table():
             thing
             for thing in vars(module).values()
             if callable(thing) and getattr(thing, "__module__", "") == module.__name__
+            if not thing.__name__.startswith("_")
         }
         assert own == set(used)
 

@@ -11,11 +11,12 @@ WAYS = {
     ("VERIFYING", "MOVING"): "permitted",
     ("VERIFYING", "HOVERING"): "refused",
     ("MOVING", "VERIFYING"): "changed",
-    ("MOVING", "HOVERING"): "arrived, stopped",
+    ("HOVERING", "MOVING"): "went on",
+    ("MOVING", "HOVERING"): "arrived, stopped, paused",
 }
 """Every way that safety's table has between two states, and what it is taken for."""
 
-_W, _H, _GAP, _TOP = 92, 34, 36, 18
+_W, _H, _GAP, _TOP = 92, 34, 36, 44
 
 
 def drawing() -> str:
@@ -23,7 +24,7 @@ def drawing() -> str:
     width = len(STATES) * _W + (len(STATES) - 1) * _GAP + 2
     parts = [_way(*pair, text) for pair, text in WAYS.items()] + [_box(name) for name in STATES]
     return (
-        f'<svg class="automaton" viewBox="0 0 {width} 92" role="img"'
+        f'<svg class="automaton" viewBox="0 0 {width} 118" role="img"'
         f' aria-label="The automaton: {", ".join(STATES)}">'
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="6"'
         ' markerHeight="6" orient="auto"><path d="M0 0 8 4 0 8z"/></marker></defs>'
@@ -53,6 +54,11 @@ def _way(start: str, end: str, text: str) -> str:
         line = f"M{x1} {y:g}H{x2}"
         words = (x1 + x2) / 2, (_TOP - 5 if step > 0 else _TOP + _H + 12)
         anchor = f'<text x="{words[0]:g}" y="{words[1]}">{text}</text>'
+    elif step > 0:
+        x1, x2 = _left(start) + _W // 2, _left(end) + _W // 2
+        top = _TOP - 24
+        line = f"M{x1:g} {_TOP}V{top + 8}q0 -8 8 -8H{x2 - 8:g}q8 0 8 8V{_TOP - 1}"
+        anchor = f'<text x="{(x1 + x2) / 2:g}" y="{top - 5}">{text}</text>'
     else:
         x1, x2 = _left(start) + _W // 2, _left(end) + _W // 2
         y, bottom = _TOP + _H, _TOP + _H + 24

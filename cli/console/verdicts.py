@@ -38,7 +38,7 @@ def told(before: SafetyState | None, now: SafetyState) -> Iterator[tuple[str, st
     elif before.state == "MOVING" and now.state == "HOVERING" and not now.reason:
         yield "arrived", f"at {point(now.goal)}"
     elif now.reason and (now.reason != before.reason or now.state != before.state):
-        yield "stopped", now.reason
+        yield "stopped" if now.state == "HOVERING" else "went on", now.reason
 
 
 def bounds(cage: CageSize) -> str:

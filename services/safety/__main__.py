@@ -54,6 +54,7 @@ class Safety:
         self._setpoints = node.publisher(SETPOINT)
         self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
+        self._ticked, self._stall = time.monotonic(), 0.0
         self._newest, self._deciding = self.monitor.pose, False
         self._following = Following()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
@@ -77,6 +78,8 @@ class Safety:
 
         A loop that was `held_up` has not yet seen the poses that wait for it.
         """
+        now = time.monotonic()
+        self._stall, self._ticked = now - self._ticked, now
         if self._is_stepped:
             return
         age = time.monotonic() - self._seen
@@ -93,6 +96,10 @@ class Safety:
             self.monitor.lagged(f"the vehicle heard nothing for {gap:.2g} s", gap)
         if stands or gap > limit:
             self._send_setpoint()
+
+    def _own_stall(self) -> float:
+        """Return for how long (s) this loop has not run, up to now or to its last tick."""
+        return max(time.monotonic() - self._ticked, self._stall)
 
     @property
     def _is_stepped(self) -> bool:
@@ -125,7 +132,7 @@ class Safety:
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
             if before and not self._is_stepped:
-                self.monitor.silent(self._seen - before)
+                self.monitor.silent(self._seen - before, self._own_stall())
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > _LOST_AFTER:

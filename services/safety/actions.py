@@ -104,8 +104,10 @@ def arrive(s: Situation, _e: Event, _w: World) -> Situation:
 def stop(s: Situation, e: Event, w: World) -> Situation:
     """Brake to the stopping point, and say why."""
     match e:
-        case Lost(seconds) | Gone(seconds):
-            reason = f"no pose for {seconds:.3g} s: stopped"
+        case Lost(seconds):
+            reason = f"no pose for {seconds:g} s: stopped"
+        case Gone(why):
+            reason = f"{why}: stopped"
         case Halted(why):
             reason = f"stopped, {why}"
         case Hold():

@@ -39,9 +39,9 @@ class Lost(Struct, frozen=True):
 
 
 class Gone(Struct, frozen=True):
-    """No pose came for so long (s) that the flight is over, also where one comes now."""
+    """No pose came for longer than the grace: the flight is over, also where one comes now."""
 
-    seconds: float
+    reason: str
 
 
 class Lagged(Struct, frozen=True):

@@ -77,13 +77,15 @@ class Monitor:
             self._feed(Lost(self._params.pose_timeout))
             self.fresh = False
 
-    def silent(self, seconds: float) -> None:
+    def silent(self, seconds: float, own: float = 0.0) -> None:
         """No pose has come for this long (s), or none had before one that comes now.
 
-        Beyond the grace the flight is over.
+        Beyond the grace the flight is over. For `own` of these seconds this process did not run.
         """
-        if seconds > self._params.grace:
-            self._feed(Gone(self._params.grace))
+        grace = self._params.grace
+        if seconds > grace:
+            ours = f"safety itself stood still for {own:.2g} s"
+            self._feed(Gone(ours if own > grace else f"no pose for {grace:g} s"))
 
     def lagged(self, reason: str, seconds: float) -> None:
         """The vehicle has heard no setpoint for this long (s); beyond the grace its flight is over."""

@@ -1,12 +1,37 @@
 """A vehicle that has stopped by itself, because it heard nothing, goes on only for something new."""
 
 import signal
+import time
 from typing import Any
+
+import pytest
 
 from tests.processes.bare import Bare, Watch, gap, speed
 from tests.processes.lab import Lab
+from tests.processes.running import eventually
 
 FAR, BACK = {"x": 4.5, "y": 0.0, "z": 1.0}, {"x": 0.0, "y": 0.0, "z": 1.0}
+
+
+@pytest.mark.parametrize("node", ["dynamics", "safety", "hub"])
+def test_a_stall_within_the_grace_pauses_the_flight(lab: Lab, node: str):
+    lab.start("--set", "dynamics.start.z=1", "--set", "safety.grace=5",
+              "--set", "supervise.answer_timeout=60")  # fmt: skip
+    going = lab.spawn(*lab.command("goto", *FAR.values()))
+    with lab.bare() as bare:
+        poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
+        poses.until(lambda p: speed(p) > 1)
+        stalled = time.monotonic()
+        lab.signal(node, signal.SIGSTOP)
+        eventually(lambda: time.monotonic() > stalled + 0.5)
+        lab.signal(node, signal.SIGCONT)
+        paused = states.until(lambda s: "pause" in s["reason"])
+        assert paused["state"] == ("MOVING" if node == "safety" else "HOVERING")
+        states.until(lambda s: s["state"] == "MOVING" and "went on after a pause" in s["reason"])
+        states.until(lambda s: s["state"] == "HOVERING" and s["goal"] == FAR)
+    assert going.wait() == 0
+    assert ("paused: no pose" in going.log) is (node != "safety")
+    assert "arrived" in going.log
 
 
 def test_safety_that_was_held_up_stops_the_flight_and_says_why(lab: Lab):
@@ -17,9 +42,11 @@ def test_safety_that_was_held_up_stops_the_flight_and_says_why(lab: Lab):
         poses.until(lambda p: speed(p) > 1)
         lab.signal("safety", signal.SIGSTOP)
         place = poses.until(lambda p: speed(p) < 0.01)["position"]
+        held = time.monotonic()
+        eventually(lambda: time.monotonic() > held + 1.0)
         lab.signal("safety", signal.SIGCONT)
         stopped = states.until(lambda s: s["state"] == "HOVERING")
-        assert "the vehicle heard nothing for" in stopped["reason"]
+        assert "safety itself stood still for" in stopped["reason"]
         assert all(gap(p["position"], place) < 0.05 for p in poses.next(100))
         assert gap(place, FAR) > 1
     assert lab.quadctl("goto", 4.5, 0, 1).code == 0

@@ -38,7 +38,7 @@ EVENTS: tuple[Event, ...] = (
     *(Ask(point, *flags) for point in POINTS for flags in ((False, False), (True, False), (False, True))),
     Seen(),
     Lost(0.2),
-    Gone(1.0),
+    Gone("nothing"),
     Lagged("for a while"),
     Halted("alone"),
     Booted("anew"),

@@ -41,7 +41,7 @@ def test_lost_poses_pause_the_flight_and_nothing_is_taken_until_they_are_back():
 def test_beyond_the_grace_the_flight_is_over_also_where_a_pose_comes_then():
     rig = Rig().moving()
     rig.monitor.lose()
-    rig.monitor.silent(1.1)
+    rig.monitor.silent(1.1, own=0.9)
     assert (rig.state.state, rig.state.reason) == ("HOVERING", "no pose for 1 s: stopped")
     assert rig.at(ONE_UP).state == "HOVERING"
     assert rig.monitor.setpoint().brake

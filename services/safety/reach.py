@@ -59,8 +59,7 @@ def leeway(w: World) -> float:
 
 def caged(s: Situation, w: World) -> Situation:
     """Let the vehicle come to rest as far out of the cage as it cannot help from now on."""
-    out = leeway(w)
-    return replace(s, beyond=out + SLACK if out > 0 else 0.0, since=w.pose.stamp)
+    return replace(s, beyond=leeway(w) + SLACK, since=w.pose.stamp)
 
 
 def _gently(w: World, velocity: tuple[float, ...]) -> Position:

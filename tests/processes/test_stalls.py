@@ -1,7 +1,7 @@
 """Processes that do not run for a while: a flight pauses, and goes on or gives up by the grace.
 
-What is assumed of the machine is measured beside: a process that only sleeps counts how long it was
-kept from running. A flight fails by it only where that alone is longer than the grace.
+What is assumed of the machine, that it keeps nobody from running for longer than the grace, is measured
+beside: a thread that only sleeps counts how late it wakes.
 """
 
 import os
@@ -18,37 +18,11 @@ import pytest
 from tests.processes.bare import Bare, Watch, gap, speed
 from tests.processes.lab import NODES, Lab, private_lab
 from tests.processes.running import eventually
+from tests.processes.sleeper import Sleeper
 from tests.proofs import Proofs
 
 MARGIN = 0.01
 CAGE = {"x": (-5, 5), "y": (-5, 5), "z": (0, 5)}
-GRACE = 1.0
-HICCUP = 0.05
-"""Seconds late from which a sleeper counts."""
-
-
-class Sleeper:
-    """Measures how long this machine keeps a process from running, s."""
-
-    def __init__(self) -> None:
-        self.gaps: list[float] = []
-        self._done = threading.Event()
-        self._thread = threading.Thread(target=self._sleep, daemon=True)
-        self._thread.start()
-
-    def _sleep(self) -> None:
-        while not self._done.is_set():
-            before = time.monotonic()
-            self._done.wait(0.01)
-            late = time.monotonic() - before - 0.01
-            if late > HICCUP:
-                self.gaps.append(late)
-
-    def stop(self) -> str:
-        self._done.set()
-        self._thread.join()
-        worst = f", the longest {1000 * max(self.gaps):.0f} ms" if self.gaps else ""
-        return f"the machine stalled {len(self.gaps)} times for over {1000 * HICCUP:.0f} ms{worst}"
 
 
 @contextmanager

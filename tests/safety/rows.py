@@ -126,13 +126,13 @@ def refused(state: State, reason: str) -> dict[str, Any]:
 
 BOOT = {
     "state": HOVERING, "boot": "b2", "goal": HERE, "brake": True, "settling": False,
-    "takeoff": False, "beyond": 0.0, "since": 4.0, "reason": "anew",
+    "takeoff": False, "beyond": SLACK, "since": 4.0, "reason": "anew",
 }  # fmt: skip
 TAKEN = {
     "state": MOVING, "brake": False, "settling": False, "takeoff": False, "reason": "",
 }  # fmt: skip
 INSIDE_AGAIN, TOLD, STRICT = {"beyond": 0.0}, {"beyond": inf}, {"beyond": 0.0}
-CAGED, FAR_OUT = INSIDE_AGAIN | {"since": 4.0}, caged(FASTER)
+CAGED, FAR_OUT = {"beyond": SLACK, "since": 4.0}, caged(FASTER)
 BESIDE = "stopped, the way led out of the cage by 0.05 m"
 NOTHING: dict[str, Any] = {}
 STOPPING = {"brake": True, "settling": True}

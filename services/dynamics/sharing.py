@@ -94,6 +94,15 @@ def within(
     )
 
 
+def urgent(axis: Axis, way: float, part: float) -> float:
+    """Return the square of what a stop would give an axis on top, where it has to turn round.
+
+    That is where its stop ends beyond its goal: it may be bound out of the cage, and is to get no
+    farther than if it were told to stop. `way` is from its stop's end to the goal, m.
+    """
+    return part * axis[1] * axis[1] if axis[1] * way < 0.0 else 0.0
+
+
 def grant(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
     """An axis with its new share of the limits."""
     p, v, a, goal, heading, _, j1, j2, j3 = axis
@@ -154,8 +163,8 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     """Share the limits among the axes, so that the squares of the shares add up to 1.
 
     An axis that is stopping keeps its share, one on its way gets what it needs if there is as much.
-    So the vector of acceleration is within its limit whatever goals are replaced. What is left
-    goes by the squares of the ways still to go, which from rest makes all three profiles
+    So the vector of acceleration is within its limit whatever goals are replaced. An axis that has
+    to turn round gets as much as in a stop. What is left then goes by the squares of the ways still to go, which from rest makes all three profiles
     alike but for scale: a straight line.
     """
     x = freed(x, limits)
@@ -168,6 +177,16 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     total = sqrt(wx * wx + wy * wy + wz * wz)
     total = total if total > 0.0 else 1.0
     left = 1.0 - (nx * nx + ny * ny + nz * nz)
+    left = left if left > 0.0 else 0.0
+    speeds = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
+    part = left / speeds if speeds > 0.0 else 0.0
+    ux = urgent(x, wx, part)
+    uy = urgent(y, wy, part)
+    uz = urgent(z, wz, part)
+    nx = sqrt(nx * nx + ux)
+    ny = sqrt(ny * ny + uy)
+    nz = sqrt(nz * nz + uz)
+    left = left - (ux + uy + uz)
     left = left if left > 0.0 else 0.0
     return (
         grant(x, nx, wx / total, left, limits),

@@ -82,7 +82,7 @@ class Monitor:
 
         Beyond the grace the flight is over. For `own` of these seconds this process did not run.
         """
-        grace = self._params.grace
+        grace = max(self._params.grace, self._params.pose_timeout)
         if seconds > grace:
             ours = f"safety itself stood still for {own:.2g} s"
             self._feed(Gone(ours if own > grace else f"no pose for {grace:g} s"))

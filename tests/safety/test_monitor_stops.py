@@ -48,6 +48,14 @@ def test_beyond_the_grace_the_flight_is_over_also_where_a_pose_comes_then():
     assert rig.monitor.ask(INSIDE) == ""
 
 
+def test_poses_that_may_be_older_than_the_grace_are_no_silence():
+    rig = Rig(pose_timeout=2.0).moving()
+    rig.monitor.silent(1.5)
+    assert rig.state.state == "MOVING"
+    rig.monitor.silent(2.1)
+    assert rig.state.reason == "no pose for 2 s: stopped"
+
+
 @pytest.mark.parametrize("what", ["toggle", "resize", "hold", "boot"])
 def test_what_happens_in_a_pause_ends_the_flight(what: str):
     rig = Rig().moving()

@@ -63,16 +63,6 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
             extra={"unit": "s"},
         ),
     ] = 0.2
-    grace: Annotated[
-        float,
-        Meta(
-            ge=0,
-            le=10,
-            description="a flight goes on by itself after poses or setpoints were missing for up to"
-            " this long; after more it is over",
-            extra={"unit": "s"},
-        ),
-    ] = 1.0
     max_speed: Annotated[
         float,
         Meta(
@@ -155,6 +145,16 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
             extra={"unit": "s"},
         ),
     ] = 0.15
+    grace: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=10,
+            description="a flight goes on by itself after poses or setpoints were missing for up to"
+            " this long; after more it is over",
+            extra={"unit": "s"},
+        ),
+    ] = 1.0
     wind: WindParams = field(default_factory=WindParams)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
@@ -213,12 +213,12 @@ class Params(Struct, forbid_unknown_fields=True):
 FIXED_AT_LAUNCH = frozenset(
     {
         "safety.cage_on",
-        "safety.grace",
         "pressure.source",
         "pressure.iio",
         "dynamics.speed",
         "dynamics.seed",
         "dynamics.setpoint_timeout",
+        "dynamics.grace",
         "hub.transport",
         "hub.listen",
         "hub.connect",

@@ -5,7 +5,7 @@ from math import sqrt
 
 import numpy as np
 
-from schemas.params import DynamicsParams, SafetyParams, StartParams
+from schemas.params import DynamicsParams, StartParams
 from schemas.topics import SETPOINT
 from schemas.wind import MeanWindParams, WindParams
 from services.campaign.diary import Flown
@@ -38,7 +38,7 @@ class Batch:
         """Each vehicle at rest on its start; with `log` the diaries keep their lines."""
         self.missions = missions
         params = [_params(mission) for mission in missions]
-        self._silence, self._grace = DynamicsParams().setpoint_timeout, SafetyParams().grace
+        self._silence, self._grace = DynamicsParams().setpoint_timeout, DynamicsParams().grace
         self._fleet = make(params)
         self.lanes = [Lane(mission, log=log) for mission in missions]
         count = len(missions)

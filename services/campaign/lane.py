@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from schemas.geometry import BodyRates, Position, Quaternion, Velocity
 from schemas.messages import Pose, SafetyState, Setpoint
+from schemas.params import DynamicsParams
 from schemas.topics import SETPOINT
 from services.campaign.diary import Diary
 from services.campaign.oracle import Point, inside
@@ -48,7 +49,9 @@ class Lane:
         self.mute_until = self.last_told = 0.0
         """Until when (s) the vehicle hears nothing, and when it last did."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
-        self.monitor = Monitor(self.params, self._told, restarted=False)
+        self.monitor = Monitor(
+            self.params, self._told, restarted=False, grace=DynamicsParams().grace
+        )
         self._following = Following()
         self._rows, self._next = mission.rows, 0
         self._deaf_until = self._lied_to = self._heard = 0.0

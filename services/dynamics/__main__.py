@@ -39,7 +39,7 @@ class Simulation:
         self, node: Node, params: Params, faster: Callable[[], Fly | None] | None = None
     ) -> None:
         """`faster` is asked before each flight of a pose's time, until it has something faster."""
-        self._node, self._params, self._grace = node, params.dynamics, params.safety.grace
+        self._node, self._params = node, params.dynamics
         self._faster = faster
         self._reported = Reported(params.dynamics.fault)
         self._boots: set[str] = set()
@@ -166,7 +166,7 @@ class Simulation:
         silence = self._setpoints.received - self.heard
         self._answered, self.heard = setpoint.for_seq, self._setpoints.received
         # Safety, which sees the silence only by its poses, may find it a little shorter.
-        if self._alone and silence <= self._grace + self._params.setpoint_timeout:
+        if self._alone and silence <= self._params.grace + self._params.setpoint_timeout:
             self._heed.resumed()
             self._node.log.info("setpoints again after %.2g s: going on", silence)
         self._alone = False
@@ -204,7 +204,7 @@ def run(node: Node, params: Params) -> None:
             simulation.wait_for_safety()
         # A loop that was itself held up has not yet heard the setpoints that wait for it.
         elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick or (
-            last_tick and now - last_tick > params.safety.grace
+            last_tick and now - last_tick > dynamics.grace
         ):
             simulation.brake()
         simulation.advance()

@@ -52,7 +52,9 @@ class Safety:
         self._node, self._params = node, params
         self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
         self._setpoints = node.publisher(SETPOINT)
-        self.monitor = Monitor(params.safety, self._tell, restarted=node.restarted)
+        self.monitor = Monitor(
+            params.safety, self._tell, restarted=node.restarted, grace=params.dynamics.grace
+        )
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._stall = time.monotonic(), 0.0
         self._newest, self._deciding = self.monitor.pose, False
@@ -121,7 +123,7 @@ class Safety:
         # the first of several waits: those that come meanwhile are answered from within.
         if not self.monitor.fresh and not self._waiting:
             self._waiting = True
-            self._node.wait_for(lambda: self.monitor.fresh, self._params.safety.grace)
+            self._node.wait_for(lambda: self.monitor.fresh, self._params.dynamics.grace)
             self._waiting = False
 
     def _on_pose(self, pose: Pose) -> None:

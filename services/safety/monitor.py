@@ -42,10 +42,19 @@ class Monitor:
     """Safety's decisions. `tell` hears of every new state, with a line for the log."""
 
     def __init__(
-        self, params: SafetyParams, tell: Callable[[SafetyState, str], None], *, restarted: bool
+        self,
+        params: SafetyParams,
+        tell: Callable[[SafetyState, str], None],
+        *,
+        restarted: bool,
+        grace: float,
     ) -> None:
-        """After a restart the cage is on, and the vehicle is left where it hovers."""
+        """After a restart the cage is on, and the vehicle is left where it hovers.
+
+        A silence that is over within the grace (s) pauses a flight, a longer one ends it.
+        """
         self._params, self._tell, self._restarted = params, tell, restarted
+        self._grace = grace
         self.pose = self._last = _NO_POSE
         self.fresh = False
         self._void: set[str] = set()
@@ -82,14 +91,14 @@ class Monitor:
 
         Beyond the grace the flight is over. For `own` of these seconds this process did not run.
         """
-        grace = max(self._params.grace, self._params.pose_timeout)
+        grace = max(self._grace, self._params.pose_timeout)
         if seconds > grace:
             ours = f"safety itself stood still for {own:.2g} s"
             self._feed(Gone(ours if own > grace else f"no pose for {grace:g} s"))
 
     def lagged(self, reason: str, seconds: float) -> None:
         """The vehicle has heard no setpoint for this long (s); beyond the grace its flight is over."""
-        self._feed(Lagged(reason) if seconds <= self._params.grace else Halted(reason))
+        self._feed(Lagged(reason) if seconds <= self._grace else Halted(reason))
 
     def halted(self, reason: str) -> None:
         """The vehicle has stopped by itself: it goes on only where somebody asks anew."""

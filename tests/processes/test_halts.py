@@ -15,7 +15,7 @@ FAR, BACK = {"x": 4.5, "y": 0.0, "z": 1.0}, {"x": 0.0, "y": 0.0, "z": 1.0}
 
 @pytest.mark.parametrize("node", ["dynamics", "safety", "hub"])
 def test_a_stall_within_the_grace_pauses_the_flight(lab: Lab, node: str):
-    lab.start("--set", "dynamics.start.z=1", "--set", "safety.grace=5",
+    lab.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=5",
               "--set", "supervise.answer_timeout=60")  # fmt: skip
     going = lab.spawn(*lab.command("goto", *FAR.values()))
     with lab.bare() as bare:

@@ -169,6 +169,7 @@ def test_what_is_set_in_flight_is_told_to_wait(tuned: Lab, session: Bare):
     done = tuned.quadctl("param", "set", "dynamics.wind.gust=0.1", f"{name}=0.6", "--json")
     assert done.json == {"dynamics.wind.gust": 0.1, name: 0.6, "waits": [name]}
     assert "Change:   at a standstill" in tuned.quadctl("param", "describe", name).out
+    assert session.call("hold").ok
     values = {name: 5.0, "dynamics.wind.gust": 0.0}
     assert session.call("dynamics/set_params", values=values).value == {
         "success": True, "reason": "",

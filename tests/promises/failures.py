@@ -5,7 +5,7 @@ from tests.promises.entry import Last, Promise
 FAILURES = (
     Promise(
         "a process of the system does not run for a while",
-        "the vehicle brakes within 300 ms of silence. Within `safety.grace` (1 s) the flight goes on by"
+        "the vehicle brakes within 300 ms of silence. Within `dynamics.grace` (1 s) the flight goes on by"
         " itself, and says that it paused; after more it is over, and says why. Never out of the cage",
         (
             "tests/processes/test_stalls.py::test_sixty_flights_among_short_stalls",

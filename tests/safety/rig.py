@@ -22,7 +22,10 @@ class Rig:
         self.params = SafetyParams(**({"virtual_cage": cage} | params))  # type: ignore[arg-type]
         self.told: list[tuple[SafetyState, str]] = []
         self.monitor = Monitor(
-            self.params, lambda state, line: self.told.append((state, line)), restarted=restarted
+            self.params,
+            lambda state, line: self.told.append((state, line)),
+            restarted=restarted,
+            grace=1.0,
         )
         self._stamp = 0.0
 

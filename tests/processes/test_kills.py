@@ -34,9 +34,12 @@ CAGE = {"x": (-5, 5), "y": (-5, 5), "z": (0, 5)}
 
 @pytest.fixture(scope="module")
 def caged() -> Iterator[Lab]:
-    """A flying system whose restarts are never too many."""
+    """A flying system in which no flight goes on by itself, so that how soon it brakes can be seen.
+
+    A hub is back within the default grace, and the vehicle gathers speed again.
+    """
     with private_lab() as made:
-        made.start("--set", "dynamics.start.z=1")
+        made.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=0")
         yield made
 
 

@@ -204,7 +204,7 @@ def run(node: Node, params: Params) -> None:
             simulation.wait_for_safety()
         # A loop that was itself held up has not yet heard the setpoints that wait for it.
         elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick or (
-            last_tick and now - last_tick > dynamics.grace
+            last_tick and now - last_tick > max(dynamics.grace, dynamics.setpoint_timeout)
         ):
             simulation.brake()
         simulation.advance()

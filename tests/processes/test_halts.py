@@ -77,3 +77,17 @@ def lead(bare: Bare, poses: Watch, goal: dict[str, float], until: Any = None, co
             return led
     assert until is None, f"not within {count} poses; the last was {led[-1]}"
     return led
+
+
+def test_without_a_grace_it_flies_and_every_silence_ends_the_flight(lab: Lab):
+    lab.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=0")
+    assert lab.quadctl("goto", 1, 0, 1).code == 0
+    with lab.bare() as bare:
+        poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
+        assert bare.call("goto", **FAR).value["accepted"]
+        poses.until(lambda p: speed(p) > 1)
+        stalled = time.monotonic()
+        lab.signal("dynamics", signal.SIGSTOP)
+        eventually(lambda: time.monotonic() > stalled + 0.5)
+        lab.signal("dynamics", signal.SIGCONT)
+        states.until(lambda s: s["state"] == "HOVERING" and s["reason"].endswith("stopped"))

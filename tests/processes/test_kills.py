@@ -141,6 +141,7 @@ def kill_in_flight(
             flown.until(lambda p: speed(p) < 0.05, within=20)
             poses.messages += flown.messages
         assert seen <= len(states.messages)
+        assert max(map(speed, poses.messages)) > 0.1, "it never flew"
         for pose in poses.messages:
             assert all(
                 low - MARGIN <= pose["position"][axis] <= high + MARGIN

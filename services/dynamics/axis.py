@@ -4,7 +4,7 @@ The axis is a triple integrator (position, velocity, acceleration) with limits o
 acceleration and jerk. Each period it takes the highest acceleration the limits permit, for as
 long as the time-minimal stop would still end short of the goal; from then on it follows that
 stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
-moved in flight, or new limits, only ask anew on which side of the goal the stop would end.
+moved in flight, or a new share, only asks anew on which side of the goal the stop would end.
 
 Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its own. SI
 units; all limits are positive.
@@ -36,7 +36,7 @@ def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, flo
     """
     side = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
     square = side * j * v + 0.5 * a * a
-    # A deceleration beyond the limit, where that was lowered in flight, is held, not raised.
+    # A deceleration beyond the limit, by rounding, is held, not raised.
     most = -side * a if -side * a > most_a else most_a
     held = square - most * most
     top = most if held > 0.0 else sqrt(square if square > 0.0 else 0.0)

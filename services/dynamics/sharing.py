@@ -164,8 +164,8 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
 
     An axis that is stopping keeps its share, one on its way gets what it needs if there is as much.
     So the vector of acceleration is within its limit whatever goals are replaced. An axis that has
-    to turn round gets as much as in a stop. What is left then goes by the squares of the ways still to go, which from rest makes all three profiles
-    alike but for scale: a straight line.
+    to turn round gets as much as in a stop. What is left then goes by the squares of the ways still
+    to go, which from rest makes all three profiles alike but for scale: a straight line.
     """
     x = freed(x, limits)
     y = freed(y, limits)

@@ -65,6 +65,7 @@ def test_the_one_whose_place_is_taken_is_told(taught: Lab, sound: Bare):
 @pytest.mark.parametrize("fault", ["pose-frozen", "pose-delayed", "pose-jump"])
 def test_a_bad_pose_stops_a_flight_with_its_reason(taught: Lab, sound: Bare, fault: str):
     states, poses = sound.watch("uav/safety/state"), sound.watch("uav/pose")
+    setpoints = sound.watch("uav/input/position")
     assert sound.call("goto", **FAR).value["accepted"]
     poses.until(lambda p: speed(p) > 1)
     assert taught.quadctl("fault", "inject", fault).code == 0
@@ -75,6 +76,9 @@ def test_a_bad_pose_stops_a_flight_with_its_reason(taught: Lab, sound: Bare, fau
         # What comes half a second late is old at first, and then as regular as ever.
         assert stopped["reason"]
     assert taught.quadctl("fault", "clear", fault).code == 0
+    # The sound pose is the next jump: a goal accepted before safety has seen it would be stopped.
+    sound_seq = poses.next(2)[-1]["seq"]
+    setpoints.until(lambda s: s["for_seq"] >= sound_seq)
     flown = taught.quadctl("goto", 0, 0, 1, "--json")
     assert (flown.code, flown.json["arrived"]) == (0, True), flown
 

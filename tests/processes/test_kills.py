@@ -123,7 +123,8 @@ def kill_in_flight(
     with lab.bare() as bare:
         poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
         begin(bare, draw)
-        time.sleep(draw.uniform(0.1, 1.2))
+        poses.until(lambda p: speed(p) > 0.1)
+        time.sleep(draw.uniform(0, 1.1))
         last, old = poses.next()[0], lab.nodes()[node]["pid"]
         seen, killed = len(states.messages), time.monotonic()
         lab.signal(node, number)

@@ -12,7 +12,7 @@ from cli import bus, output
 from cli.console.address import bound, urls
 from cli.declare import Opt
 from cli.options import Options
-from services.runtime import vehicles
+from services.runtime import realm, vehicles
 from services.runtime.errors import QuadctlError, Unreachable, UsageError
 
 _PORT = 8470
@@ -42,11 +42,11 @@ def console(
         )
     _check(host, insecure=insecure)
     # Where nothing runs, or does not answer, that is told now and not on a page.
-    with bus.connect(structs.replace(options, named=options.named or vehicles.DEFAULT)):
+    with bus.connect(structs.replace(options, named=options.named or realm.DEFAULT)):
         there = vehicles.of(options.realm, options.connect, options.timeout)
     first = options.named or there[0]
     if first not in there:
-        raise Unreachable(f"there is no vehicle {first}", f"there is {vehicles.listed(there)}")
+        raise Unreachable(f"there is no vehicle {first}", f"there is {realm.listed(there)}")
     from cli.console.server import serve
 
     listening = bound(host, _PORT if port is None else port, exactly=port is not None)

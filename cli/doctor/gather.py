@@ -14,9 +14,9 @@ from cli.options import Options
 from services.runtime.bus.session import Address, address_of
 from services.runtime.bus.survey import Survey
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
-from services.runtime.realm import Realm
+from services.runtime.realm import DEFAULT, Realm
 from services.runtime.record import RunRecord
-from services.runtime.vehicles import DEFAULT, hub_alone
+from services.runtime.vehicles import hub_alone
 
 
 class Place(NamedTuple):

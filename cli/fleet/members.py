@@ -11,7 +11,7 @@ from cli.fleet import file as fleet_file
 from cli.fleet.file import Fleet, Member
 from cli.fleet.hubs import Hubs
 from cli.options import Options
-from services.runtime import vehicles
+from services.runtime import realm, vehicles
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.realm import Realm
 
@@ -33,7 +33,7 @@ def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> Fleet:
     if file is None and not options.json and (left := left_out(options, fleet)):
         be = "is" if len(left) == 1 else "are"
         output.note(
-            f"from {fleet.source}; {vehicles.listed(left)}, which {be} live on this hub, {be} not in it"
+            f"from {fleet.source}; {realm.listed(left)}, which {be} live on this hub, {be} not in it"
         )
     return fleet
 
@@ -51,7 +51,7 @@ def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:
     names = set(vehicles.of(options.realm, options.connect, options.timeout))
     if not options.connect:
         # The run's record names those too whose processes are away, but nobody that came besides.
-        any_ = next(iter(names), vehicles.DEFAULT)
+        any_ = next(iter(names), realm.DEFAULT)
         names |= set(hubs.client("", any_, options.timeout).vehicles())
     if not names:
         raise Unreachable("no vehicle is on the hub", "`quadctl up` starts one")

@@ -10,9 +10,9 @@ from cli.keys.list import day, shown
 from cli.options import Options
 from schemas.roles import Role
 from services.runtime.errors import UsageError
+from services.runtime.realm import DEFAULT
 from services.runtime.settings.fleet import names
 from services.runtime.settings.named import nearest
-from services.runtime.vehicles import DEFAULT
 
 _MOST_DAYS = 3650
 

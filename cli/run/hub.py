@@ -6,9 +6,9 @@ from pathlib import Path
 from cli.options import Options
 from cli.run.up import Detach, Insecure, Listen, begin, reached
 from services.runtime.processes import NODES
+from services.runtime.realm import HUB_ALONE
 from services.runtime.run.launch import Launch
 from services.runtime.settings import fleet
-from services.runtime.vehicles import HUB_ALONE
 
 
 def hub(

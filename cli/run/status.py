@@ -11,9 +11,8 @@ from cli.options import Options, here
 from cli.run.rows import duration
 from cli.run.usage import memory
 from services.runtime import record
-from services.runtime.realm import Realm
+from services.runtime.realm import Realm, listed
 from services.runtime.record import ProcessRecord, RunRecord
-from services.runtime.vehicles import listed
 
 
 def status(options: Options) -> None:

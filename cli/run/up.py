@@ -13,12 +13,12 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.run import terminal
 from cli.run.status import status
+from services.runtime.realm import DEFAULT
 from services.runtime.run import up as running
 from services.runtime.run.detach import detach as in_background
 from services.runtime.run.launch import Launch
 from services.runtime.run.supervise import Supervisor
 from services.runtime.settings import fleet
-from services.runtime.vehicles import DEFAULT
 
 _DEFAULT_FILE = Path("quad.toml")
 Detach = Annotated[bool, Opt("Return when all processes are ready.", ("--detach", "-d"))]

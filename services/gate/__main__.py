@@ -6,7 +6,7 @@ and so that a revoked name costs a moment of the network and none of the flight.
 
 from schemas.params import Params
 from services.runtime.bus import linger
-from services.runtime.bus.session import open_gate
+from services.runtime.bus.router import open_gate
 from services.runtime.entry import Reopen, start
 from services.runtime.node import Node
 from services.runtime.secure.endpoints import secure

@@ -2,7 +2,7 @@
 
 from schemas.params import Params
 from services.runtime.bus import linger
-from services.runtime.bus.session import open_router
+from services.runtime.bus.router import open_router
 from services.runtime.entry import start
 from services.runtime.node import Node
 from services.runtime.secure.endpoints import plain

@@ -21,13 +21,12 @@ from services.runtime.ending import Ending
 from services.runtime.errors import AlreadyServed, QuadctlError
 from services.runtime.lock import FileLock
 from services.runtime.node import Node
-from services.runtime.realm import Realm, default_name, vehicle_name
+from services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
 from services.runtime.secure.endpoints import is_secure
 from services.runtime.settings import params as parameters
 from services.runtime.settings import snapshot
 from services.runtime.settings.fleet import said_of
 from services.runtime.settings.live import LiveParams
-from services.runtime.vehicles import DEFAULT
 
 Run = Callable[[Node, Params], None]
 
@@ -174,6 +173,6 @@ def _serve_params(node: Node, params: Params, realm: Realm) -> None:
     def save(table: Any) -> None:
         snapshot.save(realm, node.vehicle, node.name, table)
 
-    live = LiveParams(node.name, params, save, node.params_changed, node.params_in_force)
-    node.serve(get_params(node.name), live.get)
-    node.serve(set_params(node.name), live.set)
+    served = LiveParams(node.name, params, save, node.params_changed, node.params_in_force)
+    node.serve(get_params(node.name), served.get)
+    node.serve(set_params(node.name), served.set)

@@ -4,7 +4,7 @@ import contextlib
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from services.runtime.errors import QuadctlError, UsageError
@@ -12,6 +12,11 @@ from services.runtime.errors import QuadctlError, UsageError
 if TYPE_CHECKING:
     from pathlib import Path
 
+DEFAULT = "uav"
+"""The vehicle's name where none is given."""
+HUB_ALONE = "hub-"
+"""The beginning of the name that a hub without a vehicle has in the place of one."""
+_MOST_LISTED = 12
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
 ADDRESS = "hub.json"
 """The file of a realm's folder that says where its hub listens."""
@@ -31,6 +36,13 @@ def vehicle_name(name: str) -> str:
             "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
         )
     return name
+
+
+def listed(vehicles: Sequence[str]) -> str:
+    """Return the names for a message, the first and the last of many."""
+    if len(vehicles) <= _MOST_LISTED:
+        return ", ".join(vehicles)
+    return f"{vehicles[0]} .. {vehicles[-1]} ({len(vehicles)})"
 
 
 def default_name() -> str:

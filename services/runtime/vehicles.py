@@ -1,16 +1,10 @@
 """Which vehicle is meant where none is named."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 from services.runtime import record
 from services.runtime.errors import Unreachable, UsageError
-from services.runtime.realm import Realm
-
-DEFAULT = "uav"
-HUB_ALONE = "hub-"
-"""What the name begins with that a hub without a vehicle has in the place of one."""
-_MOST_LISTED = 12
+from services.runtime.realm import DEFAULT, HUB_ALONE, Realm, listed
 
 
 def the_only(realm: str, connect: str, timeout: float) -> str:
@@ -44,13 +38,6 @@ def hub_alone(realm: str) -> str:
     """What the hub of a run without a vehicle goes by; empty where there is a vehicle, or no run."""
     there = _in(realm)
     return there[0] if there and there[0].startswith(HUB_ALONE) else ""
-
-
-def listed(vehicles: Sequence[str]) -> str:
-    """Their names for a message."""
-    if len(vehicles) <= _MOST_LISTED:
-        return ", ".join(vehicles)
-    return f"{vehicles[0]} .. {vehicles[-1]} ({len(vehicles)})"
 
 
 def _in(realm: str) -> list[str]:

@@ -7,11 +7,10 @@ from services.runtime import record, vitals
 from services.runtime.bus import roster
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from services.runtime.processes import NODES
-from services.runtime.realm import Realm
+from services.runtime.realm import Realm, listed
 from services.runtime.record import ProcessRecord, RunRecord
 from services.runtime.settings import kept
 from services.runtime.settings.named import nearest
-from services.runtime.vehicles import listed
 
 if TYPE_CHECKING:
     from services.runtime.bus.client import Client

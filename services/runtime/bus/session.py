@@ -1,4 +1,4 @@
-"""Zenoh sessions as we open them: the hub's router, and everybody else's client.
+"""Zenoh sessions as we open them: those of clients, and what all have in common.
 
 Nothing listens on a network port unless it is asked to, and multicast is off. The settings were
 measured; the reason stands beside each.
@@ -6,18 +6,15 @@ measured; the reason stands beside each.
 
 import os
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import zenoh
 from msgspec import Struct
 
-from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
-from services.runtime.realm import ADDRESS, Realm, write_atomically
+from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.realm import ADDRESS, Realm
 from services.runtime.secure import endpoints
-
-if TYPE_CHECKING:
-    from schemas.params import Params
 
 TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
@@ -37,16 +34,13 @@ INSECURE = "QUADCTL_INSECURE"
 
 _RETRY_MS = 10
 """A client waits for a starting hub in steps of this; 10 ms costs nothing and delays nobody."""
-_JOIN_MS = 100
+JOIN_MS = 100
 """The same over a network, and between hubs, where each try costs somebody else a handshake."""
 _LEASE_MS = 1000
 """Who is silent for so long is taken for gone."""
-_LEASE_AFAR_MS = 4000
+LEASE_AFAR_MS = 4000
 """The same between machines. A network of thirty laptops, or one of them, stalls for a second now and
 then, and who is taken for gone comes back with a handshake and all that he offers."""
-_ROOM_US = 1_000_000
-"""The hub waits so long (us) for who has no room for a message that must not be dropped, and then
-drops him. Less than the 2 s after which a process that does not answer is taken for frozen."""
 
 
 class Address(Struct, frozen=True):
@@ -68,57 +62,6 @@ def address_of(realm: Realm, connect: str = "") -> Address:
         return Address(realm.endpoint)
 
 
-def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
-    """Open the hub; where it has a password, that is kept in the realm's folder.
-
-    It knows no encryption: what is to have that is the gate's. Raises UsageError for an endpoint
-    that would let in everybody.
-    """
-    listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
-    if not os.environ.get(INSECURE):
-        endpoints.refuse_open((*listen, *join))
-    config = _router(address)
-    config["listen"] = {"endpoints": [address.endpoint, *listen]}
-    config["connect"] |= {"endpoints": join}
-    if address.user:
-        users = realm.folder / "hub.users"
-        write_atomically(users, f"{address.user}:{address.password}\n".encode())
-        config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
-    return _open(config, TWO_THREADS)
-
-
-def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001 - as open_router
-    """Open the encrypted side of the hub: a router of its own, a process away from the vehicle.
-
-    It lets through what the roles allow. Raises UsageError where no hub's identity is given, or the
-    hub has no Unix socket.
-    """
-    from services.runtime.secure import gate
-
-    if address.user:
-        raise UsageError(
-            "tls and quic need a hub on a Unix socket",
-            "leave hub.transport at auto; Windows has no such socket",
-        )
-    listen, join = endpoints.secure(params.hub.listen), endpoints.secure(params.hub.connect)
-    config = _router(address)
-    config["connect"] |= {"endpoints": [address.endpoint, *join]}
-    config["listen"] = {"endpoints": listen}
-    who = gate.identity_for([*listen, *join])
-    link = config["transport"]["link"]
-    link["tls"] = who.tls()
-    link["tx"]["lease"] = _LEASE_AFAR_MS
-    protocol = address.endpoint.partition("/")[0]
-    config["access_control"] = gate.rules(who, protocol)
-    try:
-        return _open(config, TWO_THREADS)
-    except zenoh.ZError as error:
-        raise QuadctlError(
-            f"{', '.join(listen) or 'the gate'} cannot be opened: {_plainly(error)}",
-            "is the port another's, or the address not this machine's?",
-        ) from error
-
-
 def open_client(
     address: Address, *, wait: float = 0.0, timeout: float = 5.0, threads: str = CLIENT_THREADS
 ) -> zenoh.Session:
@@ -130,25 +73,25 @@ def open_client(
     what it declared. Raises Unreachable when no hub is there, and without a wait TimedOut when
     one is there that has not let us in within `timeout` seconds.
     """
-    config, began = _common(address), time.monotonic()
+    config, began = common_config(address), time.monotonic()
     secure = endpoints.is_secure(address.endpoint)
     if secure:
         from services.runtime.secure import identity
 
         link = config["transport"]["link"]
         link["tls"] = identity.needed(address.endpoint).tls()
-        link["tx"]["lease"] = _LEASE_AFAR_MS
+        link["tx"]["lease"] = LEASE_AFAR_MS
     open_timeout = max(int(timeout * 1000), 1)
     config["transport"]["unicast"] = {"open_timeout": open_timeout}
     config["mode"] = "client"
     config["connect"] = {"endpoints": [address.endpoint]}
     if wait:
-        retry = _retry(_JOIN_MS if secure else _RETRY_MS)
-        config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry}
+        step = JOIN_MS if secure else _RETRY_MS
+        config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry(step)}
         # Samples carry a time, which latched topics and `topic delay` need.
         config["timestamping"] = {"enabled": True}
     try:
-        return _open(config, threads)
+        return open_with(config, threads)
     except zenoh.ZError as error:
         # Where nobody is there, that is known at once.
         if not wait and time.monotonic() - began >= open_timeout / 1000:
@@ -165,24 +108,8 @@ def open_client(
         ) from error
 
 
-def _router(address: Address) -> dict[str, Any]:
-    config = _common(address)
-    config["mode"] = "router"
-    block = {"wait_before_close": _ROOM_US}
-    config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
-    # Who is not there now may come at any time.
-    config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": _retry(_JOIN_MS)}
-    # Routers sleep this long before they answer; there is nobody to scout for.
-    config["scouting"]["delay"] = 0
-    return config
-
-
-def _plainly(error: zenoh.ZError) -> str:
-    """What Zenoh says, without the places in its source."""
-    return str(error).partition(" at /")[0].rstrip(". ")
-
-
-def _retry(period_ms: int) -> dict[str, int]:
+def retry(period_ms: int) -> dict[str, int]:
+    """Return how a session tries again to connect, each so many ms."""
     return {
         "period_init_ms": period_ms,
         "period_max_ms": period_ms,
@@ -190,7 +117,8 @@ def _retry(period_ms: int) -> dict[str, int]:
     }
 
 
-def _common(address: Address) -> dict[str, Any]:
+def common_config(address: Address) -> dict[str, Any]:
+    """Return the part of a configuration that routers and clients share."""
     transport: dict[str, Any] = {
         "shared_memory": {"enabled": False},
         "link": {"tx": {"lease": _LEASE_MS}},
@@ -200,7 +128,8 @@ def _common(address: Address) -> dict[str, Any]:
     return {"scouting": {"multicast": {"enabled": False}}, "transport": transport}
 
 
-def _open(config: dict[str, Any], threads: str) -> zenoh.Session:
+def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
+    """Open a session with Zenoh threads as named; raises zenoh.ZError."""
     # Zenoh reads it from the environment alone, when the process opens its first session. It
     # must not stay there: what this process starts has its own.
     ours = "ZENOH_RUNTIME" not in os.environ

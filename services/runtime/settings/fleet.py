@@ -9,8 +9,8 @@ import msgspec
 
 from schemas.params import Params
 from services.runtime.errors import Invalid, UsageError
+from services.runtime.realm import DEFAULT, listed
 from services.runtime.settings.params import check, gather
-from services.runtime.vehicles import DEFAULT, listed
 
 MOST = 200
 """Vehicles of one run: of 300 a hub takes longer to learn what they offer than a start may take."""

@@ -12,9 +12,8 @@ from benchmarks.effort import Effort
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
 from benchmarks.system import home, running
-from schemas.geometry import Position
-from schemas.messages import Pressure, Setpoint
-from services.runtime.bus import wire
+from schemas.messages import Position, Pressure, Setpoint
+from services.runtime.bus import codec
 from services.runtime.bus.session import TWO_THREADS
 
 Processes = Callable[[], dict[int, str]]
@@ -84,7 +83,7 @@ def _sizes() -> dict[str, int]:
     """Bytes of what each of our nodes sends at its rate."""
     place = Position(1.25, -2.5, 1.0625)
     return {
-        "vehicle": len(wire.encode(pose(1000))),
-        "monitor": len(wire.encode(Setpoint("0123456789abcdef", 1000, place, brake=False))),
-        "sensor": len(wire.encode(Pressure(1000.0, 0.25, 1013.25, 10, 1e-5))),
+        "vehicle": len(codec.encode(pose(1000))),
+        "monitor": len(codec.encode(Setpoint("0123456789abcdef", 1000, place, brake=False))),
+        "sensor": len(codec.encode(Pressure(1000.0, 0.25, 1013.25, 10, 1e-5))),
     }

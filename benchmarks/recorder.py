@@ -14,15 +14,15 @@ from benchmarks.footprint import shares
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, Home, home, running
-from services.runtime.bag.reader import summary
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.bus.session import Address, open_client
+from services.runtime.recording.reader import summary
 
 _HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
 _SETTLED = 10.0
 _FLOOD_SECONDS = 2.0
 _LONGEST = 10.0
-_ENCODING = wire.encoding(type(pose(0)))
+_ENCODING = codec.encoding(type(pose(0)))
 
 
 def measure(results: Results, effort: Effort) -> None:
@@ -51,7 +51,7 @@ def _rate(where: Home) -> float:
         )
         end = time.monotonic() + _FLOOD_SECONDS
         for sent in itertools.count(1):
-            publisher.put(wire.encode(pose(sent)))
+            publisher.put(codec.encode(pose(sent)))
             if time.monotonic() > end:
                 break
         # Until what was on its way has come: the recorder says once a second how far it is.

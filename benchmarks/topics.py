@@ -9,9 +9,9 @@ from benchmarks.effort import Effort
 from benchmarks.ends import Ends, ends
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 
-_POSE_BYTES = len(wire.encode(pose(1000)))
+_POSE_BYTES = len(codec.encode(pose(1000)))
 _FLOOD_SECONDS = 2.0
 _FAN = 8
 _CONNECTED_WITHIN = 10.0

@@ -8,7 +8,7 @@ import msgspec
 from msgspec import Struct
 
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import put, value_of
+from services.runtime.params.names import put, value_of
 
 M = TypeVar("M", bound=Struct)
 

@@ -5,10 +5,9 @@ from typing import Any
 
 from msgspec import Struct
 
-from schemas.contract import Service
-from schemas.topics import SERVICES, TOPICS, get_params, set_params, topic_of
+from schemas.topics import SERVICES, TOPICS, Service, get_params, set_params, topic_of
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 _LONGEST_KEY = 1_000
 """Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""
@@ -71,11 +70,11 @@ def types() -> dict[str, str]:
 
 def parts() -> dict[str, type[Struct]]:
     """The types that stand in those of topics and services, as Position in Pose, by their names."""
-    from schemas import describe
+    from schemas import typeinfo
 
     whole = [topic.type for topic in TOPICS]
     whole += [part for one in (*SERVICES, *PARAMETERS) for part in (one.request, one.response)]
-    return {part.__name__: part for type_ in whole for part in describe.parts(type_)}
+    return {part.__name__: part for type_ in whole for part in typeinfo.parts(type_)}
 
 
 def fields_of(name: str, vehicle: str) -> tuple[str, ...]:

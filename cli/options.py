@@ -67,7 +67,7 @@ def options_of(said: Mapping[str, Any]) -> Options:
             f"give seconds, more than 0, up to {LONGEST_TIMEOUT}",
         )
     if folder := said.get("identity"):
-        from services.runtime.secure.identity import choose
+        from services.runtime.security.identity import choose
 
         choose(folder)
     return Options(

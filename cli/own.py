@@ -9,9 +9,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from services.runtime.realm import Realm
-from services.runtime.run.detach import detach
-from services.runtime.run.halt import halt
-from services.runtime.run.launch import Launch
+from services.runtime.supervisor.control import halt
+from services.runtime.supervisor.daemon import detach
+from services.runtime.supervisor.launch import Launch
 
 _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """What else than Ctrl-C may end a command; by itself Python would let nothing be put in order."""

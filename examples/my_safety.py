@@ -10,9 +10,8 @@ The path counts from the file's folder. Turning the cage off and holding are lef
 
 from math import dist
 
-from schemas.geometry import Position
-from schemas.messages import CageSize, SafetyState, Setpoint
-from schemas.requests import GotoRequest, GotoResponse
+from schemas.messages import CageSize, Position, SafetyState, Setpoint
+from schemas.services import GotoRequest, GotoResponse
 from schemas.topics import GOTO, POSE, SETPOINT, STATE
 from services.runtime.entry import Node, Params, start
 

@@ -1,19 +1,129 @@
-"""Every parameter: its default, bounds, unit and meaning, written once.
+"""The parameter file: safety, dynamics, hub, supervisor.
 
 `quadctl init`, `param describe`, the checks at launch and `param set` all read these classes.
 Values that a node reads at its next step change at once with `param set`.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
 from schemas.barometer import PressureParams
-from schemas.faults import FlightFaultParams
-from schemas.hub import HubParams
 from schemas.units import Metres
 from schemas.vehicle import ControlParams, VehicleParams
-from schemas.wind import WindParams
+
+PORTS = ("tcp", "tls", "quic", "udp", "ws")
+"""Those on host:port."""
+SECURE = ("tls", "quic")
+"""Those of them by which both ends show a certificate, and all between is encrypted."""
+LOCAL = ("unixsock-stream",)
+"""Those on a path."""
+
+
+class FlightFaultParams(Struct, forbid_unknown_fields=True):
+    """What is wrong with the vehicle, and with the pose that is told of it."""
+
+    pose: Annotated[
+        Literal["none", "frozen", "delayed", "jump"],
+        Meta(
+            description="frozen: the last one again and again; delayed: old ones; jump: off the"
+            " true place",
+            extra={"unit": ""},
+        ),
+    ] = "none"
+    delay: Annotated[
+        float,
+        Meta(gt=0, le=10, description="how old a delayed pose is", extra={"unit": "s"}),
+    ] = 0.5
+    jump: Annotated[
+        float,
+        Meta(ge=-1000, le=1000, description="how far off a pose jumps, in x", extra={"unit": "m"}),
+    ] = 3.0
+    motors: Annotated[
+        float,
+        Meta(
+            ge=0.5,
+            le=1,
+            description="share of their thrust that the motors give, unknown to the controller",
+            extra={"unit": ""},
+        ),
+    ] = 1.0
+
+
+class HubParams(Struct, forbid_unknown_fields=True):
+    """The Zenoh router that everything else is a client of."""
+
+    transport: Annotated[
+        Literal["auto", "unix", "tcp"],
+        Meta(
+            description="unix: a socket in the realm's folder; tcp: a loopback port with a password;"
+            " auto: unix where there is such a thing",
+            extra={"unit": ""},
+        ),
+    ] = "auto"
+    listen: Annotated[
+        list[str],
+        Meta(
+            description="further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447",
+            extra={"unit": ""},
+        ),
+    ] = field(default_factory=list)
+    connect: Annotated[
+        list[str],
+        Meta(
+            description="other hubs to join, by their endpoints, such as tls/field.local:7447",
+            extra={"unit": ""},
+        ),
+    ] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what no Zenoh router can listen on, or connect to."""
+        if self.transport == "tcp" and any(
+            endpoint.partition("/")[0] in SECURE for endpoint in (*self.listen, *self.connect)
+        ):
+            raise ValueError(
+                "tls and quic need transport unix: they have certificates, no password"
+            )
+        for name, endpoints in (("listen", self.listen), ("connect", self.connect)):
+            for endpoint in endpoints:
+                _check_endpoint(name, endpoint)
+
+
+def _check_endpoint(name: str, endpoint: str) -> None:
+    protocol, _, address = endpoint.partition("/")
+    if not (address and (protocol in LOCAL or (protocol in PORTS and ":" in address))):
+        known = ", ".join((*PORTS, *LOCAL))
+        raise ValueError(
+            f"{name}: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
+            f"tcp/127.0.0.1:7447; the protocols are {known}"
+        )
+
+
+WindSpeed = Annotated[float, Meta(ge=-30, le=30)]
+
+
+class MeanWindParams(Struct, forbid_unknown_fields=True):
+    """The steady wind: where the air goes, ENU, m/s."""
+
+    x: WindSpeed = 0.0
+    y: WindSpeed = 0.0
+    z: WindSpeed = 0.0
+
+
+class WindParams(Struct, forbid_unknown_fields=True):
+    """The air, made the same again at each boot by `dynamics.seed`."""
+
+    mean: Annotated[
+        MeanWindParams,
+        Meta(description="steady wind, the way that the air goes", extra={"unit": "m/s"}),
+    ] = field(default_factory=MeanWindParams)
+    gust: Annotated[
+        float, Meta(ge=0, le=20, description="RMS of gusts on each axis", extra={"unit": "m/s"})
+    ] = 0.0
+    gust_length: Annotated[
+        float, Meta(ge=0.1, le=1000, description="length scale of gusts", extra={"unit": "m"})
+    ] = 10.0
+
 
 CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
 """A cage smaller than the vehicle would hold nothing, so 0.2 m is the least."""

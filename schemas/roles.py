@@ -11,7 +11,6 @@ What is the user's own needs no line here: its topics are below `VEHICLE/own/`, 
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from schemas.contract import Service
 from schemas.keyexpr import includes
 from schemas.topics import (
     CALIBRATE,
@@ -21,6 +20,7 @@ from schemas.topics import (
     RESET,
     SERVICES,
     TOPICS,
+    Service,
     called,
     get_params,
     set_params,

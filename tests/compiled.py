@@ -12,7 +12,7 @@ from services.dynamics.process.machine import Code, store, stored
 from services.dynamics.process.making import made
 from services.runtime import generated
 from services.runtime.errors import AlreadyServed
-from services.runtime.lock import FileLock
+from services.runtime.filelock import FileLock
 from tests.processes.lab import CACHE
 
 

@@ -8,9 +8,8 @@ import threading
 import time
 
 from benchmarks.worker import Arrivals, flood, paced, serve, timed
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import Pose
-from schemas.requests import ToggleCageRequest, ToggleCageResponse
+from schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
+from schemas.services import ToggleCageRequest, ToggleCageResponse
 from schemas.topics import POSE, TOGGLE_CAGE
 from services.runtime.bus.calls import Caller
 from services.runtime.bus.session import address_of, open_client

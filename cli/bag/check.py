@@ -5,7 +5,7 @@ import sys
 from cli import output
 from cli.bag.info import Recording
 from cli.options import Options
-from services.runtime.bag.check import check as look_through
+from services.runtime.recording.verify import check as look_through
 
 _FAULT_FOUND = 8
 

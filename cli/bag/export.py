@@ -9,9 +9,9 @@ from cli import output
 from cli.bag.info import Recording
 from cli.declare import Opt
 from cli.options import Options
-from services.runtime.bag.reader import Bag, Recorded
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.settings.named import flatten
+from services.runtime.params.names import flatten
+from services.runtime.recording.reader import Bag, Recorded
 
 _TIME = "unix_time"
 """The first column: when the message came, s."""

@@ -9,7 +9,7 @@ import msgspec
 from cli import output
 from cli.declare import Arg
 from cli.options import Options
-from services.runtime.bag.facts import BagFacts, KeyFacts, facts
+from services.runtime.recording.reader import BagFacts, KeyFacts, facts
 
 Recording = Annotated[Path, Arg("A recording, MCAP.", "FILE")]
 

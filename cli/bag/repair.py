@@ -8,9 +8,9 @@ from cli import output
 from cli.bag.info import Recording
 from cli.declare import Opt
 from cli.options import Options
-from services.runtime.bag import repair as mending
 from services.runtime.errors import QuadctlError
-from services.runtime.newfile import taken
+from services.runtime.files import taken
+from services.runtime.recording import verify as mending
 
 
 def repair(

@@ -13,11 +13,11 @@ from cli.declare import Names
 from cli.options import Options
 from cli.param.names import nodes_with_params
 from schemas.params import Params
-from schemas.requests import GetParamsRequest
+from schemas.services import GetParamsRequest
 from schemas.topics import TOPICS, get_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.settings.named import flatten
+from services.runtime.params.names import flatten
 
 SUBJECTS = ("topic", "service")
 """What has fields."""

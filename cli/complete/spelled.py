@@ -5,8 +5,8 @@ Spellings that do not go on it are left out by who asks for them.
 
 from collections.abc import Iterator
 
+from schemas.keyexpr import Offer
 from schemas.topics import SERVICES, TOPICS
-from services.runtime.bus.graph import Offer
 
 _PARAMETERS = ("GetParams", "SetParams")
 

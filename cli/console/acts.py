@@ -8,8 +8,8 @@ import msgspec
 from cli.console.board import Board
 from cli.console.link import Link
 from cli.console.settings import Setting, shown
-from schemas.geometry import Position
-from schemas.requests import (
+from schemas.messages import Position
+from schemas.services import (
     CalibrateRequest,
     GetParamsRequest,
     GotoRequest,
@@ -20,7 +20,7 @@ from schemas.requests import (
 )
 from schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
 from services.runtime.errors import Invalid, Refused, Unreachable
-from services.runtime.run.asking import ask_restart, wait_restarted
+from services.runtime.supervisor.control import ask_restart, wait_restarted
 
 Act = Callable[[], str]
 """Blocks until it is done, for no longer than the timeout; returns what to tell, or raises."""

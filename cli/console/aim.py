@@ -1,7 +1,7 @@
 """Where a page's user aims at: by a click on the floor, or by keys in steps of a metre. Pure."""
 
 from cli.console.board import Board
-from schemas.geometry import Position
+from schemas.messages import Position
 
 STEPS = {
     "ArrowRight": (1, 0, 0),

@@ -4,9 +4,8 @@ from collections import deque
 from typing import Any, NamedTuple
 
 from cli.console.verdicts import Verdict, told
-from schemas.geometry import Position
-from schemas.messages import Pose, Pressure, SafetyState
-from services.runtime.record import ProcessRecord
+from schemas.messages import Pose, Position, Pressure, SafetyState
+from services.runtime.run_files import ProcessRecord
 
 TICK = 0.1
 """Seconds between two samples, and between two pictures that a page is sent."""

@@ -5,8 +5,7 @@ from typing import Any
 
 from cli.console.board import Board, Sample
 from cli.console.verdicts import bounds, point
-from schemas.geometry import Position
-from schemas.messages import Pose
+from schemas.messages import Pose, Position
 
 _SILENT = 1.0
 """Seconds without a pose after which the page says so."""

@@ -10,18 +10,17 @@ import msgspec
 
 from cli.console.board import TICK, Board
 from cli.options import Options
-from schemas.geometry import Position
-from schemas.messages import Pose, Pressure, SafetyState
-from schemas.requests import GetParamsRequest
+from schemas.messages import Pose, Position, Pressure, SafetyState
+from schemas.services import GetParamsRequest
 from schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.bus.client import Client
-from services.runtime.bus.hearing import Readings
+from services.runtime.bus.streams import Readings
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.params import live
+from services.runtime.params.names import flatten
 from services.runtime.realm import Realm
-from services.runtime.settings import snapshot
-from services.runtime.settings.kept import UNSERVED
-from services.runtime.settings.named import flatten
+from services.runtime.run_files import UNSERVED
 
 T = TypeVar("T")
 
@@ -83,7 +82,7 @@ class Link:
         if self.realm is None:
             return {}
         try:
-            kept = msgspec.to_builtins(snapshot.read(self.realm, self.vehicle) or {})
+            kept = msgspec.to_builtins(live.read_values(self.realm, self.vehicle) or {})
         except (FileNotFoundError, Invalid):
             return {}  # the run is just going, or coming
         return dict(flatten({name: kept[name] for name in UNSERVED if name in kept}))
@@ -150,10 +149,10 @@ class Link:
                 self.look_around()
             time.sleep(2 * _LOOK)
 
-    def _processes(self) -> list[record.ProcessRecord]:
+    def _processes(self) -> list[run_files.ProcessRecord]:
         if self.realm is None:
             return []
         try:
-            return record.read(self.realm).nodes
+            return run_files.read(self.realm).nodes
         except QuadctlError:
             return []

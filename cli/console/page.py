@@ -20,7 +20,7 @@ from cli.console.panels.readings import readings
 from cli.console.panels.safety import Safety
 from cli.console.panels.top import top
 from cli.console.parts import Live
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.runtime.errors import QuadctlError
 
 _CSS = (Path(__file__).parent / "assets" / "console.css").read_text(encoding="utf-8")

@@ -5,11 +5,11 @@ from typing import Any, Literal
 
 from msgspec import Struct, inspect
 
-from schemas.describe import bounds_text, type_name
+from schemas.typeinfo import bounds_text, type_name
 from services.runtime.errors import Invalid
-from services.runtime.settings import declared, toml
-from services.runtime.settings.declared import Entry, fixed_at_launch
-from services.runtime.settings.named import value_of
+from services.runtime.params import catalogue
+from services.runtime.params.catalogue import Entry, fixed_at_launch
+from services.runtime.params.names import value_of
 
 Way = Literal["switch", "choice", "text"]
 
@@ -45,10 +45,10 @@ class Table(Struct, frozen=True):
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
     """Every table of the file, and those that only a user's own node has."""
-    leaves = declared.leaves()
+    leaves = catalogue.leaves()
     found: dict[str, list[Setting]] = {}
-    abouts = {section.name: section.about for section in declared.sections()}
-    for section in declared.sections():
+    abouts = {section.name: section.about for section in catalogue.sections()}
+    for section in catalogue.sections():
         own = [
             _setting(leaf, section.name)
             for entry in section.entries
@@ -67,7 +67,7 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
 
 def shown(value: Any) -> str:
     """A value as it is typed."""
-    return value if isinstance(value, str) and value else toml.word(value)
+    return value if isinstance(value, str) and value else catalogue.word(value)
 
 
 def _setting(leaf: Entry, table: str) -> Setting:
@@ -92,7 +92,7 @@ def _setting(leaf: Entry, table: str) -> Setting:
 def _facts(leaf: Entry, way: Way) -> Iterator[str]:
     if way == "text":
         yield f"{bounds_text(leaf.type)} {leaf.unit}".strip() or type_name(leaf.type)
-    yield f"default {toml.word(leaf.default)}"
+    yield f"default {catalogue.word(leaf.default)}"
     if fixed_at_launch(leaf.name):
         yield "set at launch"
 

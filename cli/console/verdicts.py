@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from schemas.geometry import Position
-from schemas.messages import CageSize, SafetyState
+from schemas.messages import CageSize, Position, SafetyState
 
 
 class Verdict(NamedTuple):

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cli.lab.flying import Flight, distance, patience
-from schemas.geometry import Position
-from schemas.messages import Pose, Pressure
+from schemas.messages import Pose, Position, Pressure
 from schemas.params import Params
-from schemas.requests import CalibrateRequest, GotoRequest, ToggleCageRequest
+from schemas.services import CalibrateRequest, GotoRequest, ToggleCageRequest
 from schemas.topics import CALIBRATE, GOTO, POSE, PRESSURE, STATE, TOGGLE_CAGE
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
 
@@ -57,7 +56,7 @@ class Lab:
         stream = self.client.listen(POSE.key(self.client.vehicle))
         still_since = None
         while message := stream.next(self.client.timeout):
-            pose = wire.decode(Pose, message.payload, message.encoding)
+            pose = codec.decode(Pose, message.payload, message.encoding)
             speed = math.hypot(pose.velocity.x, pose.velocity.y, pose.velocity.z)
             if speed > _AT_REST or still_since is None:
                 still_since = pose.stamp
@@ -73,7 +72,7 @@ class Lab:
             message = stream.next(self.client.timeout)
             if message is None:
                 raise self.client.silent(PRESSURE.key(self.client.vehicle))
-            found.append(wire.decode(Pressure, message.payload, message.encoding))
+            found.append(codec.decode(Pressure, message.payload, message.encoding))
         return found
 
 

@@ -11,9 +11,9 @@ from cli.demo.checkpoints import CHECKPOINTS, Lab
 from cli.options import Options, here
 from cli.own import run_of_its_own
 from services.runtime.bus.client import Client
+from services.runtime.params.catalogue import lab_params
 from services.runtime.realm import DEFAULT
-from services.runtime.run.launch import Launch
-from services.runtime.settings.template import lab_params
+from services.runtime.supervisor.launch import Launch
 
 _FAULT_FOUND = 8
 

@@ -6,7 +6,7 @@ from cli.doctor.check import Check, failed, passed, warned
 from schemas.barometer import AIR
 from schemas.messages import Pressure
 from schemas.topics import PRESSURE
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.bus.survey import Survey
 from services.runtime.errors import Invalid
 
@@ -44,7 +44,7 @@ def _readings(payloads: Iterable[bytes]) -> list[float]:
     found = []
     for payload in payloads:
         try:
-            reading = wire.decode_fields(Pressure, payload)
+            reading = codec.decode_fields(Pressure, payload)
         except Invalid:
             continue
         found.append(reading.pressure + reading.baseline)

@@ -8,7 +8,7 @@ from cli.doctor.check import Check, failed, passed, warned
 from cli.doctor.settings import Settings, faults, parameters
 from services.runtime.bus.survey import Survey
 from services.runtime.errors import QuadctlError
-from services.runtime.record import RunRecord
+from services.runtime.run_files import RunRecord
 
 _NEED_THE_HUB = (
     "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "barometer",

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import msgspec
 
-from services.runtime.lock import FileLock
+from services.runtime.filelock import FileLock
 from services.runtime.realm import Realm
-from services.runtime.record import RunRecord, is_live
+from services.runtime.run_files import RunRecord, is_live
 
 _SAID_LAST = 5
 """Lines of a dead process's log that are shown."""

@@ -15,7 +15,7 @@ from services.runtime.bus.session import Address, address_of
 from services.runtime.bus.survey import Survey
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from services.runtime.realm import DEFAULT, Realm
-from services.runtime.record import RunRecord
+from services.runtime.run_files import RunRecord
 from services.runtime.vehicles import hub_alone
 
 

@@ -6,13 +6,12 @@ from typing import Any
 from msgspec import Struct
 
 from cli.doctor.check import Check, alone, failed, passed, warned
-from schemas.contract import Service
-from schemas.describe import schema_hash
-from schemas.topics import SERVICES, TOPICS, get_params, set_params
+from schemas.topics import SERVICES, TOPICS, Service, get_params, set_params
+from schemas.typeinfo import schema_hash
 from services.runtime.bus.survey import Survey
 from services.runtime.errors import TimedOut
-from services.runtime.processes import NODES
-from services.runtime.record import RunRecord
+from services.runtime.process_table import NODES
+from services.runtime.run_files import RunRecord
 
 _SERVED: tuple[Service[Any, Any], ...] = (*SERVICES, get_params(""), set_params(""))
 _TYPES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}

@@ -6,7 +6,7 @@ from cli.doctor.check import Check, failed, passed, warned
 from cli.doctor.folder import Folder, Neighbours
 from cli.doctor.machine import Process
 from services.runtime.realm import listed
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 
 _PRIVATE = 0o077
 _FROZEN = {"T", "t"}

@@ -9,8 +9,8 @@ import msgspec
 from cli.doctor.check import Check, failed, passed, warned
 from cli.fault.catalogue import active
 from services.runtime.errors import Invalid
-from services.runtime.settings.fleet import load
-from services.runtime.settings.named import flatten
+from services.runtime.params.load import load_vehicles
+from services.runtime.params.names import flatten
 
 FILE = Path("quad.toml")
 _SHOWN = 5
@@ -35,7 +35,7 @@ def settings(vehicle: str, vehicles: Sequence[str], file: Path = FILE) -> Settin
     there = file.exists()
     source = f"./{file}" if there else _DEFAULTS
     try:
-        params = load(file if there else None, (), vehicles)[vehicle]
+        params = load_vehicles(file if there else None, (), vehicles)[vehicle]
     except Invalid as error:
         return Settings(source, {}, error)
     return Settings(source, dict(flatten(msgspec.to_builtins(params))))

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 
 from cli.doctor.check import Check, alone, failed, passed, warned
+from schemas.keyexpr import Offer
 from schemas.topics import POSE, STATE
-from services.runtime.bus.graph import Offer
-from services.runtime.bus.heard import Heard
-from services.runtime.bus.survey import Survey
+from services.runtime.bus.survey import Heard, Survey
 
 _TOLERANCE = 0.2
 _FEW = 1.5

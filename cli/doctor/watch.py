@@ -4,8 +4,7 @@ import threading
 import time
 
 from services.runtime.bus.session import Address
-from services.runtime.bus.survey import Survey
-from services.runtime.bus.surveyor import survey
+from services.runtime.bus.survey import Survey, survey
 from services.runtime.errors import QuadctlError, TimedOut
 
 _MARGIN = 0.1

@@ -9,12 +9,12 @@ from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES, Fault, active
 from cli.fault.kept import frozen, kept
 from cli.node.kill import signalled
 from cli.options import Options
-from schemas.requests import GetParamsRequest, SetParamsRequest
+from schemas.services import GetParamsRequest, SetParamsRequest
 from schemas.topics import get_params, set_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.processes import NODES
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
+from services.runtime.process_table import NODES
 
 
 def list_(options: Options) -> None:

@@ -3,12 +3,12 @@
 from typing import Any
 
 from cli.options import Options
-from services.runtime import record, vitals
+from services.runtime import run_files, vitals
+from services.runtime import run_files as files
 from services.runtime.errors import Unreachable
+from services.runtime.params.names import flatten
 from services.runtime.realm import Realm
-from services.runtime.record import RunRecord
-from services.runtime.settings import kept as files
-from services.runtime.settings.named import flatten
+from services.runtime.run_files import RunRecord
 
 
 def kept(options: Options) -> dict[str, Any]:
@@ -16,7 +16,7 @@ def kept(options: Options) -> dict[str, Any]:
     if options.connect:
         return _asked(options)
     realm = Realm(options.realm)
-    record.read(realm)
+    run_files.read(realm)
     return values_of(realm, options.vehicle)
 
 
@@ -27,7 +27,7 @@ def values_of(realm: Realm, vehicle: str) -> dict[str, Any]:
 
 def _asked(options: Options) -> dict[str, Any]:
     from cli import bus
-    from schemas.requests import GetParamsRequest
+    from schemas.services import GetParamsRequest
     from schemas.topics import get_params
 
     with bus.connect(options) as client:
@@ -42,7 +42,7 @@ def frozen(options: Options) -> list[str]:
     if options.connect:
         return []
     try:
-        run = record.read(Realm(options.realm))
+        run = run_files.read(Realm(options.realm))
     except Unreachable:
         return []
     return frozen_of(run)

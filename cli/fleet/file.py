@@ -15,13 +15,13 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from schemas.geometry import Position
+from schemas.messages import Position
 from schemas.units import Metres
 from services.runtime.errors import Invalid, UsageError
+from services.runtime.params import catalogue, load
+from services.runtime.params.names import nearest
 from services.runtime.realm import vehicle_name
-from services.runtime.secure import endpoints
-from services.runtime.settings import params, toml
-from services.runtime.settings.named import nearest
+from services.runtime.security import endpoints
 
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'
@@ -59,7 +59,7 @@ class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
 
 def read(file: Path, connect: str) -> Fleet:
     """A fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
-    return fleet_of(params.read(file, _WRITTEN), str(file), connect)
+    return fleet_of(load.read(file, _WRITTEN), str(file), connect)
 
 
 def fleet_of(table: dict[str, Any], source: str, connect: str) -> Fleet:
@@ -112,9 +112,9 @@ def _check_distinct(members: list[Member], source: str) -> None:
 
 def _place(said: Any, where: str) -> Position:
     if not isinstance(said, list) or len(said) != 3:
-        raise Invalid(f"{where}: {toml.value(said)} is no place", _POINT)
+        raise Invalid(f"{where}: {catalogue.value(said)} is no place", _POINT)
     x, y, z = (
-        _checked(part, Metres, f"{where}: {axis} = {toml.value(part)}", _POINT)
+        _checked(part, Metres, f"{where}: {axis} = {catalogue.value(part)}", _POINT)
         for axis, part in zip("xyz", said, strict=True)
     )
     return Position(x, y, z)

@@ -5,9 +5,9 @@ from math import fsum
 
 from cli.fleet.file import Fleet
 from cli.fleet.words import Said
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 Places = Mapping[str, Position]
 """A point for each vehicle, m."""

@@ -19,8 +19,8 @@ from cli.fleet.words import Said, read
 from cli.lab.flying import Flight, patience
 from cli.lab.goto import check_arrive, request_of
 from cli.options import Options
-from schemas.geometry import Position
-from schemas.requests import GotoRequest, GotoResponse
+from schemas.messages import Position
+from schemas.services import GotoRequest, GotoResponse
 from schemas.topics import GOTO, STATE
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Refused

@@ -6,7 +6,7 @@ from cli.fleet.hubs import Hubs
 from cli.fleet.members import File, fleet_of
 from cli.fleet.told import fail, row
 from cli.options import Options
-from schemas.requests import HoldRequest
+from schemas.services import HoldRequest
 from schemas.topics import HOLD
 from services.runtime.bus.client import Client
 

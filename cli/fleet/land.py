@@ -13,9 +13,8 @@ from cli.fleet.told import fail, row
 from cli.lab.flying import Flight, distance, patience
 from cli.lab.goto import check_arrive
 from cli.options import Options
-from schemas.geometry import Position
-from schemas.messages import Pose, SafetyState
-from schemas.requests import GotoRequest, HoldRequest
+from schemas.messages import Pose, Position, SafetyState
+from schemas.services import GotoRequest, HoldRequest
 from schemas.topics import GOTO, HOLD, POSE, STATE
 from services.runtime.bus.client import Client
 from services.runtime.errors import Refused

@@ -10,12 +10,11 @@ from cli.fleet.hubs import Hubs
 from cli.fleet.members import File, fleet_of
 from cli.fleet.told import fail, hub_of, row
 from cli.options import Options
-from schemas.geometry import Position
-from schemas.messages import Pose, SafetyState
+from schemas.messages import Pose, Position, SafetyState
 from schemas.topics import POSE, STATE
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.bus.client import Client
-from services.runtime.bus.hearing import Message, Stream
+from services.runtime.bus.streams import Message, Stream
 from services.runtime.errors import QuadctlError
 
 
@@ -78,7 +77,7 @@ def _see(heard: _Heard) -> _Seen:
     if message is None:
         return _Seen(heard.state, problem=heard.problem)
     try:
-        pose = wire.decode(Pose, message.payload, message.encoding)
+        pose = codec.decode(Pose, message.payload, message.encoding)
     except QuadctlError as problem:
         return _Seen(heard.state, problem=problem)
     age = time.monotonic() - message.received + (message.age or 0.0)

@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from cli.declare import is_number
 from cli.lab.goto import request_of
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.runtime.errors import UsageError
 
 _HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet goto --help`"

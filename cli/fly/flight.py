@@ -9,13 +9,7 @@ from typing import Any
 
 from cli.fly.mission import Mission, Row
 from cli.fly.record import Record
-from schemas.contract import Topic
-from schemas.requests import (
-    CalibrateRequest,
-    GetParamsRequest,
-    ResetRequest,
-    ToggleCageRequest,
-)
+from schemas.services import CalibrateRequest, GetParamsRequest, ResetRequest, ToggleCageRequest
 from schemas.topics import (
     CALIBRATE,
     POSE,
@@ -23,10 +17,11 @@ from schemas.topics import (
     RESET,
     STATE,
     TOGGLE_CAGE,
+    Topic,
     get_params,
 )
-from services.runtime.bus.ahead import Ahead
 from services.runtime.bus.client import Client
+from services.runtime.bus.scheduled_calls import Ahead
 from services.runtime.errors import QuadctlError, Refused, TimedOut
 
 NODES = ("dynamics", "pressure", "safety")

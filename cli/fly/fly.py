@@ -12,9 +12,9 @@ from cli.fly.flight import Flight
 from cli.fly.mission import mission
 from cli.lab.progress import Progress
 from cli.options import Options
-from schemas.requests import CalibrateResponse, GotoResponse
-from services.runtime.bus.ahead import Ahead
-from services.runtime.settings.params import read
+from schemas.services import CalibrateResponse, GotoResponse
+from services.runtime.bus.scheduled_calls import Ahead
+from services.runtime.params.load import read
 
 
 def fly(

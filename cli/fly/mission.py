@@ -13,12 +13,11 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.contract import Service
-from schemas.requests import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
-from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
+from schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
+from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE, Service
 from schemas.units import Metres
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 AFTER = 5.0
 """A mission that does not say when it ends does so this long (simulated s) after its last row."""

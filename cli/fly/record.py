@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
-from schemas.contract import period
 from schemas.messages import Pose, Pressure, SafetyState
+from schemas.topics import period
 from services.runtime.errors import QuadctlError
 
 _POSE = struct.Struct("<Q14d")

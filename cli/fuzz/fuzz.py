@@ -13,15 +13,15 @@ from cli.declare import Opt
 from cli.fuzz.payloads import Payload, refused
 from cli.lab.progress import Progress
 from cli.options import Options, here
-from schemas.requests import GetParamsRequest
+from schemas.services import GetParamsRequest
 from schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.bus.client import Client
 from services.runtime.bus.volley import Volley
 from services.runtime.errors import QuadctlError, Unreachable
-from services.runtime.processes import NODES
+from services.runtime.process_table import NODES
 from services.runtime.realm import Realm
-from services.runtime.secure.endpoints import is_secure
+from services.runtime.security.endpoints import is_secure
 
 _FAULT_FOUND = 8
 
@@ -101,7 +101,7 @@ def _look(client: Client, options: Options) -> dict[str, Any]:
         "boot": state.boot, "requests": state.request, "goal": state.goal, "cage_on": state.cage_on,
     }  # fmt: skip
     try:
-        run = None if options.connect else record.read(Realm(options.realm))
+        run = None if options.connect else run_files.read(Realm(options.realm))
     except Unreachable:
         run = None
     return found | {f"process of {node.name}": node.pid for node in (run.nodes if run else ())}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import Struct, inspect
 
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.errors import Invalid
 
 _ODD: tuple[Any, ...] = (
@@ -47,32 +47,32 @@ def refused(type_: type[Struct], draw: random.Random, *, called: bool = True) ->
 
 def _is_valid(type_: type[Struct], payload: Payload) -> bool:
     try:
-        wire.decode(type_, payload.data, payload.encoding)
-        wire.decode_call(payload.attachment)
+        codec.decode(type_, payload.data, payload.encoding)
+        codec.decode_call(payload.attachment)
     except Invalid:
         return False
     return True
 
 
 def _noise(type_: type[Struct], _example: Any, draw: random.Random) -> Payload:
-    return Payload(draw.randbytes(draw.randrange(200)), wire.encoding(type_))
+    return Payload(draw.randbytes(draw.randrange(200)), codec.encoding(type_))
 
 
 def _flipped(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
-    data = bytearray(wire.encode(example))
+    data = bytearray(codec.encode(example))
     for _ in range(draw.randint(1, 4)):
         data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
-    return Payload(bytes(data), wire.encoding(type_))
+    return Payload(bytes(data), codec.encoding(type_))
 
 
 def _cut_or_longer(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
-    data = wire.encode(example)
+    data = codec.encode(example)
     data = data[: draw.randrange(len(data))] if draw.random() < 0.5 else data + draw.randbytes(3)
-    return Payload(data, wire.encoding(type_))
+    return Payload(data, codec.encoding(type_))
 
 
 def _odd_field(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
-    return Payload(wire.encode(_with_odd(example, draw)), wire.encoding(type_))
+    return Payload(codec.encode(_with_odd(example, draw)), codec.encoding(type_))
 
 
 def _with_odd(value: Any, draw: random.Random) -> Any:
@@ -90,17 +90,19 @@ def _with_odd(value: Any, draw: random.Random) -> Any:
 
 
 def _deep(type_: type[Struct], _example: Any, draw: random.Random) -> Payload:
-    return Payload(draw.choice((b"\x91", b"\x81\xa1x")) * _DEEP, wire.encoding(type_))
+    return Payload(draw.choice((b"\x91", b"\x81\xa1x")) * _DEEP, codec.encoding(type_))
 
 
 def _mislabelled(_type: type[Struct], example: Any, draw: random.Random) -> Payload:
-    return Payload(wire.encode(example), draw.choice(_ENCODINGS))
+    return Payload(codec.encode(example), draw.choice(_ENCODINGS))
 
 
 def _bad_attachment(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
     call = {"id": "fuzz", "deadline": 4e9} | {draw.choice(("id", "deadline")): draw.choice(_ODD)}
-    attachment = wire.encode(call) if draw.random() < 0.5 else draw.randbytes(draw.randrange(1, 60))
-    return Payload(wire.encode(example), wire.encoding(type_), attachment)
+    attachment = (
+        codec.encode(call) if draw.random() < 0.5 else draw.randbytes(draw.randrange(1, 60))
+    )
+    return Payload(codec.encode(example), codec.encoding(type_), attachment)
 
 
 _WAYS: tuple[Callable[[type[Struct], Any, random.Random], Payload], ...] = (

@@ -17,7 +17,7 @@ def init(
 
     Example: quadctl keys init
     """
-    from services.runtime.secure.fleet import Fleet
+    from services.runtime.security.registry import Fleet
 
     Fleet(fleet).init()
     text = f"a new fleet; keep {fleet} to yourself: who has it can be anybody"

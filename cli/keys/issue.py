@@ -10,9 +10,9 @@ from cli.keys.list import day, shown
 from cli.options import Options
 from schemas.roles import Role
 from services.runtime.errors import UsageError
+from services.runtime.params.load import names
+from services.runtime.params.names import nearest
 from services.runtime.realm import DEFAULT
-from services.runtime.settings.fleet import names
-from services.runtime.settings.named import nearest
 
 _MOST_DAYS = 3650
 
@@ -37,8 +37,7 @@ def issue(
 
     Example: quadctl keys issue student anna --vehicle uav7
     """
-    from services.runtime.secure.fleet import Fleet
-    from services.runtime.secure.names import checked, checked_vehicles
+    from services.runtime.security.registry import Fleet, checked, checked_vehicles
 
     known = _known(role)
     if not 0 < days <= _MOST_DAYS:

@@ -12,7 +12,7 @@ from cli.keys.init import FLEET
 from cli.options import Options
 
 if TYPE_CHECKING:
-    from services.runtime.secure.name import Name
+    from services.runtime.security.identity import Name
 
 
 def list_(
@@ -22,7 +22,7 @@ def list_(
 
     Example: quadctl keys list
     """
-    from services.runtime.secure.fleet import Fleet
+    from services.runtime.security.registry import Fleet
 
     known = sorted(Fleet(fleet).names(), key=lambda name: (name.role, name.name))
     if options.json:

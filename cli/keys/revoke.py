@@ -21,7 +21,7 @@ def revoke(
 
     Example: quadctl keys revoke anna
     """
-    from services.runtime.secure.fleet import Fleet
+    from services.runtime.security.registry import Fleet
 
     gone = Fleet(fleet).revoke(name)
     output.either(options, shown(gone), f"{gone.common_name} is good no more")

@@ -5,7 +5,7 @@ import time
 from cli import bus, output
 from cli.options import Options
 from schemas.messages import SafetyState
-from schemas.requests import ToggleCageRequest
+from schemas.services import ToggleCageRequest
 from schemas.topics import STATE, TOGGLE_CAGE
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError

@@ -7,10 +7,10 @@ from cli import bus, output
 from cli.declare import Opt
 from cli.options import Options
 from schemas.messages import Pressure
-from schemas.requests import CalibrateRequest
+from schemas.services import CalibrateRequest
 from schemas.topics import CALIBRATE, PRESSURE
 from services.runtime.bus.client import Client
-from services.runtime.bus.hearing import Readings
+from services.runtime.bus.streams import Readings
 
 
 def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")] = False) -> None:

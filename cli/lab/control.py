@@ -2,7 +2,7 @@
 
 from cli import bus, output
 from cli.options import Options
-from schemas.requests import HoldRequest, ResetRequest
+from schemas.services import HoldRequest, ResetRequest
 from schemas.topics import HOLD, RESET
 
 

@@ -4,11 +4,9 @@ import math
 import time
 from typing import Any
 
-from schemas.contract import Topic
-from schemas.geometry import Position
-from schemas.messages import PAUSED, Pose, SafetyState
-from schemas.requests import GetParamsRequest
-from schemas.topics import POSE, STATE, get_params
+from schemas.messages import PAUSED, Pose, Position, SafetyState
+from schemas.services import GetParamsRequest
+from schemas.topics import POSE, STATE, Topic, get_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import Refused, TimedOut
 

@@ -10,8 +10,8 @@ from cli.declare import Arg, Opt
 from cli.lab.flying import Flight, patience
 from cli.lab.progress import Progress
 from cli.options import LONGEST_TIMEOUT, Options
-from schemas.geometry import Position
-from schemas.requests import GotoRequest
+from schemas.messages import Position
+from schemas.services import GotoRequest
 from schemas.topics import GOTO
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Refused

@@ -3,12 +3,12 @@
 from typing import Any
 
 from cli.node.seen import Seen
-from schemas.requests import GetParamsRequest
+from schemas.services import GetParamsRequest
 from schemas.topics import get_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import TimedOut, Unreachable
-from services.runtime.processes import NODES
-from services.runtime.record import ProcessRecord
+from services.runtime.process_table import NODES
+from services.runtime.run_files import ProcessRecord
 from services.runtime.vitals import has_ended
 
 

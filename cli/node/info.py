@@ -10,7 +10,7 @@ from cli.node.seen import Seen, connected, run_of, see
 from cli.options import Options
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 from services.runtime.vitals import Vitals, vitals_of
 
 _MEGABYTE = 1e6

@@ -8,11 +8,11 @@ from typing import Annotated
 from cli import output, which
 from cli.declare import Arg, Opt
 from cli.options import Options, here
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.errors import Unreachable, UsageError
+from services.runtime.params.names import nearest, normal_name
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord, RunRecord
-from services.runtime.settings.named import nearest, normal_name
+from services.runtime.run_files import ProcessRecord, RunRecord
 from services.runtime.vitals import is_frozen, parent_of
 
 _DONE = {
@@ -63,7 +63,7 @@ def signalled(options: Options, name: str, signal_: str) -> None:
 
 def _run(options: Options) -> RunRecord:
     here(options, "node kill")
-    return record.read(Realm(options.realm))
+    return run_files.read(Realm(options.realm))
 
 
 def _process(run: RunRecord, name: str) -> ProcessRecord:

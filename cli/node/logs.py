@@ -8,10 +8,10 @@ from cli import output, which
 from cli.declare import Arg, Opt
 from cli.node.tail import Tail
 from cli.options import Options, here
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.errors import Unreachable
+from services.runtime.params.names import nearest, normal_name
 from services.runtime.realm import Realm
-from services.runtime.settings.named import nearest, normal_name
 
 _LOOK_EVERY = 0.1
 _SUFFIX = ".log"
@@ -35,8 +35,8 @@ def logs(
     if name is not None:
         options, name = which.about_node(options, name)
     realm = Realm(options.realm)
-    if not record.is_live(realm) and not realm.logs.is_dir():
-        raise record.not_running(realm)
+    if not run_files.is_live(realm) and not realm.logs.is_dir():
+        raise run_files.not_running(realm)
     wanted = "" if name is None else _known(realm, name)
     with ExitStack() as opened:
         tails = {
@@ -49,7 +49,7 @@ def logs(
             _show(options, node, lines[first:], wanted)
         while follow:
             # Asked before the look, so that what is said until the end is shown.
-            follow = record.is_live(realm)
+            follow = run_files.is_live(realm)
             for node in [] if wanted else _printing(realm):
                 if node not in tails:
                     tails[node] = opened.enter_context(_tail(realm, node))
@@ -65,8 +65,8 @@ def _tail(realm: Realm, node: str) -> Tail:
 def _known(realm: Realm, name: str) -> str:
     """A process of the run, or of a killed one's; raises Unreachable with the nearest name."""
     wanted, names = normal_name(name), set(_printing(realm))
-    if record.is_live(realm):
-        names |= {process.name for process in record.read(realm).nodes}
+    if run_files.is_live(realm):
+        names |= {process.name for process in run_files.read(realm).nodes}
     if wanted not in names:
         hint = nearest(wanted, names) or f"there are {', '.join(sorted(names))}"
         raise Unreachable(f"no process {name} in the realm {realm.name}", hint)

@@ -12,7 +12,7 @@ from cli.options import Options
 from cli.together import Heard, ask_each
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 
 _LONGEST_INTERVAL = 3600.0
 

@@ -6,11 +6,11 @@ from typing import Annotated
 from cli import output, which
 from cli.declare import Arg, Opt
 from cli.options import Options, here
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.errors import TimedOut, UsageError
+from services.runtime.params.names import normal_name
 from services.runtime.realm import Realm
-from services.runtime.run.asking import ask_restart, wait_restarted
-from services.runtime.settings.named import normal_name
+from services.runtime.supervisor.control import ask_restart, wait_restarted
 
 
 def restart(
@@ -27,7 +27,7 @@ def restart(
         raise UsageError("node restart takes the nodes' names, or --all")
     realm = Realm(options.realm)
     wanted = (
-        [node.name for node in record.read(realm).nodes]
+        [node.name for node in run_files.read(realm).nodes]
         if everything
         else [normal_name(which.about_node(options, name)[1]) for name in names or []]
     )
@@ -46,7 +46,7 @@ def restart(
 
 def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
     """Why a process is not back within the time (s) that was given for all of them."""
-    run = record.read(realm)
+    run = run_files.read(realm)
     if (realm.asked / name).exists():
         # The request still lies where the supervisor takes it from.
         return TimedOut(

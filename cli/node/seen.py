@@ -5,13 +5,13 @@ import contextlib
 from msgspec import Struct
 
 from cli.options import Options
-from services.runtime import record
+from schemas.keyexpr import Offer
+from services.runtime import run_files
 from services.runtime.bus.client import Client
-from services.runtime.bus.graph import Offer
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable
+from services.runtime.params.names import nearest, normal_name
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord, RunRecord
-from services.runtime.settings.named import nearest, normal_name
+from services.runtime.run_files import ProcessRecord, RunRecord
 
 
 class Seen(Struct, frozen=True):
@@ -50,7 +50,7 @@ class Seen(Struct, frozen=True):
 def run_of(options: Options) -> RunRecord | None:
     """The realm's run; None where there is none, and over --connect, where it is not ours."""
     with contextlib.suppress(Unreachable):
-        return None if options.connect else record.read(Realm(options.realm))
+        return None if options.connect else run_files.read(Realm(options.realm))
     return None
 
 

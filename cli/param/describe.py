@@ -7,14 +7,14 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.running import Running, Values
 from cli.together import Heard
-from schemas.describe import bounds_text, type_name
 from schemas.params import FROM_STANDSTILL
+from schemas.typeinfo import bounds_text, type_name
 from services.runtime.errors import Invalid, TimedOut, Unreachable
-from services.runtime.settings import declared, toml
-from services.runtime.settings.declared import Entry, fixed_at_launch
-from services.runtime.settings.kept import UNSERVED
-from services.runtime.settings.named import normal_name
-from services.runtime.settings.params import nearest_declared
+from services.runtime.params import catalogue
+from services.runtime.params.catalogue import Entry, fixed_at_launch
+from services.runtime.params.load import nearest_declared
+from services.runtime.params.names import normal_name
+from services.runtime.run_files import UNSERVED
 
 
 def describe(
@@ -43,7 +43,7 @@ def describe(
 
 
 def _leaves(name: str) -> list[Entry]:
-    leaves = declared.leaves().values()
+    leaves = catalogue.leaves().values()
     part = [leaf for leaf in leaves if leaf.name == name or leaf.name.startswith(f"{name}.")]
     if not part:
         raise Invalid(f"there is no parameter {name}", nearest_declared(name))
@@ -63,7 +63,7 @@ def _present(options: Options, tables: set[str]) -> Heard[Values]:
 
 
 def _print(found: dict[str, list[Entry]], values: Values) -> None:
-    tables = declared.tables()
+    tables = catalogue.tables()
     for number, (name, leaves) in enumerate(found.items()):
         if number:
             output.line("")
@@ -83,8 +83,8 @@ def _row(leaf: Entry, values: Values) -> dict[str, str]:
         "type": said["type"],
         "unit": leaf.unit or "-",
         "bounds": said["bounds"] or "-",
-        "default": toml.word(leaf.default),
-        "value": "-" if said["value"] is None else toml.word(said["value"]),
+        "default": catalogue.word(leaf.default),
+        "value": "-" if said["value"] is None else catalogue.word(said["value"]),
         "node": said["node"] or "-",
         "change": _when(leaf.name),
         "meaning": leaf.about,

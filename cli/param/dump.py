@@ -8,8 +8,8 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.param.changes import file_values, known_of
 from cli.param.running import Running
-from services.runtime.newfile import write_new
-from services.runtime.settings import toml
+from services.runtime.files import write_new
+from services.runtime.params import catalogue
 
 
 def dump(
@@ -29,7 +29,7 @@ def dump(
         values = running.get(names) if names else running.whole()
     if not names:
         known_of(file_values(None, options), values)
-    text = toml.document(values)
+    text = catalogue.document(values)
     if file is not None:
         write_new(file, text)
         output.either(options, {"file": str(file)}, f"wrote {file}")

@@ -7,8 +7,8 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.running import ALL, Running
 from cli.together import Heard
-from services.runtime.settings import toml
-from services.runtime.settings.named import normal_name
+from services.runtime.params import catalogue
+from services.runtime.params.names import normal_name
 
 
 def list_(
@@ -50,12 +50,12 @@ def get(
     with Running(options) as running:
         found = running.get(names)
     for name, value in running.in_force.items():
-        output.note(f"{name}: {toml.word(value)} is in force until the next standstill")
+        output.note(f"{name}: {catalogue.word(value)} is in force until the next standstill")
     if options.json:
         waits = {"in_force": running.in_force} if running.in_force else {}
         output.document(found | waits)
     elif list(found) == [normal_name(name) for name in names[:1]]:
-        output.line(toml.word(*found.values()))
+        output.line(catalogue.word(*found.values()))
     else:
         for name, value in found.items():
-            output.line(f"{name}: {toml.word(value)}")
+            output.line(f"{name}: {catalogue.word(value)}")

@@ -9,10 +9,9 @@ from cli.options import Options
 from cli.param.changes import Change, changes, known_of, lines, values_of
 from cli.param.running import Running, Values
 from services.runtime.errors import Invalid, QuadctlError
-from services.runtime.settings.declared import fixed_at_launch, live_switch
-from services.runtime.settings.fleet import said_of
-from services.runtime.settings.named import flatten, put
-from services.runtime.settings.params import check, read
+from services.runtime.params.catalogue import fixed_at_launch, live_switch
+from services.runtime.params.load import check, read, said_of
+from services.runtime.params.names import flatten, put
 
 
 def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> None:

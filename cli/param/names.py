@@ -2,8 +2,8 @@
 
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid
-from services.runtime.processes import NODES
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
+from services.runtime.process_table import NODES
 
 
 def nodes_with_params(client: Client) -> list[str]:

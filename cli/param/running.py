@@ -8,14 +8,13 @@ from cli import bus
 from cli.options import Options
 from cli.param.names import node_of, nodes_with_params
 from cli.together import Heard, ask_each
-from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
+from schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from schemas.topics import get_params, set_params
+from services.runtime import run_files
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.params.names import flatten, normal_name
 from services.runtime.realm import Realm
-from services.runtime.record import not_running
-from services.runtime.settings import kept
-from services.runtime.settings.kept import UNSERVED
-from services.runtime.settings.named import flatten, normal_name
+from services.runtime.run_files import UNSERVED, not_running
 
 Values = dict[str, Any]
 """By dotted name."""
@@ -118,7 +117,7 @@ class Running:
             return {}
         realm = Realm(self._options.realm)
         try:
-            there = kept.tables(realm, self._options.vehicle)
+            there = run_files.tables(realm, self._options.vehicle)
         except FileNotFoundError as error:
             raise not_running(realm) from error
         # Of `processes` there may be nothing to say.
@@ -136,7 +135,7 @@ def _all_of(heard: Heard[Values]) -> Values:
 def _leaves(found: Values, name: str) -> list[str]:
     leaves = [leaf for leaf in found if _in(name, leaf)]
     if not leaves:
-        from services.runtime.settings.params import nearest_declared
+        from services.runtime.params.load import nearest_declared
 
         raise Invalid(f"there is no parameter {name}", nearest_declared(name))
     return leaves

@@ -10,7 +10,7 @@ from cli.param.changes import DEFAULT_FILE, changes, file_values, known_of, line
 from cli.param.file import edited, replace
 from cli.param.running import Running, Values
 from services.runtime.errors import Invalid
-from services.runtime.settings.params import parse, read_text
+from services.runtime.params.load import parse, read_text
 
 
 def save(

@@ -9,9 +9,9 @@ from cli.param.names import node_of
 from cli.param.running import Running, Values, tables
 from cli.param.value import read
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.settings import toml
-from services.runtime.settings.kept import UNSERVED
-from services.runtime.settings.named import flatten, normal_name
+from services.runtime.params import catalogue
+from services.runtime.params.names import flatten, normal_name
+from services.runtime.run_files import UNSERVED
 
 
 def set_(
@@ -55,21 +55,23 @@ def set_(
         return
     for name, value in values.items():
         waits = any(leaf == name or leaf.startswith(f"{name}.") for leaf in reply.waits)
-        output.line(f"{name}: {toml.word(value)}{' (from the next standstill)' if waits else ''}")
+        output.line(
+            f"{name}: {catalogue.word(value)}{' (from the next standstill)' if waits else ''}"
+        )
 
 
 def _way_out(values: Values) -> str:
     """What helps where a node has refused values: its reason says no more than what is wrong."""
-    from services.runtime.settings import declared
+    from services.runtime.params import catalogue
 
     leaves = {normal_name(name): value for name, value in flatten(values)}
-    if switch := next(filter(None, map(declared.live_switch, leaves)), ""):
+    if switch := next(filter(None, map(catalogue.live_switch, leaves)), ""):
         return f"{switch} changes it at once"
-    fixed = [name for name in leaves if declared.fixed_at_launch(name)]
+    fixed = [name for name in leaves if catalogue.fixed_at_launch(name)]
     if fixed:
-        settings = " ".join(f"--set {name}={toml.word(leaves[name])}" for name in fixed)
+        settings = " ".join(f"--set {name}={catalogue.word(leaves[name])}" for name in fixed)
         return f"it takes a new run: `quadctl down`, then `quadctl up {settings}`"
-    if leaves.keys() <= declared.leaves().keys() | declared.tables().keys():
+    if leaves.keys() <= catalogue.leaves().keys() | catalogue.tables().keys():
         return f"`quadctl param describe {' '.join(leaves)}` tells the bounds"
     # What a user's own node has is described nowhere.
     ours = next(iter(leaves)).partition(".")[0] in tables()

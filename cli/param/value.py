@@ -3,7 +3,7 @@
 from typing import Any
 
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import value_of
+from services.runtime.params.names import value_of
 
 
 def read(text: str) -> Any:

@@ -5,10 +5,9 @@ from typing import Any, NamedTuple
 
 from msgspec import Struct
 
-from schemas.geometry import Position
-from schemas.messages import CageSize, Called, Pose, Pressure, SafetyState, Waypoint
+from schemas.messages import CageSize, Called, Pose, Position, Pressure, SafetyState, Waypoint
 from schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, called, topic_of
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.errors import Invalid
 
 
@@ -116,7 +115,7 @@ class Flight:
         if topic is None:
             return
         try:
-            message = wire.decode(topic.type, payload, said)
+            message = codec.decode(topic.type, payload, said)
         except Invalid:
             return
         vehicle = key.partition("/")[0]

@@ -52,7 +52,7 @@ def plot(
 
 
 def _recorded(file: Path) -> Flight:
-    from services.runtime.bag.reader import Bag
+    from services.runtime.recording.reader import Bag
 
     flight, bag = Flight(), Bag(file)
     for message in bag.messages():

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from services.runtime.newfile import taken
+from services.runtime.files import taken
 
 ENDING = ".mcap"
 

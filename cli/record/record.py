@@ -40,12 +40,12 @@ def record(
     options = anyone(options)
     path = file or default_file()
     free(path)
-    from services.runtime.secure import permit
+    from services.runtime.security import permissions
 
     with bus.connect(options) as client:
         # Whether there is anything to record is known here, and said better.
         client.flush()
-        wanted = wanted or permit.everything(options.connect)
+        wanted = wanted or permissions.everything(options.connect)
         client.permit("listen", *wanted)
     with Recorder(options, path, wanted, duration) as recorder:
         facts = _follow(options, recorder)

@@ -15,14 +15,14 @@ from cli.own import run_of_its_own
 from cli.pace import Pace
 from cli.which import about_topic, anyone
 from schemas.params import Params
-from services.runtime.bag.reader import Bag, Recorded
 from services.runtime.bus.client import Client
-from services.runtime.bus.roster import covers
+from services.runtime.bus.liveliness import covers
 from services.runtime.errors import Invalid
-from services.runtime.processes import NODES
+from services.runtime.process_table import NODES
 from services.runtime.realm import Realm
-from services.runtime.record import is_live
-from services.runtime.run.launch import Launch
+from services.runtime.recording.reader import Bag, Recorded
+from services.runtime.run_files import is_live
+from services.runtime.supervisor.launch import Launch
 
 _SHOWN_EVERY = 0.1
 

@@ -3,7 +3,7 @@
 from cli import output
 from cli.options import Options, here
 from services.runtime.realm import Realm
-from services.runtime.run.halt import halt
+from services.runtime.supervisor.control import halt
 
 
 def down(options: Options) -> None:

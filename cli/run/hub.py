@@ -5,10 +5,10 @@ from pathlib import Path
 
 from cli.options import Options
 from cli.run.up import Detach, Insecure, Listen, begin, reached
-from services.runtime.processes import NODES
+from services.runtime.params import load
+from services.runtime.process_table import NODES
 from services.runtime.realm import HUB_ALONE
-from services.runtime.run.launch import Launch
-from services.runtime.settings import fleet
+from services.runtime.supervisor.launch import Launch
 
 
 def hub(
@@ -23,7 +23,7 @@ def hub(
     """
     # A hub's nodes stand beside the vehicles' under a name, which two hubs must not share.
     name = options.named or f"{HUB_ALONE}{os.urandom(2).hex()}"
-    parameters = fleet.load(None, reached(listen, options.connect), [name])
+    parameters = load.load_vehicles(None, reached(listen, options.connect), [name])
     without = [node for node in NODES if node != "hub"]
     launch = Launch(options.realm, parameters, without, str(Path.cwd()), insecure=insecure)
     begin(launch, options, detach=detach)

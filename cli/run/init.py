@@ -6,8 +6,8 @@ from typing import Annotated
 from cli import output
 from cli.declare import Arg
 from cli.options import Options
-from services.runtime.newfile import write_new
-from services.runtime.settings.template import render
+from services.runtime.files import write_new
+from services.runtime.params.catalogue import render
 
 _DEFAULT_FILE = Path("quad.toml")
 

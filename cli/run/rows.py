@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 
 _GAP = "  "
 _COLOURS = {"ready": 32, "starting": 33, "restarting": 33, "down": 31}

@@ -11,11 +11,11 @@ from cli.run import terminal, usage
 from cli.run.panel import Panel
 from cli.run.rows import Taken, duration, lines
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord
-from services.runtime.run.launch import Launch
-from services.runtime.run.logs import Printer
-from services.runtime.run.rates import Rates
-from services.runtime.run.supervise import Supervisor
+from services.runtime.run_files import ProcessRecord
+from services.runtime.supervisor.launch import Launch
+from services.runtime.supervisor.logs import Printer
+from services.runtime.supervisor.probes import Rates
+from services.runtime.supervisor.supervisor import Supervisor
 
 _EVERY = 1.0
 """Seconds between two measurements of rates, memory and processor."""

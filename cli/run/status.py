@@ -10,9 +10,9 @@ from cli.fault.kept import frozen_of, values_of
 from cli.options import Options, here
 from cli.run.rows import duration
 from cli.run.usage import memory
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.realm import Realm, listed
-from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.run_files import ProcessRecord, RunRecord
 
 
 def status(options: Options) -> None:
@@ -22,7 +22,7 @@ def status(options: Options) -> None:
     """
     here(options, "status")
     realm = Realm(options.realm)
-    run = record.read(realm)
+    run = run_files.read(realm)
     faults = _faults(realm, run)
     if options.json:
         output.document(msgspec.to_builtins(run) | {"faults": faults})

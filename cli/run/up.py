@@ -13,12 +13,12 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.run import terminal
 from cli.run.status import status
+from services.runtime.params import load
 from services.runtime.realm import DEFAULT
-from services.runtime.run import up as running
-from services.runtime.run.detach import detach as in_background
-from services.runtime.run.launch import Launch
-from services.runtime.run.supervise import Supervisor
-from services.runtime.settings import fleet
+from services.runtime.supervisor import supervisor as running
+from services.runtime.supervisor.daemon import detach as in_background
+from services.runtime.supervisor.launch import Launch
+from services.runtime.supervisor.supervisor import Supervisor
 
 _DEFAULT_FILE = Path("quad.toml")
 Detach = Annotated[bool, Opt("Return when all processes are ready.", ("--detach", "-d"))]
@@ -61,9 +61,9 @@ def up(
     """
     source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
     stem = options.named or DEFAULT
-    names = [stem] if vehicles is None else fleet.names(stem, vehicles)
+    names = [stem] if vehicles is None else load.names(stem, vehicles)
     network = reached(listen, options.connect)
-    parameters = fleet.load(source, [*(settings or ()), *network], names)
+    parameters = load.load_vehicles(source, [*(settings or ()), *network], names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
     begin(

@@ -10,9 +10,8 @@ from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.service import lookup
 from cli.which import about_service
-from schemas.contract import Service
-from schemas.topics import STATE
-from services.runtime.bus.plain import plain
+from schemas.topics import STATE, Service
+from services.runtime.bus.codec import plain
 from services.runtime.errors import Refused, Unreachable, UsageError
 
 _FORMS = {

@@ -7,7 +7,7 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.service import lookup
 from cli.which import about_service
-from schemas.describe import service_definition
+from schemas.typeinfo import service_definition
 from services.runtime.errors import Unreachable
 
 

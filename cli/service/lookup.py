@@ -5,12 +5,11 @@ from typing import Any
 from cli import bus
 from cli.names import checked_key, find_service
 from cli.options import Options
-from schemas.contract import Service
-from schemas.topics import SERVICES
+from schemas.keyexpr import Offer
+from schemas.topics import SERVICES, Service
 from services.runtime.bus.client import Client
-from services.runtime.bus.graph import Offer
 from services.runtime.errors import Invalid, Unreachable
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 _MARK = "@srv/"
 

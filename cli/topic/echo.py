@@ -11,8 +11,8 @@ from cli.topic.behind import split
 from cli.topic.shown import NoField, field_of, shown
 from cli.which import about_topic
 from services.runtime.bus.client import Client
-from services.runtime.bus.hearing import Message
-from services.runtime.bus.wire import unreadable
+from services.runtime.bus.codec import unreadable
+from services.runtime.bus.streams import Message
 from services.runtime.errors import Invalid, UsageError
 
 

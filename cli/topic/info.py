@@ -7,12 +7,11 @@ from cli.declare import Arg
 from cli.names import single_key
 from cli.options import Options
 from cli.which import about_topic
-from schemas.contract import Topic
-from schemas.describe import definition, schema_hash
-from schemas.topics import TOPICS, topic_of
-from services.runtime.bus.graph import Offer
+from schemas.keyexpr import Offer
+from schemas.topics import TOPICS, Topic, topic_of
+from schemas.typeinfo import definition, schema_hash
 from services.runtime.errors import Unreachable
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 _LISTENERS = {True: "at least one", False: "none", None: "told to those alone who may publish"}
 
@@ -50,9 +49,9 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
 def _may_publish(options: Options, key: str) -> bool:
     if not options.connect:
         return True
-    from services.runtime.secure import permit
+    from services.runtime.security import permissions
 
-    return permit.allows(options.connect, "publish", key)
+    return permissions.allows(options.connect, "publish", key)
 
 
 def _described(key: str, found: list[Offer], declared: Topic[Any] | None) -> dict[str, Any]:

@@ -6,9 +6,8 @@ import msgspec
 
 from cli.arguments import is_data, is_pairs, message_of, table_of, without_type
 from cli.topic.once import without_once
-from schemas.contract import Topic
-from schemas.topics import topic_of
-from services.runtime.bus import wire
+from schemas.topics import Topic, topic_of
+from services.runtime.bus import codec
 from services.runtime.errors import Invalid, UsageError
 
 FORMS = {
@@ -43,7 +42,7 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
             )
         type_: Any = topic.type
         message = message_of(type_, topic.name, words)
-        return Payload(wire.encode(message), wire.encoding(type_))
+        return Payload(codec.encode(message), codec.encoding(type_))
     words = without_type(words)
     if not words:
         raise UsageError("there is nothing to send", "write name=value words, JSON, or a text")

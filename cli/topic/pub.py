@@ -13,7 +13,7 @@ from cli.which import about_topic
 from schemas.topics import TOPICS, topic_of
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 _FASTEST = 10_000.0
 _LOOK = 0.1

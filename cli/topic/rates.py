@@ -11,7 +11,7 @@ from cli.options import Options
 from cli.topic.figures import Heard, Measure, bandwidth, rate
 from cli.topic.figures import delay as delay_of
 from cli.which import about_topic
-from services.runtime.bus.hearing import Message
+from services.runtime.bus.streams import Message
 from services.runtime.errors import Invalid
 
 _PERIOD = 1.0

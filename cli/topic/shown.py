@@ -5,9 +5,9 @@ from typing import Any
 import msgspec
 
 from schemas.topics import topic_of
-from services.runtime.bus import wire
-from services.runtime.bus.hearing import Message
-from services.runtime.bus.plain import plain
+from services.runtime.bus import codec
+from services.runtime.bus.codec import plain
+from services.runtime.bus.streams import Message
 from services.runtime.errors import Invalid
 
 
@@ -24,10 +24,10 @@ def shown(message: Message, key: str, vehicle: str) -> Any:
     """
     of = message.key if "*" in key else key
     declared = topic_of(of)
-    ours = of.startswith(f"{vehicle}/") or wire.is_typed(message.encoding)
+    ours = of.startswith(f"{vehicle}/") or codec.is_typed(message.encoding)
     if declared is None or not ours:
         return plain(message.payload, message.encoding)
-    return msgspec.to_builtins(wire.decode(declared.type, message.payload, message.encoding))
+    return msgspec.to_builtins(codec.decode(declared.type, message.payload, message.encoding))
 
 
 def field_of(value: Any, path: str) -> Any:

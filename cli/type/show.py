@@ -7,10 +7,10 @@ from cli import output
 from cli.declare import Arg
 from cli.names import PARAMETERS, parts, types
 from cli.options import Options
-from schemas.describe import definition, service_definition
 from schemas.topics import SERVICES, TOPICS
+from schemas.typeinfo import definition, service_definition
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import nearest
+from services.runtime.params.names import nearest
 
 
 def list_(options: Options) -> None:

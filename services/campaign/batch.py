@@ -5,9 +5,8 @@ from math import sqrt
 
 import numpy as np
 
-from schemas.params import DynamicsParams, StartParams
+from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.topics import SETPOINT
-from schemas.wind import MeanWindParams, WindParams
 from services.campaign.diary import Flown
 from services.campaign.fleets import Fleet
 from services.campaign.lane import Lane

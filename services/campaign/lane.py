@@ -4,8 +4,7 @@ from math import inf, isfinite
 
 from msgspec.structs import replace
 
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import Pose, SafetyState, Setpoint
+from schemas.messages import BodyRates, Pose, Position, Quaternion, SafetyState, Setpoint, Velocity
 from schemas.params import DynamicsParams
 from schemas.topics import SETPOINT
 from services.campaign.diary import Diary

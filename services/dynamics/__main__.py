@@ -7,10 +7,9 @@ from typing import Any
 
 import msgspec
 
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import Pose, Setpoint
+from schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from schemas.params import FROM_STANDSTILL, Params
-from schemas.requests import ResetRequest, ResetResponse
+from schemas.services import ResetRequest, ResetResponse
 from schemas.topics import POSE, RESET, SETPOINT
 from services.dynamics.heed import Heed
 from services.dynamics.process.swift import Swift
@@ -19,8 +18,8 @@ from services.dynamics.vehicle import Fly, Vehicle
 from services.runtime.entry import start
 from services.runtime.errors import Refused
 from services.runtime.node import Node
-from services.runtime.settings.named import flatten
-from services.runtime.settings.params import launch_lines
+from services.runtime.params.load import launch_lines
+from services.runtime.params.names import flatten
 
 _STEPS_PER_SECOND = 1000
 _ASK_AGAIN = 0.25

@@ -1,6 +1,6 @@
 """Which setpoints move the vehicle. Pure."""
 
-from schemas.geometry import Position
+from schemas.messages import Position
 
 
 class Heed:

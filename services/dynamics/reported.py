@@ -4,8 +4,8 @@ from collections import deque
 
 from msgspec import structs
 
-from schemas.faults import FlightFaultParams
 from schemas.messages import Pose
+from schemas.params import FlightFaultParams
 
 _LONGEST = 10.0
 """Seconds of poses that are kept; `dynamics.fault.delay` asks for no more."""

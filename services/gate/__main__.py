@@ -5,12 +5,12 @@ and so that a revoked name costs a moment of the network and none of the flight.
 """
 
 from schemas.params import Params
-from services.runtime.bus import linger
+from services.runtime.bus import router
 from services.runtime.bus.router import open_gate
 from services.runtime.entry import Reopen, start
 from services.runtime.node import Node
-from services.runtime.secure.endpoints import secure
-from services.runtime.secure.gate import Watch, identity_for
+from services.runtime.security.access_control import Watch, identity_for
+from services.runtime.security.endpoints import secure
 
 _LOOKS = 5.0
 """Hz, at which the list of names is looked at."""
@@ -29,7 +29,7 @@ def run(node: Node, params: Params) -> None:
         node.log.info("joining %s as %s", endpoint, who.name.common_name)
     watch = Watch(who.folder)
     for _ in node.ticks(_LOOKS):
-        linger.let_go()
+        router.let_go()
         if watch.changed():
             node.log.info("the list of names has changed: everybody is let in anew")
             raise Reopen

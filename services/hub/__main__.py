@@ -1,11 +1,11 @@
 """The hub: a Zenoh router that every other process is a client of."""
 
 from schemas.params import Params
-from services.runtime.bus import linger
+from services.runtime.bus import router
 from services.runtime.bus.router import open_router
 from services.runtime.entry import start
 from services.runtime.node import Node
-from services.runtime.secure.endpoints import plain
+from services.runtime.security.endpoints import plain
 
 
 def run(node: Node, params: Params) -> None:
@@ -15,8 +15,8 @@ def run(node: Node, params: Params) -> None:
     if not plain([*params.hub.listen, *params.hub.connect]):
         node.spin()
         return
-    for _ in node.ticks(linger.LOOKS):
-        linger.let_go()
+    for _ in node.ticks(router.LOOKS):
+        router.let_go()
 
 
 if __name__ == "__main__":

@@ -3,14 +3,13 @@
 import math
 import time
 
-from schemas.contract import period
 from schemas.messages import Pose
 from schemas.params import Params
-from schemas.topics import POSE
+from schemas.topics import POSE, period
 from services.pressure.process.output import Output
 from services.runtime.entry import start
 from services.runtime.node import Node
-from services.runtime.settings.params import launch_lines
+from services.runtime.params.load import launch_lines
 
 _DEPTH = 100_000
 """Poses that may wait: in lock-step nobody waits for the sensor, and none must be lost to it."""

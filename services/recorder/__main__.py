@@ -22,11 +22,11 @@ from schemas.topics import TOPICS
 from services.recorder.process.attended import Attendant
 from services.recorder.process.recording import Recording
 from services.runtime.bus import session
-from services.runtime.bus.tap import Tap
+from services.runtime.bus.raw import Tap
 from services.runtime.entry import start
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.node import Node
-from services.runtime.processes import RECORDER
+from services.runtime.process_table import RECORDER
 from services.runtime.realm import Realm
 
 _FLUSHES = 4.0

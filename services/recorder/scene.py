@@ -2,8 +2,7 @@
 
 from itertools import product
 
-from schemas.geometry import Position
-from schemas.messages import CageSize, Pose, SafetyState
+from schemas.messages import CageSize, Pose, Position, SafetyState
 from services.recorder.foxglove import (
     LINE_LIST,
     Color,

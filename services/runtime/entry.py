@@ -13,20 +13,21 @@ from typing import Any, NoReturn
 
 import zenoh
 
+from schemas import keyexpr
 from schemas.params import Params
 from schemas.topics import get_params, set_params
-from services.runtime.bus import graph, session
-from services.runtime.crew import Crew
-from services.runtime.ending import Ending
+from services.runtime.bus import session
 from services.runtime.errors import AlreadyServed, QuadctlError
-from services.runtime.lock import FileLock
+from services.runtime.executor import Crew
+from services.runtime.filelock import FileLock
 from services.runtime.node import Node
+from services.runtime.params import live
+from services.runtime.params import load as parameters
+from services.runtime.params.live import LiveParams
+from services.runtime.params.load import said_of
 from services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
-from services.runtime.secure.endpoints import is_secure
-from services.runtime.settings import params as parameters
-from services.runtime.settings import snapshot
-from services.runtime.settings.fleet import said_of
-from services.runtime.settings.live import LiveParams
+from services.runtime.security.endpoints import is_secure
+from services.runtime.shutdown import Ending
 
 Run = Callable[[Node, Params], None]
 
@@ -96,16 +97,18 @@ def _run(
 
 def _check_role(endpoint: str, name: str, vehicles: list[str]) -> None:
     if is_secure(endpoint):
-        from services.runtime.secure import permit
+        from services.runtime.security import permissions
 
-        permit.check(endpoint, "announce", *(graph.node_key(each, name) for each in vehicles))
+        permissions.check(
+            endpoint, "announce", *(keyexpr.node_key(each, name) for each in vehicles)
+        )
 
 
 def _check_welcome(opened: zenoh.Session, connect: str) -> None:
     if is_secure(connect):
-        from services.runtime.secure import permit
+        from services.runtime.security import permissions
 
-        permit.welcome(opened, connect, _HUB_WAIT)
+        permissions.welcome(opened, connect, _HUB_WAIT)
 
 
 def _again(crew: Crew) -> bool:
@@ -159,7 +162,7 @@ def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
     vehicles = [vehicle_name(vehicle) for vehicle in _vehicles(options)]
     found = {}
     for vehicle in vehicles:
-        running = None if options.config else snapshot.read(realm, vehicle)
+        running = None if options.config else live.read_values(realm, vehicle)
         table, source = parameters.gather(options.config, options.set, running)
         found[vehicle] = parameters.check(said_of(table, vehicle, vehicles), source)
     return found
@@ -171,7 +174,7 @@ def _open_client(address: session.Address, _params: Params, _realm: Realm) -> ze
 
 def _serve_params(node: Node, params: Params, realm: Realm) -> None:
     def save(table: Any) -> None:
-        snapshot.save(realm, node.vehicle, node.name, table)
+        live.save_values(realm, node.vehicle, node.name, table)
 
     served = LiveParams(node.name, params, save, node.params_changed, node.params_in_force)
     node.serve(get_params(node.name), served.get)

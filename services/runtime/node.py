@@ -8,17 +8,15 @@ from typing import Any, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas.contract import Service, Topic
+from schemas import keyexpr
 from schemas.params import Params
-from services.runtime.bus import foreign, graph, roster, wire
-from services.runtime.bus.publisher import Publisher
-from services.runtime.bus.subscription import Subscription
-from services.runtime.bus.tap import Tap
+from schemas.topics import Service, Topic
+from services.runtime.bus import codec, liveliness, zenoh_events
+from services.runtime.bus.pubsub import Publisher, Subscription
+from services.runtime.bus.raw import Tap
 from services.runtime.errors import AlreadyServed
-from services.runtime.journal import journal_of
-from services.runtime.loop import Loop
-from services.runtime.schedule import Schedule
-from services.runtime.serving import Server
+from services.runtime.executor import Loop
+from services.runtime.server import Schedule, Server, journal_of
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -51,15 +49,15 @@ class Node:
         """
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.like, self.alone = like, alone
-        self._others = roster.offers(session, vehicle)
-        if name in roster.nodes(session, vehicle):
+        self._others = liveliness.offers(session, vehicle)
+        if name in liveliness.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
         log = logging.getLogger(name)
         self.log = log if alone else _Of(vehicle, log)
         self._session = session
         self.loop = loop or Loop()
         self._declared: list[Any] = []
-        self._offers: list[Callable[[], graph.Offer]] = []
+        self._offers: list[Callable[[], keyexpr.Offer]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._schedule = Schedule()
         self._ready = False
@@ -73,12 +71,12 @@ class Node:
 
         In lock-step, nothing of what it `waits` to publish is lost to a slow subscriber.
         """
-        key, digest = topic.key(self.vehicle), wire.digest(topic.type)
+        key, digest = topic.key(self.vehicle), codec.digest(topic.type)
 
-        def offer() -> graph.Offer:
+        def offer() -> keyexpr.Offer:
             rate = topic.hz if hz is None else hz()
             name = topic.type.__name__
-            return graph.Offer("@pub", self.name, name, digest, rate, key)
+            return keyexpr.Offer("@pub", self.name, name, digest, rate, key)
 
         self._offers.append(offer)
         publisher = Publisher(self._session, key, topic, waits=waits)
@@ -132,8 +130,8 @@ class Node:
         for other in self._others:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
-        name, digest = service.type_name, wire.digest(service.request)
-        offer = graph.Offer("@srv", self.name, name, digest, 0.0, server.key)
+        name, digest = service.type_name, codec.digest(service.request)
+        offer = keyexpr.Offer("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer, at_once=at_once)
         return server
@@ -173,7 +171,7 @@ class Node:
             return
         self._ready = True
         self._announce()
-        key = graph.node_key(self.vehicle, self.name)
+        key = keyexpr.node_key(self.vehicle, self.name)
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
@@ -201,7 +199,7 @@ class Node:
         take = self.loop.at_once if at_once else self.loop.post
 
         def on_query(query: zenoh.Query) -> None:
-            foreign.stay()
+            zenoh_events.stay()
             take(lambda: on_turn(query))
 
         def on_turn(query: zenoh.Query) -> None:
@@ -214,7 +212,7 @@ class Node:
 
     def _announce(self) -> None:
         # A token is replaced only where it says something new, so that nobody blinks.
-        keys = {graph.offer_key(self.vehicle, offer()) for offer in self._offers}
+        keys = {keyexpr.offer_key(self.vehicle, offer()) for offer in self._offers}
         for key in self._tokens.keys() - keys:
             self._tokens.pop(key).undeclare()
         for key in keys - self._tokens.keys():

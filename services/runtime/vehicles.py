@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.realm import DEFAULT, HUB_ALONE, Realm, listed
 
@@ -42,7 +42,7 @@ def hub_alone(realm: str) -> str:
 
 def _in(realm: str) -> list[str]:
     try:
-        return record.read(Realm(realm)).vehicles
+        return run_files.read(Realm(realm)).vehicles
     except (Unreachable, UsageError):
         # Told by whoever needs the run, or the realm's name.
         return []
@@ -51,10 +51,10 @@ def _in(realm: str) -> list[str]:
 @lru_cache
 def _at(realm: str, connect: str, timeout: float) -> list[str]:
     from services.runtime.bus.client import Client
-    from services.runtime.secure.endpoints import is_secure
+    from services.runtime.security.endpoints import is_secure
 
     if is_secure(connect):
-        from services.runtime.secure.identity import needed
+        from services.runtime.security.identity import needed
 
         # Who may see one vehicle means that one.
         if (ours := needed(connect).name.vehicles) != ["*"]:

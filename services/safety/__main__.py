@@ -4,10 +4,9 @@ import time
 
 from msgspec.structs import replace
 
-from schemas.geometry import Position
-from schemas.messages import CageSize, Info, Pose, SafetyState, Waypoint
+from schemas.messages import CageSize, Info, Pose, Position, SafetyState, Waypoint
 from schemas.params import Params
-from schemas.requests import (
+from schemas.services import (
     GotoRequest,
     GotoResponse,
     HoldRequest,
@@ -30,7 +29,7 @@ from schemas.topics import (
 from services.runtime.entry import start
 from services.runtime.errors import NotReady
 from services.runtime.node import Node
-from services.runtime.settings.params import launch_lines
+from services.runtime.params.load import launch_lines
 from services.safety.cage import bounds
 from services.safety.following import STANDS, Following
 from services.safety.model import State

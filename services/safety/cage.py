@@ -2,8 +2,7 @@
 
 from math import sqrt
 
-from schemas.geometry import Position
-from schemas.messages import CageSize
+from schemas.messages import CageSize, Position
 
 Interval = tuple[float, float]
 

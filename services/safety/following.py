@@ -2,8 +2,7 @@
 
 from math import inf
 
-from schemas.geometry import Position
-from schemas.messages import Pose
+from schemas.messages import Pose, Position
 from services.safety.reach import at_rest
 
 PATIENCE = 1.0

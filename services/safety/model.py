@@ -4,8 +4,7 @@ from enum import Enum
 
 from msgspec import Struct
 
-from schemas.geometry import Position
-from schemas.messages import CageSize, Pose
+from schemas.messages import CageSize, Pose, Position
 
 
 class State(Enum):

@@ -5,8 +5,17 @@ from typing import cast
 
 from msgspec.structs import astuple, replace
 
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import CageSize, Pose, SafetyState, Setpoint, StateName
+from schemas.messages import (
+    BodyRates,
+    CageSize,
+    Pose,
+    Position,
+    Quaternion,
+    SafetyState,
+    Setpoint,
+    StateName,
+    Velocity,
+)
 from schemas.params import SafetyParams
 from services.safety.cage import why_outside
 from services.safety.fsa import step

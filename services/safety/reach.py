@@ -9,8 +9,7 @@ from math import dist, sqrt
 
 from msgspec.structs import astuple, replace
 
-from schemas.geometry import Position
-from schemas.messages import Pose
+from schemas.messages import Pose, Position
 from services.safety.cage import beyond
 from services.safety.model import Situation, World
 

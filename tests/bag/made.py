@@ -5,12 +5,20 @@ from typing import Any
 
 import msgspec
 
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import CageSize, Called, Pose, Pressure, SafetyState
-from services.runtime.bag.outfile import Outfile
-from services.runtime.bag.writer import BagWriter
-from services.runtime.bus import wire
-from services.runtime.bus.tap import Taken
+from schemas.messages import (
+    BodyRates,
+    CageSize,
+    Called,
+    Pose,
+    Position,
+    Pressure,
+    Quaternion,
+    SafetyState,
+    Velocity,
+)
+from services.runtime.bus import codec
+from services.runtime.bus.raw import Taken
+from services.runtime.recording.writer import BagWriter, Outfile
 
 SECOND = 1_000_000_000
 BEGAN = 1_800_000_000 * SECOND
@@ -42,9 +50,9 @@ def pressure(stamp: float, baseline: float = 0.0) -> Pressure:
 
 def taken(key: str, message: Any, at: float, said: str | None = None) -> Taken:
     """A message as it comes from the bus, so many seconds after the recording began."""
-    payload = message if isinstance(message, bytes) else wire.encode(message)
+    payload = message if isinstance(message, bytes) else codec.encode(message)
     type_: Any = type(message)
-    encoding = wire.encoding(type_) if said is None else said
+    encoding = codec.encoding(type_) if said is None else said
     came = BEGAN + round(at * SECOND)
     return Taken(key, payload, encoding, came, came - 1000)
 

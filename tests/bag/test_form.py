@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from schemas.messages import Called, Pose
-from services.runtime.bag.form import JSON, MSGPACK, Form, restored
-from services.runtime.bus import wire
+from services.runtime.bus import codec
+from services.runtime.recording.mcap_format import JSON, MSGPACK, Form, restored
 from tests.bag.made import pose, refused, state
 
 pack = msgspec.msgpack.encode
@@ -31,8 +31,8 @@ PLAIN = "application/msgpack"
     ],
 )
 def test_our_types_are_json_by_their_schema_and_come_back_the_same(key, message):
-    payload = wire.encode(message)
-    stored = Form(key, wire.encoding(type(message))).stored(payload)
+    payload = codec.encode(message)
+    stored = Form(key, codec.encoding(type(message))).stored(payload)
     assert (stored.encoding, stored.type, stored.packed) == (JSON, type(message), True)
     assert msgspec.json.decode(stored.data, type=type(message)) == message
     assert restored(stored.data, packed=True) == payload
@@ -68,7 +68,7 @@ def test_json_stays_as_it_was_written():
 
 def test_another_versions_pose_is_kept_and_not_taken_for_ours():
     said = "application/msgpack;quadctl.Pose#deadbeef"
-    stored = Form("uav/pose", said).stored(wire.encode(pose(1)))
+    stored = Form("uav/pose", said).stored(codec.encode(pose(1)))
     assert (stored.encoding, stored.type, stored.packed) == (JSON, None, True)
 
 
@@ -77,7 +77,7 @@ def test_what_a_stranger_has_put_beside_our_fields_is_kept():
     stored = Form("uav/pose", PLAIN).stored(pack(more))
     assert stored.type is None
     assert msgspec.json.decode(stored.data)["battery"] == 0.5
-    assert Form("uav/pose", PLAIN).stored(wire.encode(pose(1))).type is Pose
+    assert Form("uav/pose", PLAIN).stored(codec.encode(pose(1))).type is Pose
 
 
 def test_a_pose_that_json_could_not_carry_stays_messagepack():
@@ -88,5 +88,5 @@ def test_a_pose_that_json_could_not_carry_stays_messagepack():
 
 def test_a_call_that_asked_for_what_json_cannot_carry_is_kept_as_it_was():
     bad = msgspec.structs.replace(refused(1, 2, 3), request={"x": float("inf")})
-    stored = Form("uav/@call/goto", wire.encoding(Called)).stored(wire.encode(bad))
-    assert restored(stored.data, packed=stored.packed) == wire.encode(bad)
+    stored = Form("uav/@call/goto", codec.encoding(Called)).stored(codec.encode(bad))
+    assert restored(stored.data, packed=stored.packed) == codec.encode(bad)

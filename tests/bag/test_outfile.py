@@ -8,9 +8,9 @@ from contextlib import contextmanager
 import pytest
 
 from services.recorder.process.recording import Recording
-from services.runtime.bag.outfile import Outfile
-from services.runtime.bag.reader import Bag
 from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.recording.reader import Bag
+from services.runtime.recording.writer import Outfile
 from tests.bag.made import flight
 
 

@@ -8,11 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from services.runtime.bag.check import check
-from services.runtime.bag.facts import facts
-from services.runtime.bag.reader import Bag, summary
-from services.runtime.bag.repair import repair
 from services.runtime.errors import Invalid
+from services.runtime.recording.reader import Bag, facts, summary
+from services.runtime.recording.verify import check, repair
 from tests.bag.made import flight, taken, write
 
 

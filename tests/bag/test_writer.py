@@ -7,7 +7,7 @@ from mcap.reader import make_reader
 
 from schemas.messages import Pose, Pressure, SafetyState
 from services.recorder.process.recording import Recording
-from services.runtime.bag.reader import Bag
+from services.runtime.recording.reader import Bag
 from tests.bag.made import flight, pose, state, taken, write
 
 

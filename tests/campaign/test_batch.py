@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from schemas.geometry import Position
+from schemas.messages import Position
 from schemas.params import SafetyParams
 from services.campaign.batch import Batch
 from services.campaign.diary import Flown

@@ -5,12 +5,12 @@ from typing import Any
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from services.runtime.settings import declared
+from services.runtime.params import catalogue
 
 
 def changed_values() -> st.SearchStrategy[dict[str, Any]]:
     """Some declared parameters, each with a value of its type."""
-    leaves = {name: leaf for name, leaf in declared.leaves().items() if name != "processes"}
+    leaves = {name: leaf for name, leaf in catalogue.leaves().items() if name != "processes"}
     return st.lists(st.sampled_from(sorted(leaves)), unique=True, max_size=6).flatmap(
         lambda names: st.fixed_dictionaries({name: _value(leaves[name].type) for name in names})
     )

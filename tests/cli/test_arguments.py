@@ -12,7 +12,7 @@ from cli import flow
 from cli.arguments import message_of, table_of, without_type
 from cli.topic.payload import Payload, payload_of
 from schemas.messages import Setpoint, Waypoint
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.errors import Invalid, UsageError
 
 REQUEST = "uav/input/position_request"
@@ -146,8 +146,8 @@ def test_a_type_before_the_message_is_left_out(words: list[str], kept: list[str]
 
 def test_a_topic_of_ours_is_sent_in_our_encoding():
     sent = payload_of(REQUEST, "uav", ["1", "2", "3"], "")
-    assert sent.encoding == wire.encoding(Waypoint)
-    assert wire.decode(Waypoint, *sent) == Waypoint(1.0, 2.0, 3.0)
+    assert sent.encoding == codec.encoding(Waypoint)
+    assert codec.decode(Waypoint, *sent) == Waypoint(1.0, 2.0, 3.0)
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,11 @@ from msgspec.structs import replace
 
 from cli.doctor import barometer, offers, topics
 from cli.doctor.check import Check
-from schemas.describe import schema_hash
+from schemas.keyexpr import Offer
 from schemas.topics import GOTO, SERVICES, TOPICS
-from services.runtime.bus.graph import Offer
-from services.runtime.bus.heard import Heard
-from services.runtime.bus.survey import Answer, Survey
-from services.runtime.record import ProcessRecord, RunRecord
+from schemas.typeinfo import schema_hash
+from services.runtime.bus.survey import Answer, Heard, Survey
+from services.runtime.run_files import ProcessRecord, RunRecord
 
 
 def digest(type_: type[Struct]) -> str:

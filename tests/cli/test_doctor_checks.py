@@ -14,7 +14,7 @@ from cli.doctor.resources import MB
 from cli.doctor.settings import Settings
 from cli.doctor.versions import Requirement
 from services.runtime.errors import Invalid, Unreachable
-from services.runtime.record import ProcessRecord, RunRecord
+from services.runtime.run_files import ProcessRecord, RunRecord
 
 OURS = dict.fromkeys(PACKAGES, "/ours")
 INSTALLED = Installed(

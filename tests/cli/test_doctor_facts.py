@@ -11,7 +11,7 @@ import pytest
 from cli.doctor.folder import folder, neighbours
 from cli.doctor.machine import disk, process
 from cli.doctor.versions import Requirement, requirement, satisfies
-from services.runtime.lock import FileLock
+from services.runtime.filelock import FileLock
 from services.runtime.realm import Realm
 from tests.cli.quadctl import Quadctl
 from tests.processes.running import eventually

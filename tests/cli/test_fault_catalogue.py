@@ -5,7 +5,7 @@ import pytest
 
 from cli.fault.catalogue import FAULTS, Fault, active
 from schemas.params import Params
-from services.runtime.settings.named import flatten
+from services.runtime.params.names import flatten
 
 DEFAULTS = dict(flatten(msgspec.to_builtins(Params())))
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cli.topic.figures import Heard, bandwidth, delay, rate
 from cli.topic.rates import _heard
-from services.runtime.bus.hearing import Message
+from services.runtime.bus.streams import Message
 from services.runtime.errors import Invalid
 
 TIMES = (10.0, 10.1, 10.2, 10.4)

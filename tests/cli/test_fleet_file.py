@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cli.fleet.file import Member, fleet_of, read
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.runtime.errors import Invalid
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "fleet.toml"

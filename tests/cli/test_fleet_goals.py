@@ -9,8 +9,7 @@ from cli.fleet.formation import about, named_goals
 from cli.fleet.land import ground_below
 from cli.fleet.told import fail, nobody_sent
 from cli.fleet.words import read
-from schemas.geometry import Position
-from schemas.messages import CageSize, SafetyState
+from schemas.messages import CageSize, Position, SafetyState
 from services.runtime.errors import (
     Invalid,
     QuadctlError,

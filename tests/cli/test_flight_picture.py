@@ -8,8 +8,7 @@ import pytest
 from cli.plot import palette
 from cli.plot.flight import Flight, Spot
 from cli.plot.picture import draw
-from schemas.geometry import Position
-from schemas.messages import Waypoint
+from schemas.messages import Position, Waypoint
 from tests.bag.made import pose, pressure, refused, state, taken
 
 

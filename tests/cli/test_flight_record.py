@@ -6,8 +6,16 @@ import pytest
 from msgspec.structs import replace
 
 from cli.fly.record import Record
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import CageSize, Pose, Pressure, SafetyState
+from schemas.messages import (
+    BodyRates,
+    CageSize,
+    Pose,
+    Position,
+    Pressure,
+    Quaternion,
+    SafetyState,
+    Velocity,
+)
 from services.runtime.errors import QuadctlError
 
 END, HZ = 0.3, 10.0

@@ -9,9 +9,9 @@ import pytest
 from msgspec import Struct
 
 from cli.fuzz.payloads import Payload, refused
-from schemas.requests import GotoRequest, HoldRequest, SetParamsRequest
+from schemas.services import GotoRequest, HoldRequest, SetParamsRequest
 from schemas.topics import SERVICES, TOPICS, get_params, set_params
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.errors import Invalid
 
 TYPES = [
@@ -40,7 +40,7 @@ def test_they_are_of_many_kinds():
     reasons = set()
     for payload in payloads:
         try:
-            wire.decode(GotoRequest, payload.data, payload.encoding)
+            codec.decode(GotoRequest, payload.data, payload.encoding)
         except Invalid as problem:
             reasons.add(problem.message[:40])
     assert len(reasons) >= 10
@@ -59,8 +59,8 @@ def test_of_a_type_with_nothing_in_it_there_are_some_too():
 
 
 def _read(type_: type[Struct], payload: Payload) -> None:
-    wire.decode(type_, payload.data, payload.encoding)
-    wire.decode_call(payload.attachment)
+    codec.decode(type_, payload.data, payload.encoding)
+    codec.decode_call(payload.attachment)
 
 
 def _fields(data: bytes) -> dict[str, Any]:

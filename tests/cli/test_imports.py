@@ -30,6 +30,10 @@ def test_a_command_that_reads_no_recording_loads_nothing_for_that():
 
 def test_neither_does_a_node_that_records_nothing():
     assert (
-        loaded("services.runtime.entry", "services.runtime.run.up", "services.safety.__main__")
+        loaded(
+            "services.runtime.entry",
+            "services.runtime.supervisor.supervisor",
+            "services.safety.__main__",
+        )
         == []
     )

@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.fly.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
-from schemas.requests import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
+from schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
 from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
 from services.runtime.errors import Invalid
-from services.runtime.settings.params import parse
+from services.runtime.params.load import parse
 
 HOLD_AT_1 = {"at": 1, "do": "hold"}
 

@@ -11,7 +11,7 @@ from cli.node.seen import Seen
 from cli.options import Options
 from services.runtime.bus.calls import gone
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 
 KEY = "uav/@srv/pressure/get_params"
 ENDED = 2**22 + 1

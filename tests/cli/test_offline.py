@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from schemas.topics import SERVICES, TOPICS
-from services.runtime.settings.template import render
+from services.runtime.params.catalogue import render
 from tests.cli.quadctl import Quadctl
 
 CALIBRATE = "bool zero\n---\nfloat64 baseline\n"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cli.run import usage
 from cli.run.panel import Panel
 from cli.run.rows import Taken, duration, lines
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 from tests.processes.screen import Glass
 
 ROWS = [

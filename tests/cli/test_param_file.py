@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from cli.param.file import edited, replace
 from services.runtime.errors import Invalid
-from services.runtime.settings.named import put
-from services.runtime.settings.template import render
+from services.runtime.params.catalogue import render
+from services.runtime.params.names import put
 from tests.cli.declared_values import changed_values
 
 WRITTEN = [

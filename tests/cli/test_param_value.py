@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from cli.param.value import read
-from services.runtime.settings import toml
+from services.runtime.params import catalogue
 
 CAGE = {"x": 3, "y": 2.5, "z": 3}
 
@@ -44,4 +44,4 @@ def test_anything_else(text: str, value: Any):
 
 @pytest.mark.parametrize("text", ["{x: 3}", "[a, b]", "{", "plain", "[]", "{ x = 3 }"])
 def test_a_text_is_read_as_the_same_text_that_get_prints(text: str):
-    assert read(toml.word(text)) == text
+    assert read(catalogue.word(text)) == text

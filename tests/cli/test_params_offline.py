@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from schemas.params import FIXED_AT_LAUNCH
-from services.runtime.settings import declared
+from services.runtime.params import catalogue
 from tests.cli.quadctl import Quadctl
 
 NEEDS_A_RUN = [
@@ -91,9 +91,9 @@ def test_a_parameter_is_described_without_a_value(quadctl: Quadctl):
 
 
 def test_tables_are_described_leaf_by_leaf(quadctl: Quadctl):
-    names = sorted({name.partition(".")[0] for name in declared.leaves()})
+    names = sorted({name.partition(".")[0] for name in catalogue.leaves()})
     said = quadctl("param", "describe", *names, "--json")
-    assert {leaf["name"] for leaf in said.json} == set(declared.leaves())
+    assert {leaf["name"] for leaf in said.json} == set(catalogue.leaves())
     fixed = {leaf["name"] for leaf in said.json if leaf["fixed_at_launch"]}
     assert fixed == FIXED_AT_LAUNCH | {"supervise.answer_timeout", "processes"}
     as_text = quadctl("param", "describe", "safety", "safety.virtual_cage").out.splitlines()

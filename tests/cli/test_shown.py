@@ -8,12 +8,12 @@ import pytest
 from cli.topic.behind import split
 from cli.topic.shown import NoField, field_of, shown
 from schemas.messages import Waypoint
-from services.runtime.bus import wire
-from services.runtime.bus.hearing import Message
+from services.runtime.bus import codec
+from services.runtime.bus.streams import Message
 from services.runtime.errors import Invalid
 
 POINT = Waypoint(1.0, 2.0, 3.0)
-PACKED = wire.encode(POINT)
+PACKED = codec.encode(POINT)
 
 
 def show(message: Message) -> Any:
@@ -25,7 +25,7 @@ def message(key: str, payload: bytes, encoding: str = "") -> Message:
 
 
 @pytest.mark.parametrize("key", ["uav/input/position_request", "x/input/position_request", "a/b"])
-@pytest.mark.parametrize("encoding", ["", wire.encoding(Waypoint), "application/msgpack"])
+@pytest.mark.parametrize("encoding", ["", codec.encoding(Waypoint), "application/msgpack"])
 def test_a_waypoint_is_shown_wherever_it_comes(key: str, encoding: str):
     assert show(message(key, PACKED, encoding)) == msgspec.to_builtins(POINT)
 
@@ -40,7 +40,7 @@ def test_on_our_topic_what_is_no_waypoint_cannot_be_read(payload: bytes):
 
 def test_under_a_strangers_first_chunk_the_name_of_our_topic_says_nothing():
     assert show(message("camera/pose", b'{"tilt": 3}', "application/json")) == {"tilt": 3}
-    other = wire.encoding(Waypoint).replace("#", "#0")
+    other = codec.encoding(Waypoint).replace("#", "#0")
     with pytest.raises(Invalid, match="schema mismatch"):
         show(message("camera/input/position_request", PACKED, other))
 

@@ -4,9 +4,9 @@ import pytest
 
 from cli.complete import spelled
 from cli.names import find_service, key_of
+from schemas.keyexpr import Offer
 from schemas.topics import SERVICES, TOPICS
-from services.runtime.bus.graph import Offer
-from services.runtime.settings.named import normal_name
+from services.runtime.params.names import normal_name
 
 
 def going_on(found, begun: str) -> list[str]:

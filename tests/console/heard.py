@@ -4,8 +4,16 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import CageSize, Pose, Pressure, SafetyState
+from schemas.messages import (
+    BodyRates,
+    CageSize,
+    Pose,
+    Position,
+    Pressure,
+    Quaternion,
+    SafetyState,
+    Velocity,
+)
 
 _POSE = Pose(
     boot="a", seq=0, stamp=1.0, position=Position(0, 0, 1), velocity=Velocity(0, 0, 0),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cli.console.aim import STEPS, clicked, stepped
 from cli.console.board import TICK, Board
 from cli.console.frame import NOTHING_SEEN, frame, link
-from schemas.geometry import Position
+from schemas.messages import Position
 from tests.console.heard import pose, reading, state
 
 

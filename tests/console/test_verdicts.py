@@ -3,8 +3,7 @@
 import pytest
 
 from cli.console.verdicts import point, told
-from schemas.geometry import Position
-from schemas.messages import CageSize
+from schemas.messages import CageSize, Position
 from tests.console.heard import state
 
 GOAL = Position(1, 2, 1)

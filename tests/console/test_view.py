@@ -10,7 +10,7 @@ from cli.console.settings import shown, tables
 from cli.console.verdicts import Verdict
 from schemas.params import FIXED_AT_LAUNCH
 from services.runtime.errors import Invalid
-from services.runtime.settings import declared
+from services.runtime.params import catalogue
 from services.safety.fsa import RULES
 
 SETTINGS = {setting.name: setting for table in tables({}) for setting in table.settings}
@@ -28,7 +28,7 @@ def test_the_drawing_has_every_state_and_stays_in_its_frame():
 
 
 def test_every_declared_parameter_is_there_with_its_bounds_and_meaning():
-    assert set(SETTINGS) == set(declared.leaves())
+    assert set(SETTINGS) == set(catalogue.leaves())
     speed = SETTINGS["dynamics.control.max_speed"]
     assert speed.facts == "[0.01, 100] m/s · default 5.0"
     assert all(setting.about for setting in SETTINGS.values())

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from benchmarks.model import flown, scenario
-from schemas.params import DynamicsParams, StartParams
+from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
-from schemas.wind import MeanWindParams, WindParams
 from services.dynamics import pilot
 from services.dynamics.rigidbody import State, body_constants, step
 from services.dynamics.vehicle import Vehicle, constants_of, initial

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from schemas.params import DynamicsParams, Params, StartParams
-from schemas.wind import MeanWindParams, WindParams
+from schemas.params import DynamicsParams, MeanWindParams, Params, StartParams, WindParams
 from services.dynamics.rotor import hover_speed
 from services.dynamics.vehicle import Vehicle
-from services.runtime.settings.params import load
+from services.runtime.params.load import load
 
 FILE = Path(__file__).parents[2] / "examples" / "crazyflie.toml"
 

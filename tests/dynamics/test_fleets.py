@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from schemas.params import DynamicsParams, StartParams
+from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.vehicle import RotorDragParams
-from schemas.wind import MeanWindParams, WindParams
 from services.dynamics.fleet.arrays import CHUNK, ArrayFleet, even
 from services.dynamics.fleet.compiled import CompiledFleet
 from services.dynamics.fleet.text import merged

@@ -1,6 +1,6 @@
 """Which setpoints move the vehicle."""
 
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.dynamics.heed import Heed
 
 THERE, ELSEWHERE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)

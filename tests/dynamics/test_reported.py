@@ -2,10 +2,8 @@
 
 from msgspec import structs
 
-from schemas.faults import FlightFaultParams
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import Pose
-from schemas.params import DynamicsParams
+from schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
+from schemas.params import DynamicsParams, FlightFaultParams
 from services.dynamics.reported import Reported
 from services.dynamics.vehicle import Vehicle
 

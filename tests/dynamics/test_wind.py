@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.params import DynamicsParams, StartParams
+from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.vehicle import RotorDragParams, VehicleParams
-from schemas.wind import MeanWindParams, WindParams
 from services.dynamics.controller import PERIOD
 from services.dynamics.rigidbody import body_constants, step
 from services.dynamics.rotor import hover_speed

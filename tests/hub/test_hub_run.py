@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from schemas.hub import HubParams
-from schemas.params import Params
+from schemas.params import HubParams, Params
 from services.hub.__main__ import run
 
 

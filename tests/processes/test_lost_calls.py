@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from schemas.requests import HoldResponse
-from services.runtime.bus import wire
+from schemas.services import HoldResponse
+from services.runtime.bus import codec
 from tests.processes.bare import pack, unpack
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import Done
@@ -37,7 +37,7 @@ def test_what_got_no_answer_of_a_server_that_is_there_is_sent_again_with_its_id(
             assert query.attachment is not None
             ids.append(unpack(query.attachment.to_bytes())["id"])
             if len(ids) > 2:
-                query.reply(KEY, pack({"success": True}), encoding=wire.encoding(HoldResponse))
+                query.reply(KEY, pack({"success": True}), encoding=codec.encoding(HoldResponse))
 
     with room.bare() as bare, bare.session.declare_queryable(KEY, answer, complete=True):
         done = hold(room)

@@ -10,7 +10,7 @@ import zenoh
 from msgspec import inspect
 
 from schemas.params import FROM_STANDSTILL
-from services.runtime.settings import declared
+from services.runtime.params import catalogue
 from tests.processes.bare import Bare, pack, ticket, unpack
 from tests.processes.lab import private_lab
 from tests.processes.running import eventually
@@ -29,7 +29,7 @@ _boots = count()
 
 def values(name: str) -> list[float]:
     """The bounds of a parameter, and a value between them."""
-    entry = declared.leaves()[name]
+    entry = catalogue.leaves()[name]
     assert isinstance(entry.type, inspect.FloatType)
     low, high = entry.type.ge, entry.type.le
     assert low is not None
@@ -37,7 +37,7 @@ def values(name: str) -> list[float]:
     return [low, sqrt(low * high) if low > 0 else 0.1 * high, high]
 
 
-NAMES = [name for name in declared.leaves() if name.startswith(FROM_STANDSTILL)]
+NAMES = [name for name in catalogue.leaves() if name.startswith(FROM_STANDSTILL)]
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_value_takes_it_out_of_the_cage(quick: Bare, name: str):
-    default = declared.leaves()[name].default
+    default = catalogue.leaves()[name].default
     for value in values(name):
         for moment in MOMENTS:
             farthest, reason = fly(quick, name, value, moment)

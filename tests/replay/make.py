@@ -8,10 +8,9 @@ import tempfile
 from pathlib import Path
 
 from schemas.topics import POSE
-from services.runtime.bag.outfile import Outfile
-from services.runtime.bag.reader import Bag
-from services.runtime.bag.writer import BagWriter
-from services.runtime.bus.tap import Taken
+from services.runtime.bus.raw import Taken
+from services.runtime.recording.reader import Bag
+from services.runtime.recording.writer import BagWriter, Outfile
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually
 

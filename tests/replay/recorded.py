@@ -8,9 +8,9 @@ import msgspec
 from schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
 from schemas.params import Params
 from schemas.topics import POSE, PRESSURE, REQUEST, topic_of
-from services.runtime.bag.reader import Bag
-from services.runtime.bus import wire
-from services.runtime.script import Said
+from services.runtime.bus import codec
+from services.runtime.recording.reader import Bag
+from services.runtime.testing import Said
 
 _INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
 
@@ -30,7 +30,7 @@ class Recorded:
             topic: Any = topic_of(message.key)
             if topic is None or message.derived:
                 continue
-            value = wire.decode(topic.type, message.payload, message.encoding)
+            value = codec.decode(topic.type, message.payload, message.encoding)
             if isinstance(value, Called):
                 self.calls.append(value)
             elif topic.name in _INPUTS:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from services.pressure.__main__ import run as run_pressure
-from services.runtime.script import Said, play
+from services.runtime.testing import Said, play
 from services.safety import fsa
 from services.safety.__main__ import run as run_safety
 from tests.replay.recorded import Recorded

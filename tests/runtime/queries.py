@@ -4,15 +4,13 @@ from typing import Any, Self
 
 import msgspec
 
-from schemas.envelope import Call
-from schemas.requests import GotoRequest, GotoResponse
+from schemas.services import Call, GotoRequest, GotoResponse
 from schemas.topics import GOTO
-from services.runtime.bus import wire
-from services.runtime.schedule import Schedule
-from services.runtime.serving import Server
+from services.runtime.bus import codec
+from services.runtime.server import Schedule, Server
 
 KEY = "uav/@srv/goto"
-ASK = wire.encode(GotoRequest(1.0, 2.0, 3.0))
+ASK = codec.encode(GotoRequest(1.0, 2.0, 3.0))
 
 
 class Bytes:
@@ -36,7 +34,7 @@ class Query:
     ) -> None:
         self.key_expr, self.encoding = key, encoding
         self.payload = None if payload is None else Bytes(payload)
-        attached = wire.encode(call) if isinstance(call, Call) else call
+        attached = codec.encode(call) if isinstance(call, Call) else call
         self.attachment = None if attached is None else Bytes(attached)
         self.replies: list[tuple[str, Any]] = []
         self.open = False
@@ -49,8 +47,8 @@ class Query:
         self.open = False
 
     def reply(self, key: str, payload: bytes, *, encoding: str) -> None:
-        assert (self.open, key, encoding) == (True, KEY, wire.encoding(GotoResponse))
-        self.replies.append(("ok", wire.decode(GotoResponse, payload, encoding)))
+        assert (self.open, key, encoding) == (True, KEY, codec.encoding(GotoResponse))
+        self.replies.append(("ok", codec.decode(GotoResponse, payload, encoding)))
 
     def reply_err(self, payload: bytes, *, encoding: str) -> None:
         assert (self.open, encoding) == (True, "application/json;quadctl.Error")

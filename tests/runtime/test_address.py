@@ -12,7 +12,7 @@ from schemas.params import Params
 from services.runtime.bus.session import Address, address_of
 from services.runtime.errors import AlreadyServed
 from services.runtime.realm import Realm
-from services.runtime.run.launch import Launch, choose_address, hold
+from services.runtime.supervisor.launch import Launch, choose_address, hold
 
 
 @pytest.fixture

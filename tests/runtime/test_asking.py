@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.lock import FileLock
+from services.runtime.filelock import FileLock
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord, RunRecord, State
-from services.runtime.run import asking
+from services.runtime.run_files import ProcessRecord, RunRecord, State
+from services.runtime.supervisor import control
 
 
 @pytest.fixture
@@ -29,50 +29,50 @@ def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Realm]:
 def write(realm: Realm, pid: int, state: State, restarts: int) -> ProcessRecord:
     pressure = ProcessRecord("pressure", pid, state, restarts)
     hub = ProcessRecord("hub", 11, "ready", 0)
-    record.write(realm, RunRecord("lab", 10, ["uav"], [hub, pressure]))
+    run_files.write(realm, RunRecord("lab", 10, ["uav"], [hub, pressure]))
     return pressure
 
 
 def test_what_was_asked_is_taken_once(realm: Realm):
-    assert asking.take(realm) == []
-    assert asking.ask_restart(realm, "pressure") == ProcessRecord("pressure", 12, "ready", 0)
-    asking.ask_restart(realm, "pressure")
-    asking.ask_restart(realm, "hub")
-    assert sorted(asking.take(realm)) == ["hub", "pressure"]
-    assert asking.take(realm) == []
+    assert control.take(realm) == []
+    assert control.ask_restart(realm, "pressure") == ProcessRecord("pressure", 12, "ready", 0)
+    control.ask_restart(realm, "pressure")
+    control.ask_restart(realm, "hub")
+    assert sorted(control.take(realm)) == ["hub", "pressure"]
+    assert control.take(realm) == []
 
 
 def test_an_unknown_name_is_refused_with_the_nearest(realm: Realm):
     with pytest.raises(Invalid, match="presure: there is no such process") as caught:
-        asking.ask_restart(realm, "presure")
+        control.ask_restart(realm, "presure")
     assert caught.value.hint == "did you mean pressure?"
     with pytest.raises(Invalid) as caught:
-        asking.ask_restart(realm, "../../x")
+        control.ask_restart(realm, "../../x")
     assert caught.value.hint == "there are hub, pressure"
-    assert asking.take(realm) == []
+    assert control.take(realm) == []
 
 
 def test_where_nothing_runs_nobody_is_asked(realm: Realm):
     with pytest.raises(Unreachable, match="nothing is running in the realm other"):
-        asking.ask_restart(Realm("other"), "hub")
+        control.ask_restart(Realm("other"), "hub")
 
 
 def test_it_is_back_when_it_is_ready_as_another_process(realm: Realm):
-    before = asking.ask_restart(realm, "pressure")
+    before = control.ask_restart(realm, "pressure")
     with pytest.raises(TimedOut, match=r"pressure is not ready again within 0\.03 s"):
-        asking.wait_restarted(realm, "pressure", before, 0.03)
+        control.wait_restarted(realm, "pressure", before, 0.03)
     write(realm, 12, "restarting", 1)
     later = threading.Timer(0.05, lambda: write(realm, 13, "ready", 1))
     later.start()
-    assert asking.wait_restarted(realm, "pressure", before, 5.0).pid == 13
+    assert control.wait_restarted(realm, "pressure", before, 5.0).pid == 13
     later.join()
 
 
 def test_one_that_was_down_and_goes_down_again_is_an_error_at_once(realm: Realm):
     before = write(realm, 0, "down", 4)
     with pytest.raises(TimedOut):
-        asking.wait_restarted(realm, "pressure", before, 0.0)
+        control.wait_restarted(realm, "pressure", before, 0.0)
     write(realm, 0, "down", 8)
     with pytest.raises(QuadctlError, match="does not stay up") as caught:
-        asking.wait_restarted(realm, "pressure", before, 5.0)
+        control.wait_restarted(realm, "pressure", before, 5.0)
     assert str(realm.logs / "pressure.log") in caught.value.hint

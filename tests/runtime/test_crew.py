@@ -7,8 +7,7 @@ from functools import partial
 
 import pytest
 
-from services.runtime.crew import Crew
-from services.runtime.loop import Loop
+from services.runtime.executor import Crew, Loop
 
 
 class Few:

@@ -10,30 +10,30 @@ from hypothesis import strategies as st
 
 from schemas.params import Params
 from services.runtime.errors import Invalid, UsageError
-from services.runtime.settings import fleet
+from services.runtime.params import load
 
 
 def test_one_vehicle_has_what_the_file_says(tmp_path: Path):
     file = tmp_path / "lab.toml"
     file.write_text("[safety]\ntakeoff = 3.0\n[dynamics]\nseed = 5\nstart = { x = 1.0 }")
-    loaded = fleet.load(file)["uav"]
+    loaded = load.load_vehicles(file)["uav"]
     assert (loaded.safety.takeoff, loaded.dynamics.seed, loaded.dynamics.start.x) == (3.0, 5, 1.0)
-    assert fleet.load(None) == {"uav": Params()}
+    assert load.load_vehicles(None) == {"uav": Params()}
 
 
 def test_names_count_from_nought():
-    assert fleet.names("uav", 3) == ["uav0", "uav1", "uav2"]
+    assert load.names("uav", 3) == ["uav0", "uav1", "uav2"]
     for count in (0, -1, 1001):
         with pytest.raises(UsageError, match="not a number of vehicles"):
-            fleet.names("uav", count)
+            load.names("uav", count)
 
 
 @given(st.integers(1, 60))
 def test_they_start_two_metres_apart_around_the_start(count: int):
     starts = [
         (params.dynamics.start.x, params.dynamics.start.y)
-        for params in fleet.load(
-            None, ["dynamics.start.x=7", "dynamics.seed=3"], fleet.names("uav", count)
+        for params in load.load_vehicles(
+            None, ["dynamics.start.x=7", "dynamics.seed=3"], load.names("uav", count)
         ).values()
     ]
     assert len(set(starts)) == count
@@ -44,7 +44,9 @@ def test_they_start_two_metres_apart_around_the_start(count: int):
 
 
 def test_each_has_a_seed_of_its_own():
-    seeds = [p.dynamics.seed for p in fleet.load(None, ["dynamics.seed=8"], ["a", "b"]).values()]
+    seeds = [
+        p.dynamics.seed for p in load.load_vehicles(None, ["dynamics.seed=8"], ["a", "b"]).values()
+    ]
     assert seeds == [8, 9]
 
 
@@ -53,7 +55,7 @@ def test_one_has_parameters_of_its_own_from_file_and_line(tmp_path: Path):
     file.write_text(
         "[safety]\ntakeoff = 1.5\n[uav1.safety]\ntakeoff = 2.5\n[uav1.dynamics]\nseed = 7"
     )
-    first, second = fleet.load(
+    first, second = load.load_vehicles(
         file, ["uav0.safety.virtual_cage.x=9", "uav1.dynamics.start.x=-4"], ["uav0", "uav1"]
     ).values()
     assert (first.safety.takeoff, second.safety.takeoff) == (1.5, 2.5)
@@ -76,18 +78,18 @@ def test_one_has_parameters_of_its_own_from_file_and_line(tmp_path: Path):
 )
 def test_what_is_wrong_is_told(setting: str, said: str):
     with pytest.raises(Invalid) as caught:
-        fleet.load(None, [setting], ["uav0", "uav1"])
+        load.load_vehicles(None, [setting], ["uav0", "uav1"])
     assert said in caught.value.message
     assert caught.value.hint
 
 
 def test_a_vehicle_that_is_not_there_is_told_with_those_that_are():
     with pytest.raises(Invalid) as caught:
-        fleet.load(None, ["uav20.safety.takeoff=1"], fleet.names("uav", 20))
+        load.load_vehicles(None, ["uav20.safety.takeoff=1"], load.names("uav", 20))
     assert "the vehicles are uav0 .. uav19 (20)" in caught.value.hint
 
 
 def test_a_file_says_of_one_what_it_says_of_all_and_of_it_alone():
     table = {"safety": {"takeoff": 1.0}, "a": {"safety": {"cage_on": False}}, "b": {"hub": {}}}
-    said = fleet.said_of(table, "a", ["a", "b"])
+    said = load.said_of(table, "a", ["a", "b"])
     assert said == {"safety": {"takeoff": 1.0, "cage_on": False}}

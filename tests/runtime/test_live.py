@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from schemas.params import FIXED_AT_LAUNCH, Params
-from schemas.requests import GetParamsRequest, SetParamsRequest, SetParamsResponse
+from schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from services.runtime.errors import Invalid
-from services.runtime.settings.live import LiveParams
-from services.runtime.settings.named import flatten
+from services.runtime.params.live import LiveParams
+from services.runtime.params.names import flatten
 
 TAKEN = SetParamsResponse(True, "")
 

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.run import disk, logfile
-from services.runtime.run.disk import Disk
-from services.runtime.run.logfile import LogFile
-from services.runtime.run.logs import Logs, Printer
+from services.runtime.supervisor import logs as disk
+from services.runtime.supervisor import logs as logfile
+from services.runtime.supervisor.logs import Disk, LogFile, Logs, Printer
 
 
 @pytest.fixture

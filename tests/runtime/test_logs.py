@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.run.logs import Logs, Printer
+from services.runtime.supervisor.logs import Logs, Printer
 
 LINE = r"\d\d:\d\d:\d\d\.\d\d\d "
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from services.runtime.inbox import Inbox, Item
-from services.runtime.loop import Loop
+from services.runtime.executor import Inbox, Item, Loop
 
 SOON = 10.0
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import zenoh
 
-from services.runtime.bus.matching import Matching
+from services.runtime.bus.zenoh_events import Matching
 
 
 class End:

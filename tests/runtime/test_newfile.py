@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from services.runtime.errors import Invalid
-from services.runtime.newfile import write_new
+from services.runtime.files import write_new
 
 
 def test_it_is_written_once(tmp_path: Path):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from services.runtime.errors import Invalid
-from services.runtime.settings.params import load, read
+from services.runtime.params.load import load, read
 
 FLOAT, TABLE = "expected `float`", "expected `object`"
 # The file, what the error must name, and what its hint must offer.

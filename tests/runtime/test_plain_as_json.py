@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli import output
-from services.runtime.bus.plain import plain
+from services.runtime.bus.codec import plain
 
 Ext = msgspec.msgpack.Ext
 pack = msgspec.msgpack.encode

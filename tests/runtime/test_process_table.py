@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from services.runtime.errors import Invalid
-from services.runtime.processes import NODES, Process, table
+from services.runtime.process_table import NODES, Process, table
 
 
 def test_our_nodes_in_the_order_in_which_they_start():

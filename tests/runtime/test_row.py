@@ -2,10 +2,9 @@
 
 from typing import cast
 
-from services.runtime.processes import GRACE, SETTLED, Process
-from services.runtime.run.child import Child
-from services.runtime.run.lines import Said
-from services.runtime.run.row import Row
+from services.runtime.process_table import GRACE, SETTLED, Process
+from services.runtime.supervisor.child import Child, Said
+from services.runtime.supervisor.supervisor import Row
 
 
 class Fake:

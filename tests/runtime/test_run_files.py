@@ -11,13 +11,13 @@ import pytest
 
 from schemas.barometer import PressureParams
 from schemas.params import CageParams, Params, SafetyParams
-from services.runtime import record
+from services.runtime import run_files
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.lock import FileLock
+from services.runtime.filelock import FileLock
+from services.runtime.params import live
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord, RunRecord
-from services.runtime.run.halt import halt
-from services.runtime.settings import snapshot
+from services.runtime.run_files import ProcessRecord, RunRecord
+from services.runtime.supervisor.control import halt
 
 RUN = RunRecord("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
 
@@ -32,7 +32,7 @@ def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
 
 
 def test_without_a_run_there_is_no_snapshot(realm: Realm):
-    assert snapshot.read(realm, "uav") is None
+    assert live.read_values(realm, "uav") is None
 
 
 def test_what_was_saved_is_read(realm: Realm):
@@ -41,61 +41,63 @@ def test_what_was_saved_is_read(realm: Realm):
         pressure=PressureParams(noise=1e-300),
         processes={"mine": ["sleep", "9"]},
     )
-    snapshot.save_all(realm, {"uav": params})
-    assert snapshot.read(realm, "uav") == params
-    snapshot.save_all(realm, {"uav": Params()})
-    assert snapshot.read(realm, "uav") == Params()
+    live.save_all_values(realm, {"uav": params})
+    assert live.read_values(realm, "uav") == params
+    live.save_all_values(realm, {"uav": Params()})
+    assert live.read_values(realm, "uav") == Params()
 
 
 def test_one_nodes_change_leaves_the_others_alone(realm: Realm):
-    snapshot.save_all(realm, {"uav": Params()})
-    snapshot.save(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
-    assert snapshot.read(realm, "uav") == Params(pressure=PressureParams(rate=20.0))
+    live.save_all_values(realm, {"uav": Params()})
+    live.save_values(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+    assert live.read_values(realm, "uav") == Params(pressure=PressureParams(rate=20.0))
 
 
 def test_half_a_file_that_is_being_written_is_not_read(realm: Realm):
-    snapshot.save_all(realm, {"uav": Params()})
+    live.save_all_values(realm, {"uav": Params()})
     (realm.params / "uav" / ".safety.json.4711").write_text('{"takeo')
     (realm.params / "uav" / ".safety.json").write_text('{"takeo')
-    assert snapshot.read(realm, "uav") == Params()
+    assert live.read_values(realm, "uav") == Params()
 
 
 def test_a_change_that_the_disk_does_not_take_is_an_error_that_says_so(realm: Realm):
-    snapshot.save_all(realm, {"uav": Params()})
+    live.save_all_values(realm, {"uav": Params()})
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
     try:
         with pytest.raises(QuadctlError, match="of pressure cannot be kept in "):
-            snapshot.save(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+            live.save_values(
+                realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0))
+            )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert snapshot.read(realm, "uav") == Params()
+    assert live.read_values(realm, "uav") == Params()
 
 
 def test_a_snapshot_is_checked_like_a_file(realm: Realm):
-    snapshot.save_all(realm, {"uav": Params()})
-    snapshot.save(realm, "uav", "safety", {"takeoff": -1})
+    live.save_all_values(realm, {"uav": Params()})
+    live.save_values(realm, "uav", "safety", {"takeoff": -1})
     with pytest.raises(Invalid, match=r"safety\.takeoff") as caught:
-        snapshot.read(realm, "uav")
+        live.read_values(realm, "uav")
     assert str(realm.params) in caught.value.message
 
 
 def test_a_record_is_read_while_its_run_is_live(realm: Realm):
     with FileLock(realm.lock, "the realm"):
-        assert record.is_live(realm)
+        assert run_files.is_live(realm)
         with pytest.raises(Unreachable):
-            record.read(realm)
-        record.write(realm, RUN)
-        assert record.read(realm) == RUN
-    assert not record.is_live(realm)
+            run_files.read(realm)
+        run_files.write(realm, RUN)
+        assert run_files.read(realm) == RUN
+    assert not run_files.is_live(realm)
     with pytest.raises(Unreachable, match="nothing is running in the realm lab") as caught:
-        record.read(realm)
+        run_files.read(realm)
     assert caught.value.hint == "`quadctl up --realm lab` starts it"
 
 
 def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm):
     other = Realm("other")
-    assert not record.is_live(other)
+    assert not run_files.is_live(other)
     with pytest.raises(Unreachable):
         halt(other)
     assert not other.folder.exists()
@@ -103,7 +105,7 @@ def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm
 
 def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
     with subprocess.Popen(["sleep", "99"]) as deaf, FileLock(realm.lock, "the realm"):
-        record.write(realm, RunRecord("lab", deaf.pid, ["uav"], []))
+        run_files.write(realm, RunRecord("lab", deaf.pid, ["uav"], []))
         with pytest.raises(TimedOut, match=rf"process {deaf.pid} has not ended within 0.05 s"):
             halt(realm, 0.05)
         assert deaf.wait() == -signal.SIGTERM
@@ -111,7 +113,7 @@ def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
 
 def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyPatch):
     with FileLock(realm.lock, "the realm") as lock:
-        record.write(realm, RUN)
+        run_files.write(realm, RUN)
 
         def kill(_pid: int, _number: int) -> None:
             lock.release()
@@ -122,7 +124,7 @@ def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyP
 
 
 def test_the_record_is_the_document_of_status(realm: Realm):
-    record.write(realm, RUN)
+    run_files.write(realm, RUN)
     assert msgspec.json.decode(realm.record.read_bytes()) == {
         "realm": "lab",
         "pid": 4711,

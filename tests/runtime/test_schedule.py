@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime import schedule
+from services.runtime import server
 from services.runtime.errors import Expired, NotReady, QuadctlError, Refused
-from services.runtime.schedule import Held, Schedule
+from services.runtime.server import Held, Schedule
 
 NEVER = 1e12
 
@@ -115,7 +115,7 @@ def test_a_call_that_holds_another_is_not_lost():
 
 
 def test_no_more_than_so_many_are_held(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(schedule, "MOST", 3)
+    monkeypatch.setattr(server, "MOST", 3)
     clock = Clock()
     clock.to("a", 0.0)
     for name in range(3):

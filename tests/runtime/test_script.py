@@ -4,9 +4,9 @@ from msgspec import to_builtins
 
 from schemas.messages import Called, Pose, Setpoint
 from schemas.params import Params
-from schemas.requests import HoldRequest, HoldResponse
+from schemas.services import HoldRequest, HoldResponse
 from schemas.topics import HOLD, POSE, SETPOINT
-from services.runtime.script import play
+from services.runtime.testing import play
 from tests.bag.made import pose
 
 

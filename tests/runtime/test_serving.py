@@ -6,13 +6,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from schemas.envelope import Call
-from schemas.requests import GotoRequest, GotoResponse
+from schemas.services import Call, GotoRequest, GotoResponse
 from schemas.topics import GOTO
-from services.runtime import serving
-from services.runtime.bus import wire
+from services.runtime import server
+from services.runtime.bus import codec
 from services.runtime.errors import Invalid, NotReady, Refused
-from services.runtime.serving import Server
+from services.runtime.server import Server
 from tests.runtime.queries import ASK, KEY, Bench, Query
 
 LATER, LONG_AGO = time.time() + 1e6, 5.0
@@ -25,7 +24,7 @@ def number(count: int) -> tuple[str, GotoResponse]:
 def test_a_request_is_executed_and_answered():
     bench = Bench()
     assert bench.ask() == number(1)
-    assert bench.ask(encoding=wire.encoding(GotoRequest)) == number(2)
+    assert bench.ask(encoding=codec.encoding(GotoRequest)) == number(2)
     assert bench.ask(encoding=None) == number(3)
     assert bench.executed == [GotoRequest(1.0, 2.0, 3.0)] * 3
 
@@ -60,7 +59,7 @@ def test_what_comes_after_its_deadline_is_not_executed():
 
 
 def test_the_oldest_ids_are_forgotten(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(serving, "_REMEMBERED", 3)
+    monkeypatch.setattr(server, "_REMEMBERED", 3)
     bench = Bench()
     for name in "abcd":
         bench.ask(call=Call(name, LATER))
@@ -104,7 +103,7 @@ def test_what_cannot_be_decoded_is_invalid_and_not_executed(
     assert bench.executed == []
 
 
-@pytest.mark.parametrize("attachment", [b"", b"\xc1", wire.encode({"id": "a"}), b"\x80"])
+@pytest.mark.parametrize("attachment", [b"", b"\xc1", codec.encode({"id": "a"}), b"\x80"])
 def test_an_attachment_that_cannot_be_read_is_invalid(attachment: bytes):
     bench = Bench()
     bench.fails("invalid", call=attachment)

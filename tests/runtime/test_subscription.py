@@ -9,8 +9,8 @@ import pytest
 
 from schemas.messages import Waypoint
 from schemas.topics import REQUEST
-from services.runtime.bus import wire
-from services.runtime.bus.subscription import Subscription
+from services.runtime.bus import codec
+from services.runtime.bus.pubsub import Subscription
 
 
 class Sample:
@@ -37,7 +37,7 @@ class Bench:
 
     def comes(self, *numbers: float) -> None:
         for number in numbers:
-            self.comes_raw(wire.encode(Waypoint(number, 0.0, 0.0)), wire.encoding(Waypoint))
+            self.comes_raw(codec.encode(Waypoint(number, 0.0, 0.0)), codec.encoding(Waypoint))
 
     def comes_raw(self, payload: bytes, encoding: str = "") -> None:
         sample: Any = Sample(payload, encoding)
@@ -113,7 +113,7 @@ def test_its_age_is_from_its_arrival_not_from_its_reading(monkeypatch: pytest.Mo
 BAD = [
     b"",
     b"\xc1",
-    wire.encode({"x": float("nan"), "y": 0, "z": 0}),
+    codec.encode({"x": float("nan"), "y": 0, "z": 0}),
     b"\x81\xa1q" + b"\x91" * 99_999,
 ]
 
@@ -145,18 +145,18 @@ def test_the_same_complaint_is_made_once_and_another_again(caplog: pytest.LogCap
 def test_another_version_of_the_type_is_refused_by_hash(caplog: pytest.LogCaptureFixture):
     bench = Bench()
     bench.comes_raw(
-        wire.encode(Waypoint(1.0, 0.0, 0.0)), "application/msgpack;quadctl.Waypoint#0badcafe"
+        codec.encode(Waypoint(1.0, 0.0, 0.0)), "application/msgpack;quadctl.Waypoint#0badcafe"
     )
     bench.turn()
     assert bench.heard == []
     assert "0badcafe" in caplog.text
-    assert wire.encoding(Waypoint).rpartition("#")[2] in caplog.text
+    assert codec.encoding(Waypoint).rpartition("#")[2] in caplog.text
 
 
 def test_a_flood_is_let_gather_and_what_came_last_in_it_is_heard(monkeypatch: pytest.MonkeyPatch):
     now, naps = [100.0], list[float]()
-    monkeypatch.setattr("services.runtime.bus.subscription.time.monotonic", lambda: now[0])
-    monkeypatch.setattr("services.runtime.bus.subscription.time.sleep", naps.append)
+    monkeypatch.setattr("services.runtime.bus.pubsub.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("services.runtime.bus.pubsub.time.sleep", naps.append)
     bench = Bench()
     for number in range(600):
         now[0] += 0.00001

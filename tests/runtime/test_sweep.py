@@ -8,12 +8,12 @@ from contextlib import ExitStack
 
 import pytest
 
-from services.runtime.run import sweep
+from services.runtime.supervisor import descendants
 
 
 @pytest.fixture
 def leash() -> str:
-    return sweep.new_leash()
+    return descendants.new_leash()
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def stack() -> Iterator[ExitStack]:
 def marked(stack: ExitStack, mark: str) -> "subprocess.Popen[bytes]":
     """A process in a session of its own that carries the mark."""
     process = subprocess.Popen(
-        ["sleep", "99"], env=os.environ | {sweep.MARK: mark}, start_new_session=True
+        ["sleep", "99"], env=os.environ | {descendants.MARK: mark}, start_new_session=True
     )
     stack.callback(process.wait)
     stack.callback(process.kill)
@@ -35,14 +35,14 @@ def marked(stack: ExitStack, mark: str) -> "subprocess.Popen[bytes]":
 def test_a_command_is_found_by_its_own_mark_and_with_the_whole_run(leash: str, stack: ExitStack):
     one, other = marked(stack, f"{leash}one/"), marked(stack, f"{leash}one-more/")
     stranger = marked(stack, "4711.1/one/")
-    assert sweep.sweep(f"{leash}one/", signal.SIGTERM) == 1
+    assert descendants.sweep(f"{leash}one/", signal.SIGTERM) == 1
     assert one.wait() == -signal.SIGTERM
     assert other.poll() is None
-    sweep.sweep_away(leash)
+    descendants.sweep_away(leash)
     assert other.wait() == -signal.SIGKILL
-    assert sweep.sweep(leash, signal.SIGKILL) == 0
+    assert descendants.sweep(leash, signal.SIGKILL) == 0
     assert stranger.poll() is None
 
 
 def test_two_runs_of_one_supervisor_have_different_marks(leash: str):
-    assert sweep.new_leash() != leash
+    assert descendants.new_leash() != leash

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from schemas.params import Params
-from services.runtime.settings import toml
-from services.runtime.settings.named import flatten, value_of
+from services.runtime.params import catalogue
+from services.runtime.params.names import flatten, value_of
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 SCALAR = st.one_of(
@@ -24,13 +24,13 @@ VALUE = st.recursive(
 @settings(max_examples=60)
 @given(VALUE)
 def test_a_value_in_a_file_is_read_back(value: Any):
-    assert tomllib.loads(f"value = {toml.value(value)}") == {"value": value}
+    assert tomllib.loads(f"value = {catalogue.value(value)}") == {"value": value}
 
 
 @settings(max_examples=60)
 @given(VALUE)
 def test_what_get_prints_set_takes(value: Any):
-    read = value_of(toml.word(value))
+    read = value_of(catalogue.word(value))
     assert read == value
     assert type(read) is type(value)
 
@@ -54,7 +54,7 @@ def test_what_get_prints_set_takes(value: Any):
     ],
 )
 def test_as_a_word(value: Any, text: str):
-    assert toml.word(value) == text
+    assert catalogue.word(value) == text
 
 
 def test_a_word_is_one_value_and_no_more():
@@ -63,8 +63,8 @@ def test_a_word_is_one_value_and_no_more():
 
 def test_a_document_holds_every_parameter_below_its_table():
     values = dict(flatten(msgspec.to_builtins(Params(processes={"a": "run 'x'", "b": ["y", ""]}))))
-    text = toml.document(values)
+    text = catalogue.document(values)
     assert dict(flatten(tomllib.loads(text))) == values
     assert "[safety.virtual_cage]\nx = 5.0\n" in text
     assert "[safety]\nacceptance_range = 0.5\n" in text
-    assert toml.document({"safety.takeoff": 2.0}) == "[safety]\ntakeoff = 2.0\n"
+    assert catalogue.document({"safety.takeoff": 2.0}) == "[safety]\ntakeoff = 2.0\n"

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import Struct
 
-from schemas.envelope import Call, Error
 from schemas.messages import Info, Pose, SafetyState, Waypoint
-from schemas.requests import CalibrateRequest, GotoRequest, SetParamsRequest
-from services.runtime.bus import wire
+from schemas.services import CalibrateRequest, Call, Error, GotoRequest, SetParamsRequest
+from services.runtime.bus import codec
 from services.runtime.errors import (
     WIRE_ERRORS,
     AlreadyServed,
@@ -43,22 +42,22 @@ def test_a_message_comes_back_as_it_was(type_: type[Struct], number: float):
     for path in numbers(type_):
         table = msgspec.msgpack.decode(with_value(table, path, number))
     message = msgspec.convert(table, type_)
-    assert wire.decode(type_, wire.encode(message), wire.encoding(type_)) == message
+    assert codec.decode(type_, codec.encode(message), codec.encoding(type_)) == message
 
 
 @given(METRES, METRES, METRES, st.booleans())
 def test_numbers_come_back_to_the_last_bit(x: float, y: float, z: float, replace: bool):
-    back = wire.decode(GotoRequest, wire.encode(GotoRequest(x, y, z, replace)), "")
+    back = codec.decode(GotoRequest, codec.encode(GotoRequest(x, y, z, replace)), "")
     assert [a.hex() for a in (back.x, back.y, back.z)] == [a.hex() for a in (x, y, z)]
     assert back.replace is replace
 
 
 def test_the_encoding_names_the_type_and_its_hash():
-    assert wire.encoding(CalibrateRequest) == f"{MSGPACK}CalibrateRequest#d4c4fd3c"
+    assert codec.encoding(CalibrateRequest) == f"{MSGPACK}CalibrateRequest#d4c4fd3c"
 
 
 def test_the_payload_is_a_map_by_field_names():
-    assert msgspec.msgpack.decode(wire.encode(Waypoint(1.0, 2.0, 3.0))) == {
+    assert msgspec.msgpack.decode(codec.encode(Waypoint(1.0, 2.0, 3.0))) == {
         "x": 1.0,
         "y": 2.0,
         "z": 3.0,
@@ -66,28 +65,28 @@ def test_the_payload_is_a_map_by_field_names():
 
 
 def test_another_hash_is_refused_and_both_are_named():
-    payload = wire.encode(CalibrateRequest(True))
+    payload = codec.encode(CalibrateRequest(True))
     with pytest.raises(SchemaMismatch) as caught:
-        wire.decode(CalibrateRequest, payload, f"{MSGPACK}CalibrateRequest#0badcafe")
+        codec.decode(CalibrateRequest, payload, f"{MSGPACK}CalibrateRequest#0badcafe")
     assert "CalibrateRequest#0badcafe" in caught.value.message
     assert "CalibrateRequest#d4c4fd3c" in caught.value.message
     assert caught.value.hint
 
 
 def test_another_type_is_refused_even_with_the_same_fields():
-    payload = wire.encode(Waypoint(1.0, 2.0, 3.0))
-    for said in (wire.encoding(Waypoint), f"{MSGPACK}Waypoint"):
+    payload = codec.encode(Waypoint(1.0, 2.0, 3.0))
+    for said in (codec.encoding(Waypoint), f"{MSGPACK}Waypoint"):
         with pytest.raises(SchemaMismatch, match="Waypoint"):
-            wire.decode(GotoRequest, payload, said)
+            codec.decode(GotoRequest, payload, said)
 
 
 @pytest.mark.parametrize(
     "said", ["", "application/msgpack", f"{MSGPACK}Waypoint", f"{MSGPACK}Waypoint#", "zenoh/bytes"]
 )
 def test_without_a_hash_the_fields_decide(said: str):
-    assert wire.decode(Waypoint, b"\x83\xa1x\x01\xa1y\x02\xa1z\x03", said) == Waypoint(1, 2, 3)
+    assert codec.decode(Waypoint, b"\x83\xa1x\x01\xa1y\x02\xa1z\x03", said) == Waypoint(1, 2, 3)
     with pytest.raises(Invalid) as caught:
-        wire.decode(Waypoint, b"\x82\xa1x\x01\xa1y\x02", said)
+        codec.decode(Waypoint, b"\x82\xa1x\x01\xa1y\x02", said)
     assert "missing required field `z`" in caught.value.message
     assert caught.value.hint == "`quadctl type show Waypoint` prints its fields"
 
@@ -96,7 +95,7 @@ def test_without_a_hash_the_fields_decide(said: str):
 @given(st.sampled_from(ON_THE_WIRE), st.binary(max_size=64), ENCODINGS)
 def test_garbage_is_invalid_and_nothing_else(type_: type[Struct], payload: bytes, said: str):
     try:
-        message = wire.decode(type_, payload, said)
+        message = codec.decode(type_, payload, said)
     except Invalid:
         return
     assert isinstance(message, type_)
@@ -117,7 +116,7 @@ def test_well_formed_nonsense_is_invalid_and_nothing_else(type_: type[Struct], d
     names = st.sampled_from(type_.__struct_fields__)
     table = valid(type_) | data.draw(st.dictionaries(names, JSON, max_size=3))
     try:
-        message = wire.decode(type_, msgspec.msgpack.encode(table), "")
+        message = codec.decode(type_, msgspec.msgpack.encode(table), "")
     except Invalid:
         return
     assert isinstance(message, type_)
@@ -139,12 +138,12 @@ def test_well_formed_nonsense_is_invalid_and_nothing_else(type_: type[Struct], d
 )
 def test_malice_is_invalid_and_nothing_else(type_: type[Struct], payload: bytes):
     with pytest.raises(Invalid, match="not a valid"):
-        wire.decode(type_, payload, "")
+        codec.decode(type_, payload, "")
 
 
 @pytest.mark.parametrize("error", WIRE_ERRORS.values())
 def test_an_error_comes_back_as_it_was(error: type[QuadctlError]):
-    back = wire.decode_error(wire.encode_error(error("what and why", "what to do")))
+    back = codec.decode_error(codec.encode_error(error("what and why", "what to do")))
     assert type(back) is error
     assert (back.message, back.hint) == ("what and why", "what to do")
 
@@ -156,46 +155,46 @@ def test_an_error_comes_back_as_it_was(error: type[QuadctlError]):
      (QuadctlError, "internal")],
 )  # fmt: skip
 def test_an_error_has_one_of_five_codes_on_the_wire(error: type[QuadctlError], code: str):
-    said = msgspec.json.decode(wire.encode_error(error("m", "h")))
+    said = msgspec.json.decode(codec.encode_error(error("m", "h")))
     assert said == {"code": code, "message": "m", "hint": "h"}
     assert msgspec.convert(said, Error).code == code
-    assert wire.ERROR_ENCODING == "application/json;quadctl.Error"
+    assert codec.ERROR_ENCODING == "application/json;quadctl.Error"
 
 
 @given(st.one_of(st.binary(max_size=64), st.just(b"[" * 100_000)))
 def test_an_error_reply_that_cannot_be_read_is_an_error_all_the_same(payload: bytes):
-    assert isinstance(wire.decode_error(payload), QuadctlError)
+    assert isinstance(codec.decode_error(payload), QuadctlError)
 
 
 def test_a_call_is_decoded_checked_or_absent():
     ticket = Call("a", 5.0)
-    assert wire.decode_call(None) is None
-    assert wire.decode_call(wire.encode(ticket)) == ticket
+    assert codec.decode_call(None) is None
+    assert codec.decode_call(codec.encode(ticket)) == ticket
     bad: list[Any] = [
         {}, {"id": "a"}, {"id": "", "deadline": 5}, {"id": "a" * 65, "deadline": 5},
         {"id": "a", "deadline": float("nan")}, {"id": "a", "deadline": -1}, {"id": 1, "deadline": 5},
     ]  # fmt: skip
     for attachment in bad:
         with pytest.raises(Invalid):
-            wire.decode_call(msgspec.msgpack.encode(attachment))
+            codec.decode_call(msgspec.msgpack.encode(attachment))
 
 
 FRESH_TYPES = """
 import sys, threading
 from typing import Literal
 import msgspec
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 
 sys.setswitchinterval(1e-6)
 for number in range(20):
     inner = msgspec.defstruct("Inner", [("word", Literal[f"a{number}", "b", "c"]), ("value", float)])
     outer = msgspec.defstruct("Outer", [("inner", inner), ("all", dict[str, inner])])
-    payload = wire.encode({"inner": {"word": "b", "value": 1.0}, "all": {}})
+    payload = codec.encode({"inner": {"word": "b", "value": 1.0}, "all": {}})
     together = threading.Barrier(4)
 
     def decode():
         together.wait()
-        assert wire.decode(outer, payload, "").inner.value == 1.0
+        assert codec.decode(outer, payload, "").inner.value == 1.0
 
     threads = [threading.Thread(target=decode) for _ in range(4)]
     for thread in threads:

@@ -2,8 +2,7 @@
 
 from msgspec.structs import replace
 
-from schemas.geometry import Position, Velocity
-from schemas.messages import Pose, SafetyState
+from schemas.messages import Pose, Position, SafetyState, Velocity
 from schemas.params import CageParams, SafetyParams
 from services.safety.monitor import Monitor
 from tests.safety.worlds import POSE

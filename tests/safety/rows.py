@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.safety.model import (
     Ask,
     Booted,

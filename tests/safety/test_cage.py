@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from schemas.geometry import Position
-from schemas.messages import CageSize
+from schemas.messages import CageSize, Position
 from services.safety.cage import bounds, why_outside
 
 CAGE = CageSize(5.0, 4.0, 2.0)

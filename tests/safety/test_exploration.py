@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import pytest
 from msgspec.structs import replace
 
-from schemas.geometry import Position, Velocity
-from schemas.messages import CageSize
+from schemas.messages import CageSize, Position, Velocity
 from services.safety.cage import why_outside
 from services.safety.fsa import RULES, Rule, step
 from services.safety.model import (

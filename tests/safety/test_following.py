@@ -4,7 +4,7 @@ from math import inf
 
 from msgspec.structs import replace
 
-from schemas.geometry import Position, Velocity
+from schemas.messages import Position, Velocity
 from services.safety.following import PATIENCE, STANDS, Following
 from tests.safety.worlds import POSE
 

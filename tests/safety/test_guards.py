@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import astuple, replace
 
-from schemas.geometry import Position, Velocity
-from schemas.messages import CageSize
+from schemas.messages import CageSize, Position, Velocity
 from services.safety.cage import beyond, why_outside
 from services.safety.reach import soonest_stop
 from tests.safety.rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig

@@ -5,7 +5,7 @@ from math import inf, nan
 import pytest
 from msgspec.structs import replace
 
-from schemas.geometry import Position
+from schemas.messages import Position
 from services.safety.model import State
 from tests.safety.rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
 

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from schemas.geometry import Position, Velocity
-from schemas.messages import CageSize
+from schemas.messages import CageSize, Position, Velocity
 from tests.safety.rig import GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
 
 

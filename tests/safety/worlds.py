@@ -2,8 +2,7 @@
 
 from msgspec.structs import replace
 
-from schemas.geometry import BodyRates, Position, Quaternion, Velocity
-from schemas.messages import CageSize, Pose
+from schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
 from services.safety.model import Ask, Envelope, Situation, State, World
 
 HOVERING, VERIFYING, MOVING = State

@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import Struct, inspect, msgpack, to_builtins
 
-from schemas import barometer, envelope, geometry, messages, params, requests, vehicle
+from schemas import barometer, messages, params, services, vehicle
 
 
 def _declared(module: ModuleType) -> tuple[type[Struct], ...]:
@@ -20,10 +20,8 @@ def _declared(module: ModuleType) -> tuple[type[Struct], ...]:
 
 
 ON_THE_WIRE = (
-    *_declared(geometry),
     *_declared(messages),
-    *_declared(requests),
-    *_declared(envelope),
+    *_declared(services),
 )
 REQUESTS = tuple(type_ for type_ in ON_THE_WIRE if type_.__name__.endswith("Request"))
 IN_THE_FILE = (*_declared(params), *_declared(barometer), *_declared(vehicle))

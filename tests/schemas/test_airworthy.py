@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from schemas import airworthy
+from schemas.params import MeanWindParams, WindParams
 from schemas.vehicle import ControlParams, VehicleParams
-from schemas.wind import MeanWindParams, WindParams
 from services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
 
 GAIN = st.floats(-2, 3).map(lambda power: 10**power)

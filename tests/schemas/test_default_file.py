@@ -8,9 +8,9 @@ import pytest
 from msgspec import Struct, inspect, to_builtins
 
 from schemas.params import FIXED_AT_LAUNCH, CageParams, Params, SafetyParams
-from services.runtime.settings import template
-from services.runtime.settings.named import flatten
-from services.runtime.settings.params import load
+from services.runtime.params import catalogue
+from services.runtime.params.load import load
+from services.runtime.params.names import flatten
 from tests.schemas.declared import bare, fields
 
 FILE = Path(__file__).parents[2] / "quad.toml"
@@ -57,7 +57,7 @@ def test_every_parameter_stands_in_the_file_below_its_meaning(name: str):
 
 
 def test_the_file_is_what_init_writes():
-    assert template.render() == TEXT
+    assert catalogue.render() == TEXT
 
 
 def test_it_names_every_parameter_and_no_other():
@@ -69,7 +69,7 @@ def test_it_loads_with_the_labs_values():
     params = load(FILE)
     assert params.safety == SafetyParams(acceptance_range=0.5, virtual_cage=CageParams(5, 5, 2))
     assert params.safety.cage_on
-    assert params == template.lab_params()
+    assert params == catalogue.lab_params()
 
 
 def test_beside_the_labs_cage_it_is_the_defaults_in_code():

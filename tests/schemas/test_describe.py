@@ -11,15 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
-from schemas.describe import (
-    bounds_text,
-    definition,
-    schema_hash,
-    service_definition,
-    type_name,
-)
 from schemas.messages import Pose, SafetyState, Waypoint
-from schemas.requests import (
+from schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
     GetParamsRequest,
@@ -27,6 +20,7 @@ from schemas.requests import (
     HoldRequest,
     HoldResponse,
 )
+from schemas.typeinfo import bounds_text, definition, schema_hash, service_definition, type_name
 from tests.schemas.declared import ON_THE_WIRE
 
 BOUNDS = st.floats(-1e6, 1e6)
@@ -117,7 +111,7 @@ def test_types_with_different_fields_have_different_hashes():
 def test_the_hash_is_the_same_in_another_process():
     code = (
         "from schemas.messages import *\n"
-        "from schemas.describe import schema_hash\n"
+        "from schemas.typeinfo import schema_hash\n"
         "print(schema_hash(Pose), schema_hash(SafetyState))"
     )
     for seed in ("1", "2"):

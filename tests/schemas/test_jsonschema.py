@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from schemas.jsonschema import json_schema
 from schemas.topics import GOTO, TOPICS, called
+from schemas.typeinfo import json_schema
 from services.recorder.foxglove import FrameTransform, SceneUpdate
 
 TYPES = [*(topic.type for topic in TOPICS), called(GOTO).type, FrameTransform, SceneUpdate]

@@ -3,10 +3,9 @@
 import msgspec
 import pytest
 
-from schemas.contract import Topic
 from schemas.messages import Pose
-from schemas.topics import SERVICES, SETPOINT, TOPICS, get_params, set_params
-from services.runtime.processes import NODES
+from schemas.topics import SERVICES, SETPOINT, TOPICS, Topic, get_params, set_params
+from services.runtime.process_table import NODES
 
 TOPIC_TABLE = {
     "uav/pose": ("Pose", "dynamics", 100, False),

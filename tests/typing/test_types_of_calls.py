@@ -11,11 +11,11 @@ ROOT = Path(__file__).parents[2]
 # type fits both the service and the request.
 PROGRAM = """\
 from schemas.messages import Pose, Pressure
-from schemas.requests import CalibrateRequest, CalibrateResponse, GotoRequest, HoldRequest
+from schemas.services import CalibrateRequest, CalibrateResponse, GotoRequest, HoldRequest
 from schemas.topics import CALIBRATE, GOTO, HOLD, POSE, PRESSURE, STATE, get_params
 from services.runtime.bus.client import Client
 from services.runtime.node import Node
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 
 def handler(request: CalibrateRequest) -> CalibrateResponse:
     return CalibrateResponse(0.0)
@@ -45,7 +45,7 @@ def client(client: Client) -> None:
     GotoRequest(1, 2)  # [call-arg]
 
 def decoded(payload: bytes) -> None:
-    reveal_type(wire.decode(Pose, payload, ""))  # Pose
+    reveal_type(codec.decode(Pose, payload, ""))  # Pose
 """
 
 

@@ -10,7 +10,7 @@ from cli.console.aim import clicked, stepped
 from cli.console.board import Glance
 from cli.console.panels.card import read
 from cli.console.parts import Scene, floor_point
-from schemas.geometry import Position
+from schemas.messages import Position
 
 if TYPE_CHECKING:
     from cli.console.page import Page

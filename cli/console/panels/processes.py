@@ -7,7 +7,7 @@ from nicegui import ui
 
 from cli.console.board import Glance
 from cli.console.panels.card import card
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 
 if TYPE_CHECKING:
     from cli.console.page import Page

@@ -12,9 +12,9 @@ import time
 from services.dynamics.fleet.single import source
 from services.dynamics.process.machine import Code, processor, store, stored, target
 from services.runtime import generated
-from services.runtime.ending import die_with_parent
 from services.runtime.errors import AlreadyServed
-from services.runtime.lock import FileLock
+from services.runtime.filelock import FileLock
+from services.runtime.shutdown import die_with_parent
 
 _POLITE = 10
 """How far it gives way to others (of 19): the vehicles fly meanwhile."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from schemas.messages import Pose
 from schemas.params import Params
-from schemas.requests import CalibrateRequest, CalibrateResponse
+from schemas.services import CalibrateRequest, CalibrateResponse
 from schemas.topics import CALIBRATE, PRESSURE
 from services.pressure.faults import Faults
 from services.pressure.process.sources import stream, switched_on

@@ -8,11 +8,10 @@ from typing import Any
 from schemas.messages import Pose, SafetyState
 from services.recorder.foxglove import SCENE, TRANSFORM
 from services.recorder.scene import Scene
-from services.runtime.bag.outfile import Outfile
-from services.runtime.bag.writer import BagWriter
-from services.runtime.bus.tap import Taken
+from services.runtime.bus.raw import Taken
 from services.runtime.errors import QuadctlError
-from services.runtime.newfile import making
+from services.runtime.files import making
+from services.runtime.recording.writer import BagWriter, Outfile
 
 FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
 """Where viewers look; no key of Zenoh begins so."""

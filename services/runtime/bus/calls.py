@@ -7,11 +7,11 @@ from typing import Generic, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas.contract import Service
-from schemas.envelope import Call
-from services.runtime.bus import wire
-from services.runtime.bus.matching import Matching
-from services.runtime.bus.plain import plain
+from schemas.services import Call
+from schemas.topics import Service
+from services.runtime.bus import codec
+from services.runtime.bus.codec import plain
+from services.runtime.bus.zenoh_events import Matching
 from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
 _LOST = 0.1
@@ -27,16 +27,16 @@ class Caller(Generic[Q, R]):
     def __init__(self, session: zenoh.Session, vehicle: str, service: Service[Q, R]) -> None:
         self._service = service
         self._asker = Asker(session, service.key(vehicle))
-        self._encoding = wire.encoding(service.request)
+        self._encoding = codec.encoding(service.request)
 
     def call(self, request: Q, timeout: float, boot: str = "", *, again: bool = False) -> R:
         """Send one request and return its reply; waits and raises as an Asker does."""
         try:
-            payload = wire.encode(request)
+            payload = codec.encode(request)
         except (OverflowError, TypeError) as error:
             raise Invalid(f"the request cannot be sent: {error}") from error
         answer = self._asker.ask(payload, self._encoding, timeout, boot, again=again)
-        return wire.decode(self._service.response, *answer)
+        return codec.decode(self._service.response, *answer)
 
 
 class Asker:
@@ -65,7 +65,7 @@ class Asker:
         self.wait_for_server(timeout)
         changes = self._server.changes if again else 0
         left = max(deadline - time.monotonic(), 0.001)
-        ticket = wire.encode(Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot))
+        ticket = codec.encode(Call(id=os.urandom(8).hex(), deadline=time.time() + left, boot=boot))
         while left > 0:
             replies = self._session.get(
                 self._key,
@@ -107,8 +107,8 @@ def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
     err = reply.err
     assert err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
     payload, said = err.payload.to_bytes(), str(err.encoding)
-    if said == wire.ERROR_ENCODING:
-        raise wire.decode_error(payload)
+    if said == codec.ERROR_ENCODING:
+        raise codec.decode_error(payload)
     if payload == b"Timeout":
         raise TimedOut(
             f"{key} did not answer within {round(timeout, 2):g} s",

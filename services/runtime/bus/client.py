@@ -1,26 +1,152 @@
-"""A command's way onto the bus: connects at once or fails at once, and never hangs."""
+"""Command side: Client, hub connection watch, latched get, raw publisher."""
 
+import time
 from typing import TYPE_CHECKING, Self, TypeVar
 
+import zenoh
 from msgspec import Struct
 
-from schemas.contract import Service, Topic
-from schemas.topics import topic_of
-from services.runtime.bus import graph, latched, roster
+from schemas import keyexpr
+from schemas.topics import Service, Topic, topic_of
+from services.runtime.bus import codec, liveliness
 from services.runtime.bus.calls import Asker, Caller
-from services.runtime.bus.contact import Contact
-from services.runtime.bus.reach import reach
-from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.bus.session import reach
+from services.runtime.bus.zenoh_events import Breaks, Matching
+from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from services.runtime.realm import Realm
-from services.runtime.record import ProcessRecord
+from services.runtime.run_files import ProcessRecord
 
 if TYPE_CHECKING:
     from schemas.roles import Right
-    from services.runtime.bus.hearing import Readings, Stream
-    from services.runtime.bus.outlet import Outlet
-    from services.runtime.bus.stage import Stage
+    from services.runtime.bus.raw import Stage
+    from services.runtime.bus.streams import Readings, Stream
+
+T = TypeVar("T")
+
+_LOSING = 0.05
+"""Seconds in which it is known that a connection is lost, at most."""
+
+
+class Contact:
+    """Whether the hub is there, and whether it is the one that was there at first."""
+
+    def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
+        """`realm` is the hub's, where it is one of this machine."""
+        self._session, self._realm = session, realm
+        self._since, self._first = time.time(), self._hubs()
+        self._breaks: Breaks | None = None
+
+    def watch(self) -> None:
+        """From now on see that the connection is lost, though it come back; for who sends."""
+        self._breaks = self._breaks or Breaks(self._session)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the session is connected."""
+        return bool(self._session.info.routers_zid())
+
+    def answered(self, found: list[T]) -> list[T]:
+        """What the hub has answered; raises Unreachable or TimedOut where it was nobody's answer."""
+        # Without a connection there is nobody to ask, and the answer is what we have ourselves, or
+        # empty at once. Of one that is being lost it is so a moment before that is known.
+        deadline = time.monotonic() + _LOSING
+        while self.is_there:
+            if found or time.monotonic() > deadline:
+                return found
+            time.sleep(_LOSING / 10)
+        raise self._lost()
+
+    def check_unbroken(self) -> None:
+        """Raise Unreachable where a part of what was sent may be lost, though all is well again.
+
+        A session comes back by itself: to another hub, which has nothing of what the first was sent,
+        or to the same one, from which it was cut off.
+        """
+        if not self._first & self._hubs():
+            raise self._lost()
+        if self._breaks and self._breaks.any():
+            raise Unreachable(
+                "the connection to the hub was lost for a moment: what was sent then has not come",
+                "send it again; the hub was busy or frozen for longer than a second",
+            )
+
+    def _hubs(self) -> set[str]:
+        return {str(hub) for hub in self._session.info.routers_zid()}
+
+    def _lost(self) -> QuadctlError:
+        from services.runtime.bus import diagnosis
+
+        return diagnosis.hub_lost(self._realm, self._since)
+
 
 M = TypeVar("M", bound=Struct)
+
+_AGAIN = 0.02
+"""Seconds after which one is asked again who was not there: a restart takes a tenth of one."""
+
+
+def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) -> M:
+    """The last message of a topic.
+
+    Raises Unreachable where nobody answers within the timeout (s), TimedOut where who is there does
+    not, and Invalid where only what cannot be read has come.
+    """
+    deadline = time.monotonic() + timeout
+    why: QuadctlError = Unreachable(
+        f"nobody answered for {key} within {timeout:g} s",
+        f"is {topic.node} up? `quadctl status` shows it",
+    )
+    while (left := deadline - time.monotonic()) > 0:
+        # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
+        for reply in session.get(
+            key,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=left,
+        ):
+            if reply.ok is None:
+                if isinstance(why, Invalid):
+                    continue  # that something came says more than that no more did
+                why = TimedOut(
+                    f"{topic.node} did not answer within {timeout:g} s",
+                    "its process is busy or frozen: `quadctl status` shows which",
+                )
+                continue
+            try:
+                payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
+                return codec.decode(topic.type, payload, said)
+            except Invalid as problem:
+                why = codec.unreadable(key, problem)
+        # Nobody answers for the key yet.
+        time.sleep(max(min(deadline - time.monotonic(), _AGAIN), 0))
+    raise why
+
+
+class Outlet:
+    """Publishes bytes on a key, for as long as its client's `with` block lasts."""
+
+    def __init__(self, session: zenoh.Session, key: str, encoding: str) -> None:
+        # A message that somebody typed waits for room; at a robot's rates the next would do.
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=encoding or zenoh.Encoding.ZENOH_BYTES,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        self._listeners = Matching(self._publisher)
+
+    def put(self, payload: bytes) -> None:
+        """Publish one message."""
+        self._publisher.put(payload)
+
+    def wait_for_listener(self, timeout: float) -> bool:
+        """Wait up to a timeout (s) for somebody who listens; False where nobody came."""
+        return self._listeners.wait(timeout)
+
+    def is_heard(self) -> bool:
+        """Whether anybody listens, as far as the hub has said; ask after a round trip to it."""
+        return self._listeners.is_there
+
+
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
@@ -66,9 +192,9 @@ class Client:
     def permit(self, right: "Right", *keys: str) -> None:
         """Raise NotAllowed where the role that our certificate gives does not extend to a key."""
         if self._connect:
-            from services.runtime.secure import permit
+            from services.runtime.security import permissions
 
-            permit.check(self._connect, right, *keys)
+            permissions.check(self._connect, right, *keys)
 
     def call(
         self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""
@@ -107,7 +233,7 @@ class Client:
         key = topic.key(self.vehicle)
         self.permit("read", key)
         try:
-            return latched.latest(self.session, topic, key, self.timeout)
+            return latest(self.session, topic, key, self.timeout)
         except Invalid as problem:
             raise self._only_unread(problem) from problem
         except Unreachable as problem:
@@ -123,7 +249,7 @@ class Client:
 
     def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "Readings[M]":
         """Hear topics, decoded; up to `backlog` messages wait for their reader."""
-        from services.runtime.bus.hearing import Readings
+        from services.runtime.bus.streams import Readings
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return Readings(self.listen(*types, backlog=backlog), types)
@@ -133,7 +259,7 @@ class Client:
 
         With what latched topics `held` before, it comes first.
         """
-        from services.runtime.bus.hearing import Stream
+        from services.runtime.bus.streams import Stream
 
         self.permit("listen", *keys)
         stream = Stream(self.session, keys, backlog)
@@ -152,9 +278,9 @@ class Client:
         """
         if unread is not None:
             return self._only_unread(unread)
-        from services.runtime.bus import missing
+        from services.runtime.bus import diagnosis
 
-        return missing.silence(self, key, more=more)
+        return diagnosis.silence(self, key, more=more)
 
     def explained(
         self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
@@ -164,27 +290,25 @@ class Client:
         NotAllowed where the hub keeps us from a `key` that is served. `live` are the ready nodes,
         where the hub has just told them: it is not asked again.
         """
-        from services.runtime.bus import missing
+        from services.runtime.bus import diagnosis
 
-        return missing.why(self, self._connect, problem, node, key, live)
+        return diagnosis.why(self, self._connect, problem, node, key, live)
 
     def silent_processes(
         self, timeout: float | None = None, live: list[str] | None = None
     ) -> list[ProcessRecord]:
         """Nodes of this machine's run that are there, and that the hub takes for gone."""
-        from services.runtime.bus import missing
+        from services.runtime.bus import diagnosis
 
         live = self.nodes(timeout) if live is None else live
-        return [] if self._connect else missing.silent_processes(self.realm, self.vehicle, live)
+        return [] if self._connect else diagnosis.silent_processes(self.realm, self.vehicle, live)
 
     def _only_unread(self, unread: Invalid) -> Invalid:
         said = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
         return Invalid(said, unread.hint)
 
-    def outlet(self, key: str, encoding: str = "") -> "Outlet":
+    def outlet(self, key: str, encoding: str = "") -> Outlet:
         """Publish on a key."""
-        from services.runtime.bus.outlet import Outlet
-
         self.permit("publish", key)
         self._hub.watch()
         outlet = Outlet(self.session, key, encoding)
@@ -196,19 +320,19 @@ class Client:
 
         Raises AlreadyServed where somebody has one of them.
         """
-        from services.runtime.bus import stage
+        from services.runtime.bus import raw
 
         self.permit("publish", *keys)
         self._hub.watch()
-        self._own.add(stage.NAME)
-        return stage.Stage(self.session, keys)
+        self._own.add(raw.NAME)
+        return raw.Stage(self.session, keys)
 
     def flush(self, timeout: float | None = None) -> None:
         """Return once the hub has read all that was sent before; raises as `nodes`.
 
         Unreachable also where the connection was lost meanwhile, or the hub restarted.
         """
-        found = roster.nodes(self.session, self.vehicle, self._within(timeout))
+        found = liveliness.nodes(self.session, self.vehicle, self._within(timeout))
         # Of what we are ourselves we hear without a hub.
         self._hub.answered([node for node in found if node not in self._own])
         self._hub.check_unbroken()
@@ -218,15 +342,19 @@ class Client:
 
         Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
         """
-        return self._hub.answered(roster.nodes(self.session, self.vehicle, self._within(timeout)))
+        return self._hub.answered(
+            liveliness.nodes(self.session, self.vehicle, self._within(timeout))
+        )
 
     def vehicles(self) -> list[str]:
         """The vehicles that have a ready node; raises as `nodes`."""
-        return self._hub.answered(roster.vehicles(self.session, self.timeout))
+        return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
-    def offers(self, timeout: float | None = None) -> list[graph.Offer]:
+    def offers(self, timeout: float | None = None) -> list[keyexpr.Offer]:
         """The topics and services of the ready nodes; raises as `nodes`."""
-        return self._hub.answered(roster.offers(self.session, self.vehicle, self._within(timeout)))
+        return self._hub.answered(
+            liveliness.offers(self.session, self.vehicle, self._within(timeout))
+        )
 
     def _within(self, timeout: float | None) -> float:
         return self.timeout if timeout is None else timeout

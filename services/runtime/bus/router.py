@@ -1,6 +1,9 @@
-"""Open the hub and the gate: Zenoh's router sessions."""
+"""Open the hub and the gate (router sessions), TCP linger fix."""
 
 import os
+import socket
+import struct
+import sys
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -17,10 +20,38 @@ from services.runtime.bus.session import (
 )
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.realm import Realm, write_atomically
-from services.runtime.secure import endpoints
+from services.runtime.security import endpoints
 
 if TYPE_CHECKING:
     from schemas.params import Params
+
+LOOKS = 2.0
+"""Hz, at which a router looks for new links; none is given up within a second."""
+_OFF = struct.pack("ii", 0, 0)
+
+
+def let_go() -> None:
+    """Have every TCP link of this process closed without waiting for what is under way on it.
+
+    Zenoh asks the kernel to wait, up to 10 s, and offers no setting: so long a link to a machine that
+    is gone would hold the router's thread that closes it, and all that goes through the router.
+    """
+    if sys.platform == "win32":
+        return
+    for name in os.listdir("/dev/fd"):  # noqa: PTH208 - pathlib is slow
+        try:
+            copy = os.dup(int(name))
+        except OSError:
+            continue  # the listing's own, or closed since
+        try:
+            link = socket.socket(fileno=copy)
+        except OSError:
+            os.close(copy)
+            continue  # no socket
+        with link:
+            if link.family != socket.AF_UNIX and link.type == socket.SOCK_STREAM:
+                link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _OFF)
+
 
 _ROOM_US = 1_000_000
 """The hub waits so long (us) for who has no room for a message that must not be dropped, and then
@@ -52,7 +83,7 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     It lets through what the roles allow. Raises UsageError where no hub's identity is given, or the
     hub has no Unix socket.
     """
-    from services.runtime.secure import gate
+    from services.runtime.security import access_control
 
     if address.user:
         raise UsageError(
@@ -63,12 +94,12 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     config = _router(address)
     config["connect"] |= {"endpoints": [address.endpoint, *join]}
     config["listen"] = {"endpoints": listen}
-    who = gate.identity_for([*listen, *join])
+    who = access_control.identity_for([*listen, *join])
     link = config["transport"]["link"]
     link["tls"] = who.tls()
     link["tx"]["lease"] = LEASE_AFAR_MS
     protocol = address.endpoint.partition("/")[0]
-    config["access_control"] = gate.rules(who, protocol)
+    config["access_control"] = access_control.rules(who, protocol)
     try:
         return open_with(config, TWO_THREADS)
     except zenoh.ZError as error:

@@ -1,9 +1,10 @@
-"""Zenoh sessions as we open them: those of clients, and what all have in common.
+"""Open a client session; find the hub or say why not.
 
 Nothing listens on a network port unless it is asked to, and multicast is off. The settings were
 measured; the reason stands beside each.
 """
 
+import contextlib
 import os
 import time
 from typing import Any
@@ -12,9 +13,11 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
-from services.runtime.errors import TimedOut, Unreachable
+from services.runtime.errors import NotAllowed, TimedOut, Unreachable
 from services.runtime.realm import ADDRESS, Realm
-from services.runtime.secure import endpoints
+from services.runtime.run_files import is_live, not_running
+from services.runtime.security import endpoints
+from services.runtime.security.endpoints import check, how_to_open, is_secure
 
 TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
@@ -76,7 +79,7 @@ def open_client(
     config, began = common_config(address), time.monotonic()
     secure = endpoints.is_secure(address.endpoint)
     if secure:
-        from services.runtime.secure import identity
+        from services.runtime.security import identity
 
         link = config["transport"]["link"]
         link["tls"] = identity.needed(address.endpoint).tls()
@@ -100,7 +103,7 @@ def open_client(
                 "is it a hub, is its process frozen, does the network let you through?",
             ) from error
         if secure:
-            from services.runtime.secure.handshake import why
+            from services.runtime.security.permissions import why
 
             raise why(address.endpoint, timeout) from error
         raise Unreachable(
@@ -140,3 +143,73 @@ def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
     finally:
         if ours:
             del os.environ["ZENOH_RUNTIME"]
+
+
+_REOPENING = 1.0
+"""Seconds in which a gate is back that lets everybody in anew; it takes half of it."""
+_POLL = 0.05
+
+
+def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
+    """Connect at once, or fail at once; only a hub or gate that is just being restarted is waited for.
+
+    `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub is
+    there, TimedOut when it does not answer in time (s), UsageError for what is no endpoint.
+    """
+    if connect:
+        check(connect)
+    if is_secure(connect):
+        return _through_gate(Address(connect), timeout)
+    address, began = address_of(realm, connect), time.monotonic()
+    silent = f"the realm {realm.name} is up, but its hub did not answer within {timeout:g} s"
+    try:
+        return open_client(address, timeout=timeout)
+    except TimedOut as problem:
+        if connect:
+            raise
+        raise TimedOut(
+            silent,
+            "its process is frozen or busy: it is restarted by itself, or with"
+            " `quadctl node restart hub`",
+        ) from problem
+    except Unreachable as problem:
+        if connect:
+            raise Unreachable(problem.message, how_to_open(connect)) from problem
+        if not is_live(realm):
+            raise not_running(realm) from None
+        left = timeout - (time.monotonic() - began)
+        if left > 0:
+            with contextlib.suppress(Unreachable):
+                return open_client(address, wait=left, timeout=left)
+        raise Unreachable(
+            silent,
+            "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
+        ) from None
+
+
+def _through_gate(address: Address, timeout: float) -> zenoh.Session:
+    # A gate opens anew for a new list of names, which may be the one that has ours: who was not let
+    # in, or came to it before, comes again.
+    from services.runtime.security import permissions
+
+    began = seen = time.monotonic()
+    while True:
+        try:
+            session = open_client(address, timeout=timeout)
+        except NotAllowed:
+            raise
+        except Unreachable:
+            if time.monotonic() > seen + min(timeout, _REOPENING):
+                raise
+        else:
+            while (
+                not (let_in := permissions.is_let_in(session, timeout))
+                and session.info.routers_zid()
+            ):
+                if time.monotonic() > began + min(timeout, permissions.IN_FORCE):
+                    raise permissions.kept_out(address.endpoint)
+                time.sleep(_POLL)
+            if let_in:
+                return session
+            seen = time.monotonic()
+        time.sleep(_POLL)

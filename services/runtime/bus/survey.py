@@ -1,14 +1,90 @@
-"""What a look at the bus found: who is there, what came, and how each service answered."""
+"""One snapshot of the whole bus for doctor: nodes, rates, answers.
 
+Nothing is changed by it. A service other than `get_params` is called with an empty request
+whose deadline has passed: that its server says `expired` shows that its loop turns. Only a
+stranger's server that heeds neither would do anything.
+"""
+
+import contextlib
+import os
+import time
+from collections import deque
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
+import msgspec
 import zenoh
 from msgspec import Struct, field
 
-from schemas.requests import GetParamsResponse
-from services.runtime.bus import graph, wire
-from services.runtime.bus.heard import Heard
+from schemas import keyexpr
+from schemas.services import Call, GetParamsRequest, GetParamsResponse
+from schemas.topics import SERVICES, get_params, set_params
+from services.runtime.bus import codec
+from services.runtime.bus.session import Address, open_client
 from services.runtime.errors import Invalid, TimedOut
+from services.runtime.security.endpoints import is_secure
+
+_KEPT = 32
+
+
+class Heard:
+    """The messages of a key, counted; `now` is monotonic, `age` by the sender's own stamp, both s."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.age = 0.0
+        self.newest: deque[bytes] = deque(maxlen=_KEPT)
+        """The last payloads, the newest last."""
+        self._first = self._last = 0.0
+        self._payloads = (b"", b"")
+        self._sources: dict[str, tuple[float, float]] = {}
+
+    def take(self, now: float, payload: bytes, source: str, age: float) -> None:
+        """One more message; `source` is the session that stamped it, empty where none has."""
+        if not self.count:
+            self._first, self._payloads = now, (payload, payload)
+        self.count, self._last = self.count + 1, now
+        self._payloads = (self._payloads[0], payload)
+        self.newest.append(payload)
+        if source:
+            began, _ = self._sources.get(source, (now, now))
+            self._sources[source] = (began, now)
+            self.age = max(self.age, age, key=abs)
+
+    @property
+    def hz(self) -> float:
+        """Messages per second, 0 for fewer than two."""
+        return (self.count - 1) / self._span if self.count > 1 and self._span else 0.0
+
+    @property
+    def pace(self) -> float:
+        """Simulated seconds per second, by the messages' `stamp`; 0 where they tell none."""
+        first, last = map(_stamp, self._payloads)
+        if first is None or last is None or not self._span:
+            return 0.0
+        return max(last - first, 0.0) / self._span
+
+    @property
+    def publishers(self) -> int:
+        """How many published at the same time; one that took another's place does not count."""
+        spans = self._sources.values()
+        return max(
+            (sum(a <= end and begin <= b for a, b in spans) for begin, end in spans), default=0
+        )
+
+    @property
+    def _span(self) -> float:
+        return self._last - self._first
+
+
+def _stamp(payload: bytes) -> float | None:
+    try:
+        message: Any = msgspec.msgpack.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    stamp = message.get("stamp") if isinstance(message, dict) else None
+    return stamp if isinstance(stamp, float) else None
 
 
 class Answer(NamedTuple):
@@ -26,7 +102,7 @@ class Survey(Struct):
     connected: float = 0.0
     listened: float = 0.0
     nodes: list[str] = field(default_factory=list)
-    offers: list[graph.Offer] = field(default_factory=list)
+    offers: list[keyexpr.Offer] = field(default_factory=list)
     heard: dict[str, Heard] = field(default_factory=dict)
     answers: dict[str, list[Answer]] = field(default_factory=dict)
 
@@ -36,13 +112,161 @@ def answer_of(reply: zenoh.Reply, seconds: float) -> Answer:
     server = str(reply.replier_id.zid) if reply.replier_id else ""
     if reply.ok is not None:
         said = str(reply.ok.encoding)
-        if said != wire.encoding(GetParamsResponse):
+        if said != codec.encoding(GetParamsResponse):
             return Answer(server, "", seconds, {})
         try:
-            values = wire.decode(GetParamsResponse, reply.ok.payload.to_bytes(), said).values
+            values = codec.decode(GetParamsResponse, reply.ok.payload.to_bytes(), said).values
         except Invalid as error:
             return Answer(server, error.code, seconds, {})
         return Answer(server, "", seconds, values)
-    if reply.err is None or str(reply.err.encoding) != wire.ERROR_ENCODING:
+    if reply.err is None or str(reply.err.encoding) != codec.ERROR_ENCODING:
         return Answer(server, TimedOut.code, seconds, {})
-    return Answer(server, wire.decode_error(reply.err.payload.to_bytes()).code, seconds, {})
+    return Answer(server, codec.decode_error(reply.err.payload.to_bytes()).code, seconds, {})
+
+
+SHORTEST, LONGEST = 1.0, 2.2
+"""Seconds to listen: in the first ten messages of 10 Hz come, in the second two of 1 Hz."""
+_GET_PARAMS = get_params("").type_name
+_CALLED = {_GET_PARAMS, set_params("").type_name, *(service.type_name for service in SERVICES)}
+_LOOK_UP = 0.02
+"""Seconds between two looks at the clock while nothing comes."""
+
+
+def survey(address: Address, vehicle: str, timeout: float) -> Survey:
+    """Look at the bus for at most `timeout` s.
+
+    Raises Unreachable and TimedOut where the hub is not there, or does not answer; for that it
+    has half of the time.
+    """
+    began = time.monotonic()
+    with open_client(address, timeout=timeout / 2) as session:
+        surveyor = _Surveyor(session, vehicle, began + timeout)
+        surveyor.found.connected = time.monotonic() - began
+        surveyor.ask_who_is_there(began + timeout / 2)
+        surveyor.listen()
+        surveyor.call(address.endpoint)
+        surveyor.wait()
+        return surveyor.found
+
+
+def _allowed(endpoint: str, key: str) -> bool:
+    from services.runtime.security import permissions
+
+    return permissions.allows(endpoint, "call", key)
+
+
+class _Surveyor:
+    """Zenoh's threads post to the inbox; the one who waits alone touches what was found."""
+
+    def __init__(self, session: zenoh.Session, vehicle: str, deadline: float) -> None:
+        self.found = Survey()
+        self._session, self._vehicle, self._deadline = session, vehicle, deadline
+        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._pending, self._deaf = 0, False
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+
+    def ask_who_is_there(self, deadline: float) -> None:
+        """The nodes and their offers; raises TimedOut where the hub keeps silent."""
+        timeout = max(deadline - time.monotonic(), 0.001)
+        for pattern in ("*", "*/@pub/**", "*/@srv/**"):
+            self._pending += 1
+            self._session.liveliness().get(
+                f"{self._vehicle}/@node/{pattern}",
+                zenoh.handlers.Callback(self._posted(self._on_token), self._on_end, indirect=False),
+                timeout=timeout,
+            )
+        self._serve(deadline, lambda: not self._pending)
+        if self._deaf or self._pending:
+            raise TimedOut("the hub takes connections and does not answer")
+        self.found.nodes.sort()
+        self.found.offers.sort(key=lambda offer: (offer.key, offer.node))
+
+    def listen(self) -> None:
+        """Hear every topic that is offered."""
+        for key in {offer.key for offer in self.found.offers if offer.kind == "@pub"}:
+            self.found.heard[key] = Heard()
+            handler = zenoh.handlers.Callback(self._samples(key), indirect=False)
+            # A stranger may announce what is no key: nothing will have come on it.
+            with contextlib.suppress(zenoh.ZError):
+                self._subscribers.append(self._session.declare_subscriber(key, handler))
+
+    def call(self, endpoint: str) -> None:
+        """Call every service of ours that is offered and that we may call, all its servers at once."""
+        left = max(self._deadline - time.monotonic(), 0.001)
+        offers = [offer for offer in self.found.offers if offer.kind == "@srv"]
+        for key, type_ in sorted({(o.key, o.type) for o in offers if o.type in _CALLED}):
+            if is_secure(endpoint) and not _allowed(endpoint, key):
+                continue
+            asks = type_ == _GET_PARAMS
+            ticket = Call(os.urandom(8).hex(), time.time() + left if asks else 0.0)
+            self.found.answers[key] = []
+            with contextlib.suppress(zenoh.ZError):
+                self._session.get(
+                    key,
+                    zenoh.handlers.Callback(self._replies(key), self._on_end, indirect=False),
+                    payload=codec.encode(GetParamsRequest([])) if asks else b"",
+                    attachment=codec.encode(ticket),
+                    target=zenoh.QueryTarget.ALL,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    timeout=left,
+                )
+                self._pending += 1
+
+    def wait(self) -> None:
+        """Take in what comes until it is enough, or time is up."""
+        began = time.monotonic()
+        rates = {offer.key: offer.hz for offer in self.found.offers if offer.hz}
+
+        def enough() -> bool:
+            elapsed = time.monotonic() - began
+            told = all(self.found.heard[key].count > 1 for key in rates)
+            return not self._pending and elapsed > (SHORTEST if told else LONGEST)
+
+        self._serve(self._deadline, enough)
+        self.found.listened = time.monotonic() - began
+
+    def _serve(self, deadline: float, enough: Callable[[], bool]) -> None:
+        while not enough() and (left := deadline - time.monotonic()) > 0:
+            try:
+                self._inbox.get(timeout=min(left, _LOOK_UP))()
+            except Empty:
+                continue
+
+    def _posted(self, take: Callable[[zenoh.Reply], None]) -> Callable[[zenoh.Reply], None]:
+        return lambda reply: self._inbox.put(lambda: take(reply))
+
+    def _on_end(self) -> None:
+        def end() -> None:
+            self._pending -= 1
+
+        self._inbox.put(end)
+
+    def _on_token(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            self._deaf = True
+            return
+        key = str(reply.ok.key_expr)
+        if (node := keyexpr.node_of(key)) is not None:
+            self.found.nodes.append(node)
+        elif (offer := keyexpr.offer_of(key)) is not None:
+            self.found.offers.append(offer)
+
+    def _samples(self, key: str) -> Callable[[zenoh.Sample], None]:
+        heard = self.found.heard[key]
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            now, payload, stamp = time.monotonic(), sample.payload.to_bytes(), sample.timestamp
+            source = str(stamp.get_id()) if stamp else ""
+            age = time.time() - stamp.get_time().timestamp() if stamp else 0.0
+            self._inbox.put(lambda: heard.take(now, payload, source, age))
+
+        return on_sample
+
+    def _replies(self, key: str) -> Callable[[zenoh.Reply], None]:
+        began = time.monotonic()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            answer = answer_of(reply, time.monotonic() - began)
+            self._inbox.put(lambda: self.found.answers[key].append(answer))
+
+        return on_reply

@@ -4,7 +4,7 @@ import threading
 from collections import Counter
 from typing import Any
 
-from services.runtime.bus import wire
+from services.runtime.bus import codec
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
 
@@ -66,7 +66,7 @@ class Volley:
 
 
 def _code(error: Any) -> str:
-    if str(error.encoding) != wire.ERROR_ENCODING:
+    if str(error.encoding) != codec.ERROR_ENCODING:
         return "no answer"
-    problem: QuadctlError = wire.decode_error(error.payload.to_bytes())
+    problem: QuadctlError = codec.decode_error(error.payload.to_bytes())
     return problem.code

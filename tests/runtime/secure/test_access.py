@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from schemas.keyexpr import includes
 from schemas.roles import ROLES, Right, Role, may
 from schemas.topics import SERVICES, TOPICS
-from services.runtime.secure.access import access_control
-from services.runtime.secure.name import Name
+from services.runtime.security.access_control import access_control
+from services.runtime.security.identity import Name
 
 NOW = 1_000.0
 NAMES = [topic.name for topic in TOPICS] + [f"@srv/{service.name}" for service in SERVICES]

@@ -3,7 +3,7 @@
 import pytest
 
 from services.runtime.errors import UsageError
-from services.runtime.secure.endpoints import (
+from services.runtime.security.endpoints import (
     check,
     how_to_open,
     is_secure,

@@ -11,10 +11,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from services.runtime.errors import Invalid, NotAllowed, UsageError
-from services.runtime.secure import names
-from services.runtime.secure.fleet import Fleet
-from services.runtime.secure.gate import Watch, identity_for, rules
-from services.runtime.secure.identity import VARIABLE, Identity, current, needed
+from services.runtime.security import registry
+from services.runtime.security.access_control import Watch, identity_for, rules
+from services.runtime.security.identity import VARIABLE, Identity, current, needed
+from services.runtime.security.registry import Fleet
 
 
 @pytest.fixture
@@ -75,10 +75,10 @@ def test_the_list_is_in_the_folder_of_every_hub(folder: Path):
     watch = Watch(str(folder / "field"))
     assert not watch.changed()
     for place in (folder, folder / "field", folder / "uav7"):
-        assert [name.name for name in names.load(place)] == ["anna", "field", "uav7"]
+        assert [name.name for name in registry.load(place)] == ["anna", "field", "uav7"]
     assert fleet.revoke("anna").name == "anna"
     assert watch.changed()
-    assert [name.name for name in names.load(folder / "field")] == ["field", "uav7"]
+    assert [name.name for name in registry.load(folder / "field")] == ["field", "uav7"]
     assert not (folder / "anna").exists()
 
 

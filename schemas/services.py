@@ -1,0 +1,124 @@
+"""Every request and response; the call envelope and the error reply."""
+
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct
+
+from schemas.units import Boot, Hectopascals, Metres, Seconds, Text
+
+ErrorCode = Literal["invalid", "refused", "not_ready", "expired", "internal"]
+
+
+class Error(Struct, frozen=True):
+    """An error reply: what went wrong, and what to do."""
+
+    code: ErrorCode
+    message: str
+    hint: str = ""
+
+
+class Call(Struct, frozen=True):
+    """A query's attachment: executed once by `id`, and never after `deadline` (Unix time, s).
+
+    With `at` (simulated s) the server holds the call, and executes and answers it at the first
+    pose of that time or later that it steps on, of the named `boot` or else of the one that is
+    now. A call whose time or boot is over is not executed. A `reset` begins the boot it names.
+    """
+
+    id: Annotated[str, Meta(min_length=1, max_length=64)]
+    deadline: Annotated[float, Meta(ge=0, le=1e12)]
+    at: Seconds | None = None
+    boot: Boot = ""
+
+
+class CalibrateRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Zero the barometer at the mean of the last second, or with false undo it."""
+
+    zero: bool
+
+
+class CalibrateResponse(Struct, frozen=True):
+    """The baseline now subtracted, hPa; 0 after `zero = false`."""
+
+    baseline: Hectopascals
+
+
+class ToggleCageRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Turn the cage on or off."""
+
+    cage_on: bool
+
+
+class ToggleCageResponse(Struct, frozen=True):
+    """Always true once the cage is as asked."""
+
+    success: bool
+
+
+class GotoRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Fly to a point, m, ENU; with `replace` also while another goal is being flown."""
+
+    x: Metres
+    y: Metres
+    z: Metres
+    replace: bool = False
+
+
+class GotoResponse(Struct, frozen=True):
+    """Safety's verdict; `reason` is empty when accepted."""
+
+    accepted: bool
+    reason: Text
+
+
+class HoldRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Stop and hover at the stopping point."""
+
+
+class HoldResponse(Struct, frozen=True):
+    """True once the stop is commanded."""
+
+    success: bool
+
+
+class ResetRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Put the vehicle back at its start: a new boot."""
+
+
+class ResetResponse(Struct, frozen=True):
+    """True once the vehicle stands at its start."""
+
+    success: bool
+
+
+class GetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Names as `safety.virtual_cage.x` or a whole table; none asks for all of the node's."""
+
+    names: Annotated[list[Text], Meta(max_length=1_000)]
+
+
+class GetParamsResponse(Struct, frozen=True, omit_defaults=True):
+    """Every value asked for, by its full dotted name, as it was set last.
+
+    Of those that wait for the next standstill, `in_force` has the values that hold until then.
+    """
+
+    values: dict[str, Any]
+    in_force: dict[str, Any] = {}
+
+
+class SetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """New values by full dotted name: all are taken or none."""
+
+    values: Annotated[dict[Text, Any], Meta(max_length=1_000)]
+
+
+class SetParamsResponse(Struct, frozen=True, omit_defaults=True):
+    """Whether they were taken, else why not; `waits` names those that hold from the next standstill.
+
+    Where some wait, the reason says so.
+    """
+
+    success: bool
+    reason: Text
+    waits: list[str] = []

@@ -1,0 +1,119 @@
+"""A type as text, as a digest and as JSON Schema."""
+
+import zlib
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import msgspec
+from msgspec import Struct, inspect
+
+
+def json_schema(type_: type[Struct]) -> dict[str, Any]:
+    """The schema of a type's JSON, with every type in it written out in its place.
+
+    Viewers follow no references, ask for a `type` beside an `enum`, and for `properties` of every
+    object, of a free table as well.
+    """
+    (schema,), types = msgspec.json.schema_components([type_], ref_template="{name}")
+    whole: dict[str, Any] = _written_out(schema, types)
+    return whole
+
+
+def _written_out(part: dict[str, Any], types: dict[str, Any]) -> dict[str, Any]:
+    if "$ref" in part:
+        return _written_out(types[part["$ref"]], types)
+    whole = dict(part)
+    if "enum" in whole:
+        whole.setdefault("type", "string")
+    if whole.get("type") == "object":
+        fields = whole.get("properties", {})
+        whole["properties"] = {name: _written_out(field, types) for name, field in fields.items()}
+    for inner in ("items", "additionalProperties"):
+        if isinstance(whole.get(inner), dict):
+            whole[inner] = _written_out(whole[inner], types)
+    return whole
+
+
+_INDENT = "  "
+
+
+@cache
+def schema_hash(type_: type[Struct]) -> str:
+    """Eight hex digits that change when a field, its type or its bounds change."""
+    text = "\n".join(_lines(inspect.type_info(type_), bounds=True))
+    return f"{zlib.crc32(text.encode()):08x}"
+
+
+def definition(type_: type[Struct]) -> str:
+    """The fields in the form that `rosmsg show` prints, nested ones indented."""
+    return "\n".join(_lines(inspect.type_info(type_), bounds=False))
+
+
+def service_definition(request: type[Struct], response: type[Struct]) -> str:
+    """Request and response in the form that `rossrv show` prints."""
+    return "\n".join(part for part in (definition(request), "---", definition(response)) if part)
+
+
+def parts(type_: type[Struct]) -> Iterator[type[Struct]]:
+    """The types of a type's fields that have fields themselves, and of theirs."""
+    for field in inspect.type_info(type_).fields:  # type: ignore[attr-defined]
+        if isinstance(field.type, inspect.StructType):
+            yield field.type.cls
+            yield from parts(field.type.cls)
+
+
+def type_name(type_: inspect.Type) -> str:
+    """A type's name as a ROS user reads it, as `float64`, `string[]` or `Position`."""
+    match type_:
+        case inspect.BoolType():
+            return "bool"
+        case inspect.IntType():
+            return "uint64" if type_.ge == 0 else "int64"
+        case inspect.FloatType():
+            return "float64"
+        case inspect.StrType() | inspect.LiteralType():
+            return "string"
+        case inspect.ListType():
+            return f"{type_name(type_.item_type)}[]"
+        case inspect.DictType():
+            return f"map<{type_name(type_.key_type)},{type_name(type_.value_type)}>"
+        case inspect.StructType():
+            return str(type_.cls.__name__)
+        case inspect.Metadata():
+            return type_name(type_.type)
+        case inspect.UnionType():
+            return "|".join(type_name(member) for member in type_.types)
+        case _:
+            return "any"
+
+
+def bounds_text(type_: inspect.Type) -> str:
+    """The bounds of a type, as `[-5, 5]`, `(0, 200]` or `a|b`; empty where there are none."""
+    match type_:
+        case inspect.IntType() | inspect.FloatType():
+            low, high = _first(type_.gt, type_.ge), _first(type_.lt, type_.le)
+            if low is None and high is None:
+                return ""
+            left = "[" if type_.ge is not None else "("
+            right = "]" if type_.le is not None else ")"
+            return f"{left}{low}, {high}{right}"
+        case inspect.LiteralType():
+            return "|".join(str(value) for value in type_.values)
+        case inspect.Metadata():
+            return bounds_text(type_.type)
+        case _:
+            return ""
+
+
+def _first(*values: float | None) -> float | None:
+    return next((value for value in values if value is not None), None)
+
+
+def _lines(type_: inspect.Type, *, bounds: bool, indent: str = "") -> Iterator[str]:
+    if not isinstance(type_, inspect.StructType):
+        return
+    for field in type_.fields:
+        limits = f" {bounds_text(field.type)}" if bounds else ""
+        yield f"{indent}{type_name(field.type)} {field.encode_name}{limits}".rstrip()
+        yield from _lines(field.type, bounds=bounds, indent=indent + _INDENT)

@@ -1,0 +1,147 @@
+"""Why nobody answers: who is frozen is told from who is not there."""
+
+from typing import TYPE_CHECKING
+
+from schemas.topics import TOPICS
+from services.runtime import run_files, vitals
+from services.runtime.bus import liveliness
+from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from services.runtime.params.names import nearest
+from services.runtime.process_table import NODES
+from services.runtime.realm import Realm, listed
+from services.runtime.run_files import ProcessRecord, RunRecord
+
+if TYPE_CHECKING:
+    from services.runtime.bus.client import Client
+
+_LOOK = 0.1
+"""Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
+_FROZEN = "it is frozen or busy: `quadctl status`"
+
+
+def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[ProcessRecord]:
+    """Nodes of ours that the supervisor holds for ready and the hub has lost.
+
+    A second after a process froze the hub takes it for gone, but it is still there.
+    """
+    run = _run(realm)
+    return [
+        node
+        for node in (run.nodes if run and vehicle in run.vehicles else ())
+        if node.name in NODES and node.name not in live and _is_there(node)
+    ]
+
+
+def explained(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> QuadctlError:
+    """The problem with what is known of silent processes.
+
+    It is a TimedOut where `node`, whom it is about, is one of them.
+    """
+    by_name = {process.name: process for process in silent}
+    if node in by_name:
+        there = f"although the process {by_name[node].pid} of {node} is there"
+        return TimedOut(f"{problem.message}, {there}", _FROZEN)
+    if node or not silent:
+        return problem
+    return Unreachable(
+        problem.message, f"{problem.hint}; frozen or busy, by the way: {', '.join(by_name)}"
+    )
+
+
+def why(
+    client: "Client",
+    connect: str,
+    problem: Unreachable,
+    node: str,
+    key: str,
+    live: list[str] | None,
+) -> QuadctlError:
+    """The problem with all that is known of it; a client's side of `explained`.
+
+    NotAllowed where the hub at `connect` keeps us from a `key` that is served.
+    """
+    try:
+        silent = client.silent_processes(_LOOK, live)
+        if key and connect:
+            from services.runtime.security import permissions
+
+            permissions.tell_apart(client.session, connect, key, client.offers(_LOOK))
+    except NotAllowed as denied:
+        return denied
+    except QuadctlError as other:
+        return type(other)(f"{problem.message}: {other.message}", other.hint)
+    stranger = None if connect else _stranger(client, problem)
+    return stranger or explained(problem, node, silent)
+
+
+def silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
+    """Why nothing came on a key or key expression: its publisher is quiet, or there is none.
+
+    `more` says that something had come before.
+    """
+    came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
+    try:
+        told = client.offers(_LOOK)
+    except QuadctlError as other:
+        return type(other)(f"{came}: {other.message}", other.hint)
+    offers = [offer for offer in told if offer.kind == "@pub"]
+    for offer in offers:
+        if liveliness.covers(key, offer.key):
+            return TimedOut(
+                f"{came}, although {offer.node} publishes it",
+                "its process is busy, frozen, or waits for another: `quadctl status`",
+            )
+    ours = publisher_of(key, client.vehicle)
+    if more and ours:
+        problem = Unreachable(f"{came}: {ours} is gone", "`quadctl status` shows what became of it")
+    elif more:
+        problem = Unreachable(came, "`--timeout` lets it wait for longer")
+    else:
+        like = nearest(key, [offer.key for offer in offers])
+        hint = like or "`quadctl topic list` shows what there is"
+        problem = Unreachable(f"{came}: nobody publishes it", hint)
+    return client.explained(problem, ours, live=[offer.node for offer in told])
+
+
+def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:
+    """That the run on this machine, where it is all that there is, has no such vehicle."""
+    run = _run(client.realm)
+    if run is None or client.vehicle in run.vehicles or _meets_others(client.realm, run):
+        return None
+    hint = nearest(client.vehicle, run.vehicles) or f"it has {listed(run.vehicles)}"
+    return Unreachable(f"{problem.message}: this run has no vehicle {client.vehicle}", hint)
+
+
+def _meets_others(realm: Realm, run: RunRecord) -> bool:
+    hub = run_files.tables(realm, run.vehicles[0]).get("hub", {})
+    return bool(hub.get("listen") or hub.get("connect"))
+
+
+def publisher_of(key: str, vehicle: str) -> str:
+    """Which node a key's topic comes from; empty for a key that is none of ours."""
+    return next((topic.node for topic in TOPICS if topic.key(vehicle) == key), "")
+
+
+def hub_lost(realm: Realm | None, since: float) -> QuadctlError:
+    """Why a connection to a realm's hub is no more, which was made at that Unix time (s)."""
+    run = _run(realm) if realm else None
+    hub = next((node for node in run.nodes if node.name == "hub"), None) if run else None
+    if hub and _is_there(hub):
+        if hub.started < since:
+            return TimedOut(f"the hub, process {hub.pid}, does not answer any more", _FROZEN)
+        return Unreachable("the hub was restarted meanwhile", "ask again")
+    return Unreachable(
+        "the connection to the hub is lost", "it has ended or is frozen: `quadctl status`"
+    )
+
+
+def _run(realm: Realm) -> RunRecord | None:
+    try:
+        return run_files.read(realm)
+    except Unreachable:
+        return None
+
+
+def _is_there(node: ProcessRecord) -> bool:
+    # The supervisor may not have seen yet that it has just ended, or be frozen itself.
+    return node.state == "ready" and node.pid > 0 and not vitals.has_ended(node.pid)

@@ -1,0 +1,73 @@
+"""Calls made ahead of their simulated time: sent now, executed and answered then."""
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from schemas.services import Call
+from schemas.topics import Service
+from services.runtime.bus import calls, codec, zenoh_events
+from services.runtime.bus.client import Client
+from services.runtime.errors import QuadctlError
+
+Q = TypeVar("Q", bound=Struct)
+R = TypeVar("R", bound=Struct)
+
+
+class Ahead(Generic[Q, R]):
+    """One call, for a time (simulated s) of a boot that may be yet to begin.
+
+    `reply` is what the server answered, or `problem` why it did not; both are None until then.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        service: Service[Q, R],
+        request: Q,
+        *,
+        boot: str,
+        at: float,
+        patience: float,
+        settled: Callable[[], None],
+    ) -> None:
+        """Send it; `settled` is called, on a thread of Zenoh's, when it has an outcome.
+
+        After `patience` (s) it is not executed any more.
+        """
+        self.reply: R | None = None
+        self.problem: QuadctlError | None = None
+        self._key, self._service = service.key(client.vehicle), service
+        self._patience = patience
+        client.permit("call", self._key)
+        self._settled = settled
+        ticket = Call(os.urandom(8).hex(), time.time() + patience, at, boot)
+        callback: Any = zenoh.handlers.Callback(self._on_reply, self._on_end, indirect=False)
+        client.session.get(
+            self._key,
+            callback,
+            payload=codec.encode(request),
+            encoding=codec.encoding(service.request),
+            attachment=codec.encode(ticket),
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=patience,
+        )
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        zenoh_events.stay()
+        try:
+            payload, said = calls.read(reply, self._key, self._patience)
+            self.reply = codec.decode(self._service.response, payload, said)
+        except QuadctlError as problem:
+            self.problem = problem
+        self._settled()
+
+    def _on_end(self) -> None:
+        if self.reply is None and self.problem is None:
+            self.problem = calls.gone(self._key)
+            self._settled()

@@ -1,0 +1,117 @@
+"""What a command hears: messages as they come, and those of topics decoded."""
+
+import time
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Generic, NamedTuple, TypeVar
+
+import zenoh
+from msgspec import Struct
+
+from services.runtime.bus import codec, zenoh_events
+from services.runtime.errors import Invalid
+
+M = TypeVar("M", bound=Struct)
+
+
+class Message(NamedTuple):
+    """What came on a key.
+
+    `received` is when, s on the monotonic clock. `age` (s) is the time of day then, less that
+    which the message bears; None where it bears none.
+    """
+
+    key: str
+    payload: bytes
+    encoding: str
+    received: float
+    age: float | None
+
+
+class Stream:
+    """Messages as they come, of one key or several; of more than `backlog` the oldest go first."""
+
+    def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
+        self._backlog, self._has_come = backlog, False
+        self._queue: SimpleQueue[Message] = SimpleQueue()
+        callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
+
+    def next(self, timeout: float) -> Message | None:
+        """The next message, None when none comes within so many seconds."""
+        try:
+            return self._queue.get(timeout=max(timeout, 0))
+        except Empty:
+            return None
+
+    def ask(self, session: zenoh.Session, key: str, timeout: float) -> None:
+        """Have what is held under a key, of a latched topic, come before all messages."""
+        target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
+        session.get(key, callback, target=target, consolidation=consolidation, timeout=timeout)
+
+    @property
+    def waiting(self) -> int:
+        """How many messages have come that are not yet read."""
+        return self._queue.qsize()
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        # What came meanwhile is as new.
+        if reply.ok is not None and not self._has_come:
+            self._on_sample(reply.ok)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        zenoh_events.stay()
+        self._has_come = True
+        now, stamp = time.time(), sample.timestamp
+        age = None if stamp is None else now - stamp.get_time().timestamp()
+        if self._queue.qsize() >= self._backlog:
+            with suppress(Empty):  # the reader was quicker
+                self._queue.get_nowait()
+        self._queue.put(
+            Message(
+                str(sample.key_expr),
+                sample.payload.to_bytes(),
+                str(sample.encoding),
+                time.monotonic(),
+                age,
+            )
+        )
+
+
+class Readings(Generic[M]):
+    """The messages of topics. What cannot be read is passed over, as the nodes do.
+
+    `unread` says what is wrong with the last message, where that could not be read.
+    """
+
+    def __init__(self, stream: Stream, types: dict[str, type[M]]) -> None:
+        """`types` has the type of each key that the stream hears."""
+        self.unread: Invalid | None = None
+        self._stream, self._types = stream, types
+
+    @property
+    def waiting(self) -> int:
+        """How many messages have come that are not yet read."""
+        return self._stream.waiting
+
+    def next(self, timeout: float) -> M | None:
+        """The next message that can be read, None when none comes within so many seconds."""
+        deadline = time.monotonic() + timeout
+        while (message := self._stream.next(deadline - time.monotonic())) is not None:
+            try:
+                found = self._decode(message)
+            except Invalid as problem:
+                self.unread = codec.unreadable(message.key, problem)
+                # Whoever floods a key with nonsense must not hold up its readers.
+                if time.monotonic() > deadline:
+                    break
+            else:
+                self.unread = None
+                return found
+        return None
+
+    def _decode(self, message: Message) -> M:
+        if message.key not in self._types:
+            raise Invalid(f"it was published on the pattern {message.key}")
+        return codec.decode(self._types[message.key], message.payload, message.encoding)

@@ -1,0 +1,145 @@
+"""Get/set on a running node; writes its values to the run's folder.
+
+Each file is written by that node alone.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from schemas.params import FIXED_AT_LAUNCH, FROM_STANDSTILL, LIVE_SWITCHES, Params
+from schemas.services import (
+    GetParamsRequest,
+    GetParamsResponse,
+    SetParamsRequest,
+    SetParamsResponse,
+)
+from services.runtime import run_files
+from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.params.load import check
+from services.runtime.params.names import flatten, nearest, normal_name, put
+from services.runtime.realm import Realm, write_atomically
+
+
+def save_all_values(realm: Realm, fleet: Mapping[str, Params]) -> None:
+    """Write every table of each vehicle; done once, before anything starts. Raises OSError."""
+    for vehicle, params in fleet.items():
+        folder = realm.params / vehicle
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in msgspec.to_builtins(params).items():
+            _write(folder, name, table)
+
+
+def save_values(realm: Realm, vehicle: str, name: str, table: Any) -> None:
+    """Write one table of a live run; raises QuadctlError where the disk does not take it."""
+    folder = realm.params / vehicle
+    if not folder.is_dir():
+        return
+    try:
+        _write(folder, name, table)
+    except OSError as error:
+        raise QuadctlError(
+            f"the parameters of {name} cannot be kept in {folder}: {error.strerror}",
+            "make room on its disk",
+        ) from error
+
+
+def _write(folder: Path, name: str, table: Any) -> None:
+    write_atomically(folder / f"{name}.json", msgspec.json.encode(table))
+
+
+def read_values(realm: Realm, vehicle: str) -> Params | None:
+    """A vehicle's parameters, None where the run has no such vehicle, or there is no run."""
+    tables = run_files.tables(realm, vehicle)
+    return check(tables, str(realm.params / vehicle)) if tables else None
+
+
+class LiveParams:
+    """One node's table of the parameters, changed in place, so that all who hold it see it.
+
+    `save` is called with the new table before it takes effect, `changed` after. `in_force` returns
+    what still holds, by leaf name, of parameters that wait for the vehicle's next standstill.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        params: Params,
+        save: Callable[[Any], None],
+        changed: Callable[[], None],
+        in_force: Callable[[], dict[str, Any]] = dict,
+    ) -> None:
+        self._name, self._params, self._save, self._changed = name, params, save, changed
+        self._in_force = in_force
+
+    def get(self, request: GetParamsRequest) -> GetParamsResponse:
+        """Values by leaf name or by table; all of the node's when no name is given."""
+        values = dict(flatten(self._table(), self._name))
+        in_force = self._in_force()
+        if not request.names:
+            return GetParamsResponse(values, in_force)
+        found: dict[str, Any] = {}
+        for name in map(normal_name, request.names):
+            part = {
+                leaf: value
+                for leaf, value in values.items()
+                if leaf == name or leaf.startswith(f"{name}.")
+            }
+            if not part:
+                hint = nearest(name, values)
+                raise Invalid(f"{self._name} has no parameter {name}", hint)
+            found |= part
+        held = {name: value for name, value in in_force.items() if name in found}
+        return GetParamsResponse(found, held)
+
+    def set(self, request: SetParamsRequest) -> SetParamsResponse:
+        """Check all of them, then save, then change all of them."""
+        try:
+            fresh = self._checked(request.values)
+            self._check_meanwhile(fresh)
+        except Invalid as error:
+            return SetParamsResponse(False, "; ".join(filter(None, (error.message, error.hint))))
+        self._save(msgspec.to_builtins(fresh))
+        _copy(fresh, getattr(self._params, self._name))
+        self._changed()
+        asked = {normal_name(name) for name, _ in flatten(request.values)}
+        waits = sorted(asked & self._in_force().keys())
+        return SetParamsResponse(True, "from the next standstill" if waits else "", waits)
+
+    def _checked(self, values: dict[str, Any]) -> Struct:
+        tables = {self._name: self._table()}
+        for name, value in flatten(values):
+            if normal_name(name).partition(".")[0] != self._name:
+                raise Invalid(f"{name} is not a parameter of {self._name}")
+            put(tables, name, value, "param set")
+            if normal_name(name) in FIXED_AT_LAUNCH:
+                ways = (LIVE_SWITCHES.get(normal_name(name)), f"`quadctl up --set {name}=...`")
+                hint = f"use {', or '.join(filter(None, ways))}"
+                raise Invalid(f"{name} is fixed at launch", hint)
+        checked: Struct = getattr(check(tables, "param set"), self._name)
+        return checked
+
+    def _check_meanwhile(self, fresh: Struct) -> None:
+        """Raise Invalid where the new values and those that hold until a standstill do not fly."""
+        tables = {self._name: msgspec.to_builtins(fresh)}
+        holds = dict(flatten(self._table(), self._name)) | self._in_force()
+        for name, value in holds.items():
+            if name.startswith(FROM_STANDSTILL):
+                put(tables, name, value, "param set")
+        check(tables, "param set: until the vehicle's next standstill")
+
+    def _table(self) -> dict[str, Any]:
+        table: dict[str, Any] = msgspec.to_builtins(getattr(self._params, self._name, {}))
+        return table
+
+
+def _copy(source: Struct, target: Struct) -> None:
+    for name in source.__struct_fields__:
+        value = getattr(source, name)
+        if isinstance(value, Struct):
+            _copy(value, getattr(target, name))
+        else:
+            setattr(target, name, value)

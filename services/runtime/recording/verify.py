@@ -1,0 +1,152 @@
+"""Check a recording against its schemas; repair a truncated one."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import Writer
+
+from schemas.topics import TOPICS
+from services.runtime.recording import mcap_format
+from services.runtime.recording.reader import Bag, Recorded
+from services.runtime.recording.writer import Outfile
+
+_TYPES = {f"quadctl.{topic.type.__name__}": topic.type for topic in TOPICS}
+_MOST = 20
+"""Faults that are told; who has that many needs no more."""
+
+
+class Checked(NamedTuple):
+    """How many messages were looked at, and what is wrong, a line each; empty where nothing is."""
+
+    messages: int
+    faults: list[str]
+
+
+def check(path: Path) -> Checked:
+    """Read every message against its schema; raises Invalid where it is no recording."""
+    bag, count, last = Bag(path), 0, 0
+    faults: list[str] = []
+    gaps = _Gaps()
+    for message in bag.messages():
+        count += 1
+        faults += _faults(message, last)
+        gaps.see(message)
+        last = max(last, message.at)
+    faults += gaps.faults()
+    if bag.cut:
+        faults.insert(0, f"it is cut: {bag.cut}")
+    more = [f"and {len(faults) - _MOST} faults more"] if len(faults) > _MOST else []
+    return Checked(count, faults[:_MOST] + more)
+
+
+def _faults(message: Recorded, last: int) -> Iterator[str]:
+    if message.at < last:
+        yield f"{message.key}: a message came {(last - message.at) / 1e9:g} s before the one before it"
+    if message.channel.message_encoding != mcap_format.JSON:
+        return
+    if message.schema is None and message.channel.schema_id:
+        yield f"{message.key}: its schema is missing"
+    name = message.schema.name if message.schema else ""
+    try:
+        msgspec.json.decode(message.data, type=_TYPES.get(name, dict))
+    except msgspec.MsgspecError as error:
+        yield f"{message.key}: a message is no {name or 'table'}: {error}"
+
+
+class _Gaps:
+    """Poses are counted by their publisher: what is missing in between was lost on its way."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[str, int]] = {}
+        self._lost: dict[str, int] = {}
+
+    def see(self, message: Recorded) -> None:
+        if message.schema is None or message.schema.name != "quadctl.Pose":
+            return
+        pose: Any = message.value
+        if not isinstance(pose, dict) or "seq" not in pose:
+            return
+        boot, seq = self._last.get(message.key, ("", -1))
+        if pose.get("boot") == boot and pose["seq"] > seq + 1:
+            lost = pose["seq"] - seq - 1
+            self._lost[message.key] = self._lost.get(message.key, 0) + lost
+        self._last[message.key] = (pose.get("boot", ""), pose["seq"])
+
+    def faults(self) -> Iterator[str]:
+        for key, lost in self._lost.items():
+            yield f"{key}: {lost} messages are missing in between"
+
+
+class Repaired(NamedTuple):
+    """What came of it: the messages kept, and the bytes at the end that were no whole record."""
+
+    messages: int
+    dropped: int
+    why: str
+
+
+def repair(source: Path, target: Path) -> Repaired:
+    """Copy all that is whole of a recording into a new file.
+
+    Raises Invalid where the source is no recording, OSError where the target cannot be written;
+    then it is not there.
+    """
+    bag, messages = Bag(source), 0
+    records = bag.records()
+    first = next(records, None)
+    out = Outfile.create(target)
+    try:
+        mcap = Writer(out)  # type: ignore[arg-type] # all it calls is there
+        mcap.start(bag.header.profile, bag.header.library or "quadctl")
+        copy = _Copy(mcap)
+        if first is not None:
+            copy.add(first)
+        for record in records:
+            messages += isinstance(record, Message)
+            copy.add(record)
+        mcap.finish()
+        out.flush()
+    except OSError:
+        target.unlink(missing_ok=True)
+        raise
+    finally:
+        out.close()
+    return Repaired(messages, source.stat().st_size - bag.read_to if bag.cut else 0, bag.cut)
+
+
+class _Copy:
+    """Records into another file, where their schemas and channels have other numbers."""
+
+    def __init__(self, mcap: Writer) -> None:
+        self._mcap = mcap
+        self._schemas, self._channels = {0: 0}, dict[int, int]()
+
+    def add(self, record: object) -> None:
+        """Write a record, unless it stands there already."""
+        mcap = self._mcap
+        match record:
+            case Schema() if record.id not in self._schemas:
+                number = mcap.register_schema(record.name, record.encoding, record.data)
+                self._schemas[record.id] = number
+            case Channel() if record.id not in self._channels:
+                schema = self._schemas[record.schema_id]
+                self._channels[record.id] = mcap.register_channel(
+                    record.topic, record.message_encoding, schema, record.metadata
+                )
+            case Message():
+                mcap.add_message(
+                    self._channels[record.channel_id],
+                    record.log_time,
+                    record.data,
+                    record.publish_time,
+                    record.sequence,
+                )
+            case Metadata():
+                mcap.add_metadata(record.name, record.metadata)
+            case Attachment():
+                mcap.add_attachment(
+                    record.create_time, record.log_time, record.name, record.media_type, record.data
+                )

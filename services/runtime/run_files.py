@@ -1,0 +1,71 @@
+"""What a run keeps in its folder for others to read: run.json and parameter values (imports nothing heavy)."""
+
+from typing import Any, Literal
+
+import msgspec
+from msgspec import Struct
+
+from services.runtime.errors import Unreachable
+from services.runtime.filelock import FileLock
+from services.runtime.realm import LOCK, RECORD, Realm, write_atomically
+
+UNSERVED = ("supervise", "processes")
+"""Tables of the supervisor, which is no node: nobody on the bus has them, and nothing sets them."""
+
+
+def tables(realm: Realm, vehicle: str) -> dict[str, Any]:
+    """A vehicle's tables by name, none where the run has no such vehicle, or there is no run."""
+    files = sorted((realm.params / vehicle).glob("[!.]*.json"))
+    return {file.stem: msgspec.json.decode(file.read_bytes()) for file in files}
+
+
+State = Literal["starting", "ready", "restarting", "down"]
+
+
+class ProcessRecord(Struct, frozen=True):
+    """One process as it is; pid 0 while there is none. `started` at that Unix time (s)."""
+
+    name: str
+    pid: int
+    state: State
+    restarts: int
+    started: float = 0.0
+
+
+class RunRecord(Struct, frozen=True):
+    """A live run: the supervisor's pid, its vehicles and its processes, the hub among them."""
+
+    realm: str
+    pid: int
+    vehicles: list[str]
+    nodes: list[ProcessRecord]
+
+
+def write(realm: Realm, record: RunRecord) -> None:
+    """Replace the record in the realm's folder."""
+    write_atomically(realm.record, msgspec.json.encode(record))
+
+
+def is_live(realm: Realm) -> bool:
+    """Whether a supervisor holds the realm."""
+    return FileLock(f"{realm.path}/{LOCK}", "").held()
+
+
+def read(realm: Realm) -> RunRecord:
+    """The record of a live run; raises Unreachable where nothing runs in the realm."""
+    try:
+        if is_live(realm):
+            with open(f"{realm.path}/{RECORD}", "rb") as file:  # noqa: PTH123 - pathlib takes 7 ms
+                return msgspec.json.decode(file.read(), type=RunRecord)
+    except FileNotFoundError:
+        # It went down, or has not come up, between the two looks.
+        pass
+    raise not_running(realm)
+
+
+def not_running(realm: Realm) -> Unreachable:
+    """The error of who asks for a run that is not there."""
+    return Unreachable(
+        f"nothing is running in the realm {realm.name}",
+        f"`quadctl up --realm {realm.name}` starts it",
+    )

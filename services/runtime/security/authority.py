@@ -1,0 +1,156 @@
+"""A fleet's own certificate authority: P-256 keys, and certificates that are good for days."""
+
+import datetime as dt
+import ipaddress
+import os
+import secrets
+import socket
+import sys
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from services.runtime.errors import QuadctlError, UsageError
+from services.runtime.security.identity import CERTIFICATE, FLEET, KEY, Name
+
+FLEET_KEY = "ca-key.pem"
+_YEARS = 10
+_SLACK = dt.timedelta(minutes=5)
+"""The clocks of two machines may differ by as much."""
+_NOWHERE = ("192.0.2.1", 9)
+"""An address that is nobody's: which of ours would be taken to send there is known without sending."""
+
+
+class Authority:
+    """The folder of a fleet: `ca.pem` for all to know, `ca-key.pem` for nobody else."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises UsageError where the folder has no fleet's keys."""
+        try:
+            self._certificate = x509.load_pem_x509_certificate((folder / FLEET).read_bytes())
+            key = load_pem_private_key((folder / FLEET_KEY).read_bytes(), None)
+        except (OSError, ValueError) as error:
+            raise UsageError(
+                f"{folder} has no fleet's keys",
+                "`quadctl keys init` makes them; --fleet names them",
+            ) from error
+        if not isinstance(key, ec.EllipticCurvePrivateKey):
+            raise UsageError(f"{folder / FLEET_KEY} is no key of a fleet")
+        self._key = key
+
+    @staticmethod
+    def found(folder: Path) -> None:
+        """Make a new fleet's key and certificate; raises UsageError where there is one already."""
+        if (folder / FLEET_KEY).exists():
+            raise UsageError(f"{folder} has a fleet's keys already", "name another --fleet")
+        key, now = ec.generate_private_key(ec.SECP256R1()), _now()
+        itself = _named(f"quadctl fleet {secrets.token_hex(4)}")
+        builder = (
+            x509.CertificateBuilder(itself, itself, key.public_key(), x509.random_serial_number())
+            .not_valid_before(now - _SLACK)
+            .not_valid_after(now + dt.timedelta(days=365 * _YEARS))
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(_usage(signs=True), critical=True)
+        )
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _write(folder / FLEET, builder.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
+        _write_key(folder / FLEET_KEY, key)
+
+    def issue(self, name: Name, hosts: list[str], folder: Path) -> None:
+        """Write a certificate for this name, its key and the fleet's certificate to a folder.
+
+        Only a hub's says that it may be connected to, and at which `hosts`.
+        """
+        key, usages = ec.generate_private_key(ec.SECP256R1()), [ExtendedKeyUsageOID.CLIENT_AUTH]
+        builder = (
+            x509.CertificateBuilder()
+            .subject_name(_named(name.common_name))
+            .issuer_name(self._certificate.subject)
+            .public_key(key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(_now() - _SLACK)
+            .not_valid_after(dt.datetime.fromtimestamp(name.expires, dt.UTC))
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(_usage(signs=False), critical=True)
+        )
+        if name.role == "hub":
+            usages.append(ExtendedKeyUsageOID.SERVER_AUTH)
+            at = x509.SubjectAlternativeName([_host(host) for host in hosts])
+            builder = builder.add_extension(at, critical=False)
+        builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=True)
+        certificate = builder.sign(self._key, hashes.SHA256())
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _write_key(folder / KEY, key)
+        _write(folder / CERTIFICATE, certificate.public_bytes(Encoding.PEM))
+        _write(folder / FLEET, self._certificate.public_bytes(Encoding.PEM))
+
+
+def hosts_here() -> list[str]:
+    """By which names and addresses this machine is likely to be reached."""
+    found = ["localhost", "127.0.0.1", socket.gethostname()]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(_NOWHERE)
+            found.append(probe.getsockname()[0])
+        except OSError:
+            # On no network: it is known by its name alone.
+            pass
+    return list(dict.fromkeys(found))
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        pass
+    try:
+        return x509.DNSName(host)
+    except ValueError as error:
+        raise UsageError(f"--host {host}: neither a name nor an address") from error
+
+
+def _named(text: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+
+def _now() -> dt.datetime:
+    return dt.datetime.now(dt.UTC)
+
+
+def _usage(*, signs: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs,
+        key_cert_sign=signs,
+        crl_sign=signs,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+    _write(path, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Make the file, readable by its owner alone from its first byte on."""
+    try:
+        path.unlink(missing_ok=True)
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.write(data)
+    except OSError as error:
+        raise QuadctlError(f"{path} cannot be written: {error.strerror}") from error
+    if sys.platform != "win32":
+        path.chmod(0o600)

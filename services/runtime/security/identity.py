@@ -1,0 +1,106 @@
+"""Who we are: a folder with certificate and key."""
+
+import os
+import sys
+import time
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from schemas.roles import Role
+from services.runtime.errors import NotAllowed, UsageError
+
+
+class Name(Struct, frozen=True):
+    """One holder of a certificate, which is good until `expires` (Unix time, s)."""
+
+    name: str
+    role: Role
+    vehicles: list[str]
+    serial: str
+    expires: float
+
+    @property
+    def common_name(self) -> str:
+        """The certificate's own name, as `student.anna.1a2b3c4d`."""
+        return f"{self.role}.{self.name}.{self.serial}"
+
+    @property
+    def of(self) -> str:
+        """Its vehicles for a message."""
+        return "all vehicles" if self.vehicles == ["*"] else ", ".join(self.vehicles)
+
+
+VARIABLE = "QUADCTL_IDENTITY"
+"""The environment has it for this process and for all that it starts; `--identity` sets it."""
+FLEET, CERTIFICATE, KEY, ABOUT = "ca.pem", "cert.pem", "key.pem", "identity.json"
+_ASK = "have one issued: `quadctl keys issue operator anna`, and copy its folder"
+
+
+class Identity:
+    """A folder that `quadctl keys issue` has made."""
+
+    def __init__(self, folder: str) -> None:
+        """Raises UsageError for a folder that is none or that others can read, NotAllowed late."""
+        self.folder = folder
+        for file in (FLEET, CERTIFICATE, KEY, ABOUT):
+            if not os.access(self.path(file), os.R_OK):
+                raise UsageError(f"the identity {folder} has no {file} that can be read", _ASK)
+        _refuse_readable(self.path(KEY))
+        try:
+            with open(self.path(ABOUT), "rb") as about:
+                self.name = msgspec.json.decode(about.read(), type=Name)
+        except msgspec.DecodeError as error:
+            raise UsageError(f"{self.path(ABOUT)} is damaged: {error}", _ASK) from error
+        if self.name.expires <= time.time():
+            day = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.name.expires))
+            raise NotAllowed(
+                f"the certificate {self.name.common_name} expired on {day}",
+                f"have it issued anew: `quadctl keys issue {self.name.role} {self.name.name}`",
+            )
+
+    def path(self, file: str) -> str:
+        """The full path of one of its files."""
+        return os.path.join(os.path.abspath(self.folder), file)
+
+    def tls(self) -> dict[str, Any]:
+        """Zenoh's `transport.link.tls`: both sides show a certificate, and are held to it."""
+        key, certificate = self.path(KEY), self.path(CERTIFICATE)
+        return {
+            "root_ca_certificate": self.path(FLEET),
+            "listen_private_key": key,
+            "listen_certificate": certificate,
+            "connect_private_key": key,
+            "connect_certificate": certificate,
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": True,
+        }
+
+
+def choose(folder: str) -> None:
+    """Be this one from now on, and all that is started from here."""
+    os.environ[VARIABLE] = os.path.abspath(folder)
+
+
+def current() -> Identity | None:
+    """Who we are, None where nothing says it; raises as Identity."""
+    folder = os.environ.get(VARIABLE)
+    return Identity(folder) if folder else None
+
+
+def needed(endpoint: str) -> Identity:
+    """Who we are, for an endpoint that asks for it; raises UsageError where nothing says it."""
+    found = current()
+    if found is None:
+        raise UsageError(
+            f"{endpoint} asks who you are",
+            f"say --identity DIR, or set {VARIABLE}; DIR is what `quadctl keys issue` has made",
+        )
+    return found
+
+
+def _refuse_readable(key: str) -> None:
+    if sys.platform != "win32" and os.stat(key).st_mode & 0o077:
+        raise UsageError(f"{key} can be read by others on this machine", f"chmod 600 {key}")

@@ -1,0 +1,111 @@
+"""Ask a run from outside to restart a process or to stop."""
+
+import contextlib
+import os
+import signal
+import time
+from pathlib import Path
+
+from services.runtime import run_files, vitals
+from services.runtime.errors import Invalid, QuadctlError, TimedOut
+from services.runtime.params.names import nearest
+from services.runtime.realm import Realm
+from services.runtime.run_files import ProcessRecord, RunRecord, is_live, read
+
+_STOP_POLL = 0.005
+
+
+def halt(realm: Realm, timeout: float = 5.0) -> RunRecord:
+    """End a run and wait (s) until it has ended; raises Unreachable where nothing runs."""
+    run = read(realm)
+    # It may be ending by itself just now.
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(run.pid, signal.SIGTERM)
+    deadline = time.monotonic() + timeout
+    while is_live(realm) or _is_there(run.pid):
+        if time.monotonic() > deadline:
+            raise TimedOut(
+                f"process {run.pid} has not ended within {timeout:g} s",
+                f"wait longer with --timeout, or kill -9 {run.pid}: its children end by themselves",
+            )
+        time.sleep(_STOP_POLL)
+    return run
+
+
+def _is_there(pid: int) -> bool:
+    # It lets go of the realm first. Where nothing is told of processes, that has to do.
+    return vitals.parent_of(pid) is not None and not vitals.has_ended(pid)
+
+
+_POLL = 0.01
+
+
+def ask_restart(realm: Realm, name: str) -> ProcessRecord:
+    """Leave a request for the supervisor, which looks ten times a second.
+
+    Returns the process as it was before. Raises Unreachable where nothing runs, and Invalid for
+    a name that the run does not have.
+    """
+    before = _process(realm, name)
+    try:
+        realm.asked.mkdir(exist_ok=True)
+        # An empty file is there or not, and needs no room on a full disk.
+        (realm.asked / name).touch()
+    except FileNotFoundError as error:
+        raise run_files.not_running(realm) from error
+    except OSError as error:
+        raise QuadctlError(
+            f"{realm.asked} cannot be written: {error.strerror}", "is the disk full?"
+        ) from error
+    return before
+
+
+def take(realm: Realm) -> list[str]:
+    """The names that a restart was asked for since the last look; the supervisor's side."""
+    # Nearly always nobody has, and this is looked at many times a second.
+    if not realm.asked.exists():
+        return []
+    taken = []
+    # Who asks just now, or removes the realm's folder, is seen at the next look.
+    with contextlib.suppress(OSError):
+        for request in realm.asked.iterdir():
+            request.unlink()
+            taken.append(request.name)
+    return taken
+
+
+def wait_restarted(realm: Realm, name: str, before: ProcessRecord, timeout: float) -> ProcessRecord:
+    """Wait (s) until it is ready as another process than `before`, and return what it is then.
+
+    Raises TimedOut, and QuadctlError where it was started and does not stay up.
+    """
+    deadline = time.monotonic() + timeout
+    while True:
+        now = _process(realm, name)
+        if now.restarts > before.restarts and now.state == "down":
+            raise QuadctlError(
+                f"{name} was restarted and does not stay up",
+                f"its log tells why: {_log(realm, name)}",
+            )
+        if now.state == "ready" and now.pid not in {0, before.pid}:
+            return now
+        if time.monotonic() > deadline:
+            raise TimedOut(
+                f"{name} is not ready again within {timeout:g} s, but {now.state}",
+                f"its log may tell why: {_log(realm, name)}",
+            )
+        time.sleep(_POLL)
+
+
+def _log(realm: Realm, name: str) -> Path:
+    return realm.logs / f"{name}.log"
+
+
+def _process(realm: Realm, name: str) -> ProcessRecord:
+    nodes = {node.name: node for node in run_files.read(realm).nodes}
+    if name not in nodes:
+        raise Invalid(
+            f"{name}: there is no such process in the realm {realm.name}",
+            nearest(name, nodes) or f"there are {', '.join(nodes)}",
+        )
+    return nodes[name]

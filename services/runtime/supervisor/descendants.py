@@ -1,0 +1,113 @@
+"""Kill whatever a user's command started; parent-death exec wrapper and watcher.
+
+Our own nodes watch their stdin for that; a stranger's command knows nothing of it. On Linux the
+kernel is asked to kill it; elsewhere it is up to the command to end when its stdin does. The
+command takes this process's place, so its pid is the one that was started.
+
+A command is started with a mark in its environment, which all that it starts inherits, in
+whatever session and under whatever parent. What has cleared its environment and also left its
+command's process group (`env -i setsid ..`), has written over it, or runs as another user, is not
+found; where there is no /proc, only the process group is reached.
+
+A command's first process dies with the supervisor by its leash; what that one has started would
+not. Runs only beside a user's commands, and only on Linux, where they can be found.
+"""
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from services.runtime.shutdown import die_with_parent
+from services.runtime.supervisor.fork import Forked
+
+MARK = "QUADCTL_LEASH"
+_PROC = Path("/proc")
+_MOST_SWEEPS = 20
+
+
+def new_leash() -> str:
+    """A mark that no other run has; a command's own adds its name."""
+    return f"{os.getpid()}.{time.time_ns()}/"
+
+
+def sweep(leash: str, number: int) -> int:
+    """Send a signal to every other process whose mark begins with the leash; how many."""
+    if sys.platform != "linux":
+        return 0
+    count = 0
+    for pid in _pids():
+        # The descriptor stays with this very process, should its id be given to another.
+        with contextlib.suppress(OSError), _opened(pid) as descriptor:
+            if _mark(pid).startswith(leash):
+                signal.pidfd_send_signal(descriptor, number)
+                count += 1
+    return count
+
+
+def sweep_away(leash: str) -> None:
+    """Kill all of them, those too that are being started meanwhile."""
+    for _ in range(_MOST_SWEEPS):
+        if not sweep(leash, signal.SIGKILL):
+            return
+
+
+def _pids() -> list[int]:
+    ours = os.getpid()
+    names = (path.name for path in _PROC.iterdir())
+    return [pid for name in names if name.isdigit() and (pid := int(name)) != ours]
+
+
+@contextlib.contextmanager
+def _opened(pid: int) -> Iterator[int]:
+    descriptor = os.pidfd_open(pid)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _mark(pid: int) -> str:
+    """The mark of a process, empty where it has none; one that has ended has none either."""
+    environment = (_PROC / str(pid) / "environ").read_bytes()
+    for entry in environment.split(b"\0"):
+        if entry.startswith(f"{MARK}=".encode()):
+            return os.fsdecode(entry.partition(b"=")[2])
+    return ""
+
+
+_LEASH = f"{MARK}_WATCHED"
+
+
+def watch(leash: str) -> Forked:
+    """Start a warden; it acts when our end of its stdin closes, however that comes."""
+    return Forked("services.runtime.supervisor.descendants", {_LEASH: leash}, "/", both=True)
+
+
+def reap() -> None:
+    """Wait for the supervisor's end."""
+    while os.read(0, 1):
+        pass
+    sweep_away(os.environ[_LEASH])
+
+
+def exec_bound(supervisor: int, command: list[str]) -> None:
+    """Become the command, on the supervisor's leash."""
+    die_with_parent()
+    if os.getppid() != supervisor:
+        # It died before the kernel was asked.
+        sys.exit(1)
+    try:
+        os.execvp(command[0], command)  # noqa: S606 - the file names it, checked at launch
+    except OSError as error:
+        sys.exit(f"{command[0]} cannot be run: {error.strerror}")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        exec_bound(int(sys.argv[1]), sys.argv[2:])
+    else:
+        reap()

@@ -1,0 +1,160 @@
+"""Readiness and liveness over the bus; message rates."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from schemas import keyexpr
+from schemas.services import GetParamsRequest
+from schemas.topics import TOPICS, get_params
+from services.runtime.bus import codec
+from services.runtime.bus.session import Address, address_of, open_client
+from services.runtime.errors import Unreachable
+from services.runtime.realm import Realm
+
+if TYPE_CHECKING:
+    _Ring = zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]
+
+_MOST = 2_000
+"""Messages of a topic counted at most; what comes beyond costs little, and is left out."""
+_COUNT_FOR = 0.9
+_COUNT_EVERY = 15.0
+"""Seconds. To hear all messages all the time would cost more than all else that a supervisor does;
+and no Python runs for each: they wait in a ring until looked at."""
+
+
+class Rates:
+    """Connects on a thread of its own, because the hub may be long in coming."""
+
+    def __init__(self, realm: Realm, vehicles: Sequence[str]) -> None:
+        self._realm = realm
+        self._of = vehicles[0] if len(vehicles) == 1 else "*"
+        self._session: zenoh.Session | None = None
+        self._counting: list[tuple[str, _Ring]] = []
+        self._began = -_COUNT_EVERY
+        self._rates: dict[str, float] = {}
+        self._closed = threading.Event()
+        threading.Thread(target=self._connect, daemon=True).start()
+
+    def look(self) -> dict[str, float]:
+        """Messages per second of each node when last counted; call it about once a second."""
+        passed = time.monotonic() - self._began
+        if self._counting and passed >= _COUNT_FOR:
+            self._rates = self._counted(passed)
+        elif self._session is not None and passed >= _COUNT_EVERY:
+            self._began = time.monotonic()
+            self._counting = [
+                (
+                    topic.node,
+                    self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_MOST)),
+                )
+                for topic in TOPICS
+                if topic.node and topic.hz and (key := topic.key(self._of))
+            ]
+        return self._rates
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._closed.set()
+        if self._session is not None:
+            self._session.close()
+
+    def _counted(self, passed: float) -> dict[str, float]:
+        rates: dict[str, float] = {}
+        for node, subscriber in self._counting:
+            count = 0
+            while subscriber.try_recv() is not None:
+                count += 1
+            subscriber.undeclare()
+            rates[node] = rates.get(node, 0.0) + count / passed
+        self._counting = []
+        return rates
+
+    def _connect(self) -> None:
+        while not self._closed.is_set():
+            try:
+                self._session = open_client(address_of(self._realm), wait=5.0)
+            except Unreachable:
+                continue
+            return
+
+
+Post = Callable[[Callable[[], None]], None]
+
+
+class Health:
+    """Connects on a thread of its own, because the hub may be long in coming.
+
+    A process is there when its node of every vehicle is; since these live and die together, the
+    first vehicle's is asked whether it answers. `on_ready(name)` and `on_answer(name)` are posted to the supervisor's loop.
+    """
+
+    def __init__(
+        self,
+        address: Address,
+        vehicles: Sequence[str],
+        post: Post,
+        on_ready: Callable[[str], None],
+        on_answer: Callable[[str], None],
+    ) -> None:
+        self._address, self._vehicles, self._post = address, frozenset(vehicles), post
+        self._pinged, self._seen = vehicles[0], dict[str, set[str]]()
+        self._on_ready, self._on_answer = on_ready, on_answer
+        self._session: zenoh.Session | None = None
+        self._tokens: zenoh.Subscriber[None] | None = None
+        threading.Thread(target=self._connect, daemon=True).start()
+
+    def ping(self, name: str, timeout: float) -> None:
+        """Ask a node anything; whatever it replies shows that its loop turns."""
+        if self._session is None:
+            return
+        service = get_params(name)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            answered = reply.ok is not None or (
+                reply.err is not None and str(reply.err.encoding) == codec.ERROR_ENCODING
+            )
+            if answered:
+                self._post(lambda: self._on_answer(name))
+
+        self._session.get(
+            service.key(self._pinged),
+            zenoh.handlers.Callback(on_reply, indirect=False),
+            payload=codec.encode(GetParamsRequest([f"{name}.ping"])),
+            encoding=codec.encoding(service.request),
+            timeout=timeout,
+        )
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._session is not None:
+            self._session.close()
+
+    def _connect(self) -> None:
+        while self._session is None:
+            try:
+                session = open_client(self._address, wait=5.0)
+            except Unreachable:
+                continue
+            self._tokens = session.liveliness().declare_subscriber(
+                keyexpr.node_key("*", "*"),
+                zenoh.handlers.Callback(self._on_token, indirect=False),
+                history=True,
+            )
+            self._session = session
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        name, vehicle = keyexpr.node_of(key), keyexpr.vehicle_of(key)
+        if name is None or vehicle not in self._vehicles:
+            return
+        seen = self._seen.setdefault(name, set())
+        if sample.kind == zenoh.SampleKind.DELETE:
+            seen.discard(vehicle)
+            return
+        seen.add(vehicle)
+        if seen == self._vehicles:
+            self._post(lambda: self._on_ready(name))

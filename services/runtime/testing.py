@@ -1,0 +1,182 @@
+"""A node's world from a list instead of a bus: what it hears and is asked, in order.
+
+    said = play("safety", run, params, [(POSE, pose), ...], calls)
+
+The service's own `run` is what is played, without Zenoh and as fast as it goes.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple, cast
+
+import msgspec
+from msgspec import Struct
+
+from schemas.messages import Called
+from schemas.params import Params
+from schemas.topics import Service, Topic, period, set_params
+from services.runtime.errors import QuadctlError
+from services.runtime.node import Node
+from services.runtime.params.live import LiveParams
+
+
+class Said(NamedTuple):
+    """A message that the node has published, on the topic of that name."""
+
+    topic: str
+    message: Struct
+
+
+def play(
+    name: str,
+    run: Callable[[Node, Params], None],
+    params: Params,
+    heard: Iterable[tuple[Topic[Any], Struct]],
+    calls: Iterable[Called] = (),
+) -> list[Said]:
+    """Run a service on what it once heard and was asked; returns what it says to that.
+
+    A call is executed when its simulated time has come: one that was held for it within the
+    message of that time, any other after it.
+    """
+    script = Script(name, params, heard, calls)
+    # Node's shape, as far as a service uses it.
+    run(cast("Node", script), params)
+    return script.said
+
+
+class Script:
+    """Stands in for a Node. What it is told to publish is in `said`."""
+
+    def __init__(
+        self,
+        name: str,
+        params: Params,
+        heard: Iterable[tuple[Topic[Any], Struct]],
+        calls: Iterable[Called],
+        *,
+        vehicle: str = "uav",
+    ) -> None:
+        self.name, self.vehicle, self.restarted = name, vehicle, False
+        self.log = logging.getLogger(f"script.{name}")
+        self.stopping, self.in_mission, self.like = False, False, None
+        self.on_params: Callable[[], None] | None = None
+        self.in_force: Callable[[], dict[str, Any]] = dict
+        self.said: list[Said] = []
+        self._heard, self._calls = deque(heard), deque(calls)
+        self._boots: set[str] = {""}
+        self._now = ("", 0.0)
+        self._listeners: dict[str, Heard] = {}
+        self._services: dict[str, tuple[Service[Any, Any], Callable[[Any], Any]]] = {}
+        live = LiveParams(name, params, lambda _table: None, self._changed)
+        self.serve(set_params(name), live.set)
+
+    def publisher(self, topic: Topic[Any], *_: Any, **__: Any) -> "Outlet":
+        """What is put there is kept."""
+        return Outlet(topic.name, self.said)
+
+    def listen(
+        self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, *_: int, **__: bool
+    ) -> "Heard":
+        """Hear what the list has of a topic."""
+        self._listeners[topic.name] = Heard(handler)
+        return self._listeners[topic.name]
+
+    def serve(
+        self, service: Service[Any, Any], handler: Callable[[Any], Any], **_: bool
+    ) -> "Script":
+        """Have the calls of a service executed."""
+        self._services[service.name] = (service, handler)
+        return self
+
+    def ready(self) -> None:
+        """Nobody looks."""
+
+    def clock(self, boot: str, stamp: float) -> None:
+        """It is that simulated time (s): what was called ahead for it is executed now."""
+        self._now = (boot, stamp)
+        self._boots.add(boot)
+        self._execute(held=True)
+
+    def wait_for(self, condition: Callable[[], bool], _timeout: float) -> bool:
+        """Go on with the list until the condition holds; False at its end."""
+        while not condition():
+            if not self._next():
+                return False
+        return True
+
+    def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
+        """A tick in each period of simulated time, until the list is at its end."""
+        last = None
+        # All that it serves is known by now: the other calls were those of other nodes.
+        self._calls = deque(call for call in self._calls if call.service in self._services)
+        while self._next():
+            now = self._now[1]
+            if (tick := period(now, hz() if callable(hz) else hz)) != last:
+                last = tick
+                yield time.monotonic()
+        self.stopping = True
+
+    def _next(self) -> bool:
+        self._execute(held=False)
+        if not self._heard:
+            return False
+        topic, message = self._heard.popleft()
+        if topic.name in self._listeners:
+            self._listeners[topic.name].take(message)
+        self._execute(held=False)
+        return True
+
+    def _execute(self, *, held: bool) -> None:
+        while self._calls and self._calls[0].held is held and self._is_due(self._calls[0]):
+            call = self._calls.popleft()
+            service, handler = self._services[call.service]
+            try:
+                handler(msgspec.convert(call.request, service.request))
+            except QuadctlError as problem:
+                self.log.info("%s: %s", call.service, problem.message)
+
+    def _is_due(self, call: Called) -> bool:
+        boot, stamp = self._now
+        come = call.stamp <= stamp if call.boot == boot else call.boot in self._boots
+        return come and call.service in self._services
+
+    def _changed(self) -> None:
+        if self.on_params is not None:
+            self.on_params()
+
+
+class Outlet:
+    """A publisher whose messages are kept in a list."""
+
+    def __init__(self, topic: str, said: list[Said]) -> None:
+        self._topic, self._said = topic, said
+
+    def put(self, message: Struct) -> None:
+        """Keep a message, as it is now."""
+        self._said.append(Said(self._topic, message))
+
+
+class Heard:
+    """A subscription that is fed by hand; `received` is then, monotonic s."""
+
+    def __init__(self, handler: Callable[[Any], None] | None) -> None:
+        self.value: Any = None
+        self.received = 0.0
+        self._handler = handler
+
+    @property
+    def age(self) -> float:
+        """Seconds since the newest message; infinite before the first."""
+        return time.monotonic() - self.received if self.value is not None else float("inf")
+
+    def rest(self, _seconds: float) -> None:
+        """There is nothing to rest from."""
+
+    def take(self, message: Any) -> None:
+        """Hear a message."""
+        self.value, self.received = message, time.monotonic()
+        if self._handler is not None:
+            self._handler(message)

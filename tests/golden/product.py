@@ -1,0 +1,106 @@
+"""Everything that the golden tests take from the product: the only imports of it in this folder.
+
+A redesign that moves modules changes this file and no other.
+"""
+
+from importlib.metadata import distribution
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+import cli
+import schemas
+import services
+from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
+from cli.options import COMMON
+from cli.typed import build
+from schemas.contract import Service, Topic
+from schemas.describe import bounds_text, parts, schema_hash, type_name
+from schemas.envelope import Call, Error
+from schemas.topics import GOTO, SERVICES, TOPICS, called, get_params, set_params
+from services.runtime.bus import wire
+from services.runtime.bus.graph import Offer, node_key, offer_key
+from services.runtime.errors import WIRE_ERRORS, QuadctlError
+from services.runtime.processes import NODES
+from services.runtime.settings import declared, template
+from services.runtime.settings.named import LAB_NODES
+
+__all__ = [
+    "BUS_CUT", "FAULTS", "LAB_NODES", "NODES", "OF_PROCESSES", "Call", "Error",
+    "Offer", "QuadctlError", "all_services", "all_topics", "bounds_text",
+    "command_line", "common_options", "console_scripts", "decode", "decode_call", "decode_error", "default_file", "encode", "encode_error",
+    "encoding", "error_encoding", "node_key", "offer_key", "parameters", "request_type", "schema_hash",
+    "source_files", "tables", "type_name", "wire_errors", "wire_types",
+]  # fmt: skip
+
+encode, encode_error, encoding = wire.encode, wire.encode_error, wire.encoding
+decode, decode_call, decode_error = wire.decode, wire.decode_call, wire.decode_error
+error_encoding = wire.ERROR_ENCODING
+wire_errors = WIRE_ERRORS
+default_file = template.render
+console_scripts = distribution("quadctl").entry_points
+
+
+def all_topics() -> list[Topic[Any]]:
+    """Return every declared topic, and the one that reports the calls of a service."""
+    return [*TOPICS, called(GOTO)]
+
+
+def all_services() -> list[Service[Any, Any]]:
+    """Return every declared service, with the two parameter services of each node."""
+    return [*SERVICES, *(make(node) for node in NODES for make in (get_params, set_params))]
+
+
+def wire_types() -> dict[str, type[Struct]]:
+    """Return by name each message, request, response, envelope and each type inside one."""
+    outer: list[type[Struct]] = [topic.type for topic in all_topics()]
+    for service in all_services():
+        outer += [service.request, service.response]
+    outer += [Call, Error]
+    return {type_.__name__: type_ for found in outer for type_ in (found, *parts(found))}
+
+
+def request_type(name: str) -> type[Struct]:
+    """Return the request type of a service."""
+    found: dict[str, type[Struct]] = {each.name: each.request for each in all_services()}
+    return found[name]
+
+
+def parameters() -> list[dict[str, Any]]:
+    """Return every single parameter as it is declared."""
+    return [
+        {
+            "name": leaf.name,
+            "type": type_name(leaf.type),
+            "unit": leaf.unit,
+            "bounds": bounds_text(leaf.type),
+            "default": msgspec.to_builtins(leaf.default),
+            "fixed_at_launch": declared.fixed_at_launch(leaf.name),
+        }
+        for leaf in declared.leaves().values()
+    ]
+
+
+def tables() -> list[str]:
+    """Return the dotted name of every table of the file."""
+    return list(declared.tables())
+
+
+def command_line() -> Any:
+    """Return the whole command line as the command group that Typer makes of it."""
+    from typer.main import get_command
+
+    return get_command(build())
+
+
+def common_options() -> list[str]:
+    """Return the names of the options that every command has."""
+    return list(COMMON)
+
+
+def source_files() -> list[Path]:
+    """Return every Python file of the product."""
+    folders = [Path(str(package.__file__)).parent for package in (cli, schemas, services)]
+    return sorted(file for folder in folders for file in folder.rglob("*.py"))

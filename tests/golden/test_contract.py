@@ -1,0 +1,55 @@
+"""Keys, types, bytes, commands, parameters and names are the recorded ones, in the recorded order."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from tests.golden import data, product
+from tests.golden.contract import DOCUMENTS
+from tests.golden.differences import differences
+
+ENCODED = data.read("encoded")
+AGAIN = "if this is wanted: `python -m tests.golden.write`, and a line in CHANGELOG.md"
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_as_recorded(name: str):
+    found = differences(data.read(name), data.plain(DOCUMENTS[name]()))
+    assert not found, "\n".join([f"data/{name}.json:", *found, AGAIN])
+
+
+@pytest.mark.parametrize("name", ENCODED["types"])
+def test_recorded_bytes_are_read_and_written_again(name: str):
+    type_, recorded = product.wire_types()[name], ENCODED["types"][name]
+    payload = bytes.fromhex(recorded["hex"])
+    read = msgspec.msgpack.decode(payload, type=type_)
+    assert read == msgspec.convert(recorded["value"], type_)
+    assert product.encode(read) == payload
+    assert msgspec.msgpack.decode(payload) == recorded["value"], "a map with the fields' names"
+
+
+@pytest.mark.parametrize(
+    "recorded", ENCODED["attachments"], ids=lambda each: each["value"]["id"][:1]
+)
+def test_a_recorded_attachment_is_read(recorded: dict[str, Any]):
+    call = product.decode_call(bytes.fromhex(recorded["hex"]))
+    assert msgspec.to_builtins(call) == recorded["value"]
+
+
+@pytest.mark.parametrize("code", ENCODED["errors"])
+def test_a_recorded_error_reply_is_read(code: str):
+    error = product.decode_error(ENCODED["errors"][code].encode())
+    assert (error.code, error.message, error.hint) == (code, f"what {code}", "a hint")
+
+
+def test_a_reader_names_both_hashes_of_a_schema_that_it_does_not_know():
+    pose = product.wire_types()["Pose"]
+    payload = bytes.fromhex(ENCODED["types"]["Pose"]["hex"])
+    known = data.read("messages")["Pose"]["encoding"]
+    assert product.decode(pose, payload, known) == product.decode(pose, payload, "")
+    other = known.partition("#")[0] + "#00000000"
+    with pytest.raises(product.QuadctlError) as refused:
+        product.decode(pose, payload, other)
+    assert other.rpartition(".")[2] in refused.value.message
+    assert known.rpartition(".")[2] in refused.value.message

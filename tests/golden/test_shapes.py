@@ -1,0 +1,15 @@
+"""Every command's --json output has the recorded keys and types; the tokens are the recorded ones."""
+
+import pytest
+
+from tests.golden import data, shapes
+from tests.golden.differences import differences
+from tests.processes.lab import private_lab
+
+
+@pytest.mark.timeout(90)
+def test_shapes_as_recorded():
+    with private_lab() as lab:
+        found = shapes.gather(lab)
+    told = differences(data.read("shapes"), data.plain(found))
+    assert not told, "\n".join(told)

@@ -2,7 +2,7 @@
 
 from typing import Any, Literal
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from schemas.units import (
     Boot,
@@ -135,6 +135,15 @@ class SafetyState(Struct, frozen=True):
     cage_on: bool
     cage: CageSize
     reason: Text
+
+
+def without_wording(state: SafetyState) -> tuple[Any, ...]:
+    """Return the fields that a flight's hash covers: all, the reason as (given, a pause) alone.
+
+    A reason's wording may change from one version to the next, a verdict may not.
+    """
+    reason = (state.reason != "", state.reason.startswith(PAUSED))
+    return (*structs.astuple(state)[:-1], reason)
 
 
 class Info(Struct, frozen=True):

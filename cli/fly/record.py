@@ -1,7 +1,7 @@
 """What a flight left on the bus, and its digests: equal flights have equal ones. Pure.
 
 Names that differ from one run to the next are left out: the boot's, and the count of requests
-before it.
+before it. So is the wording of reasons, which may differ from one version to the next.
 """
 
 import hashlib
@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from schemas.messages import Pose, Pressure, SafetyState
+from schemas.messages import Pose, Pressure, SafetyState, without_wording
 from schemas.topics import period
 from services.runtime.errors import QuadctlError
 
@@ -56,7 +56,8 @@ class Record:
     def document(self) -> dict[str, Any]:
         """The SHA-256 of each log, of all three in `hash`, and how long they are."""
         poses = _digest(self._poses)
-        transitions = _digest([msgspec.msgpack.encode(self._timeless(s)) for s in self._states])
+        states = [without_wording(self._timeless(state)) for state in self._states]
+        transitions = _digest([msgspec.msgpack.encode(state) for state in states])
         pressure = _digest([_PRESSURE.pack(*msgspec.structs.astuple(r)) for r in self._readings])
         return {
             "hash": _digest([text.encode() for text in (poses, transitions, pressure)]),
@@ -100,10 +101,10 @@ class Record:
         self.stamp = pose.stamp
 
     def _tell(self, state: SafetyState) -> None:
-        """A transition; what is published once a second although nothing changed is none."""
+        """Keep a transition; a state that differs in stamp or wording alone is none."""
         if state.boot == self._boot and state.stamp <= self._end:
             last = self._states[-1] if self._states else None
-            if last is None or msgspec.structs.replace(last, stamp=state.stamp) != state:
+            if last is None or _verdict(last) != _verdict(state):
                 self._states.append(state)
 
     def _read(self, reading: Pressure) -> None:
@@ -115,6 +116,10 @@ class Record:
     def _timeless(self, state: SafetyState) -> SafetyState:
         first = self._states[0].request
         return msgspec.structs.replace(state, boot="", request=state.request - first)
+
+
+def _verdict(state: SafetyState) -> tuple[Any, ...]:
+    return without_wording(msgspec.structs.replace(state, stamp=0.0))
 
 
 def _digest(parts: list[bytes]) -> str:

@@ -1,11 +1,16 @@
-"""What is kept of a flight: counts, times, a digest of every state, and what was violated."""
+"""What is kept of a flight: counts, times, violations, and a digest of its states and verdicts.
+
+The digest covers no wording: neither a reason's nor a log line's.
+"""
 
 import hashlib
 from collections import Counter
+from typing import Any
 
 from msgspec import Struct, msgpack
+from msgspec.structs import replace
 
-from schemas.messages import SafetyState
+from schemas.messages import SafetyState, without_wording
 
 
 class Flown(Struct, frozen=True):
@@ -35,6 +40,7 @@ class Diary:
         self.arrivals: list[float] = []
         self.log = log
         self._state, self._reason, self._taken = "HOVERING", "", 0.0
+        self._verdict: tuple[Any, ...] = ()
 
     def say(self, line: str) -> None:
         """A line for who reads the flight."""
@@ -47,13 +53,15 @@ class Diary:
             self.violations.append(what)
             self.say(f"VIOLATION: {what}")
 
-    def refused(self, reason: str) -> None:
-        """A request was answered with no."""
-        self.refusals[_kind(reason)] += 1
+    def asked(self, goal: tuple[float, float, float], reason: str) -> None:
+        """Keep a goal that was asked for (m) and its verdict: a reason is a refusal."""
+        self.digest.update(msgpack.encode((goal, reason != "")))
+        if reason:
+            self.refusals[_kind(reason)] += 1
 
     def told(self, state: SafetyState, line: str) -> None:
         """Safety published a state."""
-        self.digest.update(msgpack.encode((state, line)))
+        self._hash(state)
         self.say(line)
         before, self._state = self._state, state.state
         if state.state != before:
@@ -65,6 +73,13 @@ class Diary:
         if state.state == "HOVERING" and state.reason != self._reason:
             self._stopped(state.reason)
         self._reason = state.reason
+
+    def _hash(self, state: SafetyState) -> None:
+        """Add a state to the digest, unless it differs from the last in stamp or wording alone."""
+        verdict = without_wording(replace(state, stamp=0.0))
+        if verdict != self._verdict:
+            self._verdict = verdict
+            self.digest.update(msgpack.encode((state.stamp, verdict)))
 
     def _stopped(self, reason: str) -> None:
         if reason.startswith(("stopped", "hold", "hovering")) or reason.endswith(": stopped"):

@@ -109,9 +109,9 @@ class Lane:
     def _do(self, row: Row, period: int, motion: Motion) -> None:
         match row:
             case Goto(_, x, y, z, change):
-                if reason := self.monitor.ask(Position(x, y, z), replace=change):
-                    self.diary.refused(reason)
-                elif self.diary.now - self._heard > REACTION:
+                reason = self.monitor.ask(Position(x, y, z), replace=change)
+                self.diary.asked((x, y, z), reason)
+                if not reason and self.diary.now - self._heard > REACTION:
                     self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
             case Hold():
                 self.monitor.hold()

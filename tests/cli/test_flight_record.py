@@ -78,8 +78,10 @@ def test_neither_does_what_is_said_twice():
     ("number", "field", "value", "log"),
     [
         (10, "velocity", Velocity(0.0, 0.0, 5e-324), "poses"),
-        (34, "reason", "other", "transitions"),
+        (34, "reason", "", "transitions"),
+        (34, "reason", "paused: far", "transitions"),
         (35, "request", 11, "transitions"),
+        (35, "goal", Position(0.0, 0.0, 1.0000000000000002), "transitions"),
         (-1, "pressure", 1013.0000000000001, "pressure"),
     ],
 )
@@ -90,6 +92,19 @@ def test_every_bit_of_the_rest_counts(number: int, field: str, value: Any, log: 
     differs = {name for name in ("poses", "transitions", "pressure") if found[name] != usual[name]}
     assert differs == {log}
     assert found["hash"] != usual["hash"]
+
+
+def test_the_wording_of_a_reason_does_not_count():
+    other = [replace(m, reason="so far away") if getattr(m, "reason", "") else m for m in flight()]
+    assert other != flight()
+    assert digests(other) == digests(flight())
+
+
+def test_a_state_that_differs_in_wording_alone_is_no_transition():
+    messages = flight()
+    again = replace(messages[-6], reason="farther", stamp=0.2)
+    assert isinstance(again, SafetyState)
+    assert digests([*messages[:-5], again, *messages[-5:]]) == digests(messages)
 
 
 def test_a_lost_pose_makes_it_void():

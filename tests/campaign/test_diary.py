@@ -2,8 +2,7 @@
 
 import pytest
 
-from schemas.geometry import Position
-from schemas.messages import PAUSED, CageSize, SafetyState
+from schemas.messages import PAUSED, CageSize, Position, SafetyState
 from services.campaign.diary import Diary
 
 HERE, CAGE = Position(1.0, 2.0, 1.0), CageSize(5.0, 5.0, 5.0)

@@ -16,16 +16,16 @@ import services
 from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
 from cli.options import COMMON
 from cli.typed import build
-from schemas.contract import Service, Topic
-from schemas.describe import bounds_text, parts, schema_hash, type_name
-from schemas.envelope import Call, Error
-from schemas.topics import GOTO, SERVICES, TOPICS, called, get_params, set_params
-from services.runtime.bus import wire
-from services.runtime.bus.graph import Offer, node_key, offer_key
+from schemas.keyexpr import Offer, node_key, offer_key
+from schemas.services import Call, Error
+from schemas.topics import GOTO, SERVICES, TOPICS, Service, Topic, called, get_params, set_params
+from schemas.typeinfo import bounds_text, parts, schema_hash, type_name
+from services.runtime.bus import codec as wire
 from services.runtime.errors import WIRE_ERRORS, QuadctlError
-from services.runtime.processes import NODES
-from services.runtime.settings import declared, template
-from services.runtime.settings.named import LAB_NODES
+from services.runtime.params import catalogue as declared
+from services.runtime.params import catalogue as template
+from services.runtime.params.names import LAB_NODES
+from services.runtime.process_table import NODES
 
 __all__ = [
     "BUS_CUT", "FAULTS", "LAB_NODES", "NODES", "OF_PROCESSES", "Call", "Error",

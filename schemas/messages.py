@@ -143,7 +143,8 @@ def without_wording(state: SafetyState) -> tuple[Any, ...]:
     A reason's wording may change from one version to the next, a verdict may not.
     """
     reason = (state.reason != "", state.reason.startswith(PAUSED))
-    return (*structs.astuple(state)[:-1], reason)
+    fields = structs.asdict(state) | {"reason": reason}
+    return tuple(fields.values())
 
 
 class Info(Struct, frozen=True):

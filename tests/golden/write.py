@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from tests.golden import contract, data, shapes, traffic
+from tests.golden import contract, data, hashes, shapes, traffic
 from tests.golden.requests import requests
 from tests.processes.lab import private_lab
 
@@ -24,6 +24,11 @@ def _shapes() -> dict[str, Any]:
         return shapes.gather(lab)
 
 
+def _hashes() -> dict[str, Any]:
+    with private_lab() as lab:
+        return hashes.gather(lab)
+
+
 def _traffic() -> dict[str, Any]:
     with private_lab() as lab:
         return traffic.conversation(lab, list(requests()))
@@ -31,6 +36,7 @@ def _traffic() -> dict[str, Any]:
 
 WRITERS: dict[str, Callable[[], dict[str, Any]]] = {
     **contract.DOCUMENTS,
+    "hashes": _hashes,
     "shapes": _shapes,
     "traffic": _traffic,
 }

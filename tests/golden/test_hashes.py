@@ -1,0 +1,20 @@
+"""Flights and campaigns have the recorded hashes, to the bit."""
+
+import pytest
+
+from tests.golden import data, hashes
+from tests.golden.differences import differences
+from tests.processes.lab import private_lab
+
+RECORDED = data.read("hashes")
+
+
+@pytest.mark.skipif(
+    hashes.probe() != RECORDED["probe"],
+    reason="this machine's sin, cos or exp round otherwise than the recording one's",
+)
+@pytest.mark.timeout(90)
+def test_hashes_as_recorded():
+    with private_lab() as lab:
+        told = differences(RECORDED, data.plain(hashes.gather(lab)))
+    assert not told, "\n".join(told)

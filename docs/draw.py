@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from services.safety.diagram import diagram, table, words
+from docs.diagram import diagram, table, words
 
 PAGE = Path(__file__).with_name("safety.md")
 _BEGIN, _END = "<!-- table -->\n", "<!-- /table -->"

@@ -7,7 +7,7 @@ from msgspec import Meta, Struct, field
 Profile = Literal["lab", "ms5611", "bmp280", "bmp388"]
 
 MOST_RATE = {"ms5611": 100.0, "bmp280": 26.3, "bmp388": 200.0}
-"""Readings per second that a part gives at most, Hz; `services/pressure/profiles.py` has the rest.
+"""Readings per second that a part gives at most, Hz; `services/pressure/simulated.py` has the rest.
 
 MS5611: one conversion of 9.04 ms at OSR 4096 each (MS5611-01BA03 data sheet, analog digital
 converter). BMP280: x16 oversampling with a temperature beside it (BST-BMP280-DS001, table 7).

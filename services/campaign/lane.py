@@ -23,9 +23,8 @@ from services.campaign.rows import (
     Row,
     text,
 )
-from services.safety.following import STANDS, Following
 from services.safety.model import State
-from services.safety.monitor import Monitor
+from services.safety.monitor import STANDS, Following, Monitor
 
 REACTION = 0.3
 """A flight of which no pose is seen must have been stopped after this, s."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from schemas.topics import SETPOINT
 from services.campaign.lane import Lane
 from services.campaign.oracle import Floats
+from services.safety.cage import AT_REST
 from services.safety.model import State
-from services.safety.reach import AT_REST
 
 _SLACK = 1e-9
 _NOTES = 17

@@ -1,15 +1,121 @@
-"""The barometer's process: `sensors/pressure` and `calibrate_pressure`."""
+"""The process: when a reading is taken, what is published."""
 
+import logging
 import math
+import random
 import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
 from schemas.messages import Pose
 from schemas.params import Params
-from schemas.topics import POSE, period
-from services.pressure.process.output import Output
+from schemas.services import CalibrateRequest, CalibrateResponse
+from schemas.topics import CALIBRATE, POSE, PRESSURE, period
+from services.pressure import iio
+from services.pressure.barometer import Barometer, Faults, NoSample
+from services.pressure.iio import has_pressure, hectopascals
+from services.pressure.simulated import Simulated
 from services.runtime.entry import start
+from services.runtime.errors import NotReady, QuadctlError
 from services.runtime.node import Node
 from services.runtime.params.load import launch_lines
+
+_log = logging.getLogger(__name__)
+
+Sense = Callable[[Pose | None], float | None]
+"""The raw pressure now, hPa, None where there is none yet."""
+
+
+def switched_on(params: Params) -> Sense:
+    """The sensor as the file names it; QuadctlError where a real one is not there."""
+    return _real(params) if params.pressure.source == "iio" else _simulated(params)
+
+
+def stream(params: Params, name: str) -> random.Random:
+    """A stream of random numbers of its own, the same in every run with the same seed."""
+    return random.Random(f"{params.dynamics.seed} pressure {name}")
+
+
+def device(named: str, root: Path = iio.DEVICES) -> Path:
+    """The sensor's folder: the one named, else the first under the root that has pressure."""
+    if named:
+        return Path(named)
+    for folder in iio.devices(root):
+        if has_pressure(partial(iio.read, folder)):
+            return folder
+    raise QuadctlError(
+        f"no device under {root} has pressure",
+        "plug a barometer in, load its driver, or name its folder in pressure.iio",
+    )
+
+
+def _simulated(params: Params) -> Sense:
+    lab = random.Random(params.dynamics.seed)
+    sensor = Simulated(params.pressure, lab, partial(stream, params))
+    return lambda pose: (
+        None if pose is None else sensor.read(pose.boot, pose.stamp, pose.position.z)
+    )
+
+
+def _real(params: Params) -> Sense:
+    folder = device(params.pressure.iio)
+    read = partial(iio.read, folder)
+    # Read once before the node is ready, so that a launch without its sensor fails.
+    _log.info("%s shows %.4f hPa", folder, hectopascals(str(folder), read))
+    return lambda _pose: hectopascals(str(folder), read)
+
+
+class Output:
+    """What the process publishes, and the service that calibrates it."""
+
+    def __init__(self, node: Node, params: Params, clock: Callable[[], float]) -> None:
+        """`clock` is the time of `read`, now. QuadctlError where a real sensor is not there."""
+        self._params, self._log, self._clock = params, node.log, clock
+        self._barometer, self._told = Barometer(params.pressure), "none"
+        self.begin()
+        self._readings = node.publisher(
+            PRESSURE, lambda: params.pressure.rate, waits=params.dynamics.speed != 1
+        )
+        self._begun = time.monotonic()
+        node.on_params = self.tell_fault
+        node.serve(CALIBRATE, self._calibrate, at_once=True)
+
+    def begin(self) -> None:
+        """Begin anew with all that is random, and with no reading yet; the baseline stays."""
+        self._sense = switched_on(self._params)
+        self._faults = Faults(self._params.pressure.fault, stream(self._params, "faults"))
+        self._barometer.forget()
+
+    def tell_fault(self) -> None:
+        """Say in the log that a fault has been put in, or taken out."""
+        kind = self._params.pressure.fault.kind
+        if kind != self._told:
+            self._told = kind
+            self._log.warning("fault: %s", self._told)
+
+    def read(self, now: float, pose: Pose | None) -> None:
+        """Take a reading and publish it. `pose` is the newest; `now` the clock's time, s."""
+        raw = self._sense(pose)
+        if raw is None:
+            return
+        # A real sensor works without a simulation too, and then with a time of its own.
+        stamp = now - self._begun if pose is None else pose.stamp
+        given = self._faults.through(stamp, raw)
+        if given is not None:
+            self._readings.put(self._barometer.take(now, stamp, given))
+
+    def _calibrate(self, request: CalibrateRequest) -> CalibrateResponse:
+        try:
+            baseline = self._barometer.calibrate(self._clock(), zero=request.zero)
+        except NoSample:
+            raise NotReady(
+                "the barometer has had no sample in the last second",
+                "is dynamics up? `quadctl status`; is a fault put in? `quadctl param get pressure`",
+            ) from None
+        self._log.info("baseline: %.4f hPa", baseline)
+        return CalibrateResponse(baseline)
+
 
 _DEPTH = 100_000
 """Poses that may wait: in lock-step nobody waits for the sensor, and none must be lost to it."""

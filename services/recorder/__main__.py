@@ -1,4 +1,4 @@
-"""The recorder's process: all that is said on the bus, into a file.
+"""The process, and its progress on stdout.
 
 python -P -m services.recorder -o FILE [--key KEY]... [--duration S] [--attended]
 """
@@ -8,6 +8,7 @@ import contextlib
 import logging
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
@@ -19,8 +20,7 @@ import msgspec
 
 from schemas.params import Params
 from schemas.topics import TOPICS
-from services.recorder.process.attended import Attendant
-from services.recorder.process.recording import Recording
+from services.recorder.recording import Recording
 from services.runtime.bus import session
 from services.runtime.bus.raw import Tap
 from services.runtime.entry import start
@@ -28,6 +28,33 @@ from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.node import Node
 from services.runtime.process_table import RECORDER
 from services.runtime.realm import Realm
+
+
+class Attendant:
+    """Reads one JSON document a line; the recorder ends, with a whole file, when its stdin does."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        # Who does not read what is told must not keep the recorder waiting.
+        os.set_blocking(1, False)
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def tell(self, facts: dict[str, object]) -> None:
+        """Say how far it is; who is gone, or frozen, is not told."""
+        with contextlib.suppress(BrokenPipeError, BlockingIOError):
+            os.write(1, msgspec.json.encode(facts) + b"\n")
+
+    def tell_failure(self, problem: QuadctlError) -> None:
+        """Say why it has ended."""
+        said = {"code": problem.code, "message": problem.message, "hint": problem.hint}
+        self.tell({"state": "failed", **said})
+
+    def _watch(self) -> None:
+        # The attendant holds the other end: it is closed however that one ends.
+        while os.read(0, 1 << 10):
+            pass
+        self._node.loop.stop()
+
 
 _FLUSHES = 4.0
 """Chunks a second: what is not in a whole chunk is lost with the process. A quarter of a second,

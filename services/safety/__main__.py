@@ -31,9 +31,8 @@ from services.runtime.errors import NotReady
 from services.runtime.node import Node
 from services.runtime.params.load import launch_lines
 from services.safety.cage import bounds
-from services.safety.following import STANDS, Following
 from services.safety.model import State
-from services.safety.monitor import Monitor
+from services.safety.monitor import STANDS, Following, Monitor
 
 _FIRST_POSE = 1.0
 """How long (s) readiness waits for a first pose, so that who sees us ready can fly."""

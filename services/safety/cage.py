@@ -1,8 +1,16 @@
-"""The virtual cage: closed intervals x in [-cx, cx], y in [-cy, cy], z in [0, cz], metres."""
+"""The virtual cage; stopping distance.
 
-from math import sqrt
+Nothing keeps it from passing the points up to there, so this is what has to stay inside, as in
+the approach speeds of other autopilots: at each distance from a wall there is a speed from which
+it still stops before it.
+"""
 
-from schemas.messages import CageSize, Position
+from math import dist, sqrt
+
+from msgspec.structs import astuple, replace
+
+from schemas.messages import CageSize, Pose, Position
+from services.safety.model import Situation, World
 
 Interval = tuple[float, float]
 
@@ -55,3 +63,58 @@ def why_below(point: Position) -> str:
 def _plain(value: float) -> str:
     """All digits, so that a value one rounding beyond a bound does not read as the bound."""
     return repr(value).removesuffix(".0")
+
+
+REACTION = 0.5
+"""Seconds until a vehicle that is told to stop brakes: a setpoint, the jerk and the lags."""
+RISE = 0.4
+"""Seconds for which its speed may go on to change until then."""
+GENTLE = 0.05
+"""Share of the deceleration that it brakes with at the least."""
+SLACK = 0.1
+"""Metres that a vehicle goes on whose poses do not show yet that it speeds up."""
+AT_REST = 0.05
+"""A vehicle slower than this (m/s) has come to rest."""
+
+
+def at_rest(pose: Pose) -> bool:
+    """Whether the vehicle has come to rest."""
+    return dist(astuple(pose.velocity), (0, 0, 0)) < AT_REST
+
+
+def soonest_stop(pose: Pose, deceleration: float) -> Position:
+    """Where each axis rests (m) if from now on it brakes as hard as the vehicle can, m/s^2."""
+    p, v = pose.position, pose.velocity
+    k = 0.5 / deceleration
+    return Position(p.x + k * v.x * abs(v.x), p.y + k * v.y * abs(v.y), p.z + k * v.z * abs(v.z))
+
+
+def reach(w: World) -> float:
+    """How far out of the cage (m) the vehicle can soonest come to rest."""
+    return beyond(soonest_stop(w.pose, w.envelope.deceleration), w.cage)
+
+
+def leeway(w: World) -> float:
+    """How far out of the cage (m) a sound vehicle gets at the most that is to stop or come back.
+
+    It may be slow to brake and brake gently; and until it brakes, its speed may go on to change as
+    it did between the last two poses.
+    """
+    now, before = astuple(w.pose.velocity), astuple(w.last.velocity)
+    seconds = w.pose.stamp - w.last.stamp
+    rises = RISE / seconds if seconds > 0 else 0.0
+    later = tuple(v + rises * (v - old) for v, old in zip(now, before, strict=True))
+    out = max(beyond(place, w.cage) for place in (_gently(w, now), _gently(w, later)))
+    return max(out, beyond(w.pose.position, w.cage))
+
+
+def caged(s: Situation, w: World) -> Situation:
+    """Let the vehicle come to rest as far out of the cage as it cannot help from now on."""
+    return replace(s, beyond=leeway(w) + SLACK, since=w.pose.stamp)
+
+
+def _gently(w: World, velocity: tuple[float, ...]) -> Position:
+    x, y, z = velocity
+    p = w.pose.position
+    seconds = REACTION + 0.5 * sqrt(x * x + y * y + z * z) / (GENTLE * w.envelope.deceleration)
+    return Position(p.x + seconds * x, p.y + seconds * y, p.z + seconds * z)

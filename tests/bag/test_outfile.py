@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from services.recorder.process.recording import Recording
+from services.recorder.recording import Recording
 from services.runtime.errors import Invalid, QuadctlError
 from services.runtime.recording.reader import Bag
 from services.runtime.recording.writer import Outfile

@@ -6,7 +6,7 @@ import pytest
 from mcap.reader import make_reader
 
 from schemas.messages import Pose, Pressure, SafetyState
-from services.recorder.process.recording import Recording
+from services.recorder.recording import Recording
 from services.runtime.recording.reader import Bag
 from tests.bag.made import flight, pose, state, taken, write
 

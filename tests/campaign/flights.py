@@ -11,8 +11,8 @@ from services.campaign.fleets import Plain
 from services.campaign.mission import mission
 from services.campaign.oracle import Floats
 from services.campaign.rows import Mission
-from services.safety import fsa, monitor
-from services.safety.fsa import RULES, Rule
+from services.safety import automaton, monitor
+from services.safety.automaton import RULES, Rule
 
 
 def missions(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> list[Mission]:
@@ -33,4 +33,4 @@ class Sleepless(Batch):
 def put_in(patch: pytest.MonkeyPatch, change: Callable[[Rule], Rule | None]) -> None:
     """Have every monitor, live or in a campaign, go by a changed table."""
     rules = tuple(new for rule in RULES if (new := change(rule)) is not None)
-    patch.setattr(monitor, "step", partial(fsa.step, rules=rules))
+    patch.setattr(monitor, "step", partial(automaton.step, rules=rules))

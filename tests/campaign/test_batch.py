@@ -9,8 +9,7 @@ from services.campaign.batch import Batch
 from services.campaign.diary import Flown
 from services.campaign.fleets import Compiled, Plain
 from services.campaign.rows import Cage, Deaf, Goto, Mute, Resize
-from services.safety.conditions import always
-from services.safety.fsa import Rule
+from services.safety.automaton import Rule, always
 from services.safety.model import Check, Resized, State, Toggle
 from tests.campaign.flights import Sleepless, batch, missions, put_in
 from tests.compiled import compiled_kernel

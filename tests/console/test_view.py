@@ -11,7 +11,7 @@ from cli.console.verdicts import Verdict
 from schemas.params import FIXED_AT_LAUNCH
 from services.runtime.errors import Invalid
 from services.runtime.params import catalogue
-from services.safety.fsa import RULES
+from services.safety.automaton import RULES
 
 SETTINGS = {setting.name: setting for table in tables({}) for setting in table.settings}
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.pressure.channel import has_pressure, hectopascals
+from services.pressure.iio import has_pressure, hectopascals
 from services.runtime.errors import QuadctlError
 
 INPUT, RAW = "in_pressure_input", "in_pressure_raw"

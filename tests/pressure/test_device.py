@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from services.pressure.process.sources import device
+from services.pressure.__main__ import device
 from services.runtime.errors import QuadctlError
 
 

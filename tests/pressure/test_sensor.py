@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from schemas.barometer import PressureParams
 from schemas.messages import Pressure
-from services.pressure.sensor import Barometer, Baseline, NoSample
+from services.pressure.barometer import Barometer, Baseline, NoSample
 
 
 def taken(barometer: Barometer, *readings: tuple[float, float]) -> Pressure:

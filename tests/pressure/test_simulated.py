@@ -9,9 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from schemas.barometer import MOST_RATE, PressureParams, Profile
-from services.pressure.atmosphere import pressure_at
-from services.pressure.profiles import DRIFT, PARTS
-from services.pressure.simulated import Simulated
+from services.pressure.simulated import DRIFT, PARTS, Simulated, pressure_at
 
 NAMES = sorted(PARTS)
 SEEDS = st.integers(0, 2**31 - 1)

@@ -11,7 +11,7 @@ import pytest
 
 from services.pressure.__main__ import run as run_pressure
 from services.runtime.testing import Said, play
-from services.safety import fsa
+from services.safety import automaton
 from services.safety.__main__ import run as run_safety
 from tests.replay.recorded import Recorded
 
@@ -50,7 +50,7 @@ def test_the_barometer_reads_as_it_did(recorded):
 
 def named(*names: Any) -> int:
     """Where the rule of that state, event and condition stands."""
-    found = [(r.at.name, r.on.__name__, r.when.__name__) for r in fsa.RULES]
+    found = [(r.at.name, r.on.__name__, r.when.__name__) for r in automaton.RULES]
     return found.index(names)
 
 
@@ -69,9 +69,9 @@ def named(*names: Any) -> int:
 def test_one_changed_rule_is_another_flight(rule, monkeypatch):
     recorded = Recorded(Path(__file__).with_name("cage.mcap"))
     number = named(*rule)
-    changed = fsa.RULES[number]._replace(do=fsa.keep, to=fsa.RULES[number].at)
-    rules = (*fsa.RULES[:number], changed, *fsa.RULES[number + 1 :])
-    monkeypatch.setattr("services.safety.monitor.step", partial(fsa.step, rules=rules))
+    changed = automaton.RULES[number]._replace(do=automaton.keep, to=automaton.RULES[number].at)
+    rules = (*automaton.RULES[:number], changed, *automaton.RULES[number + 1 :])
+    monkeypatch.setattr("services.safety.monitor.step", partial(automaton.step, rules=rules))
     said = safety(recorded)
     assert recorded.transitions(said) != recorded.transitions(recorded.said)
 

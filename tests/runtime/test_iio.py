@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime import iio
+from services.pressure import iio
 from services.runtime.errors import QuadctlError
 
 

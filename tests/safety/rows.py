@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from schemas.messages import Position
+from services.safety.cage import SLACK, leeway
 from services.safety.model import (
     Ask,
     Booted,
@@ -28,7 +29,6 @@ from services.safety.model import (
     Toggle,
     World,
 )
-from services.safety.reach import SLACK, leeway
 from tests.safety.worlds import (
     AS_FAST,
     AT_RANGE,

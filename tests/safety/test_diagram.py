@@ -1,8 +1,8 @@
 """The page on safety shows the table as it is."""
 
+from docs.diagram import diagram, table, words
 from docs.draw import PAGE, drawn
-from services.safety.diagram import diagram, table, words
-from services.safety.fsa import RULES
+from services.safety.automaton import RULES
 
 
 def test_the_page_is_the_tables():

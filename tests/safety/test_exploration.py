@@ -8,8 +8,8 @@ import pytest
 from msgspec.structs import replace
 
 from schemas.messages import CageSize, Position, Velocity
+from services.safety.automaton import RULES, Rule, step
 from services.safety.cage import why_outside
-from services.safety.fsa import RULES, Rule, step
 from services.safety.model import (
     Ask,
     Booted,

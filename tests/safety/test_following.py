@@ -5,7 +5,7 @@ from math import inf
 from msgspec.structs import replace
 
 from schemas.messages import Position, Velocity
-from services.safety.following import PATIENCE, STANDS, Following
+from services.safety.monitor import PATIENCE, STANDS, Following
 from tests.safety.worlds import POSE
 
 LIMIT, PERIOD = 0.15, 0.05

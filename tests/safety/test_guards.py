@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from msgspec.structs import astuple, replace
 
 from schemas.messages import CageSize, Position, Velocity
-from services.safety.cage import beyond, why_outside
-from services.safety.reach import soonest_stop
+from services.safety.cage import beyond, soonest_stop, why_outside
 from tests.safety.rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
 from tests.safety.worlds import POSE
 

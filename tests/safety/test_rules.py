@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from services.safety import actions, conditions
-from services.safety.fsa import RULES, Rule, step
+from services.safety import automaton
+from services.safety.automaton import RULES, Rule, step
 from services.safety.model import Event, Situation, State, World
 from tests.safety.rows import CASES, Case
 from tests.safety.worlds import PLAIN, SEEING
@@ -58,21 +58,20 @@ def test_every_row_has_a_case_and_a_name_of_its_own():
 
 def test_every_event_and_every_condition_and_action_is_in_the_table():
     assert set(EVENTS) == set(Event.__args__)
-    for module, used in ((conditions, CONDITIONS), (actions, ACTIONS)):
-        own = {
-            thing
-            for thing in vars(module).values()
-            if callable(thing) and getattr(thing, "__module__", "") == module.__name__
-            if not thing.__name__.startswith("_")
-        }
-        assert own == set(used)
+    own = {
+        thing
+        for thing in vars(automaton).values()
+        if callable(thing) and getattr(thing, "__module__", "") == automaton.__name__
+        if not thing.__name__.startswith("_")
+    }
+    assert own - {Rule, automaton.by_place, step} == {*CONDITIONS, *ACTIONS}
 
 
 @pytest.mark.parametrize("state", State)
 @pytest.mark.parametrize("event", EVENTS, ids=lambda event: event.__name__)
 def test_every_state_and_event_has_a_last_rule_that_always_fits(state: State, event: type[Event]):
     rules = [rule for rule in RULES if rule.at is state and rule.on is event]
-    assert [rule for rule in rules if rule.when is conditions.always] == rules[-1:]
+    assert [rule for rule in rules if rule.when is automaton.always] == rules[-1:]
     step(replace(PLAIN, state=state), SAMPLE[event], SEEING)
 
 

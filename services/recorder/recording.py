@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from schemas.messages import Pose, SafetyState
-from services.recorder.foxglove import SCENE, TRANSFORM
-from services.recorder.scene import Scene
+from services.recorder.foxglove import SCENE, TRANSFORM, Scene
 from services.runtime.bus.raw import Taken
 from services.runtime.errors import QuadctlError
 from services.runtime.files import making

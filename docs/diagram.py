@@ -1,6 +1,6 @@
 """The automaton's table, drawn: text for docs/safety.md, which a test holds equal to it."""
 
-from services.safety.fsa import RULES, Rule
+from services.safety.automaton import RULES, Rule
 from services.safety.model import State
 
 

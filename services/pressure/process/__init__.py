@@ -1,1 +1,0 @@
-"""What of the barometer touches the bus, the clock and files."""

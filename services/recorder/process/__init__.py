@@ -1,1 +1,0 @@
-"""What of the recorder is not pure: its file."""

@@ -1,0 +1,368 @@
+"""RULES, conditions, actions and step(): everything that moves it in one file (h11's Rule 1).
+
+    HOVERING -> VERIFYING -> MOVING -> HOVERING
+
+`step` is pure: the pose, the cage and the clock's verdicts come in with the event and the world.
+"""
+
+from collections.abc import Callable, Iterable
+from math import dist, inf, isfinite
+from typing import NamedTuple
+
+from msgspec.structs import astuple, replace
+
+from schemas.messages import PAUSED
+from services.safety.cage import REACTION, at_rest, caged, leeway, reach, why_below, why_outside
+from services.safety.model import (
+    Ask,
+    Booted,
+    Check,
+    Event,
+    Gone,
+    Halted,
+    Hold,
+    Lagged,
+    Lost,
+    Resized,
+    Seen,
+    Situation,
+    State,
+    Toggle,
+    World,
+)
+
+
+def keep(s: Situation, _e: Event, _w: World) -> Situation:
+    """Nothing changes."""
+    return s
+
+
+def consider(s: Situation, e: Event, _w: World) -> Situation:
+    """Take the request up for verification."""
+    assert isinstance(e, Ask)  # noqa: S101 - RULES pairs this action with Ask alone
+    # Until it is accepted, the flight under way is still the one it was.
+    return replace(s, request=s.request + 1, candidate=e, back=s.state, paused=None, reason="")
+
+
+def take(s: Situation, _e: Event, w: World) -> Situation:
+    """Fly to the candidate, from outside no farther out than cannot be helped."""
+    goal, takeoff = s.candidate.goal, s.candidate.takeoff
+    s = s if s.beyond < inf else caged(s, w)
+    return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
+
+
+def follow(s: Situation, _e: Event, w: World) -> Situation:
+    """Fly or hover on; what has been left behind of the way back is not to be gone out again."""
+    if not s.cage_on or not 0 < s.beyond < inf or w.pose.stamp < s.since + REACTION:
+        return s
+    out = leeway(w)
+    return replace(s, beyond=out) if out < s.beyond else s
+
+
+def refuse(s: Situation, _e: Event, w: World) -> Situation:
+    """Outside the cage or below the floor: what was, stays."""
+    goal = s.candidate.goal
+    below = "" if s.cage_on else why_below(goal)
+    return replace(s, reason=below or why_outside(goal, w.cage))
+
+
+def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
+    """Another goal is being flown."""
+    x, y, z = astuple(s.goal)
+    reason = f"busy: flying to ({x:g}, {y:g}, {z:g}); ask with replace to change course"
+    return replace(s, request=s.request + 1, reason=reason)
+
+
+def refuse_blind(s: Situation, _e: Event, _w: World) -> Situation:
+    """No goal is taken without a pose."""
+    reason = "no pose: dynamics is silent"
+    if s.paused:
+        reason = f"{PAUSED}{reason}; no goal is taken meanwhile"
+    return replace(s, request=s.request + 1, reason=reason)
+
+
+def pause(s: Situation, e: Event, w: World) -> Situation:
+    """Brake to the stopping point, until poses come again."""
+    assert isinstance(e, Lost)  # noqa: S101 - RULES pairs this action with Lost alone
+    flight = Ask(s.goal, takeoff=s.takeoff)
+    return replace(_stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s"), paused=flight)
+
+
+def resume(s: Situation, _e: Event, _w: World) -> Situation:
+    """Fly on to the goal of the flight that paused."""
+    assert s.paused is not None  # noqa: S101 - RULES pairs this action with `paused`
+    reason = f"went on after a pause: {s.reason.removeprefix(PAUSED)}"
+    goal, takeoff = s.paused.goal, s.paused.takeoff
+    return replace(
+        s, goal=goal, brake=False, settling=False, takeoff=takeoff, paused=None, reason=reason
+    )
+
+
+def note(s: Situation, e: Event, _w: World) -> Situation:
+    """Say that the flight paused: it goes on already."""
+    assert isinstance(e, Lagged)  # noqa: S101 - RULES pairs this action with Lagged alone
+    return replace(s, reason=f"went on after a pause: {e.reason}")
+
+
+def arrive(s: Situation, _e: Event, _w: World) -> Situation:
+    """Hold the goal; ready for the next one."""
+    return replace(s, takeoff=False, reason="")
+
+
+def stop(s: Situation, e: Event, w: World) -> Situation:
+    """Brake to the stopping point, and say why."""
+    match e:
+        case Lost(seconds):
+            reason = f"no pose for {seconds:g} s: stopped"
+        case Gone(why):
+            reason = f"{why}: stopped"
+        case Halted(why):
+            reason = f"stopped, {why}"
+        case Hold():
+            reason = "hold: stopped on request"
+        case Seen():
+            reason = f"stopped, the way led out of the cage by {reach(w):.2g} m"
+        case _:
+            done = "hovering in place" if s.state is State.HOVERING else "stopped"
+            reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
+    after = _stopped(s, w, reason)
+    # A guard tells once of a vehicle that leaves: it can do no more about it.
+    return replace(after, beyond=inf) if isinstance(e, Seen) else after
+
+
+def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
+    """Brake to the stopping point: the vehicle is not where it can be."""
+    way = dist(astuple(w.pose.position), astuple(w.last.position))
+    seconds = w.pose.stamp - w.last.stamp
+    reason = f"stopped, the pose jumped by {way:.3g} m in {seconds:.3g} s"
+    return replace(_stopped(s, w, reason), beyond=inf)
+
+
+def settle(s: Situation, _e: Event, w: World) -> Situation:
+    """The stop is over: this is where it ended."""
+    return replace(s, goal=w.pose.position, settling=False)
+
+
+def toggle(s: Situation, e: Event, w: World) -> Situation:
+    """Turn the cage on or off."""
+    assert isinstance(e, Toggle)  # noqa: S101 - RULES pairs this action with Toggle alone
+    return caged(replace(_unpaused(s), cage_on=e.cage_on), w)
+
+
+def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
+    """Turn the cage on, and stop, because the goal now lies outside."""
+    return stop(toggle(s, e, w), e, w)
+
+
+def resize(s: Situation, _e: Event, w: World) -> Situation:
+    """Fly or hover on in other bounds."""
+    return caged(_unpaused(s), w)
+
+
+def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
+    """Stop, because the goal lies outside of the other bounds."""
+    return stop(resize(s, e, w), e, w)
+
+
+def reboot(s: Situation, e: Event, w: World) -> Situation:
+    """Drop the goal: stay where the new boot stands."""
+    assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
+    return replace(
+        caged(s, w),
+        boot=w.pose.boot,
+        goal=w.pose.position,
+        brake=True,
+        settling=False,
+        takeoff=False,
+        paused=None,
+        reason=e.reason,
+    )
+
+
+def _stopped(s: Situation, w: World, reason: str) -> Situation:
+    return replace(
+        s,
+        goal=w.pose.position,
+        brake=True,
+        settling=True,
+        takeoff=False,
+        paused=None,
+        reason=reason,
+    )
+
+
+def _unpaused(s: Situation) -> Situation:
+    ended = "stopped, the cage was changed during a pause"
+    return replace(s, paused=None, reason=ended) if s.paused else s
+
+
+def always(_s: Situation, _e: Event, _w: World) -> bool:
+    """True."""
+    return True
+
+
+def blind(_s: Situation, _e: Event, w: World) -> bool:
+    """No pose to rely on."""
+    return not w.fresh
+
+
+def may_replace(s: Situation, e: Event, _w: World) -> bool:
+    """The flight under way gives way: it is the take-off, or the request says so."""
+    return s.takeoff or (isinstance(e, Ask) and e.replace)
+
+
+def permitted(s: Situation, _e: Event, w: World) -> bool:
+    """The candidate may be flown to: a place above the floor, and the cage is off or holds it.
+
+    The cage is convex, so the straight way there stays inside from inside, and comes nearer
+    at every step from outside.
+    """
+    goal = s.candidate.goal
+    is_place = all(map(isfinite, astuple(goal))) and not why_below(goal)
+    return is_place and not (s.cage_on and why_outside(goal, w.cage))
+
+
+def from_flight(s: Situation, _e: Event, _w: World) -> bool:
+    """The request came while another goal was being flown."""
+    return s.back is State.MOVING
+
+
+def stranded(s: Situation, e: Event, w: World) -> bool:
+    """The request came in flight, and the goal of that flight now lies outside."""
+    return s.back is State.MOVING and barred(s, e, w)
+
+
+def arrived(s: Situation, _e: Event, w: World) -> bool:
+    """The vehicle is nearer to the goal than the acceptance range."""
+    return dist(astuple(w.pose.position), astuple(s.goal)) < w.acceptance_range
+
+
+def barred(s: Situation, e: Event, w: World) -> bool:
+    """With the cage as it now is, the goal being flown to lies outside.
+
+    A vehicle that has arrived within the range still flies on to its goal; one that stops does not.
+    """
+    cage_on = e.cage_on if isinstance(e, Toggle) else s.cage_on
+    return cage_on and not s.brake and bool(why_outside(s.goal, w.cage))
+
+
+def settled(s: Situation, _e: Event, w: World) -> bool:
+    """A stop was commanded and the vehicle has come to rest."""
+    return s.settling and at_rest(w.pose)
+
+
+def paused(s: Situation, _e: Event, _w: World) -> bool:
+    """A flight waits for poses."""
+    return s.paused is not None
+
+
+def jumped(_s: Situation, _e: Event, w: World) -> bool:
+    """From the pose before to this one it would have been faster than the vehicle is."""
+    way = dist(astuple(w.pose.position), astuple(w.last.position))
+    seconds = w.pose.stamp - w.last.stamp
+    return way > w.envelope.speed * seconds + w.envelope.margin
+
+
+def straying(s: Situation, _e: Event, w: World) -> bool:
+    """With the cage on, it can no longer stop inside, or where it may if it was put outside."""
+    return s.cage_on and reach(w) > s.beyond + w.envelope.margin
+
+
+class Rule(NamedTuple):
+    """At a state, on an event, when a condition holds: to a state, by an action."""
+
+    at: State
+    on: type[Event]
+    when: Callable[[Situation, Event, World], bool]
+    to: State
+    do: Callable[[Situation, Event, World], Situation]
+
+
+HOVERING, VERIFYING, MOVING = State
+
+# The first rule that fits is taken. Every (state, event) has one that always does.
+# fmt: off
+RULES = (
+    #    at         on       when         to         do
+    Rule(HOVERING,  Ask,     blind,       HOVERING,  refuse_blind),
+    Rule(HOVERING,  Ask,     always,      VERIFYING, consider),
+    Rule(HOVERING,  Check,   always,      HOVERING,  keep),
+    Rule(HOVERING,  Seen,    jumped,      HOVERING,  stop_astonished),
+    Rule(HOVERING,  Seen,    straying,    HOVERING,  stop),
+    Rule(HOVERING,  Seen,    paused,      MOVING,    resume),
+    Rule(HOVERING,  Seen,    settled,     HOVERING,  settle),
+    Rule(HOVERING,  Seen,    always,      HOVERING,  follow),
+    Rule(HOVERING,  Lost,    always,      HOVERING,  keep),
+    Rule(HOVERING,  Gone,    paused,      HOVERING,  stop),
+    Rule(HOVERING,  Gone,    always,      HOVERING,  keep),
+    Rule(HOVERING,  Lagged,  always,      HOVERING,  keep),
+    Rule(HOVERING,  Halted,  always,      HOVERING,  keep),
+    Rule(HOVERING,  Booted,  always,      HOVERING,  reboot),
+    Rule(HOVERING,  Hold,    always,      HOVERING,  stop),
+    Rule(HOVERING,  Toggle,  barred,      HOVERING,  toggle_and_stop),
+    Rule(HOVERING,  Toggle,  always,      HOVERING,  toggle),
+    Rule(HOVERING,  Resized, barred,      HOVERING,  resize_and_stop),
+    Rule(HOVERING,  Resized, always,      HOVERING,  resize),
+    Rule(VERIFYING, Check,   permitted,   MOVING,    take),
+    Rule(VERIFYING, Check,   stranded,    HOVERING,  stop),
+    Rule(VERIFYING, Check,   from_flight, MOVING,    refuse),
+    Rule(VERIFYING, Check,   always,      HOVERING,  refuse),
+    Rule(VERIFYING, Ask,     always,      VERIFYING, refuse_busy),
+    Rule(VERIFYING, Seen,    always,      VERIFYING, keep),
+    Rule(VERIFYING, Lost,    always,      HOVERING,  stop),
+    Rule(VERIFYING, Gone,    always,      HOVERING,  stop),
+    Rule(VERIFYING, Lagged,  always,      VERIFYING, keep),
+    Rule(VERIFYING, Halted,  always,      HOVERING,  stop),
+    Rule(VERIFYING, Booted,  always,      HOVERING,  reboot),
+    Rule(VERIFYING, Hold,    always,      HOVERING,  stop),
+    Rule(VERIFYING, Toggle,  always,      VERIFYING, toggle),
+    Rule(VERIFYING, Resized, always,      VERIFYING, resize),
+    Rule(MOVING,    Ask,     blind,       MOVING,    refuse_blind),
+    Rule(MOVING,    Ask,     may_replace, VERIFYING, consider),
+    Rule(MOVING,    Ask,     always,      MOVING,    refuse_busy),
+    Rule(MOVING,    Check,   always,      MOVING,    keep),
+    Rule(MOVING,    Seen,    jumped,      HOVERING,  stop_astonished),
+    Rule(MOVING,    Seen,    straying,    HOVERING,  stop),
+    Rule(MOVING,    Seen,    arrived,     HOVERING,  arrive),
+    Rule(MOVING,    Seen,    always,      MOVING,    follow),
+    Rule(MOVING,    Lost,    always,      HOVERING,  pause),
+    Rule(MOVING,    Gone,    always,      HOVERING,  stop),
+    Rule(MOVING,    Lagged,  always,      MOVING,    note),
+    Rule(MOVING,    Halted,  always,      HOVERING,  stop),
+    Rule(MOVING,    Booted,  always,      HOVERING,  reboot),
+    Rule(MOVING,    Hold,    always,      HOVERING,  stop),
+    Rule(MOVING,    Toggle,  barred,      HOVERING,  toggle_and_stop),
+    Rule(MOVING,    Toggle,  always,      MOVING,    toggle),
+    Rule(MOVING,    Resized, barred,      HOVERING,  resize_and_stop),
+    Rule(MOVING,    Resized, always,      MOVING,    resize),
+)
+# fmt: on
+
+
+Table = dict[tuple[State, type[Event]], tuple[Rule, ...]]
+
+
+def by_place(rules: Iterable[Rule]) -> Table:
+    """The rules for each state and event, in their order: what a step has to look through."""
+    table: Table = {}
+    for rule in rules:
+        table[rule.at, rule.on] = (*table.get((rule.at, rule.on), ()), rule)
+    return table
+
+
+_TABLE = by_place(RULES)
+
+
+def step(
+    situation: Situation, event: Event, world: World, rules: tuple[Rule, ...] = RULES
+) -> Situation:
+    """The situation after an event; pure.
+
+    Raises LookupError where no rule fits, which the tests show never to be.
+    """
+    table = _TABLE if rules is RULES else by_place(rules)
+    for rule in table.get((situation.state, type(event)), ()):
+        if rule.when(situation, event, world):
+            after = rule.do(situation, event, world)
+            return after if after.state is rule.to else replace(after, state=rule.to)
+    raise LookupError(f"no rule for {situation.state} and {event}")

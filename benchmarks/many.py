@@ -10,16 +10,12 @@ import zenoh
 from benchmarks import proc
 from benchmarks.children import Failed
 from benchmarks.effort import Effort
-from benchmarks.model.vehicles import flying as parameters
-from benchmarks.model.vehicles import send
 from benchmarks.raw.session import opened
 from benchmarks.results import Results
 from benchmarks.system import Home, running
 from services.dynamics.process.swift import have_made
 
 _HZ, _LEAST_HZ = 20, 19
-_STEPS = 1000
-"""Of the model, in a second."""
 _SETTLED = 5.0
 _LEG_SECONDS = 2.5
 _AWAY = ((1.0, 0.0, 1.0), (1.0, 1.0, 1.5), (0.0, 1.0, 1.0), (0.0, 0.0, 2.0))
@@ -27,7 +23,6 @@ _AWAY = ((1.0, 0.0, 1.0), (1.0, 1.0, 1.5), (0.0, 1.0, 1.0), (0.0, 0.0, 2.0))
 _WIDE = ("--set", "safety.virtual_cage.x=100", "--set", "safety.virtual_cage.y=100")
 """They start on a grid that is larger than the usual cage."""
 _COUNTS = (1, 10, 100)
-_MANY = 1000
 
 
 def measure(results: Results, effort: Effort) -> None:
@@ -43,20 +38,6 @@ def measure(results: Results, effort: Effort) -> None:
             share = flying(where, session, count, effort.seconds)
         results.add(f"each_of_{count}", "ours", [share / count])
     results.add("vehicles_100", "ours", [share])
-
-
-def measure_physics(results: Results, effort: Effort) -> None:
-    """Processor time of as many simulated seconds of an array fleet."""
-    from services.dynamics.fleet.arrays import ArrayFleet
-
-    fleet = ArrayFleet([parameters()] * _MANY)
-    send(fleet.goto, _MANY)
-    fleet.advance(_STEPS)
-    began = time.process_time()
-    for _ in range(round(effort.seconds)):
-        fleet.advance(_STEPS)
-    busy = time.process_time() - began
-    results.add("physics", "ours", [100 * busy / round(effort.seconds) / _MANY])
 
 
 def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> float:

@@ -1,6 +1,6 @@
 """Figures as lines for a person and as cells for a table. Pure."""
 
-from benchmarks.bars import NAMES, AtMostTimes, Figure, Side, judge
+from benchmarks.bars import NAMES, Figure, Side, judge
 from benchmarks.rows import Row
 
 
@@ -38,11 +38,3 @@ def number(value: float) -> str:
     if value == 0 or abs(value) >= 1000:
         return f"{value:.0f}"
     return f"{value:.3g}"
-
-
-def compared(row: Row, figure: Figure) -> str:
-    """What the verdict leaves out: the peers that a bar wants and that are missing."""
-    wanted = [bar.peer for bar in row.bars if isinstance(bar, AtMostTimes)]
-    return ", ".join(
-        f"{NAMES[peer]} {figure.missing[peer]}" for peer in wanted if peer in figure.missing
-    )

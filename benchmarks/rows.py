@@ -67,7 +67,6 @@ ROWS = (
     Row("vehicles", "each_of_1", "the same of a run of one", "%"),
     Row("vehicles", "each_of_10", "the same of 10, for each", "%"),
     Row("vehicles", "each_of_100", "the same of 100, for each", "%"),
-    Row("vehicles", "physics", "the physics alone of 1000 in flight, on arrays, for each", "%"),
     Row("flights", "within_05", "3 m step: within 0.5 m", "s", (AtMost(1.6),)),
     Row("flights", "within_02", "3 m step: within 0.2 m", "s", (AtMost(1.9),)),
     Row("flights", "overshoot", "3 m step: overshoot", "m", (AtMost(0.01),)),

@@ -19,7 +19,7 @@ from benchmarks.model.figures import BARS, PAIRED, RUNNERS, Runner, tables
 from benchmarks.model.flops import step_flops
 
 FILE = Path(__file__).parents[1] / "model.json"
-_OURS = ("plain", "arrays", "compiled")
+_OURS = ("plain", "compiled")
 
 
 def main() -> int:

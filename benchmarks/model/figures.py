@@ -21,7 +21,6 @@ class Runner:
 
 RUNNERS = (
     Runner("plain", "quadctl, plain Python", "double, RK4"),
-    Runner("arrays", "quadctl, numpy", "double, RK4"),
     Runner("compiled", "quadctl, numba", "double, RK4"),
     Runner("reference", "the same by hand in C++", "double, RK4"),
     Runner("rotorpy", "rotorpy", "double, RK45 adaptive", "rotorpy"),
@@ -73,7 +72,7 @@ PAIRED = Bar("compiled", 10_000, 0.9, "reference", 10_000)
 """Too near to 1 for two measurements after one another."""
 BARS = (
     Bar("plain", 1, 40, "rotorpy", 1),
-    Bar("arrays", 10_000, 75, "rotorpybatch", 10_000),
+    Bar("compiled", 10_000, 1000, "rotorpybatch", 10_000),
     PAIRED,
     Bar("compiled", 10_000, 20, "crazyflow", 10_000),
 )
@@ -126,7 +125,7 @@ def _line(runner: Runner, document: Mapping[str, Any]) -> str:
 
 def _same_model(key: str) -> bool:
     """Whether a runner's step has the operations that were counted."""
-    return key in {"plain", "arrays", "compiled", "reference"}
+    return key in {"plain", "compiled", "reference"}
 
 
 def _most(rates: Mapping[str, float] | None) -> float | None:

@@ -1,4 +1,4 @@
-"""How fast the model is as plain Python, on arrays and compiled: `python -m benchmarks.model.ours NAME`.
+"""How fast the model is as plain Python and compiled: `python -m benchmarks.model.ours NAME`.
 
 Three things are timed: `dynamics`, the step alone with constant commands; `control`, with the
 controller every fourth step, on a setpoint that stands still; and `flight`, with everything: the
@@ -15,10 +15,8 @@ from services.dynamics.vehicle import Vehicle, constants_of  # noqa: E402
 
 PLAIN = time.perf_counter() - BEGAN
 
-from typing import Any  # noqa: E402
-
 from benchmarks.model.peers.timing import COUNTS, Rates, rate, tell  # noqa: E402
-from benchmarks.model.vehicles import FAR, STEPS, flying, send  # noqa: E402
+from benchmarks.model.vehicles import FAR, STEPS, flying  # noqa: E402
 
 
 def plain() -> None:
@@ -54,53 +52,6 @@ def plain() -> None:
     tell(_python(), PLAIN, rates)
 
 
-def arrays() -> None:
-    import numpy as np
-
-    from benchmarks.model.reference import hovering
-    from services.dynamics.fleet.arrays import ArrayFleet, even
-    from services.dynamics.fleet.scratch import Scratch
-    from services.dynamics.fleet.storage import aligned
-    from services.dynamics.fleet.straight.operations import Register
-    from services.dynamics.fleet.straight.program import program
-    from services.dynamics.fleet.straight.symbols import traced
-
-    imported = time.perf_counter() - BEGAN
-    body, gains, mixer, _, weight, _, _ = constants_of(DynamicsParams())
-    wanted = (1.0, 0.5, 1000.5) + (0.0,) * 12
-    rows = tuple(Register("row", number) for number in range(21))
-    state, command = rows[:17], rows[17:]
-    step = program(traced("rigidbody_step"), (state, command, (0.0, 0.0, 0.0), body), state)
-    act = program(traced("pilot_act"), (state, wanted, 2.0, weight, gains, mixer), command)
-    rates: Rates = {"dynamics": {}, "control": {}, "flight": {}}
-    hover = np.array((*hovering(), *hovering()[13:]))[:, None]
-    for count in COUNTS:
-        sizes = even(count)
-        chunks = [aligned(len(rows), size) for size in sizes]
-        for chunk in chunks:
-            chunk[...] = hover
-        scratch = Scratch((step, act), max(sizes))
-
-        def dynamics(calls: int, chunks: Any = chunks, scratch: Scratch = scratch) -> None:
-            for chunk in chunks:
-                scratch.run(step, chunk, calls)
-
-        def control(calls: int, chunks: Any = chunks, scratch: Scratch = scratch) -> None:
-            for chunk in chunks:
-                for _ in range(calls):
-                    scratch.run(act, chunk, 1)
-                    scratch.run(step, chunk, 4)
-
-        rates["dynamics"][count] = rate(dynamics, count)
-        rates["control"][count] = rate(control, 4 * count)
-        fleet = ArrayFleet([flying()] * count)
-        send(fleet.goto, count)
-        rates["flight"][count] = rate(
-            lambda calls, fleet=fleet: fleet.advance(4 * calls), 4 * count
-        )
-    tell(f"numpy {np.__version__}", imported, rates)
-
-
 def compiled() -> None:
     import numba
 
@@ -124,7 +75,7 @@ def _python() -> str:
     return f"Python {sys.version.split()[0]}"
 
 
-BACKENDS: dict[str, Callable[[], None]] = {"plain": plain, "arrays": arrays, "compiled": compiled}
+BACKENDS: dict[str, Callable[[], None]] = {"plain": plain, "compiled": compiled}
 
 if __name__ == "__main__":
     BACKENDS[sys.argv[1]]()

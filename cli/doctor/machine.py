@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from services.runtime.procfs import pss_of, stats_of
+
 
 class Process(NamedTuple):
     """A process: its state's letter as /proc says it, empty where it has ended, `?` unknown.
@@ -29,8 +31,9 @@ class Disk(NamedTuple):
 
 def process(pid: int) -> Process:
     """Look at a process of ours."""
-    if Path("/proc/self/stat").exists():
-        return _from_proc(Path("/proc") / str(pid))
+    stats = stats_of(pid)
+    if stats.state is not None:
+        return Process(stats.state, stats.cpu or 0.0, pss_of(pid) or 0)
     if sys.platform == "win32":
         # Signal 0 would end it there.
         return Process("?")
@@ -55,22 +58,3 @@ def disk(folder: Path, *, writing: bool) -> Disk:
         with contextlib.suppress(OSError):
             trial.unlink()
     return Disk(str(folder), shutil.disk_usage(folder).free, refused)
-
-
-def _from_proc(folder: Path) -> Process:
-    try:
-        text = (folder / "stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return Process("")
-    # The name in brackets may hold anything; what counts comes after.
-    fields = text.rpartition(")")[2].split()
-    ticks = int(fields[11]) + int(fields[12])
-    return Process(fields[0], ticks / os.sysconf("SC_CLK_TCK"), _share(folder))
-
-
-def _share(folder: Path) -> int:
-    with contextlib.suppress(OSError):
-        for line in (folder / "smaps_rollup").read_text(encoding="ascii").splitlines():
-            if line.startswith("Pss:"):
-                return int(line.split()[1]) * 1024
-    return 0

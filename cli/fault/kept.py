@@ -3,7 +3,7 @@
 from typing import Any
 
 from cli.options import Options
-from services.runtime import run_files, vitals
+from services.runtime import procfs, run_files
 from services.runtime import run_files as files
 from services.runtime.errors import Unreachable
 from services.runtime.params.names import flatten
@@ -50,4 +50,4 @@ def frozen(options: Options) -> list[str]:
 
 def frozen_of(run: RunRecord) -> list[str]:
     """The same, of this run."""
-    return [f"{node.name}-frozen" for node in run.nodes if node.pid and vitals.is_frozen(node.pid)]
+    return [f"{node.name}-frozen" for node in run.nodes if node.pid and procfs.is_frozen(node.pid)]

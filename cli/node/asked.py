@@ -8,8 +8,8 @@ from schemas.topics import get_params
 from services.runtime.bus.client import Client
 from services.runtime.errors import TimedOut, Unreachable
 from services.runtime.process_table import NODES
+from services.runtime.procfs import has_ended
 from services.runtime.run_files import ProcessRecord
-from services.runtime.vitals import has_ended
 
 
 def answering(seen: Seen) -> list[ProcessRecord]:

@@ -10,8 +10,8 @@ from cli.node.seen import Seen, connected, run_of, see
 from cli.options import Options
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
+from services.runtime.procfs import ProcessStats, pss_of, stats_of
 from services.runtime.run_files import ProcessRecord
-from services.runtime.vitals import Vitals, vitals_of
 
 _MEGABYTE = 1e6
 
@@ -36,11 +36,12 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
             seen = see(client, run)
             process = seen.find(name)
             params, problem = _params(client, seen, process, deadline)
-    vitals = vitals_of(process.pid) if process.pid else Vitals()
+    stats = stats_of(process.pid) if process.pid else ProcessStats()
+    pss = pss_of(process.pid) if process.pid else None
     if options.json:
-        output.document(_document(process, seen, params, vitals))
+        output.document(_document(process, seen, params, stats, pss))
     else:
-        _print(process, seen, params, vitals)
+        _print(process, seen, params, stats, pss)
     if problem is not None:
         raise problem
 
@@ -59,7 +60,7 @@ def _params(
 
 
 def _document(
-    process: ProcessRecord, seen: Seen, params: list[str], vitals: Vitals
+    process: ProcessRecord, seen: Seen, params: list[str], stats: ProcessStats, pss: int | None
 ) -> dict[str, Any]:
     return {
         "name": process.name,
@@ -68,10 +69,10 @@ def _document(
         "restarts": process.restarts,
         "started": process.started,
         "supervised": seen.run is not None and process in seen.run.nodes,
-        "uptime": vitals.uptime,
-        "pss": vitals.pss,
-        "rss": vitals.rss,
-        "cpu": vitals.cpu,
+        "uptime": stats.uptime,
+        "pss": pss,
+        "rss": stats.rss,
+        "cpu": stats.cpu,
         "topics": [
             {"key": offer.key, "type": offer.type, "declared_hz": offer.hz}
             for offer in seen.offered(process.name, "@pub")
@@ -84,15 +85,17 @@ def _document(
     }
 
 
-def _print(process: ProcessRecord, seen: Seen, params: list[str], vitals: Vitals) -> None:
+def _print(
+    process: ProcessRecord, seen: Seen, params: list[str], stats: ProcessStats, pss: int | None
+) -> None:
     rows = [
         ("Node:", process.name),
         ("State:", process.state),
         ("Pid:", process.pid or "-"),
         ("Restarts:", process.restarts),
-        ("Since:", _since(vitals.uptime)),
-        ("Memory:", f"{_megabytes(vitals.pss)} PSS, {_megabytes(vitals.rss)} RSS"),
-        ("CPU time:", "-" if vitals.cpu is None else f"{vitals.cpu:.2f} s"),
+        ("Since:", _since(stats.uptime)),
+        ("Memory:", f"{_megabytes(pss)} PSS, {_megabytes(stats.rss)} RSS"),
+        ("CPU time:", "-" if stats.cpu is None else f"{stats.cpu:.2f} s"),
     ]
     output.table(rows)
     topics = [

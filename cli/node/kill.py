@@ -11,9 +11,9 @@ from cli.options import Options, here
 from services.runtime import run_files
 from services.runtime.errors import Unreachable, UsageError
 from services.runtime.params.names import nearest, normal_name
+from services.runtime.procfs import is_frozen, parent_of
 from services.runtime.realm import Realm
 from services.runtime.run_files import ProcessRecord, RunRecord
-from services.runtime.vitals import is_frozen, parent_of
 
 _DONE = {
     "KILL": ("killed", "restarts it"),

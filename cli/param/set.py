@@ -7,7 +7,7 @@ from cli.declare import Arg
 from cli.options import Options
 from cli.param.names import node_of
 from cli.param.running import Running, Values, tables
-from cli.param.value import read
+from cli.values import parameter
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.params import catalogue
 from services.runtime.params.names import flatten, normal_name
@@ -36,7 +36,7 @@ def set_(
         )
     options, words = which.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)
-    values = {normal_name(name): read(text) for name, _, text in pairs}
+    values = {normal_name(name): parameter(text) for name, _, text in pairs}
     nodes = {name.partition(".")[0] for name in values}
     if len(nodes) > 1:
         raise UsageError(

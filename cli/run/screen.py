@@ -7,9 +7,11 @@ import time
 from types import TracebackType
 from typing import Self
 
-from cli.run import terminal, usage
+from cli.run import terminal
 from cli.run.panel import Panel
 from cli.run.rows import Taken, duration, lines
+from cli.run.usage import Shares
+from services.runtime.procfs import stats_of
 from services.runtime.realm import Realm
 from services.runtime.run_files import ProcessRecord
 from services.runtime.supervisor.launch import Launch
@@ -35,7 +37,7 @@ class Screen:
         self._waiting = _Sheet(self._colour)
         self._printer = Printer(self._waiting)
         self._rates: Rates | None = None
-        self._shares = usage.Shares()
+        self._shares = Shares()
         self._taken = Taken({}, {}, {})
         self._began = self._looked = time.monotonic()
         self._measured = 0.0
@@ -84,9 +86,10 @@ class Screen:
         if self._rates is None:
             # Not before now: what has threads cannot fork, and the processes are forked.
             self._rates = Rates(Realm(self._launch.realm), self._launch.vehicles)
-        pids = [row.pid for row in rows if row.pid]
-        memory = {pid: taken for pid in pids if (taken := usage.memory(pid)) is not None}
-        self._taken = Taken(self._rates.look(), memory, self._shares.look(pids, now))
+        stats = {row.pid: stats_of(row.pid) for row in rows if row.pid}
+        memory = {pid: each.rss / 1e6 for pid, each in stats.items() if each.rss is not None}
+        busy = {pid: each.cpu for pid, each in stats.items() if each.cpu is not None}
+        self._taken = Taken(self._rates.look(), memory, self._shares.look(busy, now))
 
     def _table(self, rows: list[ProcessRecord], now: float, size: os.terminal_size) -> list[str]:
         ready = sum(row.state == "ready" for row in rows)

@@ -9,8 +9,8 @@ from cli.fault.catalogue import active
 from cli.fault.kept import frozen_of, values_of
 from cli.options import Options, here
 from cli.run.rows import duration
-from cli.run.usage import memory
 from services.runtime import run_files
+from services.runtime.procfs import stats_of
 from services.runtime.realm import Realm, listed
 from services.runtime.run_files import ProcessRecord, RunRecord
 
@@ -48,12 +48,12 @@ def _faults(realm: Realm, run: RunRecord) -> list[str]:
 
 
 def _row(node: ProcessRecord) -> tuple[object, ...]:
-    taken = memory(node.pid) if node.pid else None
+    memory = stats_of(node.pid).rss if node.pid else None
     return (
         node.name,
         node.state,
         node.pid or "-",
         node.restarts,
         duration(time.time() - node.started) if node.pid else "-",
-        f"{taken:.0f} MB" if taken is not None else "-",
+        f"{memory / 1e6:.0f} MB" if memory is not None else "-",
     )

@@ -15,6 +15,7 @@ from cli.run import terminal
 from cli.run.status import status
 from services.runtime.params import load
 from services.runtime.realm import DEFAULT
+from services.runtime.supervisor import capacity
 from services.runtime.supervisor import supervisor as running
 from services.runtime.supervisor.daemon import detach as in_background
 from services.runtime.supervisor.launch import Launch
@@ -82,6 +83,7 @@ def reached(listen: list[str] | None, connect: str) -> list[str]:
 def begin(launch: Launch, options: Options, *, detach: bool) -> None:
     """Supervise it, here or in the background."""
     launch.processes()
+    capacity.check(launch)
     options = structs.replace(options, connect="")
     if detach:
         in_background(launch)

@@ -5,10 +5,10 @@ from typing import Annotated, Any
 import msgspec
 
 from cli import bus, output
-from cli.arguments import is_type, message_of, table_of
 from cli.declare import Arg, Opt
 from cli.options import Options
 from cli.service import lookup
+from cli.values import is_type, message_of, table_of
 from cli.which import about_service
 from schemas.topics import STATE, Service
 from services.runtime.bus.codec import plain

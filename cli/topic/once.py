@@ -1,7 +1,7 @@
 """rostopic's `-1`, which is `--once` where it is no value of the message. Pure."""
 
-from cli.arguments import is_data, is_pairs, is_type, without_type
 from cli.declare import is_number
+from cli.values import is_data, is_pairs, is_type, without_type
 
 _ONCE = "-1"
 

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cli.arguments import is_data, is_pairs, message_of, table_of, without_type
 from cli.topic.once import without_once
+from cli.values import is_data, is_pairs, message_of, table_of, without_type
 from schemas.topics import Topic, topic_of
 from services.runtime.bus import codec
 from services.runtime.errors import Invalid, UsageError

@@ -1,4 +1,4 @@
-"""The vehicles of a batch: in plain Python, on arrays, or compiled; the same flights to the bit."""
+"""The vehicles of a batch: in plain Python or compiled; the same flights to the bit."""
 
 from collections.abc import Sequence
 from types import ModuleType

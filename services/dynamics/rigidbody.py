@@ -6,7 +6,7 @@ position (m, world), velocity (m/s, world), quaternion w, x, y, z (body to world
 right, front right; the first and third push the body to yaw left, the others right.
 
 The functions are straight-line text over floats: a branch is a conditional expression, or where it
-saves work an `if` on its own, so the same text can be run on arrays and compiled. Loops over steps
+saves work an `if` on its own, so the same text can be compiled. Loops over steps
 belong to the caller.
 """
 

@@ -4,7 +4,7 @@ A gust is Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes
 through a first-order lag. What carries it past the vehicle is the mean wind and its own turbulence,
 so its time is the length scale over the speed of both.
 
-The noise must be the same to the bit in plain Python, on arrays and compiled. Three multiplicative
+The noise must be the same to the bit in plain Python and compiled. Three multiplicative
 generators with different moduli run in whole numbers below 2^53, which floats hold exactly; a draw
 is the sum of their three uniform numbers (Irwin and Hall's distribution), which the lag turns into
 a normal one. Their periods together are far beyond any fleet's need.

@@ -5,13 +5,19 @@ import sys
 
 from cli.table import COMMANDS
 
-HEAVY = {"mcap", "zstandard", "lz4", "matplotlib", "numpy"}
+HEAVY = {"mcap", "zstandard", "lz4", "matplotlib", "numpy", "yaml"}
 READS_RECORDINGS = {"replay", "bag info", "bag check", "bag repair", "bag export"}
 LOAD = """
 import importlib, sys
 for module in sys.argv[2:]:
     importlib.import_module(module)
 print(*sorted(set(sys.argv[1].split(",")) & set(sys.modules)))
+"""
+READ = """
+import sys
+from cli.values import table_of
+table_of(sys.argv[1:])
+print("yaml" in sys.modules)
 """
 
 
@@ -26,6 +32,13 @@ def test_a_command_that_reads_no_recording_loads_nothing_for_that():
         where.partition(":")[0] for path, where in COMMANDS.items() if path not in READS_RECORDINGS
     }
     assert loaded("cli.command", *sorted(others), "services.runtime.bus.client") == []
+
+
+def test_yaml_is_loaded_for_yaml_alone():
+    for words in (["x=1", "y.z=a"], ['{"x": [1, null]}'], ["1", "two"], ["{x: 1}"]):
+        command = [sys.executable, "-P", "-c", READ, *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == str(words == ["{x: 1}"])
 
 
 def test_neither_does_a_node_that_records_nothing():

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.run import usage
 from cli.run.panel import Panel
 from cli.run.rows import Taken, duration, lines
+from cli.run.usage import Shares
 from services.runtime.run_files import ProcessRecord
 from tests.processes.screen import Glass
 
@@ -87,18 +87,9 @@ def test_a_duration(seconds: float, text: str):
     assert duration(seconds) == text
 
 
-def test_what_a_process_takes_is_told_where_proc_tells_it(tmp_path, monkeypatch):
-    (tmp_path / "7").mkdir()
-    (tmp_path / "7" / "statm").write_text("9000 1000 5 1 0 1 0\n")
-    (tmp_path / "7" / "stat").write_text(f"7 (a (b) c) S {' '.join('0' * 10)} 150 50 0 0\n")
-    monkeypatch.setattr(usage, "_PROC", tmp_path)
-    monkeypatch.setattr(usage.os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_CLK_TCK": 100}.__getitem__)
-    assert usage.memory(7) == pytest.approx(4.096)
-    assert usage.processor_time(7) == 2.0
-    assert (usage.memory(8), usage.processor_time(8)) == (None, None)
-    shares = usage.Shares()
-    assert shares.look([7, 8], 10.0) == {}
-    (tmp_path / "7" / "stat").write_text(f"7 (a) S {' '.join('0' * 10)} 150 150 0 0\n")
-    assert shares.look([7, 8], 20.0) == {7: pytest.approx(10.0)}
-    assert shares.look([8], 30.0) == {}
-    assert shares.look([7], 40.0) == {}
+def test_a_share_of_a_core_is_from_one_look_to_the_next():
+    shares = Shares()
+    assert shares.look({7: 2.0}, 10.0) == {}
+    assert shares.look({7: 3.0}, 20.0) == {7: pytest.approx(10.0)}
+    assert shares.look({}, 30.0) == {}
+    assert shares.look({7: 4.0}, 40.0) == {}

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from cli.param.value import read
+from cli.values import parameter
 from services.runtime.params import catalogue
 
 CAGE = {"x": 3, "y": 2.5, "z": 3}
@@ -21,7 +21,7 @@ CAGE = {"x": 3, "y": 2.5, "z": 3}
     ],
 )
 def test_a_table(text: str):
-    assert read(text) == CAGE
+    assert parameter(text) == CAGE
 
 
 @pytest.mark.parametrize(
@@ -39,9 +39,9 @@ def test_a_table(text: str):
     ],
 )
 def test_anything_else(text: str, value: Any):
-    assert read(text) == value
+    assert parameter(text) == value
 
 
 @pytest.mark.parametrize("text", ["{x: 3}", "[a, b]", "{", "plain", "[]", "{ x = 3 }"])
 def test_a_text_is_read_as_the_same_text_that_get_prints(text: str):
-    assert read(catalogue.word(text)) == text
+    assert parameter(catalogue.word(text)) == text

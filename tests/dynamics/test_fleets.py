@@ -1,31 +1,21 @@
-"""One text: plain Python, arrays and compiled code fly the same flight to the bit."""
+"""One text: plain Python and compiled code fly the same flight to the bit."""
 
 import random
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
 
-import numpy as np
 import pytest
 
 from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.vehicle import RotorDragParams
-from services.dynamics.fleet.arrays import CHUNK, ArrayFleet, even
 from services.dynamics.fleet.compiled import CompiledFleet
+from services.dynamics.fleet.kernel import WIDTH
 from services.dynamics.fleet.text import merged
 from services.dynamics.vehicle import Vehicle
 from services.runtime import generated
 from tests.compiled import compiled_kernel
 
-
-class Fleet(Protocol):
-    def goto(self, number: int, x: float, y: float, z: float) -> None: ...
-    def brake(self, number: int) -> None: ...
-    def advance(self, steps: int) -> None: ...
-    def states(self) -> np.ndarray: ...
-
-
-Make = Callable[[Sequence[DynamicsParams]], Fleet]
+Make = Callable[[Sequence[DynamicsParams]], CompiledFleet]
 
 
 @pytest.fixture(scope="session")
@@ -85,40 +75,17 @@ def test_compiled_code_flies_as_plain_python_does(compiled: Make, seed: int):
 
 
 @pytest.mark.timeout(300)
-def test_arrays_fly_as_plain_python_does():
-    fly_alike(ArrayFleet, 6, 1500, 1)
-
-
-@pytest.mark.prove
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("seed", range(2))
-def test_arrays_fly_as_plain_python_does_for_long(seed: int):
-    fly_alike(ArrayFleet, 6, 10_000, seed)
-
-
-def test_chunks_are_of_even_sizes():
-    assert even(1) == [1]
-    assert even(CHUNK) == [CHUNK]
-    assert even(CHUNK + 3) == [CHUNK // 2 + 2, CHUNK // 2 + 1]
-    assert sum(even(10 * CHUNK + 7)) == 10 * CHUNK + 7
-
-
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("count", [CHUNK + 3])
-def test_more_vehicles_than_are_stepped_together(compiled: Make, count: int):
+def test_more_vehicles_than_are_stepped_together(compiled: Make):
+    count = 2 * WIDTH + 3
     params = [DynamicsParams(start=StartParams(0.01 * i, 0.0, 1.0)) for i in range(count)]
-    states, size = [], even(count)[0]
-    for make in (compiled, ArrayFleet):
-        fleet = make(params)
-        for number in (0, size - 1, size, count - 1):
-            fleet.goto(number, 0.01 * number, 1.0, 2.0)
-        fleet.advance(40)
-        states.append(fleet.states())
-    assert np.array_equal(states[0], states[1])
-    one = Vehicle(params[-1])
-    one.goto(0.01 * (count - 1), 1.0, 2.0)
-    one.advance(40)
-    assert states[0][-1].tolist() == list(one.state)
+    fleet, plain = compiled(params), [Vehicle(each) for each in params]
+    for number in (0, WIDTH - 1, WIDTH, 2 * WIDTH - 1, 2 * WIDTH, count - 1):
+        fleet.goto(number, 0.01 * number, 1.0, 2.0)
+        plain[number].goto(0.01 * number, 1.0, 2.0)
+    fleet.advance(40)
+    for vehicle in plain:
+        vehicle.advance(40)
+    assert fleet.states().tolist() == [list(vehicle.state) for vehicle in plain]
 
 
 def test_the_text_uses_nothing_that_a_backend_lacks():

@@ -1,1 +1,1 @@
-"""The model's one text on many vehicles at once: on numpy arrays, and compiled by numba."""
+"""The model's one text compiled by numba: many vehicles at once, or one."""

@@ -3,13 +3,11 @@
 import numpy as np
 import numpy.typing as npt
 
-Numbers = npt.NDArray[np.float64]
-
 LINE = 8
 """Numbers in a cache line, and in the longest vector."""
 
 
-def aligned(rows: int, columns: int) -> Numbers:
+def aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
     """Rows that each begin where a cache line does: a vector then is one line, never part of two."""
     width = -(-columns // LINE) * LINE
     room = np.empty(rows * width + LINE)

@@ -13,7 +13,6 @@ from types import ModuleType
 from services.dynamics import (
     axis,
     controller,
-    everyday,
     glide,
     pilot,
     rigidbody,
@@ -25,7 +24,7 @@ from services.dynamics import (
 )
 
 MODULES = (
-    rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot, everyday, stopping,
+    rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot, stopping,
 )  # fmt: skip
 """Where the model's text stands, each after those that it imports."""
 
@@ -93,7 +92,7 @@ class _Flat(ast.NodeTransformer):
         stored = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and _is_stored(n)]
         self._locals = {argument.arg for argument in arguments} | set(stored)
         body = [self.visit(statement) for statement in node.body[1:]]  # after its docstring
-        return define(self._names[node.name], arguments, body)
+        return _define(self._names[node.name], arguments, body)
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
         name = node.id
@@ -113,7 +112,7 @@ class _Flat(ast.NodeTransformer):
         return ast.Name(name, ast.Load())
 
 
-def define(name: str, arguments: list[ast.arg], body: list[ast.stmt]) -> ast.FunctionDef:
+def _define(name: str, arguments: list[ast.arg], body: list[ast.stmt]) -> ast.FunctionDef:
     """A function definition without anything that the text has no use for."""
     signature = ast.arguments(
         posonlyargs=[], args=arguments, kwonlyargs=[], kw_defaults=[], defaults=[]

@@ -1,6 +1,5 @@
 """Values of several numbers: tuples of tuples of them, as the model's functions take and return."""
 
-from collections.abc import Callable
 from typing import Any
 
 Tree = Any
@@ -12,10 +11,3 @@ def flat(tree: Tree) -> list[Any]:
     if isinstance(tree, tuple):
         return [leaf for part in tree for leaf in flat(part)]
     return [tree]
-
-
-def mapped(change: Callable[..., Any], tree: Tree, *others: Tree) -> Tree:
-    """The same of what `change` makes of each leaf, and of those of other trees at its place."""
-    if isinstance(tree, tuple):
-        return tuple(mapped(change, *parts) for parts in zip(tree, *others, strict=True))
-    return change(tree, *others)

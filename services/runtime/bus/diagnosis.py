@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from schemas.topics import TOPICS
-from services.runtime import run_files, vitals
+from services.runtime import procfs, run_files
 from services.runtime.bus import liveliness
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from services.runtime.params.names import nearest
@@ -144,4 +144,4 @@ def _run(realm: Realm) -> RunRecord | None:
 
 def _is_there(node: ProcessRecord) -> bool:
     # The supervisor may not have seen yet that it has just ended, or be frozen itself.
-    return node.state == "ready" and node.pid > 0 and not vitals.has_ended(node.pid)
+    return node.state == "ready" and node.pid > 0 and not procfs.has_ended(node.pid)

@@ -6,7 +6,7 @@ import signal
 import time
 from pathlib import Path
 
-from services.runtime import run_files, vitals
+from services.runtime import procfs, run_files
 from services.runtime.errors import Invalid, QuadctlError, TimedOut
 from services.runtime.params.names import nearest
 from services.runtime.realm import Realm
@@ -34,7 +34,7 @@ def halt(realm: Realm, timeout: float = 5.0) -> RunRecord:
 
 def _is_there(pid: int) -> bool:
     # It lets go of the realm first. Where nothing is told of processes, that has to do.
-    return vitals.parent_of(pid) is not None and not vitals.has_ended(pid)
+    return procfs.parent_of(pid) is not None and not procfs.has_ended(pid)
 
 
 _POLL = 0.01

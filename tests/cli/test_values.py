@@ -1,4 +1,4 @@
-"""Messages as they are written on a command line, in our way and in rostopic's."""
+"""Messages as they are written on a command line, in our way and in rostopic's, which is YAML."""
 
 import json
 from contextlib import suppress
@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli import flow
-from cli.arguments import message_of, table_of, without_type
+from cli import values
 from cli.topic.payload import Payload, payload_of
+from cli.values import message_of, table_of, without_type
 from schemas.messages import Setpoint, Waypoint
 from services.runtime.bus import codec
 from services.runtime.errors import Invalid, UsageError
@@ -65,16 +65,27 @@ def test_a_message_with_a_table_in_it(words: list[str]):
         (["x=1", "y=2", "z=10001"], "$.z"),
         (["x=1", "y=2", "z=three"], "$.z"),
         (["x=1", "y=2", "z=3", "w=4"], "unknown field `w`"),
-        (["{x: 1, y: 2"], "it ends where"),
-        (["{x: 1 y: 2}"], "in place of"),
-        (["{x: 1, y: 2, z: 3} 4"], "after its end"),
-        (["{x: ,}"], "in place of a value"),
-        (["{x: 'it}"], "cannot be read"),
-        (["x: 1\n y: 2"], "cannot be read from 'y: 2'"),
-        (["x: {y: 1"], "it ends where"),
+        (["{x: 1, y: 2"], "expected ',' or '}', but got '<stream end>', line 1, column 12"),
+        (["{x: 1 y: 2}"], "expected ',' or '}', but got ':', line 1, column 8"),
+        (["{x: 1, y: 2, z: 3} 4"], "but found '<scalar>', line 1, column 20"),
+        (["{x: ,}"], "got `null` - at `$.x`"),
+        (["{x:1, y:2, z:3}"], "'x:1' has no blank behind its colon, line 1, column 2"),
+        (["{x: &a 1, y: *a, z: *a}"], "aliases and tags are not taken, line 1, column 5"),
+        (["x: !!float 1\ny: 2\nz: 3"], "aliases and tags are not taken, line 1, column 4"),
+        (['{x: "\\ud800"}'], "half a character, line 1, column 5"),
+        (['{"\\ud800": 1}'], "half a character, line 1, column 2"),
+        (["{[x]: 1}"], "a name is a word or a quoted text, line 1, column 2"),
+        (["x: 1\ny: \x07"], "special characters are not allowed, at 9"),
+        (["{x: 1}\n---\n{y: 2}"], "more than one document, line 2, column 1"),
+        (["{x: 'it}"], "found unexpected end of stream, line 1, column 9"),
+        (["x: 1\n y: 2"], "mapping values are not allowed here, line 2, column 3"),
+        (["x: {y: 1"], "expected ',' or '}'"),
+        (["x: here: there"], "got `str` - at `$.x`"),
+        (["x: 1\ny: here: there"], "mapping values are not allowed here, line 2, column 8"),
         (["x: 1\ny:\nz: 2"], "$.y"),
         (["x:\n" + "- " * 100_000], "nested deeper"),
-        (["{" * 100_000], "in place of a value"),
+        (["{" * 100_000], "a name is a word"),
+        (["x: " + "[" * 100_000], "nested deeper"),
         (["[" * 100_000], ""),
     ],
 )
@@ -99,6 +110,11 @@ DATA = st.recursive(
     [
         ("zero: true", {"zero": True}),
         ("data: hello: there, you", {"data": "hello: there, you"}),
+        ("data: 'hello: there, you'", {"data": "hello: there, you"}),
+        ("data: - 1", {"data": "- 1"}),
+        ("name: @home\n", {"name": "@home"}),
+        ("data: http://there:80, you", {"data": "http://there:80, you"}),
+        ("data: |\n  hello: there,\n  you", {"data": "hello: there,\nyou"}),
         ("data: ''", {"data": ""}),
         ("a:\n  b:\n    c: 1\n  d: [1, {e: 2}]\nf: ~", {"a": {"b": {"c": 1}, "d": [1, {"e": 2}]}, "f": None}),
         ("data:\n- 0\n- 1", {"data": [0, 1]}),
@@ -116,9 +132,31 @@ def test_a_text_with_a_colon_is_a_text(text: str):
 
 @given(DATA)
 def test_the_flow_style_reads_all_that_json_writes(value: Any):
-    text = json.dumps(value, ensure_ascii=False)
-    if "\\" not in text and "null" not in text:
-        assert flow.read(text) == value
+    assert values._yaml(json.dumps(value, ensure_ascii=False)) == value
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "on", "off", "yes", "No", "y", "true", "False", "null.", "1e3", "1E-3", "+2", ".5", "2.", "010",
+        "0x1f", "0o17", "1_000", "1:30", "190:20:30", "2026-11-21", "inf", "nan", ".inf", "1.2.3", "=",
+        "a-b", "a#b", "NULL", "None",
+    ],
+)  # fmt: skip
+def test_a_bare_word_is_in_yaml_what_it_is_anywhere(word: str):
+    found = repr(table_of([f"data={word}"]))
+    assert repr(table_of([f"{{data: {word}}}"])) == found
+    assert repr(table_of([f"data: {word}"])) == found
+
+
+@pytest.mark.parametrize("word", ["", "~", "null"])
+def test_nothing_is_null(word: str):
+    assert table_of([f"data: {word}"]) == table_of([f"{{data: {word}}}"]) == {"data": None}
+
+
+@pytest.mark.parametrize("word", ["on", "1e3", "~", "null", "1", "true"])
+def test_a_word_in_quotes_is_a_text(word: str):
+    assert table_of([f"{{a: '{word}', {word}: \"{word}\"}}"]) == {"a": word, word: word}
 
 
 @given(st.text("{}[]:,'\"ab1 .-\\\n", max_size=20))

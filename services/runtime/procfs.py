@@ -1,0 +1,94 @@
+"""Figures of a process from Linux's /proc. Other systems have none, and every figure is None there."""
+
+import os
+import time
+from pathlib import Path
+
+from msgspec import Struct
+
+_PROC = Path("/proc")
+_PPID, _UTIME, _STIME, _STARTED = 1, 11, 12, 19
+"""Fields of /proc/PID/stat, counted behind the command's name."""
+_RESIDENT = 1
+"""Field of /proc/PID/statm: pages in memory."""
+
+
+class ProcessStats(Struct, frozen=True):
+    """State, resident memory in bytes, CPU time and uptime in seconds; None where unknown.
+
+    `state` is the letter of /proc/PID/stat, empty for a process that is gone. `rss` counts a page
+    that several processes share in full for each of them, `pss_of` in equal parts.
+    """
+
+    state: str | None = None
+    rss: int | None = None
+    cpu: float | None = None
+    uptime: float | None = None
+
+
+def stats_of(pid: int) -> ProcessStats:
+    """Read the figures of a process."""
+    stat = _stat(pid)
+    if not stat:
+        return ProcessStats("" if _is_mounted() else None)
+    second = os.sysconf("SC_CLK_TCK")
+    return ProcessStats(
+        state=stat[0],
+        rss=_resident(pid),
+        cpu=(int(stat[_UTIME]) + int(stat[_STIME])) / second,
+        uptime=time.clock_gettime(time.CLOCK_BOOTTIME) - int(stat[_STARTED]) / second,
+    )
+
+
+def pss_of(pid: int) -> int | None:
+    """Read the proportional memory of a process, bytes; None where unknown, e.g. another user's.
+
+    The kernel walks all pages of the process: slower than `stats_of`.
+    """
+    for line in _read(pid, "smaps_rollup").splitlines():
+        if line.startswith("Pss:"):
+            return int(line.split()[1]) * 1024
+    return None
+
+
+def parent_of(pid: int) -> int | None:
+    """Return the process that started this one, None where unknown."""
+    stat = _stat(pid)
+    return int(stat[_PPID]) if stat else None
+
+
+def has_ended(pid: int) -> bool:
+    """Return whether a process has ended, waited for or not; False where unknown."""
+    stat = _stat(pid)
+    return stat[0] in "ZX" if stat else _is_mounted()
+
+
+def is_frozen(pid: int) -> bool:
+    """Return whether a process is stopped by a signal; False where unknown."""
+    stat = _stat(pid)
+    return bool(stat) and stat[0] in "Tt"
+
+
+def _is_mounted() -> bool:
+    return (_PROC / "self").is_dir()
+
+
+def _stat(pid: int) -> list[str]:
+    text = _read(pid, "stat")
+    # The name, in brackets, may hold blanks and brackets itself.
+    return text.rpartition(")")[2].split()
+
+
+def _resident(pid: int) -> int | None:
+    """Return the resident memory, bytes; None for a process that has ended and lost its memory."""
+    fields = _read(pid, "statm").split()
+    pages = int(fields[_RESIDENT]) if fields else 0
+    return pages * os.sysconf("SC_PAGE_SIZE") if pages else None
+
+
+def _read(pid: int, name: str) -> str:
+    try:
+        return (_PROC / str(pid) / name).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        # No /proc on this system, a process that has ended, or another user's.
+        return ""

@@ -1,0 +1,38 @@
+"""What the product imports is asked for by pyproject.toml, and not by chance there."""
+
+import ast
+import sys
+import tomllib
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OURS = {"cli", "services", "schemas"}
+OF = {"yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
+"""Distributions whose module has another name."""
+BELOW = {"fastapi": "nicegui", "uvicorn": "nicegui", "llvmlite": "numba", "zstandard": "mcap"}
+"""What a declared one is made of, and used along with it."""
+
+
+def imported() -> Iterator[str]:
+    for package in OURS:
+        for file in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_bytes())):
+                if isinstance(node, ast.Import):
+                    yield from (alias.name for alias in node.names)
+                elif isinstance(node, ast.ImportFrom):
+                    yield node.module or ""
+
+
+def test_every_package_that_is_imported_is_declared_and_none_is_declared_in_vain():
+    modules = {name.partition(".")[0] for name in imported()}
+    foreign = modules - OURS - sys.stdlib_module_names
+    extras = PROJECT["optional-dependencies"].values()
+    asked = [*PROJECT["dependencies"], *chain.from_iterable(extras)]
+    declared = {canonicalize_name(Requirement(each).name) for each in asked}
+    assert {BELOW.get(name) or OF.get(name) or name for name in foreign} == declared

@@ -1,0 +1,79 @@
+"""How many vehicles are let start where there is no numba."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from schemas.params import DynamicsParams, Params
+from services.runtime.errors import QuadctlError, UsageError
+from services.runtime.supervisor import capacity
+from services.runtime.supervisor.launch import Launch
+
+
+def launch(count: int, rate: float = 20.0, speed: float = 1.0, without: tuple[str, ...] = ()):
+    params = Params(dynamics=DynamicsParams(rate=rate, speed=speed))
+    return Launch("lab", {f"uav{n}": params for n in range(count)}, [*without], "/")
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No numba, and a machine whose step takes 13 us."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr(capacity, "_step_seconds", lambda: 13e-6)
+
+
+@pytest.mark.parametrize(
+    ("step", "rates", "count"),
+    [
+        (13e-6, [20.0] * 100, 42),
+        (6.5e-6, [20.0] * 100, 84),
+        (13e-6, [1000.0] * 100, 10),
+        (13e-6, [20.0, 1000.0], 16),
+        (1e-2, [20.0] * 3, 0),
+    ],
+)
+def test_vehicles_share_a_part_of_one_core(step: float, rates: list[float], count: int):
+    assert capacity.most(step, rates) == count
+
+
+@pytest.mark.usefixtures("plain")
+def test_more_are_refused_with_the_figures_and_the_extra():
+    capacity.check(launch(42))
+    with pytest.raises(UsageError) as caught:
+        capacity.check(launch(100))
+    assert caught.value.message == (
+        "this machine flies about 42 vehicles at 20 Hz in plain Python, 100 were asked for"
+    )
+    assert "pip install 'quadctl[fleet]'" in caught.value.hint
+
+
+@pytest.mark.usefixtures("plain")
+def test_rates_that_differ_are_named_both():
+    mixed = launch(50).fleet | {"fast": Params(dynamics=DynamicsParams(rate=1000))}
+    with pytest.raises(UsageError, match="at 20 to 1000 Hz"):
+        capacity.check(Launch("lab", mixed, [], "/"))
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(
+    "asked", [launch(100, speed=0), launch(100, speed=2), launch(100, without=("dynamics",))]
+)
+def test_a_clock_that_waits_and_a_run_without_dynamics_take_any_number(asked: Launch):
+    capacity.check(asked)
+
+
+@pytest.mark.parametrize(("count", "numba"), [(100, True), (1, False)])
+def test_with_numba_or_for_one_nothing_is_timed(
+    monkeypatch: pytest.MonkeyPatch, count: int, numba: bool
+):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: numba or None)
+    monkeypatch.setattr(capacity, "_step_seconds", lambda: pytest.fail("timed"))
+    capacity.check(launch(count))
+
+
+def test_a_step_is_timed_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch):
+    assert 1e-7 < capacity._step_seconds() < 1e-3
+    done = SimpleNamespace(stdout="", stderr="no such module")
+    monkeypatch.setattr("subprocess.run", lambda *args, **kwargs: done)
+    with pytest.raises(QuadctlError, match="no such module"):
+        capacity._step_seconds()

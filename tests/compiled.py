@@ -7,10 +7,8 @@ from types import ModuleType
 
 import pytest
 
-from services.dynamics.fleet import kernel
-from services.dynamics.process.machine import Code, store, stored
-from services.dynamics.process.making import made
-from services.runtime import generated
+from services.dynamics.compiled import kernel, source
+from services.dynamics.compiler import Code, made, store, stored
 from services.runtime.errors import AlreadyServed
 from services.runtime.filelock import FileLock
 from tests.processes.lab import CACHE
@@ -19,7 +17,7 @@ from tests.processes.lab import CACHE
 def compiled_kernel() -> ModuleType:
     """The kernel of many vehicles; a process with this cache finds it made."""
     with _turn("kernel"):
-        return generated.load("kernel", kernel.source())
+        return source.load_module("kernel", kernel.kernel_source())
 
 
 def compiled_vehicle() -> Code:

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from types import ModuleType
 
 from benchmarks.model.vehicles import STEPS, flying, send
-from services.dynamics.fleet import kernel
-from services.dynamics.fleet.compiled import CompiledFleet
-from services.runtime import generated
+from services.dynamics.compiled import kernel, source
+from services.dynamics.compiled.fleet import CompiledFleet
 
 _ALONE = """
 @njit(error_model='numpy', nogil=True, cache=True)
@@ -20,7 +19,7 @@ def alone(blocks, constants, steps, every):
 
 
 def compiled() -> ModuleType:
-    return generated.load("benchmark", kernel.source() + _ALONE)
+    return source.load_module("benchmark", kernel.kernel_source() + _ALONE)
 
 
 def on_their_way(

@@ -21,7 +21,7 @@ from benchmarks.model.vehicles import FAR, STEPS, flying  # noqa: E402
 
 def plain() -> None:
     from benchmarks.model.reference import hovering
-    from services.dynamics.pilot import act
+    from services.dynamics.flight_modes import motor_commands
     from services.dynamics.rigidbody import step
 
     body, gains, mixer, _, weight, _, _ = constants_of(DynamicsParams())
@@ -38,7 +38,7 @@ def plain() -> None:
         state, command = start, motors
         for number in range(calls):
             if number % 4 == 0:
-                command = act(state, wanted, 2.0, weight, gains, mixer)
+                command = motor_commands(state, wanted, 2.0, weight, gains, mixer)
             state = step(state, command, still, body)
 
     vehicle = Vehicle(flying())

@@ -11,12 +11,9 @@ from importlib.util import find_spec
 
 import msgspec
 
-from services.campaign.diary import Flown
-from services.campaign.fleets import Plain
-from services.campaign.process.crew import Crew, Worker
-from services.campaign.process.orders import Job, Order, say
-from services.campaign.process.worker import batch
-from services.campaign.report import document, seeds
+from services.campaign.score import Flown, document, seeds
+from services.campaign.vehicles import Plain
+from services.campaign.workers import Crew, Job, Order, Worker, batch, say
 from services.runtime.errors import QuadctlError
 
 BATCH = 500

@@ -5,13 +5,13 @@ import math
 from schemas.params import Params
 from schemas.services import ResetRequest, ResetResponse
 from schemas.topics import RESET
-from services.dynamics.process.swift import Swift
+from services.dynamics.compiler import BackgroundCompiler
 from services.dynamics.simulation import Simulation
 from services.runtime.entry import start
 from services.runtime.node import Node
 from services.runtime.params.load import launch_lines
 
-_swift = Swift()
+_compiler = BackgroundCompiler()
 """For all vehicles of the process."""
 
 
@@ -21,8 +21,8 @@ def run(node: Node, params: Params) -> None:
         node.log.info(line)
     # One vehicle in real time is no work, and the code would take more memory than all the rest.
     if many := not node.alone or params.dynamics.speed != 1:
-        _swift.ask()
-    simulation = Simulation(node, params, _swift.single if many else None)
+        _compiler.start()
+    simulation = Simulation(node, params, _compiler.single if many else None)
 
     def reset(_request: ResetRequest) -> ResetResponse:
         simulation.reset(server.call.boot if server.call else "")

@@ -1,21 +1,94 @@
-"""The vehicle as a process flies it: one boot after another, the setpoints that each follows, its poses."""
+"""The vehicle as its process flies it: one boot after another, the setpoints that each follows, its poses."""
 
 import math
 import os
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import msgspec
+from msgspec import structs
 
 from schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
-from schemas.params import FROM_STANDSTILL, Params
+from schemas.params import FROM_STANDSTILL, FlightFaultParams, Params
 from schemas.topics import POSE, SETPOINT
-from services.dynamics.heed import Heed
-from services.dynamics.reported import Reported
 from services.dynamics.vehicle import Fly, Vehicle
 from services.runtime.errors import Refused
 from services.runtime.node import Node
 from services.runtime.params.names import flatten
+
+
+class GoalLatch:
+    """After a brake of its own the vehicle goes on to the goal that it had within a grace alone.
+
+    After a longer silence somebody may have come near. Then it goes on for what was asked of safety
+    since: for another goal, or after a setpoint to brake, which says that safety knows of the stop.
+    """
+
+    def __init__(self) -> None:
+        self._goal: Position | None = None
+        self._void: Position | None = None
+
+    def stopped(self) -> None:
+        """The vehicle brakes because it hears nothing."""
+        self._void = self._goal
+
+    def resumed(self) -> None:
+        """Go on with the goal: setpoints were missing for no longer than the grace."""
+        self._void = None
+
+    def accepts(self, goal: Position, *, brake: bool) -> bool:
+        """Whether a setpoint is followed."""
+        if not brake and goal == self._void:
+            return False
+        self._goal, self._void = None if brake else goal, None
+        return True
+
+
+_LONGEST = 10.0
+"""Seconds of poses that are kept; `dynamics.fault.delay` asks for no more."""
+
+_SLACK = 1e-6
+"""What times that are multiples of a period may be off by rounding, s."""
+
+
+class FaultyPose:
+    """Hands poses on as the fault in force leaves them; a changed one counts at once."""
+
+    def __init__(self, params: FlightFaultParams) -> None:
+        self._params = params
+        self._past: deque[Pose] = deque()
+        self._told: Pose | None = None
+
+    def through(self, pose: Pose) -> Pose:
+        """What is told in place of the true pose."""
+        if self._params.pose == "none":
+            self._past.clear()
+        else:
+            self._keep(pose)
+            pose = self._faulty(pose)
+        self._told = pose
+        return pose
+
+    def _faulty(self, pose: Pose) -> Pose:
+        match self._params.pose:
+            case "frozen":
+                return self._told or pose
+            case "delayed":
+                then = pose.stamp - self._params.delay + _SLACK
+                return next(
+                    (old for old in reversed(self._past) if old.stamp <= then), self._past[0]
+                )
+        place = structs.replace(pose.position, x=pose.position.x + self._params.jump)
+        return structs.replace(pose, position=place)
+
+    def _keep(self, pose: Pose) -> None:
+        if self._past and self._past[-1].boot != pose.boot:
+            self._past.clear()
+        self._past.append(pose)
+        while self._past[0].stamp < pose.stamp - _LONGEST:
+            self._past.popleft()
+
 
 _STEPS_PER_SECOND = 1000
 _ASK_AGAIN = 0.25
@@ -33,7 +106,7 @@ class Simulation:
         """`faster` is asked before each flight of a pose's time, until it has something faster."""
         self._node, self._params = node, params.dynamics
         self._faster = faster
-        self._reported = Reported(params.dynamics.fault)
+        self._reported = FaultyPose(params.dynamics.fault)
         self._boots: set[str] = set()
         self._unsent: list[Pose] = []
         self.boot()
@@ -58,7 +131,7 @@ class Simulation:
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
         self._answered, self._braked, self.heard = -1, True, 0.0
-        self._heed, self._ignores, self._alone = Heed(), False, False
+        self._latch, self._ignores, self._alone = GoalLatch(), False, False
         self._node.log.info("boot %s", self._boot)
 
     def configure(self) -> None:
@@ -120,7 +193,7 @@ class Simulation:
                 "no setpoint for %g s: braking to a hover", self._params.setpoint_timeout
             )
             self._vehicle.brake()
-            self._heed.stopped()
+            self._latch.stopped()
             self._alone = True
 
     def wait_for_safety(self) -> None:
@@ -159,18 +232,18 @@ class Simulation:
         self._answered, self.heard = setpoint.for_seq, self._setpoints.received
         # Safety, which sees the silence only by its poses, may find it a little shorter.
         if self._alone and silence <= self._params.grace + self._params.setpoint_timeout:
-            self._heed.resumed()
+            self._latch.resumed()
             self._node.log.info("setpoints again after %.2g s: going on", silence)
         self._alone = False
-        heeds = self._heed.heeds(setpoint.position, brake=setpoint.brake)
-        if not (heeds or self._ignores):
+        accepts = self._latch.accepts(setpoint.position, brake=setpoint.brake)
+        if not (accepts or self._ignores):
             self._node.log.warning("setpoints again: hovering until another goal is asked for")
-        self._ignores = not heeds
+        self._ignores = not accepts
         if setpoint.brake:
             self._vehicle.brake()
-        elif heeds:
+        elif accepts:
             self._vehicle.goto(*_xyz(setpoint.position))
-        self._braked = setpoint.brake or not heeds
+        self._braked = setpoint.brake or not accepts
 
 
 def _xyz(position: Position) -> tuple[float, float, float]:

@@ -12,12 +12,12 @@ from msgspec.structs import replace
 
 from schemas.params import DynamicsParams
 from schemas.vehicle import VehicleParams
-from services.dynamics import pilot, setpoint, wind
+from services.dynamics import flight_modes, trajectory, wind
 from services.dynamics.controller import PERIOD, control_constants
-from services.dynamics.pilot import Constants, Mode, fresh
+from services.dynamics.flight_modes import Constants, FlightMode, fresh
 from services.dynamics.rigidbody import STEP, Motors, State, body_constants
 from services.dynamics.rotor import hover_speed, mixer_constants
-from services.dynamics.setpoint import Plan, limits_of
+from services.dynamics.trajectory import Plan, limits_of
 from services.dynamics.wind import Air, initial_air, weather_of
 
 LAGS_TO_SPIN_UP = 5.0
@@ -26,10 +26,10 @@ LAGS_TO_SPIN_UP = 5.0
 Vector = tuple[float, float, float]
 """x, y, z."""
 
-Lane = tuple[State, Motors, Plan, Mode, Air]
+Lane = tuple[State, Motors, Plan, FlightMode, Air]
 """All that a vehicle is at one moment: state, motors' command, plan and mode, and its air."""
 
-Fly = Callable[[State, Motors, Plan, Mode, Air, Constants, int, int], Lane]
+Fly = Callable[[State, Motors, Plan, FlightMode, Air, Constants, int, int], Lane]
 """`pilot.fly`, or what does the same to the bit."""
 
 
@@ -64,7 +64,7 @@ def initial(params: DynamicsParams) -> Lane:
     still = (0.0, 0.0, 0.0)
     state: State = (*start, *still, 1.0, 0.0, 0.0, 0.0, *still, *command)
     mode = fresh(standing=stands)
-    plan = setpoint.resting(*start, limits_of(params))
+    plan = trajectory.resting(*start, limits_of(params))
     return state, command, plan, mode, initial_air(params)
 
 
@@ -84,7 +84,7 @@ class Vehicle:
         """At rest on `params.start`, at time 0."""
         self.steps = 0
         """Integration steps since boot."""
-        self.fly: Fly = pilot.fly
+        self.fly: Fly = flight_modes.fly
         """What takes it through the steps: the text itself, or the same compiled."""
         self.in_force = deepcopy(params)
         """The parameters that it flies by."""
@@ -107,19 +107,19 @@ class Vehicle:
 
     def _use(self, params: DynamicsParams) -> None:
         self.in_force, self._constants = params, constants_of(params)
-        self._mode = pilot.woken(self._mode)
+        self._mode = flight_modes.woken(self._mode)
         self._air = wind.changed(self._air, self._constants[6])
 
     def _settle(self) -> None:
         """Adopt what waits, if the vehicle stands or its setpoint is at rest."""
         wanted, limits = self._wanted, self._constants[3]
-        if wanted is None or not (self.standing or setpoint.at_rest(self._plan, limits)):
+        if wanted is None or not (self.standing or trajectory.at_rest(self._plan, limits)):
             return
         before = hover_speed(self.in_force.vehicle)
         self._use(wanted)
         self._wanted = None
         x, y, z = (axis[3] for axis in self._plan[:3])
-        self._plan = setpoint.resting(x, y, z, self._constants[3])
+        self._plan = trajectory.resting(x, y, z, self._constants[3])
         if not self.standing and before > 0:
             # A body that changes in the air stays at rest: its motors turn as its weight asks.
             self._turn_motors(hover_speed(wanted.vehicle) / before)
@@ -179,7 +179,7 @@ class Vehicle:
     @property
     def setpoint(self) -> Vector:
         """Where the controller wants the vehicle now, m, world."""
-        return pilot.place(self._plan, self._constants[3])
+        return flight_modes.place(self._plan, self._constants[3])
 
     @property
     def goal(self) -> Vector:
@@ -196,13 +196,13 @@ class Vehicle:
 
     def goto(self, x: float, y: float, z: float) -> None:
         """Fly to this point, m, world; with the goal it already has, nothing changes."""
-        self._plan, self._mode = pilot.goto(
+        self._plan, self._mode = flight_modes.goto(
             self._plan, self._mode, x, y, z, self._constants[5], self._constants[3]
         )
 
     def brake(self) -> None:
         """Come to rest where the setpoint soonest can; while braking, nothing changes."""
-        self._plan, self._mode = pilot.brake(self._plan, self._mode, self._constants[3])
+        self._plan, self._mode = flight_modes.brake(self._plan, self._mode, self._constants[3])
 
     def advance(self, steps: int) -> None:
         """Run this many integration steps of 1 ms; every fourth since boot is a control step."""

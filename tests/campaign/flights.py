@@ -7,10 +7,9 @@ from random import Random
 import pytest
 
 from services.campaign.batch import Batch
-from services.campaign.fleets import Plain
-from services.campaign.mission import mission
-from services.campaign.oracle import Floats
-from services.campaign.rows import Mission
+from services.campaign.mission import Mission, mission
+from services.campaign.score import Floats
+from services.campaign.vehicles import Plain
 from services.safety import automaton, monitor
 from services.safety.automaton import RULES, Rule
 

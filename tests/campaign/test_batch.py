@@ -6,9 +6,9 @@ from msgspec.structs import replace
 from schemas.messages import Position
 from schemas.params import SafetyParams
 from services.campaign.batch import Batch
-from services.campaign.diary import Flown
-from services.campaign.fleets import Compiled, Plain
-from services.campaign.rows import Cage, Deaf, Goto, Mute, Resize
+from services.campaign.mission import Cage, Deaf, Goto, Mute, Resize
+from services.campaign.score import Flown
+from services.campaign.vehicles import Compiled, Plain
 from services.safety.automaton import Rule, always
 from services.safety.model import Check, Resized, State, Toggle
 from tests.campaign.flights import Sleepless, batch, missions, put_in

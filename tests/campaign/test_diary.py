@@ -3,7 +3,7 @@
 import pytest
 
 from schemas.messages import PAUSED, CageSize, Position, SafetyState
-from services.campaign.diary import Diary
+from services.campaign.score import FlightLog
 
 HERE, CAGE = Position(1.0, 2.0, 1.0), CageSize(5.0, 5.0, 5.0)
 FAR = "outside the cage: x = 9 is beyond [-5, 5]"
@@ -20,7 +20,7 @@ def digest(
     goal: tuple[float, float, float] = (9.0, 0.0, 1.0),
     why: str = FAR,
 ) -> str:
-    diary = Diary(log=False)
+    diary = FlightLog(log=False)
     diary.asked(goal, why)
     diary.told(told, line)
     return diary.digest.hexdigest()
@@ -51,7 +51,7 @@ def test_verdicts_states_and_goals_count(other: str):
 
 
 def test_a_state_that_differs_in_wording_alone_is_none():
-    diary = Diary(log=False)
+    diary = FlightLog(log=False)
     diary.asked((9.0, 0.0, 1.0), FAR)
     for reason in (FAR, "farther", FAR):
         diary.told(state(reason), reason)

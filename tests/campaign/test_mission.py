@@ -6,9 +6,19 @@ from random import Random
 
 import pytest
 
-from services.campaign.mission import mission
-from services.campaign.oracle import inside
-from services.campaign.rows import Deaf, Goto, Jump, Late, Mission, Mute, Resize, Row, text
+from services.campaign.mission import (
+    Deaf,
+    Goto,
+    Jump,
+    Late,
+    Mission,
+    Mute,
+    Resize,
+    Row,
+    mission,
+    text,
+)
+from services.campaign.score import inside
 from tests.campaign.flights import missions
 
 FAULTS = (Deaf, Mute, Jump, Late)

@@ -7,8 +7,8 @@ import pytest
 
 from schemas.params import CageParams, SafetyParams
 from services.campaign.batch import Batch
-from services.campaign.fleets import Plain
-from services.campaign.rows import Cage, Goto, Mission
+from services.campaign.mission import Cage, Goto, Mission
+from services.campaign.vehicles import Plain
 
 HALF, TOP = 2.0, 1.5
 MIDDLE = (0.0, 0.0, 0.75)

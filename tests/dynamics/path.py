@@ -3,10 +3,9 @@
 from math import ceil
 
 from schemas.params import DynamicsParams
-from services.dynamics import setpoint
+from services.dynamics import trajectory
 from services.dynamics.controller import PERIOD, Setpoint
-from services.dynamics.setpoint import limits_of
-from services.dynamics.sharing import Axis
+from services.dynamics.trajectory import Axis, limits_of
 
 
 class Path:
@@ -14,11 +13,11 @@ class Path:
 
     def __init__(self, params: DynamicsParams, position: tuple[float, float, float]) -> None:
         self._limits = limits_of(params)
-        self._plan = setpoint.resting(*position, self._limits)
+        self._plan = trajectory.resting(*position, self._limits)
 
     @property
     def setpoint(self) -> Setpoint:
-        return setpoint.setpoint_of(self._plan, self._limits)
+        return trajectory.setpoint_of(self._plan, self._limits)
 
     @property
     def x(self) -> Axis:
@@ -31,16 +30,16 @@ class Path:
 
     @property
     def at_rest(self) -> bool:
-        return setpoint.at_rest(self._plan, self._limits)
+        return trajectory.at_rest(self._plan, self._limits)
 
     def goto(self, x: float, y: float, z: float) -> None:
-        self._plan = setpoint.goto(self._plan, x, y, z, self._limits)
+        self._plan = trajectory.goto(self._plan, x, y, z, self._limits)
 
     def brake(self) -> None:
-        self._plan = setpoint.brake(self._plan, self._limits)
+        self._plan = trajectory.brake(self._plan, self._limits)
 
     def advance(self) -> None:
-        self._plan = setpoint.advance(self._plan, self._limits)
+        self._plan = trajectory.advance(self._plan, self._limits)
 
     def advance_for(self, seconds: float) -> None:
         for _ in range(ceil(seconds / PERIOD)):

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.model import flown, scenario
 from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
-from services.dynamics import pilot
+from services.dynamics import flight_modes
 from services.dynamics.rigidbody import State, body_constants, step
 from services.dynamics.vehicle import Vehicle, constants_of, initial
 from tests.dynamics.reference import Reference, angle
@@ -66,11 +66,13 @@ def test_five_seconds_to_a_waypoint_end_where_dop853_between_the_commands_does(w
     vehicle, reference = Vehicle(params), Reference(params.vehicle, wind)
     constants = constants_of(params)
     state, command, plan, mode, air = initial(params)
-    plan, mode = pilot.goto(plan, mode, 3.0, 2.0, 2.0, constants[5], constants[3])
+    plan, mode = flight_modes.goto(plan, mode, 3.0, 2.0, 2.0, constants[5], constants[3])
     vehicle.goto(3.0, 2.0, 2.0)
     worst = 0.0
     for _ in range(1250):
-        command, plan, mode, air = pilot.control_period(state, command, plan, mode, air, constants)
+        command, plan, mode, air = flight_modes.control_period(
+            state, command, plan, mode, air, constants
+        )
         state = tuple(reference.fly(state, command, 0.004).tolist())
         vehicle.advance(4)
         worst = max(worst, dist(vehicle.position, state[:3]))

@@ -8,11 +8,11 @@ import pytest
 
 from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from schemas.vehicle import RotorDragParams
-from services.dynamics.fleet.compiled import CompiledFleet
-from services.dynamics.fleet.kernel import WIDTH
-from services.dynamics.fleet.text import merged
+from services.dynamics.compiled import source
+from services.dynamics.compiled.fleet import CompiledFleet
+from services.dynamics.compiled.kernel import WIDTH
+from services.dynamics.compiled.source import merged
 from services.dynamics.vehicle import Vehicle
-from services.runtime import generated
 from tests.compiled import compiled_kernel
 
 Make = Callable[[Sequence[DynamicsParams]], CompiledFleet]
@@ -89,15 +89,19 @@ def test_more_vehicles_than_are_stepped_together(compiled: Make):
 
 
 def test_the_text_uses_nothing_that_a_backend_lacks():
-    names = [function.name for function in merged(["pilot_control_period", "pilot_move"])]
-    assert {"rigidbody_step", "controller_control", "rotor_mix", "axis_switch"} <= set(names)
+    names = [
+        function.name for function in merged(["flight_modes__control_period", "flight_modes__move"])
+    ]
+    assert {"rigidbody__step", "controller__control", "rotor__mix", "trajectory__switch"} <= set(
+        names
+    )
     with pytest.raises(KeyError):
-        merged(["pilot_nonsense"])
+        merged(["flight_modes__nonsense"])
 
 
 def test_a_module_that_was_written_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert generated.load("said", "WORD = 'one'").WORD == "one"
-    assert generated.load("said", "WORD = 'two'").WORD == "two"
-    assert generated.load("said", "WORD = 'one'").WORD == "one"
+    assert source.load_module("said", "WORD = 'one'").WORD == "one"
+    assert source.load_module("said", "WORD = 'two'").WORD == "two"
+    assert source.load_module("said", "WORD = 'one'").WORD == "one"
     assert len(list((tmp_path / "quadctl").glob("said_*.py"))) == 2

@@ -5,8 +5,8 @@ from collections import Counter
 
 import pytest
 
-from services.dynamics import setpoint
-from services.dynamics.glide import NOTHING, PLAIN, RARE, glide
+from services.dynamics import trajectory
+from services.dynamics.compiled.branchless import NOTHING, PLAIN, RARE, glide
 from services.dynamics.vehicle import Vehicle, constants_of
 from tests.dynamics.test_fleets import vehicles
 
@@ -22,9 +22,9 @@ def test_it_is_the_setpoints_own_to_the_bit_or_said_to_be_rare(number: int):
         plan = vehicle._plan
         after, kind = glide(plan, limits)
         if kind == PLAIN:
-            assert repr(after) == repr(setpoint.advance(plan, limits))
+            assert repr(after) == repr(trajectory.advance(plan, limits))
         elif kind == NOTHING:
-            assert repr(plan) == repr(setpoint.advance(plan, limits))
+            assert repr(plan) == repr(trajectory.advance(plan, limits))
         found[kind] += 1
         vehicle.advance(4)
     assert found[PLAIN] > 1000

@@ -1,13 +1,13 @@
 """Which setpoints move the vehicle."""
 
 from schemas.messages import Position
-from services.dynamics.heed import Heed
+from services.dynamics.simulation import GoalLatch
 
 THERE, ELSEWHERE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
 
 
-def stopped_on_its_way() -> Heed:
-    heed = Heed()
+def stopped_on_its_way() -> GoalLatch:
+    heed = GoalLatch()
     assert heed.heeds(THERE, brake=False)
     heed.stopped()
     return heed
@@ -38,7 +38,7 @@ def test_a_safety_that_knows_of_the_stop_may_send_it_there_again():
 
 
 def test_silence_in_which_it_had_no_goal_bars_none():
-    heed = Heed()
+    heed = GoalLatch()
     heed.stopped()
     assert heed.heeds(THERE, brake=False)
     assert heed.heeds(THERE, brake=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from schemas.params import DynamicsParams, StartParams
-from services.dynamics.fleet.compiled import CompiledFleet
+from services.dynamics.compiled.fleet import CompiledFleet
 from tests.compiled import compiled_kernel
 from tests.proofs import Proofs
 

@@ -4,7 +4,7 @@ from msgspec import structs
 
 from schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
 from schemas.params import DynamicsParams, FlightFaultParams
-from services.dynamics.reported import Reported
+from services.dynamics.simulation import FaultyPose
 from services.dynamics.vehicle import Vehicle
 
 
@@ -16,7 +16,7 @@ def pose(seq: int, boot: str = "a") -> Pose:
 
 
 def test_a_sound_one_is_told_as_it_is():
-    reported = Reported(FlightFaultParams())
+    reported = FaultyPose(FlightFaultParams())
     assert all(reported.through(pose(n)) is not None for n in range(3))
     given = pose(4)
     assert reported.through(given) is given
@@ -24,7 +24,7 @@ def test_a_sound_one_is_told_as_it_is():
 
 def test_a_frozen_one_is_the_last_that_was_told():
     params = FlightFaultParams()
-    reported = Reported(params)
+    reported = FaultyPose(params)
     last = reported.through(pose(1))
     params.pose = "frozen"
     assert [reported.through(pose(n)) for n in (2, 3)] == [last, last]
@@ -34,7 +34,7 @@ def test_a_frozen_one_is_the_last_that_was_told():
 
 def test_a_delayed_one_is_of_that_time_ago():
     params = FlightFaultParams(pose="delayed", delay=0.05)
-    reported = Reported(params)
+    reported = FaultyPose(params)
     told = [reported.through(pose(n)).seq for n in range(12)]
     assert told == [0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6]
     # Of a boot that is over nothing is told.
@@ -42,7 +42,7 @@ def test_a_delayed_one_is_of_that_time_ago():
 
 
 def test_a_jump_is_off_the_true_place_and_nothing_else():
-    reported = Reported(FlightFaultParams(pose="jump", jump=-2.0))
+    reported = FaultyPose(FlightFaultParams(pose="jump", jump=-2.0))
     told = reported.through(pose(3))
     assert told.position == Position(1.0, 0.0, 1.0)
     assert structs.replace(told, position=pose(3).position) == pose(3)

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from schemas.params import DynamicsParams
-from services.dynamics import pilot
-from services.dynamics.process.machine import Code, Machine, store, stored
+from services.dynamics import flight_modes
+from services.dynamics.compiler import Code, MachineCode, store, stored
 from services.dynamics.vehicle import Fly, Vehicle
 from tests.compiled import compiled_vehicle
 from tests.dynamics.test_fleets import vehicles
@@ -42,12 +42,12 @@ def tell(draws: random.Random, params: DynamicsParams, *several: Vehicle) -> Non
 
 @pytest.mark.parametrize("number", range(3))
 def test_it_flies_as_plain_python_does_and_either_goes_on_from_the_other(code: Code, number: int):
-    draws, params, machine = random.Random(number), vehicles(3, 5)[number], Machine(code)
+    draws, params, machine = random.Random(number), vehicles(3, 5)[number], MachineCode(code)
     plain, other = Vehicle(params), Vehicle(params)
     single: Fly = machine.single()
     for _ in range(40):
         tell(draws, params, plain, other)
-        other.fly = draws.choice([single, single, pilot.fly])
+        other.fly = draws.choice([single, single, flight_modes.fly])
         for _ in range(draws.choice([1, 40, 200])):
             piece = draws.choice([1, 3, 10])
             plain.advance(piece)
@@ -56,7 +56,7 @@ def test_it_flies_as_plain_python_does_and_either_goes_on_from_the_other(code: C
 
 
 def test_each_vehicle_has_its_own(code: Code):
-    machine = Machine(code)
+    machine = MachineCode(code)
     params = vehicles(2, 1)
     both, alone = [Vehicle(each) for each in params], Vehicle(params[0])
     for vehicle in (*both, alone):

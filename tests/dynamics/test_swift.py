@@ -2,8 +2,8 @@
 
 import pytest
 
-from services.dynamics.process import machine, swift
-from services.dynamics.process.swift import Swift
+from services.dynamics import compiler
+from services.dynamics.compiler import BackgroundCompiler
 from tests.compiled import compiled_vehicle
 from tests.processes.lab import CACHE
 from tests.processes.running import eventually
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.timeout(200)
 def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
     compiled_vehicle()
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
-    waited = Swift()
+    waited = BackgroundCompiler()
     assert waited.single() is None
     for _ in range(3):
         waited.ask()
@@ -23,7 +23,7 @@ def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
 
 def test_without_numba_there_is_none(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    without = Swift()
+    without = BackgroundCompiler()
     without._fetch()
     assert without.single() is None
 
@@ -31,9 +31,9 @@ def test_without_numba_there_is_none(monkeypatch: pytest.MonkeyPatch):
 def test_where_it_cannot_be_made_that_is_told(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
-    monkeypatch.setattr(swift, "_MAKING", ("false",))
-    monkeypatch.setattr(machine, "stored", lambda: None)
-    without = Swift()
+    monkeypatch.setattr(compiler, "_MAKING", ("false",))
+    monkeypatch.setattr(compiler, "stored", lambda: None)
+    without = BackgroundCompiler()
     without._fetch()
     assert without.single() is None
     assert "could not be compiled" in caplog.text

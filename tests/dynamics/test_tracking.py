@@ -6,7 +6,7 @@ import pytest
 
 from schemas.params import DynamicsParams, StartParams
 from services.dynamics.controller import PERIOD, STEPS
-from services.dynamics.pilot import act
+from services.dynamics.flight_modes import motor_commands
 from services.dynamics.rigidbody import step
 from services.dynamics.vehicle import Vehicle, constants_of, initial
 
@@ -39,7 +39,7 @@ def test_a_circle_at_four_metres_per_second_is_kept_to_three_centimetres(jerk, w
         errors.append(dist(state[:3], wanted[:3]))
         if not jerk:
             wanted = (*wanted[:9], *(0.0,) * 6)
-        command = act(state, wanted, 2.0, weight, gains, mixer)
+        command = motor_commands(state, wanted, 2.0, weight, gains, mixer)
         for _ in range(STEPS):
             state = step(state, command, CALM, body)
     settled = max(errors[1500:])

@@ -7,7 +7,7 @@ import pytest
 
 from schemas.params import DynamicsParams, StartParams
 from schemas.vehicle import ControlParams, VehicleParams
-from services.dynamics import pilot
+from services.dynamics import flight_modes
 from services.dynamics.rigidbody import body_constants, step
 from services.dynamics.vehicle import Vehicle
 
@@ -207,7 +207,7 @@ def test_closed_loop_with_four_times_finer_steps_ends_in_the_same_place():
     coarse.advance(5000)
     fine.goto(2.0, -1.0, 2.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pilot, "step", four_steps)
+        patch.setattr(flight_modes, "step", four_steps)
         fine.advance(5000)
     assert dist(coarse.position, fine.position) < 1e-8
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from services.runtime.errors import QuadctlError, UsageError
 from services.runtime.supervisor.launch import Launch
 
-_PACE = (sys.executable, "-P", "-m", "services.dynamics.process.pace")
+_PACE = (sys.executable, "-P", "-m", "services.dynamics.pace")
 _TIMEOUT = 20.0
 _STEPS_PER_SECOND = 1000
 _SETPOINTS = 200.0

@@ -1,4 +1,4 @@
-"""The model compiled by numba: a generated module, one loop over blocks of vehicles.
+"""Generated numba kernel over blocks of vehicles.
 
 A block holds WIDTH vehicles, a row of each number, so that the processor takes several vehicles
 at once through what has no branches: the controller, the mixer, the integration step, and the
@@ -10,11 +10,35 @@ import ast
 from collections.abc import Mapping
 from functools import reduce
 
+from services.dynamics.compiled.branchless import PLAIN, RARE
+from services.dynamics.compiled.source import merged
 from services.dynamics.controller import STEPS
-from services.dynamics.fleet.commands import COMMANDS
-from services.dynamics.fleet.text import merged
-from services.dynamics.glide import PLAIN, RARE
-from services.dynamics.pilot import PERIODS_TO_REST
+from services.dynamics.flight_modes import PERIODS_TO_REST
+
+COMMANDS = """
+@njit(error_model='numpy', cache=True)
+def goto(blocks, constants, b, lane, x, y, z):
+    q, c, n = blocks[b], constants[b], np.uint64(lane)
+    plan, mode = flight_modes__goto(
+        _plan_of(_plan(q, n)), _mode(q, n), x, y, z, _get_spin_up(c)[0], _get_limits(c))
+    _put_plan(q, n, _flat(plan))
+    _put_mode(q, n, mode)
+
+
+@njit(error_model='numpy', cache=True)
+def brake(blocks, constants, b, lane):
+    q, c, n = blocks[b], constants[b], np.uint64(lane)
+    plan, mode = flight_modes__brake(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(c))
+    _put_plan(q, n, _flat(plan))
+    _put_mode(q, n, mode)
+
+
+@njit(error_model='numpy', cache=True)
+def room(blocks, constants, b, lane, periods):
+    q, n = blocks[b], np.uint64(lane)
+    return flight_modes__room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]), periods)
+"""
+
 
 WIDTH = 64
 """Vehicles in a block."""
@@ -33,11 +57,16 @@ STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode", "air"
 ROWS = sum(LAYOUT.values())
 
 _TOGETHER = (
-    "wind_blow", "pilot_choose", "setpoint_setpoint_of", "pilot_act", "glide_glide", "pilot_rest",
-    "rigidbody_step",
+    "wind__blow", "flight_modes__select_mode", "trajectory__setpoint_of", "flight_modes__motor_commands", "branchless__glide", "flight_modes__rest",
+    "rigidbody__step",
 )  # fmt: skip
 """What has no loops, so that all of a block's vehicles take it side by side."""
-_ALONE = ("pilot_lead_on", "pilot_goto", "pilot_brake", "stopping_room")
+_ALONE = (
+    "flight_modes__next_leg",
+    "flight_modes__goto",
+    "flight_modes__brake",
+    "flight_modes__room",
+)
 """What a vehicle does by itself, now and then."""
 
 
@@ -48,7 +77,7 @@ def span(rows: Mapping[str, int], first: str, last: str = "") -> slice:
     return slice(sum(rows[n] for n in names[:start]), sum(rows[n] for n in names[:end]))
 
 
-def source() -> str:
+def kernel_source() -> str:
     """A module whose `advance(blocks, constants, start, steps)` runs integration steps of 1 ms.
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
@@ -67,7 +96,7 @@ def source() -> str:
 
 def _move(weather: str, steps: int) -> str:
     # Two steps at once are faster than one by one: what is between them stays in registers.
-    step = f"rigidbody_step({{before}}, _command(q, n), {_FLOW[weather]}, body)"
+    step = f"rigidbody__step({{before}}, _command(q, n), {_FLOW[weather]}, body)"
     moved = reduce(lambda text, _: step.format(before=text), range(steps), "s")
     return _MOVE.format(name=f"_{weather}{steps}", moved=moved)
 
@@ -157,11 +186,11 @@ def _decide(q, c):
     for n in range(np.uint64({WIDTH})):
         old = _mode(q, n)
         plan = _plan_of(_plan(q, n))
-        mode, kind = pilot_choose(_state(q, n), plan, old, limits)
+        mode, kind = flight_modes__select_mode(_state(q, n), plan, old, limits)
         live = old[2] < {PERIODS_TO_REST}
         _put_mode(q, n, ({", ".join(f"mode[{i}] if live else old[{i}]" for i in range(8))}))
         _put_kind(q, n, (kind,))
-        _put_wanted(q, n, setpoint_setpoint_of(plan, limits))
+        _put_wanted(q, n, trajectory__setpoint_of(plan, limits))
 
 
 @njit(error_model='numpy', inline='never')
@@ -173,21 +202,21 @@ def _glide(q, c):
         mode = _mode(q, n)
         live = mode[2] < {PERIODS_TO_REST}
         flies = live & (_kind(q, n)[0] == 2.0)
-        plan, due = glide_glide(_plan_of(before), limits)
+        plan, due = branchless__glide(_plan_of(before), limits)
         rare = flies & ((due == {RARE}) | (mode[4] > 0.0))
         plain = flies & (due == {PLAIN}) & (mode[4] == 0.0)
         after = _flat(plan)
 {_PUT_PLAN}
         rests = live & (rare == False)
-        calm = pilot_rest(_state(q, n), _command(q, n), _plan_of(_plan(q, n)), mode, limits)[2]
+        calm = flight_modes__rest(_state(q, n), _command(q, n), _plan_of(_plan(q, n)), mode, limits)[2]
         q[_mode2 + n] = calm if rests else mode[2]
         _put_rare(q, n, (1.0 if rare else 0.0,))
 
 
 @njit(error_model='numpy', inline='never')
 def _lead_on(q, n, limits):
-    plan, mode = pilot_lead_on(_plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
-    mode = pilot_rest(_state(q, n), _command(q, n), plan, mode, limits)
+    plan, mode = flight_modes__next_leg(_plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
+    mode = flight_modes__rest(_state(q, n), _command(q, n), plan, mode, limits)
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
 
@@ -199,7 +228,7 @@ def _act(q, c):
     mixer = _get_mixer(c)
     weight = _get_weight(c)[0]
     for n in range(np.uint64({WIDTH})):
-        m0, m1, m2, m3 = pilot_act(
+        m0, m1, m2, m3 = flight_modes__motor_commands(
             _state(q, n), _wanted(q, n), _kind(q, n)[0], weight, gains, mixer)
         live = q[_mode2 + n] < {PERIODS_TO_REST}
         c0, c1, c2, c3 = _command(q, n)
@@ -213,7 +242,7 @@ def _blow(q, c):
     weather = _get_weather(c)
     for n in range(np.uint64({WIDTH})):
         old = _air(q, n)
-        new = wind_blow(old, weather)
+        new = wind__blow(old, weather)
         live = q[_mode2 + n] < {PERIODS_TO_REST}
         _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
 

@@ -5,10 +5,16 @@ sharing the limits anew. Here such a period is only told from the others, which 
 to the bit. Straight-line text, as in rigidbody.py; SI units.
 """
 
-from services.dynamics.axis import brake, press
 from services.dynamics.controller import PERIOD
-from services.dynamics.setpoint import REDIVIDE, Plan, lagged
-from services.dynamics.sharing import Axis, Limits
+from services.dynamics.trajectory import (
+    REDIVIDE,
+    Axis,
+    Limits,
+    Plan,
+    accelerate,
+    decelerate,
+    lagged,
+)
 
 NOTHING = 0.0
 """The setpoint is at rest: no new plan."""
@@ -27,8 +33,8 @@ def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
     most_j = share * most_j
     moves = (v != 0.0) | (a != 0.0) | (p != goal)
     brakes = heading == 0.0
-    p1, v1, a1 = brake(p, v, a, goal, most_a, most_j, PERIOD)
-    p2, v2, a2, _, past = press(p, v, a, goal, heading, most_v, most_a, most_j)
+    p1, v1, a1 = decelerate(p, v, a, goal, most_a, most_j, PERIOD)
+    p2, v2, a2, _, past = accelerate(p, v, a, goal, heading, most_v, most_a, most_j)
     p2 = p1 if brakes else p2
     v2 = v1 if brakes else v2
     a2 = a1 if brakes else a2

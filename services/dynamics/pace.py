@@ -1,4 +1,4 @@
-"""Times the vehicle's text in plain Python: `python -P -m services.dynamics.process.pace`.
+"""Times the vehicle's text in plain Python: `python -P -m services.dynamics.pace`.
 
 Prints the seconds that one integration step takes here, in flight. It takes some 30 ms beside the
 start of Python.

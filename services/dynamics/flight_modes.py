@@ -1,4 +1,4 @@
-"""The pilot: which of the vehicle's ways to be controlled is on, and where its setpoint leads.
+"""Standing, spin-up, flying, hopping, landing, at rest; the room a stop takes.
 
 It stands with idle motors, spins them up, flies, or lands. Over the floor it hops, and it lands from
 straight above: a way along the floor or down to it aslant would scrape it, and touching it takes away
@@ -8,16 +8,18 @@ last digits.
 
 World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
 is an `if` on its own.
+
+World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
+is an `if` on its own.
 """
 
 from math import nan
 
-from services.dynamics import setpoint, wind
-from services.dynamics.controller import STEPS, Gains, Setpoint, control
+from services.dynamics import trajectory, wind
+from services.dynamics.controller import PERIOD, STEPS, Gains, Setpoint, control
 from services.dynamics.rigidbody import Body, Motors, State, step
 from services.dynamics.rotor import Mixer, mix
-from services.dynamics.setpoint import Plan
-from services.dynamics.sharing import Limits
+from services.dynamics.trajectory import Limits, Plan
 from services.dynamics.wind import Air, Weather
 
 HOP = 0.1
@@ -44,7 +46,7 @@ MOTORS_AT_REST = 1e-6
 PERIODS_TO_REST = 25.0
 """Control periods that it must have been at rest, 0.1 s: with any force on it, it would not be."""
 
-Mode = tuple[float, float, float, float, float, float, float, float]
+FlightMode = tuple[float, float, float, float, float, float, float, float]
 """1 while standing; periods left to spin up; periods at rest; 1 while braking; legs of a hop still
 to come after this one, 2 to 0; and the point that it was told of last, nan before the first."""
 
@@ -54,20 +56,20 @@ Constants = tuple[Body, Gains, Mixer, Limits, float, float, Weather]
 weight (N), the control periods that its motors take to spin up, and the weather."""
 
 
-def fresh(*, standing: bool) -> Mode:
+def fresh(*, standing: bool) -> FlightMode:
     """The mode of a vehicle that stands or hovers, and has been told of nothing."""
     return (1.0 if standing else 0.0, 0.0, 0.0, 0.0, 0.0, nan, nan, nan)
 
 
-def woken(mode: Mode) -> Mode:
+def woken(mode: FlightMode) -> FlightMode:
     """The mode of a vehicle that something new has come to: it may be at rest no more."""
     standing, spin, _, braking, hop, tx, ty, tz = mode
     return (standing, spin, 0.0, braking, hop, tx, ty, tz)
 
 
 def goto(
-    plan: Plan, mode: Mode, x: float, y: float, z: float, spin_up: float, limits: Limits
-) -> tuple[Plan, Mode]:
+    plan: Plan, mode: FlightMode, x: float, y: float, z: float, spin_up: float, limits: Limits
+) -> tuple[Plan, FlightMode]:
     """Fly to a point, m; with the one that it already has, nothing changes.
 
     From the floor the motors first take `spin_up` periods. A goal below the floor is one on it.
@@ -87,21 +89,21 @@ def goto(
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
             hops = (sz < HOP) & (low | moves | flat)
             # A hop in motion begins where that can end, not back where it was asked for.
-            ex, ey = setpoint.stopping_place(plan, limits)
+            ex, ey = trajectory.stopping_place(plan, limits)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
             hop = (1.0 if hops else 0.0) + (1.0 if low else 0.0)
-            plan = setpoint.goto(
+            plan = trajectory.goto(
                 plan, ex if hops else x, ey if hops else y, HOP if hops | low else z, limits
             )
     return plan, (standing, spin, calm, braking, hop, x, y, z)
 
 
-def brake(plan: Plan, mode: Mode, limits: Limits) -> tuple[Plan, Mode]:
+def brake(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Plan, FlightMode]:
     """Come to rest where the setpoint soonest can; while braking, nothing changes."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     if braking == 0.0:
-        plan = setpoint.brake(plan, limits)
+        plan = trajectory.brake(plan, limits)
         calm = 0.0
         hop = 0.0
     return plan, (standing, spin, calm, 1.0, hop, tx, ty, tz)
@@ -109,9 +111,9 @@ def brake(plan: Plan, mode: Mode, limits: Limits) -> tuple[Plan, Mode]:
 
 def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
     """Where the setpoint is, m."""
-    x, _, _, _, _ = setpoint.image(plan[0], limits)
-    y, _, _, _, _ = setpoint.image(plan[1], limits)
-    z, _, _, _, _ = setpoint.image(plan[2], limits)
+    x, _, _, _, _ = trajectory.filtered(plan[0], limits)
+    y, _, _, _, _ = trajectory.filtered(plan[1], limits)
+    z, _, _, _, _ = trajectory.filtered(plan[2], limits)
     return x, y, z
 
 
@@ -124,11 +126,13 @@ def ends_leg(plan: Plan, limits: Limits) -> bool:
     return dx * dx + dy * dy + dz * dz < CLOSE * CLOSE
 
 
-def choose(state: State, plan: Plan, mode: Mode, limits: Limits) -> tuple[Mode, float]:
+def select_mode(
+    state: State, plan: Plan, mode: FlightMode, limits: Limits
+) -> tuple[FlightMode, float]:
     """The mode of this period, and how motors are commanded: 0 idle, 1 spinning up, 2 in flight."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     spins = (standing == 0.0) & (spin > 0.0)
-    down = setpoint.at_rest(plan, limits) & (plan[2][3] <= 0.0) & (state[2] < TOUCHDOWN)
+    down = trajectory.at_rest(plan, limits) & (plan[2][3] <= 0.0) & (state[2] < TOUCHDOWN)
     standing = 1.0 if (standing > 0.0) | ((spin == 0.0) & down) else 0.0
     kind = 1.0 if spins else 2.0
     kind = 0.0 if standing > 0.0 else kind
@@ -136,7 +140,7 @@ def choose(state: State, plan: Plan, mode: Mode, limits: Limits) -> tuple[Mode, 
     return (standing, spin, calm, braking, hop, tx, ty, tz), kind
 
 
-def act(
+def motor_commands(
     state: State, wanted: Setpoint, kind: float, weight: float, gains: Gains, mixer: Mixer
 ) -> Motors:
     """Motor speed commands of this period, rad/s; `weight` is the thrust to spin up to, N."""
@@ -159,24 +163,24 @@ def act(
     )
 
 
-def lead_on(plan: Plan, mode: Mode, kind: float, limits: Limits) -> tuple[Plan, Mode]:
+def next_leg(plan: Plan, mode: FlightMode, kind: float, limits: Limits) -> tuple[Plan, FlightMode]:
     """The plan one period on, where the vehicle flies, and its next leg where one is due."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     if kind == 2.0:
-        plan = setpoint.advance(plan, limits)
+        plan = trajectory.advance(plan, limits)
         if hop > 0.0:
             near = ends_leg(plan, limits)
             if near:
                 hop = hop - 1.0
-                plan = setpoint.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
+                plan = trajectory.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
     return plan, (standing, spin, calm, braking, hop, tx, ty, tz)
 
 
-def rest(state: State, command: Motors, plan: Plan, mode: Mode, limits: Limits) -> Mode:
+def rest(state: State, command: Motors, plan: Plan, mode: FlightMode, limits: Limits) -> FlightMode:
     """The mode, with the periods counted that the vehicle has been without any motion."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     stands = standing > 0.0
-    if stands | setpoint.at_rest(plan, limits):
+    if stands | trajectory.at_rest(plan, limits):
         px, py, pz, vx, vy, vz, _, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
         c0, c1, c2, c3 = command
         still = (
@@ -197,23 +201,23 @@ def rest(state: State, command: Motors, plan: Plan, mode: Mode, limits: Limits) 
 
 
 def control_period(
-    state: State, command: Motors, plan: Plan, mode: Mode, air: Air, constants: Constants
-) -> tuple[Motors, Plan, Mode, Air]:
+    state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air, constants: Constants
+) -> tuple[Motors, Plan, FlightMode, Air]:
     """Motors' command and air for one control period, and plan and mode at its end."""
     _, gains, mixer, limits, weight, _, weather = constants
     if mode[2] < PERIODS_TO_REST:
         if weather[4] > 0.0:
             air = wind.blow(air, weather)
-        mode, kind = choose(state, plan, mode, limits)
-        wanted = setpoint.setpoint_of(plan, limits)
-        command = act(state, wanted, kind, weight, gains, mixer)
-        plan, mode = lead_on(plan, mode, kind, limits)
+        mode, kind = select_mode(state, plan, mode, limits)
+        wanted = trajectory.setpoint_of(plan, limits)
+        command = motor_commands(state, wanted, kind, weight, gains, mixer)
+        plan, mode = next_leg(plan, mode, kind, limits)
         mode = rest(state, command, plan, mode, limits)
     return command, plan, mode, air
 
 
 def move(
-    state: State, command: Motors, mode: Mode, flow: tuple[float, float, float], body: Body
+    state: State, command: Motors, mode: FlightMode, flow: tuple[float, float, float], body: Body
 ) -> State:
     """The state one step later, in air that moves with `flow`; of a vehicle at rest, the same."""
     if mode[2] < PERIODS_TO_REST:
@@ -225,12 +229,12 @@ def fly(
     state: State,
     command: Motors,
     plan: Plan,
-    mode: Mode,
+    mode: FlightMode,
     air: Air,
     constants: Constants,
     start: int,
     steps: int,
-) -> tuple[State, Motors, Plan, Mode, Air]:
+) -> tuple[State, Motors, Plan, FlightMode, Air]:
     """All that a vehicle is, so many steps of 1 ms later; every fourth since boot is a control step.
 
     `start` counts the steps since boot. At rest a vehicle stays as it is.
@@ -246,3 +250,46 @@ def fly(
                 flow = air[0:3]
             state = move(state, command, mode, flow, body)
     return state, command, plan, mode, air
+
+
+LAGS = 6.0
+"""Lags of the setpoint after which it is on its path's last stretch."""
+
+EVERY = 4
+"""Control periods between the points of a stop that are looked at."""
+
+Point = tuple[float, float, float]
+
+
+def periods_of(limits: Limits) -> int:
+    """Control periods that a stop is looked at for."""
+    return round(LAGS * limits[3] / PERIOD)
+
+
+def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:
+    """The box that holds another point too, by its lowest and its highest corner."""
+    x, y, z = place
+    lx, ly, lz = low
+    hx, hy, hz = high
+    return (
+        (x if x < lx else lx, y if y < ly else ly, z if z < lz else lz),
+        (x if x > hx else hx, y if y > hy else hy, z if z > hz else hz),
+    )
+
+
+def room(plan: Plan, mode: FlightMode, limits: Limits, periods: int) -> tuple[Point, Point]:
+    """The box, m, that the setpoint stays in up to its stopping point, were it to brake now.
+
+    It lags behind its own path, which may have turned.
+    """
+    low = place(plan, limits)
+    high = low
+    if plan[6] < limits[7]:
+        plan, _ = brake(plan, mode, limits)
+        # Where it gets more of the limits on its way it stops nearer.
+        low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))
+        for count in range(periods):
+            plan = trajectory.advance(plan, limits)
+            if count % EVERY == 0:
+                low, high = widened(low, high, place(plan, limits))
+    return low, high

@@ -1,16 +1,37 @@
-"""Many vehicles, compiled by numba (extra `fleet`): as fast as the processor's arithmetic."""
+"""CompiledFleet: thousands of vehicles."""
 
 from collections.abc import Sequence
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from schemas.params import DynamicsParams
-from services.dynamics.fleet.kernel import ROWS, STORED, WIDTH
-from services.dynamics.fleet.storage import aligned
-from services.dynamics.fleet.trees import flat
+from services.dynamics.compiled.kernel import ROWS, STORED, WIDTH
 from services.dynamics.vehicle import constants_of, initial
+
+LINE = 8
+"""Numbers in a cache line, and in the longest vector."""
+
+
+def aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
+    """Rows that each begin where a cache line does: a vector then is one line, never part of two."""
+    width = -(-columns // LINE) * LINE
+    room = np.empty(rows * width + LINE)
+    first = -room.ctypes.data // room.itemsize % LINE
+    return room[first : first + rows * width].reshape(rows, width)[:, :columns]
+
+
+Tree = Any
+"""A leaf, or a tuple of trees."""
+
+
+def flat(tree: Tree) -> list[Any]:
+    """The leaves, in order."""
+    if isinstance(tree, tuple):
+        return [leaf for part in tree for leaf in flat(part)]
+    return [tree]
 
 
 class CompiledFleet:

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from struct import Struct
 from typing import Any
 
-from services.dynamics.fleet.kernel import CONSTANTS, STORED
-from services.dynamics.fleet.text import merged
-from services.dynamics.pilot import PERIODS_TO_REST, Constants, Mode
+from services.dynamics.compiled.kernel import CONSTANTS, STORED
+from services.dynamics.compiled.source import merged
+from services.dynamics.flight_modes import PERIODS_TO_REST, Constants, FlightMode
 from services.dynamics.rigidbody import Motors, State
-from services.dynamics.setpoint import Plan
+from services.dynamics.trajectory import Plan
 from services.dynamics.vehicle import Lane
 from services.dynamics.wind import Air
 
@@ -35,7 +35,7 @@ class Single:
         state: State,
         command: Motors,
         plan: Plan,
-        mode: Mode,
+        mode: FlightMode,
         air: Air,
         constants: Constants,
         start: int,
@@ -61,9 +61,11 @@ def _lane(v: Any) -> Lane:
     return v[0:17], v[17:21], plan, v[52:60], v[60:66]
 
 
-def source() -> str:
+def single_source() -> str:
     """A module whose `fly(numbers, fixed, start, steps)` takes pointers to two such arrays."""
-    text = [f"@njit(error_model='numpy')\n{ast.unparse(each)}" for each in merged(["pilot_fly"])]
+    text = [
+        f"@njit(error_model='numpy')\n{ast.unparse(each)}" for each in merged(["flight_modes__fly"])
+    ]
     return "\n".join([_HEAD, *text, _FLY])
 
 
@@ -92,7 +94,7 @@ _doubles = types.CPointer(types.float64)
 def fly(numbers, fixed, start, steps):
     q = carray(numbers, {STORED})
     c = carray(fixed, {sum(CONSTANTS.values())})
-    state, command, plan, mode, air = pilot_fly(
+    state, command, plan, mode, air = flight_modes__fly(
         {_items("q", 0, 17, 4)},
         ({_items("q", 21, 9, 9, 9, 0, 0, 0, 0)}),
         {_items("q", 52, 8, 6)},

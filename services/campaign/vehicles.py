@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from schemas.params import DynamicsParams
-from services.dynamics.fleet.compiled import CompiledFleet
-from services.dynamics.fleet.kernel import CONSTANTS, WIDTH, span
-from services.dynamics.stopping import Point, periods_of, room
+from services.dynamics.compiled.fleet import CompiledFleet
+from services.dynamics.compiled.kernel import CONSTANTS, WIDTH, span
+from services.dynamics.flight_modes import Point, periods_of, room
 from services.dynamics.vehicle import Vehicle
 
 Floats = npt.NDArray[np.float64]

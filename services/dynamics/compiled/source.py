@@ -1,4 +1,4 @@
-"""The model's text as one flat module: every function under a name of its own.
+"""The model's functions as one flat module (ast); generated-module cache.
 
 The functions of the model are straight-line text in several modules. Here they are read, those
 that a caller asks for with all that they call, and put into one syntax tree, which a backend turns
@@ -6,26 +6,46 @@ into what runs. Annotations and docstrings are left out, and constants become th
 """
 
 import ast
+import hashlib
+import importlib.util
 import inspect
+import os
+import sys
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from types import ModuleType
 
-from services.dynamics import (
-    axis,
-    controller,
-    glide,
-    pilot,
-    rigidbody,
-    rotor,
-    setpoint,
-    sharing,
-    stopping,
-    wind,
-)
+from services.dynamics import controller, flight_modes, rigidbody, rotor, trajectory, wind
+from services.dynamics.compiled import branchless
+from services.runtime.realm import write_atomically
 
-MODULES = (
-    rigidbody, rotor, controller, axis, sharing, setpoint, glide, wind, pilot, stopping,
-)  # fmt: skip
+
+def load_module(name: str, source: str) -> ModuleType:
+    """Import a module with this text, and its digest in its name: another text is another module.
+
+    It is a file, and stays: what a compiler makes of it is kept beside it for the next time.
+    """
+    digest = hashlib.sha256(source.encode()).hexdigest()[:12]
+    path = cache_folder() / f"{name}_{digest}.py"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, source.encode())
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module  # where a compiler looks it up again
+    spec.loader.exec_module(module)
+    return module
+
+
+def cache_folder() -> Path:
+    """Where they are kept."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "quadctl"
+
+
+MODULES = (rigidbody, rotor, controller, trajectory, branchless, wind, flight_modes)
 """Where the model's text stands, each after those that it imports."""
 
 BUILTINS = {"abs", "range", "sqrt"}
@@ -33,7 +53,7 @@ BUILTINS = {"abs", "range", "sqrt"}
 
 
 def merged(roots: Iterable[str]) -> list[ast.FunctionDef]:
-    """The functions with these names (`pilot_move` is `pilot.move`) and all that they call.
+    """The functions with these names (`flight_modes__move` is `flight_modes.move`) and all that they call.
 
     Each comes after those that it calls. Raises NameError for a name that is not the text's.
     """
@@ -43,7 +63,7 @@ def merged(roots: Iterable[str]) -> list[ast.FunctionDef]:
     def take(name: str) -> None:
         if name in found:
             return
-        module, _, own = name.partition("_")
+        module, _, own = name.partition("__")
         function, calls = sources[module].flat(own)
         for called in calls:
             take(called)
@@ -64,13 +84,13 @@ class _Source:
             node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)
         }
         short = _short(module)
-        self._names = {name: f"{short}_{name}" for name in self._functions}
+        self._names = {name: f"{short}__{name}" for name in self._functions}
         self._modules: dict[str, str] = {}
         for name, origin, own in _imported(tree):
             if own is None:
                 self._modules[name] = origin
             else:
-                self._names[name] = f"{origin}_{own}"
+                self._names[name] = f"{origin}__{own}"
 
     def flat(self, name: str) -> tuple[ast.FunctionDef, list[str]]:
         """A function with the flat module's names, and the functions that it calls."""
@@ -105,7 +125,7 @@ class _Flat(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if not isinstance(node.value, ast.Name):
             raise TypeError(f"{ast.unparse(node)} is no function of another module")
-        return self._called(f"{self._modules[node.value.id]}_{node.attr}")
+        return self._called(f"{self._modules[node.value.id]}__{node.attr}")
 
     def _called(self, name: str) -> ast.AST:
         self.calls.append(name)
@@ -126,7 +146,7 @@ def _define(name: str, arguments: list[ast.arg], body: list[ast.stmt]) -> ast.Fu
 
 def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:
     """Names that a module imports of the model: its own name, the module, and the name there."""
-    package = pilot.__name__.rpartition(".")[0]
+    package = flight_modes.__name__.rpartition(".")[0]
     for node in tree.body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package):
             origin = (node.module or "").removeprefix(package).lstrip(".")

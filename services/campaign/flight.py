@@ -7,9 +7,7 @@ from msgspec.structs import replace
 from schemas.messages import BodyRates, Pose, Position, Quaternion, SafetyState, Setpoint, Velocity
 from schemas.params import DynamicsParams
 from schemas.topics import SETPOINT
-from services.campaign.diary import Diary
-from services.campaign.oracle import Point, inside
-from services.campaign.rows import (
+from services.campaign.mission import (
     Cage,
     Deaf,
     Goto,
@@ -23,6 +21,7 @@ from services.campaign.rows import (
     Row,
     text,
 )
+from services.campaign.score import FlightLog, Point, inside
 from services.safety.model import State
 from services.safety.monitor import STANDS, Following, Monitor
 
@@ -35,12 +34,12 @@ Motion = list[float]
 """Position (m) and velocity (m/s), x, y, z each."""
 
 
-class Lane:
+class SimulatedFlight:
     """Safety's side of a flight, in periods of the setpoint."""
 
     def __init__(self, mission: Mission, *, log: bool = False) -> None:
         """Before the first pose; with `log` the diary keeps its lines."""
-        self.diary = Diary(log=log)
+        self.diary = FlightLog(log=log)
         size = mission.safety.virtual_cage
         self.cage_on, self.size = mission.safety.cage_on, (size.x, size.y, size.z)
         """The cage as it was commanded."""

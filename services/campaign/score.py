@@ -1,0 +1,218 @@
+"""Oracle, log of a flight, report.
+
+The digest covers no wording: neither a reason's nor a log line's.
+
+Counted is how far the true position goes beyond the cage in force. A vehicle that was inside when
+the cage came on or got its bounds must not go beyond it. One that was put outside by that, or
+could no longer stop inside, may go as far as its stopping point at that instant, and never out
+again where it has come nearer since.
+"""
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from msgspec import Struct, msgpack
+from msgspec.structs import replace
+
+from schemas.messages import SafetyState, without_wording
+
+
+class Flown(Struct, frozen=True):
+    """One flight's figures: the worst excursion (m) and when (s), counts, arrival times (s)."""
+
+    seed: int
+    worst: float
+    at: float
+    transitions: dict[str, int]
+    refusals: dict[str, int]
+    stops: dict[str, int]
+    arrivals: list[float]
+    violations: list[str]
+    hash: str
+
+
+class FlightLog:
+    """Written while a flight goes on; `now` (s) is set by who writes."""
+
+    def __init__(self, *, log: bool) -> None:
+        """With `log` the lines are kept as well."""
+        self.now = 0.0
+        self.lines: list[str] = []
+        self.violations: list[str] = []
+        self.digest = hashlib.sha256()
+        self.transitions, self.refusals, self.stops = Counter[str](), Counter[str](), Counter[str]()
+        self.arrivals: list[float] = []
+        self.log = log
+        self._state, self._reason, self._taken = "HOVERING", "", 0.0
+        self._verdict: tuple[Any, ...] = ()
+
+    def say(self, line: str) -> None:
+        """A line for who reads the flight."""
+        if self.log and line:
+            self.lines.append(f"{self.now:.2f} s  {line}")
+
+    def violated(self, what: str) -> None:
+        """Something happened that must not; the same thing is told once."""
+        if what not in self.violations:
+            self.violations.append(what)
+            self.say(f"VIOLATION: {what}")
+
+    def asked(self, goal: tuple[float, float, float], reason: str) -> None:
+        """Keep a goal that was asked for (m) and its verdict: a reason is a refusal."""
+        self.digest.update(msgpack.encode((goal, reason != "")))
+        if reason:
+            self.refusals[_kind(reason)] += 1
+
+    def told(self, state: SafetyState, line: str) -> None:
+        """Safety published a state."""
+        self._hash(state)
+        self.say(line)
+        before, self._state = self._state, state.state
+        if state.state != before:
+            self.transitions[f"{before} -> {state.state}"] += 1
+        if state.state == "MOVING" != before:
+            self._taken = self.now
+        elif before == "MOVING" and state.state == "HOVERING" and not state.reason:
+            self.arrivals.append(self.now - self._taken)
+        if state.state == "HOVERING" and state.reason != self._reason:
+            self._stopped(state.reason)
+        self._reason = state.reason
+
+    def _hash(self, state: SafetyState) -> None:
+        """Add a state to the digest, unless it differs from the last in stamp or wording alone."""
+        verdict = without_wording(replace(state, stamp=0.0))
+        if verdict != self._verdict:
+            self._verdict = verdict
+            self.digest.update(msgpack.encode((state.stamp, verdict)))
+
+    def _stopped(self, reason: str) -> None:
+        if reason.startswith(("stopped", "hold", "hovering")) or reason.endswith(": stopped"):
+            self.stops[_kind(reason)] += 1
+
+
+def _kind(reason: str) -> str:
+    """What a reason says before it comes to numbers."""
+    return reason.partition(":")[0].partition(" by ")[0].partition(" for ")[0]
+
+
+APART = 1_000_000
+"""The flights of a campaign have the seeds from its own times this on, so that none meet."""
+
+
+def seeds(seed: int, flights: int) -> range:
+    """The seed of each flight."""
+    return range(seed * APART, seed * APART + flights)
+
+
+def document(seed: int, flown: Sequence[Flown]) -> dict[str, Any]:
+    """The campaign's figures, m and s."""
+    flown = sorted(flown, key=lambda flight: flight.seed)
+    worst = max(flown, key=lambda flight: flight.worst)
+    whole = hashlib.sha256("".join(flight.hash for flight in flown).encode())
+    return {
+        "flights": len(flown),
+        "seed": seed,
+        "worst_excursion": worst.worst,
+        "worst": {"seed": worst.seed, "at": worst.at},
+        "transitions": _sum(flight.transitions for flight in flown),
+        "refusals": _sum(flight.refusals for flight in flown),
+        "stops": _sum(flight.stops for flight in flown),
+        "arrivals": arrivals([time for flight in flown for time in flight.arrivals]),
+        "violations": [
+            {"seed": flight.seed, "what": flight.violations}
+            for flight in flown
+            if flight.violations
+        ],
+        "hash": whole.hexdigest(),
+    }
+
+
+def arrivals(times: list[float]) -> dict[str, float]:
+    """How long the flights to a goal took that arrived, s."""
+    times = sorted(times)
+    parts = {"median": 0.5, "p90": 0.9, "p99": 0.99, "most": 1.0}
+    found = {name: times[round(part * (len(times) - 1))] for name, part in parts.items() if times}
+    return {"count": len(times), **found}
+
+
+def _sum(counts: Iterable[dict[str, int]]) -> dict[str, int]:
+    total = Counter[str]()
+    for each in counts:
+        total.update(each)
+    return dict(sorted(total.items()))
+
+
+Floats = npt.NDArray[np.float64]
+Point = tuple[float, float, float]
+
+
+def inside(point: Point, size: Point) -> bool:
+    """Whether a point is in the cage, walls included; what is no place is not."""
+    (x, y, z), (cx, cy, cz) = point, size
+    return -cx <= x <= cx and -cy <= y <= cy and 0.0 <= z <= cz
+
+
+def farthest(corners: Sequence[Sequence[float]], size: Point) -> float:
+    """How far beyond the cage (m) a vehicle can get that stays in the box around some points."""
+    outs = [
+        max(_out(value, *wall) for value in values)
+        for values, wall in zip(zip(*corners, strict=True), _walls(size), strict=True)
+    ]
+    return sqrt(sum(out * out for out in outs))
+
+
+def _walls(size: Point) -> tuple[tuple[float, float], ...]:
+    cx, cy, cz = size
+    return (-cx, cx), (-cy, cy), (0.0, cz)
+
+
+def _out(value: float, low: float, high: float) -> float:
+    return max(low - value, value - high, 0.0)
+
+
+class Score:
+    """The worst excursion of each vehicle of a batch, m."""
+
+    def __init__(self, count: int) -> None:
+        """No cage is in force yet."""
+        self.worst = np.zeros(count)
+        self.at = np.zeros(count)
+        """When it was, s."""
+        self.allowed = np.full(count, np.inf)
+        """How far beyond the cage each may be, m."""
+        self._low, self._high = np.full((3, count), -np.inf), np.full((3, count), np.inf)
+
+    def free(self, number: int) -> None:
+        """The cage of one vehicle is off."""
+        self.allowed[number] = np.inf
+
+    def confine(self, number: int, size: Point, allowed: float) -> None:
+        """The cage of one vehicle is on from now, and lets it be so far beyond it, m."""
+        self._low[:, number], self._high[:, number] = zip(*_walls(size), strict=True)
+        self.allowed[number] = allowed
+
+    def returning(self) -> Sequence[int]:
+        """Which vehicles are allowed to be outside, and so may come nearer."""
+        found: list[int] = np.flatnonzero((self.allowed > 0.0) & (self.allowed < np.inf)).tolist()
+        return found
+
+    def nearer(self, number: int, allowed: float) -> None:
+        """One vehicle can stop nearer now than it could: farther out it has not to go again."""
+        self.allowed[number] = min(self.allowed[number], allowed)
+
+    def sample(self, positions: Floats, times: Sequence[float]) -> None:
+        """Count where all were at some times (s): (times, 3, vehicles), m."""
+        low, high = self._low - positions, positions - self._high
+        outs = np.maximum(np.maximum(low, high), 0.0)
+        squares = outs * outs
+        beyond = np.sqrt(squares[:, 0] + squares[:, 1] + squares[:, 2])
+        excursion = beyond - self.allowed
+        worst = excursion.max(axis=0)
+        for number in np.flatnonzero(worst > self.worst).tolist():
+            self.worst[number] = worst[number]
+            self.at[number] = times[int(excursion[:, number].argmax())]

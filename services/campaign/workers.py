@@ -1,0 +1,181 @@
+"""Worker processes and the JSON lines between them.
+
+It ends at once where stdin does, in the middle of a batch too: whoever gave it the job is gone.
+"""
+
+import gc
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from queue import SimpleQueue
+from random import Random
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+
+from schemas.params import DynamicsParams
+from services.campaign.batch import Batch, MakeFleet
+from services.campaign.mission import mission
+from services.campaign.score import Flown
+from services.campaign.vehicles import Compiled, Fleet, Plain
+from services.dynamics.compiled import kernel, source
+from services.runtime.errors import QuadctlError
+
+
+class Order(Struct, frozen=True):
+    """A campaign to fly, or with `replay` the flight of that seed alone, and its log."""
+
+    flights: int
+    seed: int
+    seconds: float
+    faults: bool
+    wind: float
+    processes: int
+    replay: bool = False
+
+
+class Job(Struct, frozen=True):
+    """Flights with these seeds, for a worker; none means no more than to be ready."""
+
+    first: int
+    count: int
+    seconds: float
+    faults: bool
+    wind: float
+
+
+class Done(Struct, frozen=True):
+    """A worker's answer."""
+
+    flown: list[Flown]
+
+
+def say(value: Any) -> None:
+    """Write one document, at once."""
+    sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
+    sys.stdout.flush()
+
+
+_COMMAND = (sys.executable, "-P", "-m", "services.campaign.workers")
+
+
+class Worker:
+    """One process that flies a job at a time."""
+
+    def __init__(self) -> None:
+        self._popen = subprocess.Popen(_COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def fly(self, job: Job) -> list[Flown]:
+        """Raises QuadctlError where the worker ends instead."""
+        assert self._popen.stdin is not None  # noqa: S101 - pipes, as asked for above
+        assert self._popen.stdout is not None  # noqa: S101
+        try:
+            self._popen.stdin.write(msgspec.json.encode(job) + b"\n")
+            self._popen.stdin.flush()
+        except BrokenPipeError:
+            pass  # what it was is told below
+        line = self._popen.stdout.readline()
+        if not line:
+            code = self._popen.wait()
+            raise QuadctlError(f"a worker of the campaign ended with code {code}", "see above")
+        return msgspec.json.decode(line, type=Done).flown
+
+    def end(self) -> None:
+        """It ends where its stdin does."""
+        self._popen.communicate()
+
+
+class Crew:
+    """Workers that take the next job as soon as they are done with one."""
+
+    def __init__(self, jobs: list[Job], on_flown: Callable[[list[Flown]], None]) -> None:
+        """`on_flown` is called with what came of each job, one after the other."""
+        self._jobs: Iterator[Job] = iter(jobs)
+        self._on_flown = on_flown
+        self._lock = threading.Lock()
+        self.problem: QuadctlError | None = None
+
+    def fly(self, workers: list[Worker]) -> None:
+        """Fly all jobs; raises QuadctlError where a worker ends."""
+        threads = [threading.Thread(target=self._serve, args=(each,)) for each in workers]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        if self.problem:
+            raise self.problem
+
+    def _serve(self, worker: Worker) -> None:
+        while True:
+            with self._lock:
+                job = next(self._jobs, None)
+            if job is None or self.problem:
+                return
+            try:
+                flown = worker.fly(job)
+            except QuadctlError as problem:
+                self.problem = problem
+                return
+            with self._lock:
+                self._on_flown(flown)
+
+
+_GARBAGE = 50_000
+"""Objects after which it is looked for garbage."""
+
+
+def compiled() -> MakeFleet | None:
+    """How to make vehicles compiled by numba; None where there is none."""
+    try:
+        module = source.load_module("kernel", kernel.kernel_source())
+    except ImportError:
+        return None
+
+    def make(params: Sequence[DynamicsParams]) -> Fleet:
+        return Compiled(params, module)
+
+    return make
+
+
+def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
+    """The flights of a job."""
+    seeds = range(job.first, job.first + job.count)
+    missions = [
+        mission(seed, Random(seed), job.seconds, wind=job.wind, faults=job.faults) for seed in seeds
+    ]
+    return Batch(missions, make, log=log)
+
+
+def main() -> None:
+    """Fly what is asked for, line by line."""
+    jobs: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_read, args=(jobs.put,), daemon=True).start()
+    make = compiled() or Plain
+    _warm(make([DynamicsParams()]))
+    # What numba has loaded stays, and flights leave next to nothing that is not freed at once.
+    gc.freeze()
+    gc.set_threshold(_GARBAGE)
+    while True:
+        job = msgspec.json.decode(jobs.get(), type=Job)
+        say(Done(batch(job, make).fly() if job.count else []))
+
+
+def _warm(fleet: Fleet) -> None:
+    """Where it must be compiled first, now."""
+    fleet.goto(0, 1.0, 0.0, 1.0)
+    fleet.advance(1)
+    fleet.room(0)
+    fleet.brake(0)
+
+
+def _read(take: Callable[[bytes], None]) -> None:
+    for line in sys.stdin.buffer:
+        take(line)
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

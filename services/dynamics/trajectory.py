@@ -1,0 +1,528 @@
+"""Trajectory generator: jerk-limited axes, shared limits, smoothing.
+
+The axis is a triple integrator (position, velocity, acceleration) with limits of speed,
+acceleration and jerk. Each period it takes the highest acceleration the limits permit, for as
+long as the time-minimal stop would still end short of the goal; from then on it follows that
+stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
+moved in flight, or a new share, only asks anew on which side of the goal the stop would end.
+
+Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its own. SI
+units; all limits are positive.
+
+SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its
+own.
+
+Each axis moves by axis.py. The three share the limits of speed, acceleration and jerk so that
+their vector sums keep them, and so that a path from rest is a straight line. Three equal
+first-order lags then round the steps of the jerk: a vehicle whose torque lags cannot follow
+those, and would pass the goal by centimetres; with the lags the setpoint can be flown exactly.
+A lagged path stays between the goal and where it came from, because a lag is a weighted mean.
+
+World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
+is an `if` on its own.
+"""
+
+from math import exp, sqrt
+
+from schemas.params import DynamicsParams
+from services.dynamics.controller import PERIOD, Setpoint, lead
+
+SWITCH_HALVINGS = 40
+"""Steps of bisection for the moment to brake: to 4e-15 s."""
+
+Motion = tuple[float, float, float]
+"""Position (m), velocity (m/s) and acceleration (m/s^2)."""
+
+
+def ramp(p: float, v: float, a: float, jerk: float, t: float) -> Motion:
+    """The motion after `t` seconds of constant jerk, m/s^3."""
+    half = 0.5 * jerk * t
+    return p + t * (v + t * (0.5 * a + half / 3.0)), v + t * (a + half), a + jerk * t
+
+
+def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, float]:
+    """Side, peak deceleration (m/s^2) and time at the peak (s) of the time-minimal stop.
+
+    It goes to the peak at full jerk, holds it where that is the limit, for the speed that two
+    ramps do not take away, and goes back to 0 at full jerk. The side is that of the speed once
+    the acceleration is taken away; a stop on side -1 is the mirror image of one on side 1.
+    """
+    side = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
+    square = side * j * v + 0.5 * a * a
+    # A deceleration beyond the limit, by rounding, is held, not raised.
+    most = -side * a if -side * a > most_a else most_a
+    held = square - most * most
+    top = most if held > 0.0 else sqrt(square if square > 0.0 else 0.0)
+    return side, top, (held if held > 0.0 else 0.0) / (j * most)
+
+
+def stop(v: float, a: float, most_a: float, j: float) -> float:
+    """Displacement of the time-minimal stop, m: its three pieces integrated, terms collected."""
+    side, b, hold = peak(v, a, most_a, j)
+    a = side * a
+    return side * (
+        (b * b * (a + b) - a * a * a / 6.0) / (j * j) + hold * b * (0.5 * hold + (a + 1.5 * b) / j)
+    )
+
+
+def decelerate(
+    p: float, v: float, a: float, goal: float, most_a: float, j: float, t: float
+) -> Motion:
+    """The motion after `t` seconds of the time-minimal stop, which ends on `goal`, m."""
+    side, b, t2 = peak(v, a, most_a, j)
+    t1 = (side * a + b) / j
+    t3 = b / j
+    rests = t1 + t2 + t3 <= t
+    t1 = t1 if t1 < t else t
+    t2 = t2 if t2 < t - t1 else t - t1
+    t3 = t3 if t3 < t - t1 - t2 else t - t1 - t2
+    p, v, a = ramp(p, v, a, -side * j, t1)
+    p, v, a = ramp(p, v, a, 0.0, t2)
+    p, v, a = ramp(p, v, a, side * j, t3)
+    return goal if rests else p, 0.0 if rests else v, 0.0 if rests else a
+
+
+def advance_axis(
+    p: float,
+    v: float,
+    a: float,
+    goal: float,
+    heading: float,
+    most_v: float,
+    most_a: float,
+    j: float,
+) -> tuple[float, float, float, float]:
+    """The motion one period on, and the heading from then.
+
+    `heading` is the side of the stop's end that the goal is on, +1 or -1, or 0 while following
+    the stop that ends on the goal. Limits that are kept stay kept; speed beyond its limit comes
+    back within it.
+    """
+    if heading == 0.0:
+        p, v, a = decelerate(p, v, a, goal, most_a, j, PERIOD)
+    else:
+        p1, v1, a1, jerk, past = accelerate(p, v, a, goal, heading, most_v, most_a, j)
+        if past > 0.0:
+            t = switch(p, v, a, jerk, goal, heading, most_a, j)
+            p1, v1, a1 = ramp(p, v, a, jerk, t)
+            p1, v1, a1 = decelerate(p1, v1, a1, goal, most_a, j, PERIOD - t)
+            heading = 0.0
+        p, v, a = p1, v1, a1
+    return p, v, a, heading
+
+
+def accelerate(
+    p: float,
+    v: float,
+    a: float,
+    goal: float,
+    heading: float,
+    most_v: float,
+    most_a: float,
+    j: float,
+) -> tuple[float, float, float, float, float]:
+    """The motion one period on under the highest acceleration permitted towards the heading.
+
+    Then the jerk that this takes, m/s^3, and how far past the goal a stop from there would end, m.
+    """
+    h = PERIOD
+    v0 = heading * v
+    a0 = heading * a
+    # With the acceleration then taken away at full jerk, though in whole periods (which may
+    # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
+    over = v0 + 0.5 * h * a0 - most_v
+    cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
+    high = -cap if over > 0.0 else cap
+    high = high if high > -most_a else -most_a
+    # While moving away, a pull back beyond the limit is held, as the stop holds it.
+    most = a0 if (v0 < 0.0) & (a0 > most_a) else most_a
+    high = high if high < most else most
+    high = high if high < a0 + j * h else a0 + j * h
+    high = high if high > a0 - j * h else a0 - j * h
+    jerk = heading * (high - a0) / h
+    p1, v1, a1 = ramp(p, v, a, jerk, h)
+    return p1, v1, a1, jerk, heading * (p1 + stop(v1, a1, most_a, j) - goal)
+
+
+def switch(
+    p: float,
+    v: float,
+    a: float,
+    jerk: float,
+    goal: float,
+    heading: float,
+    most_a: float,
+    j: float,
+) -> float:
+    """The moment within a period (s) from which the stop ends on the goal, by bisection."""
+    early = 0.0
+    late = PERIOD
+    for _ in range(SWITCH_HALVINGS):
+        t = 0.5 * (early + late)
+        p1, v1, a1 = ramp(p, v, a, jerk, t)
+        passes = heading * (p1 + stop(v1, a1, most_a, j) - goal) > 0.0
+        early = early if passes else t
+        late = t if passes else late
+    return early
+
+
+LEAST_SHARE = 1e-5
+"""Least share of the limits of an axis, so that none is zero."""
+
+TIGHT = 1e-9
+"""A stop that passes the goal by less than this, relatively, does so by rounding."""
+
+SHARE_HALVINGS = 12
+"""Steps of bisection for a share of the limits: to 1 in 4000."""
+
+LONG = 2.0
+"""Seconds of braking after which it is looked whether there is more to brake with."""
+
+Limits = tuple[float, ...]
+"""8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
+the period in lags, the snap's lead in lags, and the periods after which an image is at rest."""
+
+Axis = tuple[float, ...]
+"""9 floats: position, velocity and acceleration of the path, the goal, the side of it that a stop
+ends on (see axis.py), the share of the limits (0 to 1), and the jerk after one, two and three lags.
+"""
+
+
+def needed(axis: Axis, limits: Limits) -> float:
+    """Return the least share of the limits that an axis can do with in its present motion.
+
+    Where a stop can end short of the goal, one that does. Where none can, or where the axis
+    moves away from the goal, the present one: with less, the stop would end beyond where it
+    was bound to when the goal was moved, and that could be outside the cage. Never less than the
+    share that its present acceleration takes: the axis goes on with that acceleration whatever
+    its share, so a smaller one would give the difference away twice.
+    """
+    p, v, a, goal, _, share, _, _, _ = axis
+    most_a = limits[1]
+    most_j = limits[2]
+    gap = goal - p
+    part = stop(v, a, most_a, most_j) / (gap if gap != 0.0 else 1.0)
+    if (gap != 0.0) & (part >= 0.0) & (part <= 1.0 + TIGHT):
+        low = 0.0
+        high = 1.0
+        for _ in range(SHARE_HALVINGS):
+            middle = 0.5 * (low + high)
+            part = stop(v, a, middle * most_a, middle * most_j) / gap
+            # With too little jerk to end its braking in time it would first pass its stop's end.
+            left = gap * (v + a * abs(a) / (2.0 * middle * most_j))
+            fits = (part >= 0.0) & (part <= 1.0) & (left >= 0.0)
+            low = low if fits else middle
+            high = middle if fits else high
+        share = high
+    floor = abs(a) / most_a
+    return floor if share < floor else share
+
+
+def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
+    """The share of the limits that an axis must have, and the way that it still has to go, m."""
+    p, v, a, goal, heading, share, _, _, _ = axis
+    need = share
+    if heading != 0.0:
+        need = needed(axis, limits)
+    moves = (v != 0.0) | (a != 0.0)
+    way = goal - p - stop(v, a, share * limits[1], share * limits[2])
+    return need if moves else 0.0, 0.0 if heading == 0.0 else way
+
+
+def within(
+    x: Axis, y: Axis, z: Axis, nx: float, ny: float, nz: float
+) -> tuple[float, float, float]:
+    """Return the needs of the axes, met as far as the squares of the shares add up to 1.
+
+    No axis gets less than it has, if it needs that much. Where the rest is too little for what is
+    needed on top, an axis passes a goal that was moved nearer, but never the one before, which it
+    could stop at with the share that it has.
+    """
+    hx = nx if nx < x[5] else x[5]
+    hy = ny if ny < y[5] else y[5]
+    hz = nz if nz < z[5] else z[5]
+    had = hx * hx + hy * hy + hz * hz
+    left = 1.0 - had if had < 1.0 else 0.0
+    more = nx * nx + ny * ny + nz * nz - had
+    k = left / more if more > left else 1.0
+    return (
+        sqrt(hx * hx + k * (nx * nx - hx * hx)),
+        sqrt(hy * hy + k * (ny * ny - hy * hy)),
+        sqrt(hz * hz + k * (nz * nz - hz * hz)),
+    )
+
+
+def urgent(axis: Axis, way: float, part: float) -> float:
+    """Return the square of what a stop would give an axis on top, where it has to turn round.
+
+    That is where its stop ends beyond its goal: it may be bound out of the cage, and is to get no
+    farther than if it were told to stop. `way` is from its stop's end to the goal, m.
+    """
+    return part * axis[1] * axis[1] if axis[1] * way < 0.0 else 0.0
+
+
+def assign_share(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
+    """An axis with its new share of the limits."""
+    p, v, a, goal, heading, _, j1, j2, j3 = axis
+    share = sqrt(need * need + left * cosine * cosine)
+    share = LEAST_SHARE if share < LEAST_SHARE else share
+    share = 1.0 if share > 1.0 else share
+    short = stop(v, a, share * limits[1], share * limits[2]) <= goal - p
+    side = 1.0 if short else -1.0
+    return (p, v, a, goal, 0.0 if heading == 0.0 else side, share, j1, j2, j3)
+
+
+def release_slow_axis(axis: Axis, limits: Limits) -> Axis:
+    """An axis that would brake for long is on its way again, and may get a larger share.
+
+    One that got next to nothing, while others needed all, stops on its goal from wherever it is:
+    at a walking pace, for minutes.
+    """
+    p, v, a, goal, heading, share, j1, j2, j3 = axis
+    j = share * limits[2]
+    side, top, hold = peak(v, a, share * limits[1], j)
+    slow = (heading == 0.0) & ((side * a + 2.0 * top) / j + hold > LONG)
+    return (p, v, a, goal, 1.0 if slow else heading, share, j1, j2, j3)
+
+
+def kept(axis: Axis) -> float:
+    """Return the share that an axis keeps in a stop: what it has, and none where it has stopped."""
+    return axis[5] if (axis[1] != 0.0) | (axis[2] != 0.0) else 0.0
+
+
+def lent(axis: Axis, need: float, left: float) -> Axis:
+    """Return an axis with its need and a part of what is left, given as a square."""
+    p, v, a, goal, heading, _, j1, j2, j3 = axis
+    share = sqrt(need * need + left)
+    return (p, v, a, goal, heading, LEAST_SHARE if share < LEAST_SHARE else share, j1, j2, j3)
+
+
+def share_leftover(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
+    """Return the axes with the limits shared for a stop.
+
+    Each that still moves keeps its share. The rest goes by the squares of the speeds: a stop with
+    more ends sooner, and nearer.
+    """
+    nx = kept(x)
+    ny = kept(y)
+    nz = kept(z)
+    left = 1.0 - (nx * nx + ny * ny + nz * nz)
+    left = left if left > 0.0 else 0.0
+    total = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
+    part = left / total if total > 0.0 else 0.0
+    return (
+        lent(x, nx, part * x[1] * x[1]),
+        lent(y, ny, part * y[1] * y[1]),
+        lent(z, nz, part * z[1] * z[1]),
+    )
+
+
+def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
+    """Share the limits among the axes, so that the squares of the shares add up to 1.
+
+    An axis that is stopping keeps its share, one on its way gets what it needs if there is as much.
+    So the vector of acceleration is within its limit whatever goals are replaced. An axis that has
+    to turn round gets as much as in a stop. What is left then goes by the squares of the ways still
+    to go, which from rest makes all three profiles alike but for scale: a straight line.
+    """
+    x = release_slow_axis(x, limits)
+    y = release_slow_axis(y, limits)
+    z = release_slow_axis(z, limits)
+    nx, wx = claim(x, limits)
+    ny, wy = claim(y, limits)
+    nz, wz = claim(z, limits)
+    nx, ny, nz = within(x, y, z, nx, ny, nz)
+    total = sqrt(wx * wx + wy * wy + wz * wz)
+    total = total if total > 0.0 else 1.0
+    left = 1.0 - (nx * nx + ny * ny + nz * nz)
+    left = left if left > 0.0 else 0.0
+    speeds = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
+    part = left / speeds if speeds > 0.0 else 0.0
+    ux = urgent(x, wx, part)
+    uy = urgent(y, wy, part)
+    uz = urgent(z, wz, part)
+    nx = sqrt(nx * nx + ux)
+    ny = sqrt(ny * ny + uy)
+    nz = sqrt(nz * nz + uz)
+    left = left - (ux + uy + uz)
+    left = left if left > 0.0 else 0.0
+    return (
+        assign_share(x, nx, wx / total, left, limits),
+        assign_share(y, ny, wy / total, left, limits),
+        assign_share(z, nz, wz / total, left, limits),
+    )
+
+
+LEAST_LAG = 0.05
+"""Shortest lag, s: with 0.03 short climbs aslant, and goals replaced to and fro in a descent, take
+torques for which there is not the thrust: a campaign found one flight in 200 up to 6 cm off."""
+
+LAGS_TO_SETTLE = 40.0
+"""Lags after which a decay is below the rounding of what it decays to: e^-40 is 4e-18."""
+
+REDIVIDE = 25.0
+"""Control periods after which axes that were sent elsewhere in flight share the limits anew."""
+
+BRAKES = 2.0
+"""In a plan that comes to rest wherever it soonest can."""
+
+Plan = tuple[Axis, Axis, Axis, float, float, float, float]
+"""The axes x, y and z; how many of them moved; 1 after a goal that was moved in flight, or BRAKES;
+periods since the limits were shared, up to REDIVIDE; periods at rest."""
+
+
+def limits_of(params: DynamicsParams) -> Limits:
+    """What the setpoint needs of the parameters, in the order of use."""
+    limits = params.control
+    lag = max(lead(params), LEAST_LAG)
+    ratio = PERIOD / lag
+    return (
+        limits.max_speed,
+        limits.max_acceleration,
+        limits.max_jerk,
+        lag,
+        exp(-ratio),
+        ratio,
+        lead(params) / lag,
+        float(int(LAGS_TO_SETTLE / ratio)),
+    )
+
+
+def standing_at(position: float) -> Axis:
+    """An axis at rest, m."""
+    return (position, 0.0, 0.0, position, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+def resting(x: float, y: float, z: float, limits: Limits) -> Plan:
+    """A plan at rest, m."""
+    return (standing_at(x), standing_at(y), standing_at(z), 0.0, 0.0, 0.0, limits[7])
+
+
+def at_rest(plan: Plan, limits: Limits) -> bool:
+    """Whether the setpoint stands on the goal, for good."""
+    return plan[6] >= limits[7]
+
+
+def filtered(axis: Axis, limits: Limits) -> tuple[float, float, float, float, float]:
+    """Position, velocity, acceleration, jerk and led snap of the path after three lags.
+
+    Each lag's output lies behind its input by the lag times its own rate.
+    """
+    p, v, a, _, _, _, j1, j2, j3 = axis
+    _, _, _, lag, _, _, led, _ = limits
+    a1 = a - lag * j1
+    a2 = a1 - lag * j2
+    a3 = a2 - lag * j3
+    v1 = v - lag * a1
+    v2 = v1 - lag * a2
+    v3 = v2 - lag * a3
+    s3 = (j2 - j3) / lag
+    s2 = (j1 - j2) / lag
+    return p - lag * (v1 + v2 + v3), v3, a3, j3, s3 + led * (s2 - s3)
+
+
+def setpoint_of(plan: Plan, limits: Limits) -> Setpoint:
+    """What to follow now, as `controller.control` takes it."""
+    px, vx, ax, jx, sx = filtered(plan[0], limits)
+    py, vy, ay, jy, sy = filtered(plan[1], limits)
+    pz, vz, az, jz, sz = filtered(plan[2], limits)
+    return (px, py, pz, vx, vy, vz, ax, ay, az, jx, jy, jz, sx, sy, sz)
+
+
+def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
+    """An axis one period on, and 1 if it moved, else 0."""
+    p, v, a, goal, heading, share, j1, j2, j3 = axis
+    most_v, most_a, most_j, _, decay, ratio, _, _ = limits
+    moves = (v != 0.0) | (a != 0.0) | (p != goal)
+    jerk = 0.0
+    if moves:
+        old = a
+        p, v, a, heading = advance_axis(
+            p, v, a, goal, heading, share * most_v, share * most_a, share * most_j
+        )
+        jerk = (a - old) / PERIOD
+    j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)
+    return (p, v, a, goal, heading, share, j1, j2, j3), 1.0 if moves else 0.0
+
+
+def lagged(
+    j1: float, j2: float, j3: float, jerk: float, decay: float, ratio: float
+) -> tuple[float, float, float]:
+    """The jerk after one, two and three lags, m/s^3: the exact response to a constant one."""
+    c1 = j1 - jerk
+    c2 = j2 - jerk
+    c3 = j3 - jerk
+    return (
+        jerk + c1 * decay,
+        jerk + (c2 + ratio * c1) * decay,
+        jerk + (c3 + ratio * (c2 + 0.5 * ratio * c1)) * decay,
+    )
+
+
+def settle(axis: Axis) -> Axis:
+    """The image put at rest where the path is."""
+    p, v, a, goal, heading, share, _, _, _ = axis
+    return (p, v, a, goal, heading, share, 0.0, 0.0, 0.0)
+
+
+def advance(plan: Plan, limits: Limits) -> Plan:
+    """The plan one control period on."""
+    x, y, z, moving, crowded, periods, still = plan
+    if still < limits[7]:
+        x, mx = follow(x, limits)
+        y, my = follow(y, limits)
+        z, mz = follow(z, limits)
+        now = mx + my + mz
+        periods = 0.0 if periods + 1.0 == REDIVIDE else periods + 1.0
+        if (now < moving) | ((crowded > 0.0) & (periods == 0.0)):
+            if crowded == BRAKES:
+                x, y, z = halt(x, y, z, limits)
+            else:
+                x, y, z = divide(x, y, z, limits)
+        moving = now
+        still = 0.0 if now > 0.0 else still + 1.0
+        if still >= limits[7]:
+            x = settle(x)
+            y = settle(y)
+            z = settle(z)
+    return (x, y, z, moving, crowded, periods, still)
+
+
+def aim(axis: Axis, point: float) -> Axis:
+    """An axis sent to a point, m."""
+    p, v, a, goal, heading, share, j1, j2, j3 = axis
+    return (p, v, a, point, heading if goal == point else 1.0, share, j1, j2, j3)
+
+
+def goto(plan: Plan, gx: float, gy: float, gz: float, limits: Limits) -> Plan:
+    """Come to rest at this point, m."""
+    x, y, z, moving, _, periods, _ = plan
+    x, y, z = divide(aim(x, gx), aim(y, gy), aim(z, gz), limits)
+    return (x, y, z, moving, 1.0 if moving > 0.0 else 0.0, periods, 0.0)
+
+
+def end(axis: Axis, limits: Limits) -> Axis:
+    """An axis that stops where it soonest does with its present share of the limits."""
+    p, v, a, _, _, share, j1, j2, j3 = axis
+    goal = p + stop(v, a, share * limits[1], share * limits[2])
+    return (p, v, a, goal, 0.0, share, j1, j2, j3)
+
+
+def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float]:
+    """Where x and y soonest come to rest, m."""
+    x = end(plan[0], limits)
+    y = end(plan[1], limits)
+    return x[3], y[3]
+
+
+def halt(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
+    """Return axes that stop where they soonest do, with the limits shared anew."""
+    x, y, z = share_leftover(x, y, z)
+    return end(x, limits), end(y, limits), end(z, limits)
+
+
+def brake(plan: Plan, limits: Limits) -> Plan:
+    """Come to rest as soon as can be; axes that get more of the limits later stop nearer."""
+    x, y, z, moving, _, periods, _ = plan
+    x, y, z = halt(x, y, z, limits)
+    return (x, y, z, moving, BRAKES, periods, 0.0)

@@ -190,8 +190,12 @@ def _node(events: Iterator[Any], event: Any, depth: int = 0) -> Any:
             raise Invalid(f"a name is a word or a quoted text{_at(name.start_mark)}")
         found = next(events)
         if _is_glued(name, found):
-            raise Invalid(f"{name.value!r} has no blank behind its colon{_at(name.start_mark)}")
-        table[_text(name)] = _node(events, found, depth + 1)
+            own, _, word = name.value.partition(":")
+            if word.startswith(("'", '"')):
+                raise Invalid(f"{name.value!r} has no blank behind its colon{_at(name.start_mark)}")
+            table[own] = _bare(word)
+        else:
+            table[_text(name)] = _node(events, found, depth + 1)
     return table
 
 

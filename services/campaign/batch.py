@@ -108,7 +108,7 @@ class Batch:
         count = len(missions)
         self._score, self._watch = Score(count), Watch(count)
         self._told: list[object] = [None] * count
-        self._heeds = [GoalLatch() for _ in missions]
+        self._latches = [GoalLatch() for _ in missions]
         self._unscored = [True] * count
         self._periods = round(missions[0].seconds * SETPOINT.hz)
         self._track = np.empty((self._periods + 1, 6, count))
@@ -168,20 +168,20 @@ class Batch:
         if now < lane.mute_until:
             if now - lane.last_told > self._silence:
                 self._fleet.brake(number)
-                self._heeds[number].stopped()
+                self._latches[number].stopped()
             self._told[number] = None
             return
         if self._told[number] is None and now - lane.last_told <= self._grace + self._silence:
-            self._heeds[number].resumed()
+            self._latches[number].resumed()
         told = (setpoint.brake, setpoint.position)
         if told == self._told[number]:
             return
         self._told[number] = told
         place = setpoint.position
-        heeds = self._heeds[number].heeds(place, brake=setpoint.brake)
+        accepts = self._latches[number].accepts(place, brake=setpoint.brake)
         if setpoint.brake:
             self._fleet.brake(number)
-        elif heeds:
+        elif accepts:
             self._fleet.goto(number, place.x, place.y, place.z)
 
     def _farthest(self, number: int, motion: Floats) -> float:

@@ -17,7 +17,7 @@ def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
     waited = BackgroundCompiler()
     assert waited.single() is None
     for _ in range(3):
-        waited.ask()
+        waited.start()
     eventually(lambda: waited.single() is not None)
 
 

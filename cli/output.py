@@ -77,3 +77,12 @@ def _shown(value: Any, *, quoted: bool = True) -> str:
     if isinstance(value, float):
         return repr(value) if len(repr(value)) <= _WIDEST else f"{value:.9g}"
     return repr(value) if isinstance(value, str) and quoted else str(value)
+
+
+def duration(seconds: float) -> str:
+    """A time as `3 s`, `2:03` or `1:02:03`."""
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours}:{minutes:02}:{rest:02}"
+    return f"{minutes}:{rest:02}" if minutes else f"{rest} s"

@@ -10,8 +10,9 @@ from msgspec import Struct
 from cli import output
 from cli.options import Options
 from cli.param.running import Values, tables
-from services.runtime.params import catalogue, load
+from services.runtime.params import catalogue
 from services.runtime.params.load import gather
+from services.runtime.params.load import of as params_of
 from services.runtime.params.names import flatten
 
 DEFAULT_FILE = Path("quad.toml")
@@ -47,7 +48,7 @@ def file_values(file: Path | None, options: Options) -> Values:
 
 def values_of(said: Mapping[str, Any], source: str, options: Options) -> Values:
     """The same of a file's tables; raises Invalid, naming the source."""
-    params = load.of(said, source, options.vehicles)[options.vehicle]
+    params = params_of(said, source, options.vehicles)[options.vehicle]
     whole = msgspec.to_builtins(params)
     return dict(flatten({name: table for name, table in whole.items() if table}))
 

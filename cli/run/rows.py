@@ -57,15 +57,6 @@ def lines(
     return found
 
 
-def duration(seconds: float) -> str:
-    """A time as `3 s`, `2:03` or `1:02:03`."""
-    minutes, rest = divmod(int(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours}:{minutes:02}:{rest:02}"
-    return f"{minutes}:{rest:02}" if minutes else f"{rest} s"
-
-
 def _texts(row: ProcessRecord, taken: Taken) -> tuple[str, ...]:
     return (
         row.name,

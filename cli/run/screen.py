@@ -7,9 +7,10 @@ import time
 from types import TracebackType
 from typing import Self
 
+from cli.output import duration
 from cli.run import terminal
 from cli.run.panel import Panel
-from cli.run.rows import Taken, duration, lines
+from cli.run.rows import Taken, lines
 from cli.run.usage import Shares
 from services.runtime.procfs import stats_of
 from services.runtime.realm import Realm

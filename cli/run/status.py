@@ -8,7 +8,7 @@ from cli import output
 from cli.fault.catalogue import active
 from cli.fault.kept import frozen_of, values_of
 from cli.options import Options, here
-from cli.run.rows import duration
+from cli.output import duration
 from services.runtime import run_files
 from services.runtime.procfs import stats_of
 from services.runtime.realm import Realm, listed

@@ -5,13 +5,11 @@ import os
 import sys
 
 from cli import (
-    alone,
-    lean,  # noqa: F401 - before all that imports msgspec
+    fast_imports,  # noqa: F401 - before all that imports msgspec
+    fast_parser,
     output,
-    quick,
-    streams,
 )
-from cli.options import options_of
+from cli.context import options_of
 from services.runtime.errors import QuadctlError, UsageError
 
 _CTRL_C = 130
@@ -23,10 +21,10 @@ def main() -> None:
     words = sys.argv[1:]
     as_json = "--json" in words
     try:
-        streams.ensure()
+        output.ensure()
         _check_encoding(words)
         _run(words)
-        streams.flush()
+        output.flush()
         code = 0
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else 0
@@ -52,18 +50,18 @@ def main() -> None:
 
 def _run(words: list[str]) -> None:
     if _COMPLETING in os.environ:
-        from cli.complete import shells
+        from cli.completion import shells
 
         fits = shells.answer()
         if fits is not None:
             output.line(fits)
             return
-    words = alone.given(words)
-    line = quick.read(words)
+    words = fast_parser.given(words)
+    line = fast_parser.read(words)
     if line is None:
-        from cli import typed
+        from cli import typer_app
 
-        line = typed.read(words)
+        line = typer_app.read(words)
     # All that a command needs is there: what it makes from now on is looked through, and no more.
     gc.freeze()
     gc.enable()

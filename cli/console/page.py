@@ -1,27 +1,45 @@
-"""One page in one browser: its panels, what it may do, and the pictures it is sent."""
+"""One page: layout and feed."""
 
 import asyncio
 import time
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlencode
 
 from nicegui import run, ui
 
-from cli.console import frame
-from cli.console.acts import Act, Acts
-from cli.console.board import TICK
-from cli.console.link import Link
-from cli.console.panels.faults import Faults
-from cli.console.panels.flight import Flight
-from cli.console.panels.journal import Journal
-from cli.console.panels.parameters import Parameters
-from cli.console.panels.processes import Processes
-from cli.console.panels.readings import readings
-from cli.console.panels.safety import Safety
-from cli.console.panels.top import top
-from cli.console.parts import Live
+from cli.console import model
+from cli.console.actions import Act, Acts, PageContext
+from cli.console.bus_link import Link
+from cli.console.elements import Live, read
+from cli.console.model import TICK
+from cli.console.panels import Faults, Flight, Journal, Processes, Safety, readings
+from cli.console.parameters_panel import Parameters
 from schemas.messages import Position
 from services.runtime.errors import QuadctlError
+
+
+def top(page: PageContext) -> None:
+    """Make the bar, and the banner below it that shows while something is wrong."""
+    with ui.element("header").classes("top"):
+        ui.html("quadctl<b>console</b>", sanitize=False, tag="h1")
+        if len(page.vehicles) > 1:
+            chosen = ui.select(page.vehicles, value=page.link.vehicle, label="vehicle")
+            chosen.props("dense borderless").classes("vehicle")
+            chosen.on_value_change(lambda event: _go_to(str(event.value)))
+        else:
+            ui.html(page.link.vehicle, sanitize=False, tag="span").classes("vehicle")
+        if not page.control:
+            ui.html("watching only", sanitize=False, tag="span").classes("badge")
+        read("link", classes="link").props("role=status")
+    with ui.element("div").classes("banner").props("role=alert"):
+        read("problem")
+
+
+def _go_to(vehicle: str) -> None:
+    asked = dict(ui.context.client.request.query_params) | {"vehicle": vehicle}
+    ui.navigate.to(f"/?{urlencode(asked)}")
+
 
 _CSS = (Path(__file__).parent / "assets" / "console.css").read_text(encoding="utf-8")
 _GONE = 60.0
@@ -82,10 +100,10 @@ class Page:
         The next is made when it has the last one, of what is newest then: a slow browser sees
         fewer, and nothing waits for it.
         """
-        seen = frame.NOTHING_SEEN
+        seen = model.NOTHING_SEEN
         while not self._client.is_deleted:
             began = time.monotonic()
-            picture = self.link.see(lambda board: frame.frame(board, seen, self.target))  # noqa: B023 - called at once
+            picture = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
             try:
                 got = await self._live.show(picture, timeout=_GONE)
             except TimeoutError:

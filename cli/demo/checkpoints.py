@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from cli.lab.flying import Flight, distance, patience
+from cli.vehicle.goto import Flight, distance, patience
 from schemas.messages import Pose, Position, Pressure
 from schemas.params import Params
 from schemas.services import CalibrateRequest, GotoRequest, ToggleCageRequest

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cli import output
-from cli.declare import Opt
+from cli.context import Options, here
+from cli.declarations import Opt
 from cli.demo.checkpoints import CHECKPOINTS, Lab
-from cli.options import Options, here
-from cli.own import run_of_its_own
+from cli.temporary_run import run_of_its_own
 from services.runtime.bus.client import Client
 from services.runtime.params.catalogue import lab_params
 from services.runtime.realm import DEFAULT
@@ -29,8 +29,8 @@ def demo(
     Example: quadctl demo --picture flight.svg
     """
     here(options, "demo")
-    from cli.plot.flight import Flight, wanted
-    from cli.plot.picture import draw
+    from cli.plot.figure import draw
+    from cli.plot.track import Flight, wanted
 
     params = lab_params()
     vehicle = options.named or DEFAULT

@@ -1,14 +1,245 @@
-"""Judges what was found on the bus, or that nothing could be; pure."""
+"""Nodes, services, topics, barometer."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
-from cli.doctor import offers, topics
-from cli.doctor.barometer import barometer
-from cli.doctor.check import Check, failed, passed, warned
-from cli.doctor.settings import Settings, faults, parameters
-from services.runtime.bus.survey import Survey
-from services.runtime.errors import QuadctlError
+from msgspec import Struct
+
+from cli.doctor.check import Check, alone, failed, passed, warned
+from cli.doctor.run import Settings, faults, parameters
+from schemas.barometer import AIR
+from schemas.keyexpr import Offer
+from schemas.messages import Pressure
+from schemas.topics import POSE, PRESSURE, SERVICES, STATE, TOPICS, Service, get_params, set_params
+from schemas.typeinfo import schema_hash
+from services.runtime.bus import codec
+from services.runtime.bus.survey import Heard, Survey
+from services.runtime.errors import Invalid, QuadctlError, TimedOut
+from services.runtime.process_table import NODES
 from services.runtime.run_files import RunRecord
+
+_ALIKE = 8
+"""So many readings that are the same to the last bit come from no sensor: each has noise, and of the
+coarsest they are the same once in ten thousand times."""
+_FIX = "`quadctl fault list`, `quadctl node restart pressure`; a real sensor: see to its wires"
+
+
+def barometer(found: Survey, vehicle: str) -> Iterator[Check]:
+    """Its readings are the air's, and change; nothing where there is none."""
+    heard = found.heard.get(PRESSURE.key(vehicle))
+    if heard is not None:
+        yield judged(_readings(heard.newest))
+
+
+def judged(readings: Sequence[float]) -> Check:
+    """Of readings, hPa, the oldest first."""
+    if not readings:
+        return warned("barometer", "not checked: no reading came")
+    low, high = AIR
+    if beyond := [reading for reading in readings if not low <= reading <= high]:
+        said = f"{beyond[-1]:g} hPa is not the pressure of air: it is {low:g} to {high:g} hPa"
+        return failed("barometer", said, _FIX)
+    if len(readings) < _ALIKE:
+        return passed("barometer", f"{readings[-1]:.6g} hPa; too few to see whether it is stuck")
+    if len(set(readings[-_ALIKE:])) == 1:
+        said = f"stuck: {readings[-1]:.9g} hPa {_ALIKE} times over, with no noise"
+        return warned("barometer", said, _FIX)
+    return passed("barometer", f"{readings[-1]:.6g} hPa, and it changes")
+
+
+def _readings(payloads: Iterable[bytes]) -> list[float]:
+    """What was measured, before the baseline was taken off, hPa; what cannot be read is left out."""
+    found = []
+    for payload in payloads:
+        try:
+            reading = codec.decode_fields(Pressure, payload)
+        except Invalid:
+            continue
+        found.append(reading.pressure + reading.baseline)
+    return found
+
+
+_SERVED: tuple[Service[Any, Any], ...] = (*SERVICES, get_params(""), set_params(""))
+_TYPES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}
+_TYPES |= {service.type_name: service.request for service in _SERVED}
+_HASHES = {name: schema_hash(type_) for name, type_ in _TYPES.items()}
+
+
+def announced(found: Survey, run: RunRecord | None) -> Check:
+    """Every node that is recorded as ready has announced itself, and offers what is its own."""
+    due = [node.name for node in run.nodes if node.state == "ready"] if run else []
+    missing = [name for name in due if name not in found.nodes and name in NODES]
+    if missing:
+        return failed(
+            "announced",
+            f"not on the bus: {', '.join(missing)}",
+            f"`quadctl node restart {missing[0]}`",
+        )
+    if not found.nodes:
+        return failed("announced", "no node is on the bus", "`quadctl up -d`")
+    offered = {offer.name for offer in found.offers}
+    declared: tuple[Any, ...] = (*SERVICES, *TOPICS)
+    lacking = [
+        f"{entry.node} does not offer {entry.name}"
+        for entry in declared
+        if entry.node in found.nodes and entry.name not in offered
+    ]
+    if lacking:
+        return warned(
+            "announced",
+            ", ".join(lacking),
+            "add it to your own node, or take ours: see [processes] in quad.toml",
+        )
+    return passed("announced", ", ".join(found.nodes))
+
+
+def schemas(found: Survey) -> Check:
+    """Every type of ours that is offered has our fields."""
+    others = sorted({
+        f"{offer.node} has {offer.type}#{offer.hash}, here it is #{_HASHES[offer.type]}"
+        for offer in found.offers
+        if offer.hash != _HASHES.get(offer.type, offer.hash)
+    })  # fmt: skip
+    if others:
+        return failed(
+            "schemas",
+            "\n".join(others),
+            "install the same version on both sides: `quadctl --version`, then `quadctl up -d`",
+        )
+    return passed("schemas", f"{len(found.offers)} topics and services have the fields known here")
+
+
+def servers(found: Survey) -> Check:
+    """One server for each service: announced, and by who answers a call."""
+    doubled: list[str] = []
+    offers = [offer for offer in found.offers if offer.kind == "@srv"]
+    for key in sorted({offer.key for offer in offers}):
+        nodes = [offer.node for offer in offers if offer.key == key]
+        answering = {answer.server for answer in found.answers.get(key, ()) if answer.server}
+        if len(nodes) > 1:
+            doubled.append(f"{key} is served by {' and '.join(nodes)}")
+        elif len(answering) > 1:
+            doubled.append(
+                f"{key} is served by {nodes[0]} and {len(answering) - 1} more, not announced"
+            )
+    keys = {offer.key for offer in offers}
+    return alone("servers", doubled, f"one for each of {len(keys)} services")
+
+
+def services(found: Survey) -> Iterator[Check]:
+    """The services of each node answer."""
+    keys = {offer.key: offer for offer in found.offers if offer.key in found.answers}
+    for node in sorted({offer.node for offer in keys.values()}):
+        yield _services(node, [key for key, offer in keys.items() if offer.node == node], found)
+
+
+def _services(node: str, keys: list[str], found: Survey) -> Check:
+    title, names = f"services of {node}", {o.key: o.name for o in found.offers}
+    silent = [
+        names[key] for key in keys if not [a for a in found.answers[key] if a.code != TimedOut.code]
+    ]
+    if silent:
+        return failed(
+            title,
+            f"no answer within {found.listened:.1f} s from {', '.join(silent)}",
+            f"`quadctl node logs {node}`, `quadctl node restart {node}`",
+        )
+    internal = [names[key] for key in keys if any(a.code == "internal" for a in found.answers[key])]
+    if internal:
+        return failed(title, f"fails inside: {', '.join(internal)}", f"`quadctl node logs {node}`")
+    longest = max(answer.seconds for key in keys for answer in found.answers[key])
+    said = ", ".join(names[key].removeprefix(f"{node}/") for key in keys)
+    return passed(title, f"{said} answer within {1000 * longest:.1f} ms")
+
+
+_TOLERANCE = 0.2
+_FEW = 1.5
+"""Messages that should have come; of fewer, that none came shows nothing."""
+_CLOCKS = 0.5
+"""Seconds that two clocks may differ."""
+
+
+def topics(found: Survey, vehicle: str) -> Iterator[Check]:
+    """Every topic with a declared rate."""
+    speed = _speed(found)
+    # Simulated seconds per second, as the vehicle's own stamps tell it.
+    pace = found.heard.get(POSE.key(vehicle), Heard()).pace
+    offers = {offer.key: offer for offer in found.offers if offer.kind == "@pub" and offer.hz}
+    for key, offer in offers.items():
+        # Safety's state comes on change too, and else by the wall clock.
+        at_least = key == STATE.key(vehicle)
+        in_time = 1.0 if speed == 1 or at_least else pace
+        yield topic(offer, found.heard[key], found.listened, in_time, at_least=at_least)
+
+
+def topic(
+    offer: Offer, heard: Heard, seconds: float, pace: float = 1.0, *, at_least: bool = False
+) -> Check:
+    """One topic at its declared rate; a `pace` other than 1 makes it one of simulated time."""
+    name, due = f"topic {offer.key}", seconds * offer.hz * pace
+    if not heard.count and due >= _FEW:
+        return failed(
+            name,
+            f"nothing came in {seconds:.1f} s, {offer.node} declares {offer.hz:g} Hz",
+            f"`quadctl node logs {offer.node}`, `quadctl node restart {offer.node}`",
+        )
+    if not heard.hz or not pace:
+        if due < 2 * _FEW:
+            return passed(name, f"{offer.hz:g} Hz declared: too slow to measure in {seconds:.1f} s")
+        return warned(
+            name,
+            f"not measured: {heard.count} messages in {seconds:.1f} s",
+            "`quadctl doctor --timeout 10` listens longer",
+        )
+    measured = heard.hz / pace
+    said = f"{measured:.1f} Hz of {offer.hz:g}" + (" (simulated time)" if pace != 1 else "")
+    share = measured / offer.hz
+    if abs(share - 1) <= _TOLERANCE:
+        return passed(name, said)
+    if at_least and share > 1:
+        # A few in a row, as at a restart, are no rate.
+        return passed(
+            name, f"{heard.count} in {seconds:.1f} s: each change besides {offer.hz:g} Hz"
+        )
+    if share > 1:
+        return warned(name, said, "`quadctl topic list` shows who publishes it")
+    # A machine with too much to do is no fault of the system, which knows how to be late.
+    return warned(name, said, f"`top` shows what else runs; `quadctl node logs {offer.node}`")
+
+
+def publishers(found: Survey) -> Check:
+    """One publisher on each topic: announced, and by who stamps the messages."""
+    doubled: list[str] = []
+    offers = [offer for offer in found.offers if offer.kind == "@pub"]
+    for key in sorted({offer.key for offer in offers}):
+        nodes = [offer.node for offer in offers if offer.key == key]
+        heard = found.heard[key].publishers if key in found.heard else 0
+        if len(nodes) > 1:
+            doubled.append(f"{key} is published by {' and '.join(nodes)}")
+        elif heard > 1:
+            doubled.append(f"{key} is published by {nodes[0]} and {heard - 1} more, not announced")
+    return alone("publishers", doubled, f"one on each of {len(found.heard)} topics")
+
+
+def clocks(found: Survey) -> Check:
+    """Messages are stamped by clocks that agree with ours."""
+    if not found.heard:
+        return warned("clocks", "not checked: nobody publishes anything", "`quadctl node list`")
+    key, heard = max(found.heard.items(), key=lambda item: abs(item[1].age))
+    if abs(heard.age) <= _CLOCKS:
+        return passed("clocks", f"messages are {1000 * heard.age:.1f} ms old at most")
+    said = f"{abs(heard.age):.1f} s {'in the past' if heard.age > 0 else 'in the future'}"
+    return warned(
+        "clocks",
+        f"a message on {key} is stamped {said}",
+        "`timedatectl set-ntp true` on both machines; on one machine, `quadctl topic list`",
+    )
+
+
+def _speed(found: Survey) -> float:
+    said = (answer.values for answers in found.answers.values() for answer in answers)
+    return next((v["dynamics.speed"] for v in said if "dynamics.speed" in v), 1.0)
+
 
 _NEED_THE_HUB = (
     "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "barometer",
@@ -27,13 +258,13 @@ def bus(
             yield warned(name, "not checked: the hub does not answer")
         return
     yield passed("hub answers", f"{1000 * found.connected:.1f} ms")
-    yield offers.announced(found, run)
-    yield offers.schemas(found)
-    yield offers.servers(found)
-    yield topics.publishers(found)
-    yield from topics.topics(found, vehicle)
-    yield from offers.services(found)
-    yield topics.clocks(found)
+    yield announced(found, run)
+    yield schemas(found)
+    yield servers(found)
+    yield publishers(found)
+    yield from topics(found, vehicle)
+    yield from services(found)
+    yield clocks(found)
     yield from barometer(found, vehicle)
     replies = (answer.values for answers in found.answers.values() for answer in answers)
     running = {name: value for values in replies for name, value in values.items()}

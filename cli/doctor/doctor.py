@@ -6,14 +6,14 @@ import time
 from collections.abc import Iterator
 
 from cli import output
+from cli.context import Options
 from cli.doctor import run
 from cli.doctor.bus import bus
 from cli.doctor.check import Check, failed, text_of, with_options
 from cli.doctor.gather import Facts, Place, gather
+from cli.doctor.host import clock, disk, load
 from cli.doctor.installation import environment, installation
-from cli.doctor.resources import clock, disk, load
-from cli.doctor.settings import parameter_file
-from cli.options import Options
+from cli.doctor.run import parameter_file
 from services.runtime.errors import UsageError
 from services.runtime.realm import default_name
 

@@ -1,22 +1,64 @@
-"""Gathers all facts: those of the bus on a thread of their own, since they take longest."""
+"""All facts under one deadline."""
 
 import os
+import threading
 import time
 from pathlib import Path
 from typing import NamedTuple
 
-from cli.doctor.folder import Folder, Neighbours, folder, neighbours
-from cli.doctor.installed import Installed, installed
-from cli.doctor.machine import Disk, Process, disk, process
-from cli.doctor.settings import Settings, settings
-from cli.doctor.watch import Watch
-from cli.options import Options
+from cli.context import Options, hub_alone
+from cli.doctor.host import (
+    Disk,
+    Folder,
+    Neighbours,
+    Process,
+    folder,
+    look_at_disk,
+    neighbours,
+    process,
+)
+from cli.doctor.installation import Installed, installed
+from cli.doctor.run import Settings, settings
 from services.runtime.bus.session import Address, address_of
-from services.runtime.bus.survey import Survey
+from services.runtime.bus.survey import Survey, survey
 from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from services.runtime.realm import DEFAULT, Realm
 from services.runtime.run_files import RunRecord
-from services.runtime.vehicles import hub_alone
+
+_MARGIN = 0.1
+"""Seconds of the timeout kept for what comes after: judging and printing."""
+
+
+class Watch:
+    """A survey under way; ends by its timeout (s), come what may. Without an address, none."""
+
+    def __init__(self, address: Address | None, vehicle: str, timeout: float) -> None:
+        self._found: Survey | BaseException | None = None
+        timeout = max(timeout - _MARGIN, _MARGIN)
+        self._deadline = time.monotonic() + timeout
+        self._thread: threading.Thread | None = None
+        if address is not None:
+            self._thread = threading.Thread(
+                target=self._look, args=(address, vehicle, timeout), daemon=True
+            )
+            self._thread.start()
+
+    def result(self) -> Survey | QuadctlError | None:
+        """What was found, or why nothing could be; None where nothing was looked for."""
+        if self._thread is None:
+            return None
+        self._thread.join(max(self._deadline - time.monotonic(), 0) + _MARGIN)
+        if self._thread.is_alive():
+            return TimedOut("the hub takes connections and does not answer")
+        if isinstance(self._found, BaseException) and not isinstance(self._found, QuadctlError):
+            raise self._found
+        return self._found
+
+    def _look(self, address: Address, vehicle: str, timeout: float) -> None:
+        try:
+            self._found = survey(address, vehicle, timeout)
+        except BaseException as error:  # noqa: BLE001 - told to who asks for the result
+            self._found = error
 
 
 class Place(NamedTuple):
@@ -101,16 +143,16 @@ def _processes(here: Folder | None) -> dict[str, Process]:
 
 def _disks(realm: Realm | None) -> list[Disk]:
     try:
-        disks = [disk(Path.cwd(), writing=False)]
+        disks = [look_at_disk(Path.cwd(), writing=False)]
     except FileNotFoundError:
         disks = [Disk(".", 0, "it has been removed")]
     if realm and _is_there(realm.folder):
-        disks.append(disk(realm.folder, writing=True))
+        disks.append(look_at_disk(realm.folder, writing=True))
     elif realm:
         # Where `up` would make it.
         there = next(path for path in realm.folder.parents if _is_there(path))
         refused = "" if os.access(there, os.W_OK) else "no permission"
-        disks.append(disk(there, writing=False)._replace(refused=refused))
+        disks.append(look_at_disk(there, writing=False)._replace(refused=refused))
     return disks
 
 

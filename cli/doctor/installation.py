@@ -1,10 +1,150 @@
-"""Judges the installation; pure."""
+"""Python, packages, whose `services` is imported.
 
-from collections.abc import Iterator, Mapping
+Releases are compared, and what comes after them (`rc1`, `.post2`) is left out of account.
+"""
+
+import hashlib
+import operator
+import os
+import re
+import sys
+from base64 import urlsafe_b64encode
+from collections.abc import Callable, Iterator, Mapping
+from importlib import metadata
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import NamedTuple
 
 from cli.doctor.check import Check, failed, passed, warned
-from cli.doctor.installed import Installed
-from cli.doctor.versions import satisfies
+
+_REQUIREMENT = re.compile(r"\s*([A-Za-z0-9._-]+)\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)\)?\s*(;.*)?")
+_BOUND = re.compile(r"(>=|<=|==|!=|~=|>|<)\s*v?([0-9.]+)")
+_RELEASE = re.compile(r"v?([0-9]+(?:\.[0-9]+)*)")
+_HOLDS: dict[str, Callable[[tuple[int, ...], tuple[int, ...]], bool]] = {
+    ">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne,
+    ">": operator.gt, "<": operator.lt,
+}  # fmt: skip
+
+
+class Requirement(NamedTuple):
+    """A package and the bounds on its version."""
+
+    name: str
+    bounds: str
+
+
+def requirement(text: str) -> Requirement | None:
+    """A requirement as metadata says it; None where it holds for some installations only."""
+    found = _REQUIREMENT.fullmatch(text)
+    if found is None or found[3]:
+        return None
+    return Requirement(found[1], found[2].strip())
+
+
+def satisfies(version: str, bounds: str) -> bool:
+    """Whether a version is within bounds such as `<2,>=1.10`."""
+    return all(
+        _holds(version, sign, bound) for sign, bound in _BOUND.findall(bounds.replace(".*", ""))
+    )
+
+
+def _holds(version: str, sign: str, bound: str) -> bool:
+    if sign == "~=":
+        upper = bound.rpartition(".")[0]
+        return _holds(version, ">=", bound) and _release(version)[
+            : upper.count(".") + 1
+        ] == _release(upper)
+    ours, theirs = _release(version), _release(bound)
+    longest = max(len(ours), len(theirs))
+    return _HOLDS[sign](_padded(ours, longest), _padded(theirs, longest))
+
+
+def _release(version: str) -> tuple[int, ...]:
+    found = _RELEASE.match(version)
+    return tuple(int(part) for part in found[1].split(".")) if found else ()
+
+
+def _padded(release: tuple[int, ...], length: int) -> tuple[int, ...]:
+    return release + (0,) * (length - len(release))
+
+
+PACKAGES = ("services", "schemas", "cli")
+"""Our top-level packages, whose names are anybody's."""
+
+
+class Installed(NamedTuple):
+    """What is installed, and what an import of our packages would bring.
+
+    `found` has the folder that each is imported from by a process of `quadctl up`, `here` by
+    `python -m` in the working directory; `claimed` the other installed packages that have one
+    of that name, `altered` our files that are not as they were installed.
+    """
+
+    python: str
+    needed_python: str
+    versions: dict[str, str | None]
+    requirements: list[Requirement]
+    folder: str
+    found: dict[str, str]
+    here: dict[str, str]
+    claimed: dict[str, list[str]]
+    altered: list[str]
+
+
+def installed() -> Installed:
+    """Look."""
+    ours = metadata.distribution("quadctl")
+    required = [found for text in ours.requires or () if (found := requirement(text))]
+    # What stands first is the folder of the script, or where `python -m` was typed.
+    path = sys.path if sys.flags.safe_path else sys.path[1:]
+    owners = metadata.packages_distributions()
+    return Installed(
+        python=".".join(map(str, sys.version_info[:3])),
+        needed_python=ours.metadata["Requires-Python"] or "",
+        versions={"quadctl": ours.version, **{r.name: _version(r.name) for r in required}},
+        requirements=required,
+        folder=str(Path(__file__).resolve().parents[2]),
+        found={name: _origin(name, path) for name in PACKAGES},
+        here={name: _origin(name, ["", *path]) for name in PACKAGES},
+        claimed={name: sorted(set(owners.get(name, ())) - {"quadctl"}) for name in PACKAGES},
+        altered=_altered(ours),
+    )
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _origin(name: str, path: list[str]) -> str:
+    """The folder whose package of that name is imported with such a path, empty where none is."""
+    spec = PathFinder.find_spec(name, path)
+    if spec is None or spec.origin is None:
+        return ""
+    module = Path(spec.origin).resolve()
+    return str(module.parents[1] if spec.submodule_search_locations else module.parent)
+
+
+def _altered(ours: metadata.Distribution) -> list[str]:
+    """Installed files of ours that are gone, or are not what was installed."""
+    return [
+        str(file)
+        for file in ours.files or ()
+        if file.hash is not None and file.parts[0] in PACKAGES and not _is_intact(file)
+    ]
+
+
+def _is_intact(file: metadata.PackagePath) -> bool:
+    try:
+        data = Path(os.fspath(file.locate())).read_bytes()
+    except OSError:
+        return False
+    assert file.hash is not None  # noqa: S101 - asked for by the caller
+    digest = hashlib.new(file.hash.mode, data).digest()
+    return urlsafe_b64encode(digest).decode().rstrip("=") == file.hash.value
+
 
 _REINSTALL = "`python -m pip install --force-reinstall quadctl`, in an environment of its own"
 _SHOWN = ("QUADCTL_", "XDG_RUNTIME_DIR", "PYTHONPATH")

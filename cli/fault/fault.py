@@ -1,20 +1,65 @@
-"""`fault list`, `inject` and `clear`: what goes wrong, to order."""
+"""Fault list, inject, clear."""
 
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
-from cli import bus, output
-from cli.declare import Arg
+from cli import context, output
+from cli.context import Options
+from cli.declarations import Arg
 from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES, Fault, active
-from cli.fault.kept import frozen, kept
-from cli.node.kill import signalled
-from cli.options import Options
+from cli.node.control import signalled
 from schemas.services import GetParamsRequest, SetParamsRequest
 from schemas.topics import get_params, set_params
+from services.runtime import procfs, run_files
+from services.runtime import run_files as files
 from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, UsageError
-from services.runtime.params.names import nearest
+from services.runtime.errors import Invalid, Unreachable, UsageError
+from services.runtime.params.names import flatten, nearest
 from services.runtime.process_table import NODES
+from services.runtime.realm import Realm
+from services.runtime.run_files import RunRecord
+
+
+def kept(options: Options) -> dict[str, Any]:
+    """The vehicle's parameters; over --connect as the nodes answer."""
+    if options.connect:
+        return _asked(options)
+    realm = Realm(options.realm)
+    run_files.read(realm)
+    return values_of(realm, options.vehicle)
+
+
+def values_of(realm: Realm, vehicle: str) -> dict[str, Any]:
+    """A vehicle's parameters by the realm's folder."""
+    return dict(flatten(files.tables(realm, vehicle)))
+
+
+def _asked(options: Options) -> dict[str, Any]:
+    from cli import context
+    from schemas.services import GetParamsRequest
+    from schemas.topics import get_params
+
+    with context.connect(options) as client:
+        replies = [
+            client.call(get_params(node), GetParamsRequest([])) for node in ("dynamics", "pressure")
+        ]
+    return {name: value for reply in replies for name, value in reply.values.items()}
+
+
+def frozen(options: Options) -> list[str]:
+    """The processes of the run that are stopped by a signal, as `safety-frozen`."""
+    if options.connect:
+        return []
+    try:
+        run = run_files.read(Realm(options.realm))
+    except Unreachable:
+        return []
+    return frozen_of(run)
+
+
+def frozen_of(run: RunRecord) -> list[str]:
+    """The same, of this run."""
+    return [f"{node.name}-frozen" for node in run.nodes if node.pid and procfs.is_frozen(node.pid)]
 
 
 def list_(options: Options) -> None:
@@ -56,7 +101,7 @@ def inject(
         signalled(options, node, OF_PROCESSES[what][0])
     else:
         fault = _named(name)
-        with bus.connect(options) as client:
+        with context.connect(options) as client:
             gone = _put(client, fault)
     place = f", in the place of {gone}" if gone else ""
     output.either(options, {"injected": name}, f"{name} is in{place}")
@@ -80,7 +125,7 @@ def clear(
     for found in thawed:
         signalled(options, found.removesuffix("-frozen"), "CONT")
     if named:
-        with bus.connect(options) as client:
+        with context.connect(options) as client:
             for fault in named:
                 _set(client, fault, fault.sound)
     gone = [*thawed, *(fault.name for fault in named)]

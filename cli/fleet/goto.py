@@ -1,29 +1,111 @@
-"""`fleet goto`: all vehicles to their goals, and the flights there watched together."""
+"""Fleet goto: words, formations, flights."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import fsum
 from typing import Annotated, Any
 
 from msgspec import Struct
 
 from cli import output
-from cli.declare import Arg, Opt
-from cli.fleet.board import Board
+from cli.context import Options
+from cli.declarations import Arg, Opt, is_number
 from cli.fleet.file import Fleet, Member
-from cli.fleet.formation import about, named_goals
-from cli.fleet.hubs import Hubs
-from cli.fleet.members import File, fleet_of
-from cli.fleet.told import fail, nobody_sent, row
-from cli.fleet.words import Said, read
-from cli.lab.flying import Flight, patience
-from cli.lab.goto import check_arrive, request_of
-from cli.options import Options
+from cli.fleet.hubs import File, Hubs, fail, fleet_of, nobody_sent, row
+from cli.progress import Board
+from cli.vehicle.goto import Flight, check_arrive, patience, request_of
 from schemas.messages import Position
 from schemas.services import GotoRequest, GotoResponse
 from schemas.topics import GOTO, STATE
 from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Refused
+from services.runtime.errors import Invalid, QuadctlError, Refused, UsageError
+from services.runtime.params.names import nearest
+
+_HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet goto --help`"
+
+
+class Said(Struct, frozen=True):
+    """Goals of vehicles by name, or a formation and where it is to be, or a centre alone; m."""
+
+    own: dict[str, Position] = {}
+    formation: str = ""
+    at: Position = Position(0.0, 0.0, 0.0)
+
+
+def read(words: Sequence[str]) -> Said:
+    """`uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raises UsageError, or Invalid for what is no place."""
+    if all("=" in word for word in words):
+        return Said(own=_own(words))
+    if is_number(words[0]):
+        return Said(at=_point(words))
+    title, *rest = words
+    return Said(formation=title, at=_point(rest)) if rest else Said(formation=title)
+
+
+def _own(words: Sequence[str]) -> dict[str, Position]:
+    goals: dict[str, Position] = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        if name in goals:
+            raise UsageError(f"{name} is given two goals", "name each vehicle once")
+        goals[name] = _point(text.split(","))
+    return goals
+
+
+def _point(words: Sequence[str]) -> Position:
+    if len(words) != 3 or not all(map(is_number, words)):
+        raise UsageError(f"'{' '.join(words)}' is no place: three numbers are", _HINT)
+    x, y, z = map(float, words)
+    # What no vehicle takes need not be asked of any.
+    request_of(x, y, z, replace=False)
+    return Position(x, y, z)
+
+
+Places = Mapping[str, Position]
+"""A point for each vehicle, m."""
+
+
+def named_goals(said: Said, fleet: Fleet) -> dict[str, Position] | None:
+    """The goals of vehicles by name, or of a formation.
+
+    None for a centre, which depends on where all are. Raises Invalid for a name that there is not.
+    """
+    names = [member.name for member in fleet.members]
+    for name in said.own:
+        if name not in names:
+            hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
+            raise Invalid(f"there is no vehicle {name}", hint)
+    if said.own or not said.formation:
+        return said.own or None
+    if said.formation not in fleet.formations:
+        raise _no_formation(said.formation, fleet)
+    return _moved(fleet.formations[said.formation], said.at)
+
+
+def about(places: Places, to: Position) -> dict[str, Position]:
+    """The places moved so that their centre is at a point, each as far from it as before."""
+    count = len(places)
+    x, y, z = (fsum(getattr(p, axis) for p in places.values()) / count for axis in "xyz")
+    offsets = {name: Position(p.x - x, p.y - y, p.z - z) for name, p in places.items()}
+    return _moved(offsets, to)
+
+
+def _moved(places: Places, by: Position) -> dict[str, Position]:
+    return {name: Position(by.x + p.x, by.y + p.y, by.z + p.z) for name, p in places.items()}
+
+
+def _no_formation(title: str, fleet: Fleet) -> Invalid:
+    source = fleet.source or "fleet.toml"
+    table = f"write it in {source}: [formations.{title}], and below it, for each vehicle,"
+    known = nearest(title, fleet.formations)
+    if fleet.formations and not known:
+        known = f"{source} has {', '.join(fleet.formations)}"
+    return Invalid(
+        f"there is no formation {title}",
+        known or f"{table} {fleet.members[0].name} = [1.0, 2.0, 0.5], metres",
+    )
+
 
 _GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."
 _WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show --vehicle`"

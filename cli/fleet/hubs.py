@@ -1,19 +1,26 @@
-"""The hubs of a fleet: asked at the same time, so that one that is away holds up none of the others."""
+"""Several hubs at once; who belongs to the fleet; one verdict of many."""
 
+import os
+import re
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
-from typing import Self, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeVar
 
 from msgspec import structs
 
-from cli import bus
-from cli.fleet.file import Member
-from cli.options import Options
-from cli.together import Heard, ask_each
+from cli import context, output
+from cli.concurrent import Heard, ask_each
+from cli.context import Options
+from cli.declarations import Opt
+from cli.fleet import file as fleet_file
+from cli.fleet.file import Fleet, Member
+from services.runtime import realm
 from services.runtime.bus.client import Client
-from services.runtime.errors import TimedOut
+from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
+from services.runtime.realm import Realm
 
 T = TypeVar("T")
 
@@ -52,7 +59,7 @@ class Hubs:
                 self._options, connect=connect, named=vehicle, timeout=timeout
             )
             try:
-                found.set_result(bus.connect(options))
+                found.set_result(context.connect(options))
             except BaseException as problem:
                 found.set_exception(problem)
                 raise
@@ -92,3 +99,104 @@ def late(connect: str, timeout: float) -> TimedOut:
         f"{connect or 'the hub'} did not answer within {timeout:g} s",
         "is its machine there, is its process frozen, does the network let you through?",
     )
+
+
+File = Annotated[
+    Path | None, Opt("The fleet's file (default: ./fleet.toml if it is there).", ("--fleet",))
+]
+"""The option that every command of the fleet has."""
+
+
+def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> Fleet:
+    """The fleet of a file; where there is none, all vehicles of the hub.
+
+    Raises Invalid for what is wrong with the file, Unreachable where nobody is there.
+    """
+    _check_for_all(options)
+    if file is None and not fleet_file.DEFAULT.exists():
+        return Fleet(_on_the_hub(options, hubs), {})
+    fleet = fleet_file.read(file or fleet_file.DEFAULT, options.connect)
+    if file is None and not options.json and (left := left_out(options, fleet)):
+        be = "is" if len(left) == 1 else "are"
+        output.note(
+            f"from {fleet.source}; {realm.listed(left)}, which {be} live on this hub, {be} not in it"
+        )
+    return fleet
+
+
+def left_out(options: Options, fleet: Fleet) -> list[str]:
+    """The vehicles of the realm's run, if it has one, that are not in the fleet."""
+    if options.connect:
+        return []
+    ours = ("", Realm(options.realm).endpoint)
+    named = {member.vehicle for member in fleet.members if member.connect in ours}
+    return [name for name in context.in_run(options.realm) if name not in named]
+
+
+def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:
+    names = set(context.vehicles_of(options.realm, options.connect, options.timeout))
+    if not options.connect:
+        # The run's record names those too whose processes are away, but nobody that came besides.
+        any_ = next(iter(names), realm.DEFAULT)
+        names |= set(hubs.client("", any_, options.timeout).vehicles())
+    if not names:
+        raise Unreachable("no vehicle is on the hub", "`quadctl up` starts one")
+    return [Member(name, options.connect, name) for name in sorted(names, key=_in_order)]
+
+
+def _in_order(name: str) -> list[tuple[int, str]]:
+    """`uav10` after `uav9`."""
+    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", name)]
+
+
+def _check_for_all(options: Options) -> None:
+    # Set for a whole shell, it is no reason to stop one vehicle alone.
+    if options.named and options.named != os.environ.get("QUADCTL_VEHICLE"):
+        raise UsageError(
+            f"--vehicle {options.named}: a command of the fleet is for all of it",
+            "leave `fleet` out for one vehicle, or name those you mean in a file for --fleet",
+        )
+
+
+_WORST_LAST = (5, 6, 7, 4, 3, 1)
+"""Exit codes: a vehicle that refuses is known to be well, one that does not answer is not."""
+
+
+def fail(problems: Mapping[str, QuadctlError]) -> None:
+    """Raise the worst vehicle's problem, where there is one, and the others' with it."""
+    if not problems:
+        return
+    *others, worst = sorted(problems.items(), key=lambda item: _gravity(item[1]))
+    name, problem = worst
+    whole = type(problem)(f"{name}: {problem.message}", problem.hint)
+    whole.others = [f"{other}: {less.message}" for other, less in others]
+    raise whole
+
+
+def nobody_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> QuadctlError:
+    """Why a centre was no goal for any of the vehicles: of some, these, nobody knows the place."""
+    worst = max(problems.values(), key=_gravity)
+    said = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
+    there = next((name for name in names if name not in problems), "")
+    return type(worst)(
+        f"nobody was sent: the formation's centre needs all of them; {said}",
+        f"name those you mean: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
+    )
+
+
+def row(member: Member, options: Options, problem: QuadctlError | None, **more: Any) -> Any:
+    """A vehicle's part of the document."""
+    error = None
+    if problem is not None:
+        error = {"code": problem.code, "message": problem.message, "hint": problem.hint}
+    return {"vehicle": member.name, "hub": hub_of(member, options), **more, "error": error}
+
+
+def hub_of(member: Member, options: Options) -> str:
+    """Its hub's endpoint, or the realm."""
+    return member.connect or f"realm {options.realm}"
+
+
+def _gravity(problem: QuadctlError) -> int:
+    code = problem.exit_code
+    return _WORST_LAST.index(code) if code in _WORST_LAST else len(_WORST_LAST)

@@ -1,23 +1,49 @@
-"""`fleet land-all`: all vehicles stop, and then come straight down."""
+"""Fleet hold, fleet land-all."""
 
 import time
 from typing import Annotated
 
 from cli import output
-from cli.declare import Opt
-from cli.fleet.board import Board
+from cli.context import Options
+from cli.declarations import Opt
 from cli.fleet.file import Member
-from cli.fleet.hubs import Hubs
-from cli.fleet.members import File, fleet_of
-from cli.fleet.told import fail, row
-from cli.lab.flying import Flight, distance, patience
-from cli.lab.goto import check_arrive
-from cli.options import Options
+from cli.fleet.hubs import File, Hubs, fail, fleet_of, row
+from cli.progress import Board
+from cli.vehicle.goto import Flight, check_arrive, distance, patience
 from schemas.messages import Pose, Position, SafetyState
 from schemas.services import GotoRequest, HoldRequest
 from schemas.topics import GOTO, HOLD, POSE, STATE
 from services.runtime.bus.client import Client
 from services.runtime.errors import Refused
+
+
+def hold(options: Options, file: File = None) -> None:
+    """Stop all vehicles at once, each hovering at its stopping point.
+
+    A hub that is away delays none of the others. 0 only where all have stopped, else the code of
+    the worst: nobody answers (3) before a timeout (4) before a refusal (5).
+
+    Example: quadctl fleet hold --fleet fleet.toml
+    """
+    with Hubs(options) as hubs:
+        members = fleet_of(options, file, hubs).members
+        heard = hubs.ask(members, _stop, bounded=True)
+    if options.json:
+        output.document(
+            [
+                row(m, options, heard.problems.get(m.name), stopped=m.name in heard.answers)
+                for m in members
+            ]
+        )
+    else:
+        for name in heard.answers:
+            output.line(f"{name}: stopping: hovering at the stopping point")
+    fail(heard.problems)
+
+
+def _stop(_member: Member, client: Client) -> bool:
+    return client.call(HOLD, HoldRequest()).success
+
 
 _STOPPING = 5.0
 """Seconds to come to rest in; in gusts it never does, and lands from where it is."""

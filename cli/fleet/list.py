@@ -5,11 +5,9 @@ import time
 from msgspec import Struct
 
 from cli import output
+from cli.context import Options
 from cli.fleet.file import Member
-from cli.fleet.hubs import Hubs
-from cli.fleet.members import File, fleet_of
-from cli.fleet.told import fail, hub_of, row
-from cli.options import Options
+from cli.fleet.hubs import File, Hubs, fail, fleet_of, hub_of, row
 from schemas.messages import Pose, Position, SafetyState
 from schemas.topics import POSE, STATE
 from services.runtime.bus import codec

@@ -1,17 +1,51 @@
-"""`node info`: all that is known of one node."""
+"""Node list, node info."""
 
 import time
 from typing import Annotated, Any
 
-from cli import output, which
-from cli.declare import Arg
-from cli.node.asked import answering, params_of
-from cli.node.seen import Seen, connected, run_of, see
-from cli.options import Options
+import msgspec
+
+from cli import context, output
+from cli.context import Options
+from cli.declarations import Arg
+from cli.node.lookup import Seen, answering, connected, params_of, run_of, see
 from services.runtime.bus.client import Client
 from services.runtime.errors import QuadctlError
 from services.runtime.procfs import ProcessStats, pss_of, stats_of
 from services.runtime.run_files import ProcessRecord
+
+
+def list_(options: Options) -> None:
+    """List the nodes: those that `up` looks after, and any other that has announced itself.
+
+    Example: quadctl node list
+    """
+    run = run_of(options)
+    client = connected(options, run)
+    if isinstance(client, QuadctlError):
+        output.note(f"what is on the bus cannot be seen: {client.message}")
+        seen = see(None, run)
+    else:
+        with client:
+            seen = see(client, run)
+    nodes = [
+        msgspec.to_builtins(process)
+        | {
+            title: [offer.key for offer in seen.offered(process.name, kind)]
+            for title, kind in (("topics", "@pub"), ("services", "@srv"))
+        }
+        for process in seen.processes
+    ]
+    if options.json:
+        output.document(nodes)
+        return
+    rows = [
+        (node["name"], node["state"], node["pid"] or "-", node["restarts"],
+         len(node["topics"]), len(node["services"]))
+        for node in nodes
+    ]  # fmt: skip
+    output.table([("NAME", "STATE", "PID", "RESTARTS", "TOPICS", "SERVICES"), *rows])
+
 
 _MEGABYTE = 1e6
 
@@ -22,7 +56,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
     Example: quadctl node info safety
     """
     deadline = time.monotonic() + options.timeout
-    options, name = which.about_node(options, name)
+    options, name = context.about_node(options, name)
     run = run_of(options)
     client = connected(options, run)
     if isinstance(client, QuadctlError):

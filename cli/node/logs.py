@@ -1,17 +1,92 @@
-"""`node logs`: what the processes of a realm have printed."""
+"""Node logs, follow."""
 
+import os
 import time
 from contextlib import ExitStack
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, BinaryIO, Self
 
-from cli import output, which
-from cli.declare import Arg, Opt
-from cli.node.tail import Tail
-from cli.options import Options, here
+from cli import context, output
+from cli.context import Options, here
+from cli.declarations import Arg, Opt
 from services.runtime import run_files
 from services.runtime.errors import Unreachable
 from services.runtime.params.names import nearest, normal_name
 from services.runtime.realm import Realm
+
+
+class Tail:
+    """The lines of NAME.log, those of the older NAME.log.1 before them."""
+
+    def __init__(self, path: Path) -> None:
+        """Opens nothing yet; the file may come later."""
+        self._path = path
+        self._file: BinaryIO | None = None
+        self._part = b""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def all(self) -> list[str]:
+        """All lines that there are, from the file that was full before on."""
+        lines = self.more()
+        return [*self._old(), *lines]
+
+    def more(self) -> list[str]:
+        """The whole lines that have come since the last call, at first all."""
+        found = b""
+        if self._file is not None:
+            found = self._rest(self._file)
+            if self._is_file(self._file):
+                return self._whole(found)
+            # It was full and has another name now. What came while we looked is in it, too.
+            found += self._rest(self._file)
+            self._file.close()
+            self._file = None
+        try:
+            self._file = self._path.open("rb")
+        except FileNotFoundError:
+            return self._whole(found)
+        return self._whole(found + self._rest(self._file))
+
+    def _old(self) -> list[str]:
+        try:
+            with self._path.with_name(f"{self._path.name}.1").open("rb") as old:
+                # The one just read may have got that name meanwhile.
+                return [] if self._file and _same(old, self._file) else _lines(old.read())
+        except FileNotFoundError:
+            return []
+
+    def _rest(self, file: BinaryIO) -> bytes:
+        if os.fstat(file.fileno()).st_size < file.tell():
+            # Somebody has emptied it.
+            file.seek(0)
+            self._part = b""
+        return file.read()
+
+    def _is_file(self, file: BinaryIO) -> bool:
+        try:
+            with self._path.open("rb") as now:
+                return _same(now, file)
+        except FileNotFoundError:
+            return True
+
+    def _whole(self, fresh: bytes) -> list[str]:
+        done, newline, self._part = (self._part + fresh).rpartition(b"\n")
+        return _lines(done + newline)
+
+
+def _lines(text: bytes) -> list[str]:
+    return [line.decode(errors="replace") for line in text.split(b"\n")[:-1]]
+
+
+def _same(one: BinaryIO, other: BinaryIO) -> bool:
+    return os.path.sameopenfile(one.fileno(), other.fileno())
+
 
 _LOOK_EVERY = 0.1
 _SUFFIX = ".log"
@@ -33,7 +108,7 @@ def logs(
     """
     here(options, "node logs")
     if name is not None:
-        options, name = which.about_node(options, name)
+        options, name = context.about_node(options, name)
     realm = Realm(options.realm)
     if not run_files.is_live(realm) and not realm.logs.is_dir():
         raise run_files.not_running(realm)

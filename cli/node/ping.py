@@ -4,12 +4,11 @@ import contextlib
 import time
 from typing import Annotated
 
-from cli import bus, output, which
-from cli.declare import Arg, Opt
-from cli.node.asked import answering, params_of
-from cli.node.seen import run_of, see
-from cli.options import Options
-from cli.together import Heard, ask_each
+from cli import context, output
+from cli.concurrent import Heard, ask_each
+from cli.context import Options
+from cli.declarations import Arg, Opt
+from cli.node.lookup import answering, params_of, run_of, see
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
 from services.runtime.run_files import ProcessRecord
@@ -39,9 +38,9 @@ def ping(
     # Connecting and looking around are part of the first pings' time.
     ends = time.monotonic() + options.timeout
     if name is not None:
-        options, name = which.about_node(options, name)
+        options, name = context.about_node(options, name)
     run = run_of(options)
-    with bus.connect(options) as client:
+    with context.connect(options) as client:
         seen = see(client, run)
         asked = answering(seen) if name is None else [seen.find(name)]
         for process in asked:

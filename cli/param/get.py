@@ -1,14 +1,117 @@
-"""`param list|get`: reads the parameters of the running system."""
+"""Param list, get, describe."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from cli import output, which
-from cli.declare import Arg
-from cli.options import Options
-from cli.param.running import ALL, Running
-from cli.together import Heard
+from cli import context, output
+from cli.concurrent import Heard
+from cli.context import Options
+from cli.declarations import Arg
+from cli.param.running import ALL, Running, Values
+from schemas.params import FROM_STANDSTILL
+from schemas.typeinfo import bounds_text, type_name
+from services.runtime.errors import Invalid, TimedOut, Unreachable
 from services.runtime.params import catalogue
+from services.runtime.params.catalogue import Entry, fixed_at_launch
 from services.runtime.params.names import normal_name
+from services.runtime.run_files import UNSERVED
+
+
+def describe(
+    options: Options,
+    names: Annotated[list[str], Arg("Parameters, or whole tables.", complete="param")],
+) -> None:
+    """Tell what parameters are: type, unit, bounds, default, meaning, and the present value.
+
+    Where nothing runs there is no present value, and the rest is told all the same: so it is
+    where somebody does not answer, and then the exit code tells.
+
+    Example: quadctl param describe safety.virtual_cage
+    """
+    options, names = context.about_parameters(options, names)
+    names = [normal_name(name) for name in names]
+    found = {name: _leaves(name) for name in names}
+    heard = _present(
+        options, {leaf.name.partition(".")[0] for all_ in found.values() for leaf in all_}
+    )
+    values = {name: value for answer in heard.answers.values() for name, value in answer.items()}
+    if options.json:
+        output.document([_document(leaf, values) for all_ in found.values() for leaf in all_])
+    else:
+        _print(found, values)
+    heard.fail()
+
+
+def _leaves(name: str) -> list[Entry]:
+    leaves = catalogue.leaves().values()
+    part = [leaf for leaf in leaves if leaf.name == name or leaf.name.startswith(f"{name}.")]
+    if not part:
+        from services.runtime.params.load import nearest_declared
+
+        raise Invalid(f"there is no parameter {name}", nearest_declared(name))
+    return part
+
+
+def _present(options: Options, tables: set[str]) -> Heard[Values]:
+    try:
+        with Running(options) as running:
+            return running.declared(sorted(tables))
+    except Unreachable:
+        if options.connect:
+            raise
+        return Heard({}, {})
+    except TimedOut as problem:
+        return Heard({}, {"hub": problem})
+
+
+def _print(found: dict[str, list[Entry]], values: Values) -> None:
+    tables = catalogue.tables()
+    for number, (name, leaves) in enumerate(found.items()):
+        if number:
+            output.line("")
+        rows = [_row(leaf, values) for leaf in leaves]
+        if name in tables:
+            output.line(f"{name}: {tables[name]}")
+            head = [title.upper() for title in rows[0]]
+            output.table([head, *([*row.values()] for row in rows)])
+        else:
+            output.table((f"{title.capitalize()}:", text) for title, text in rows[0].items())
+
+
+def _row(leaf: Entry, values: Values) -> dict[str, str]:
+    said = _document(leaf, values)
+    return {
+        "name": leaf.name,
+        "type": said["type"],
+        "unit": leaf.unit or "-",
+        "bounds": said["bounds"] or "-",
+        "default": catalogue.word(leaf.default),
+        "value": "-" if said["value"] is None else catalogue.word(said["value"]),
+        "node": said["node"] or "-",
+        "change": _when(leaf.name),
+        "meaning": leaf.about,
+    }
+
+
+def _when(name: str) -> str:
+    if fixed_at_launch(name):
+        return "at launch"
+    return "at a standstill" if name.startswith(FROM_STANDSTILL) else "at once"
+
+
+def _document(leaf: Entry, values: Values) -> dict[str, Any]:
+    node = leaf.name.partition(".")[0]
+    inside = {name: values[name] for name in values if name.startswith(f"{leaf.name}.")}
+    return {
+        "name": leaf.name,
+        "type": type_name(leaf.type),
+        "unit": leaf.unit,
+        "bounds": bounds_text(leaf.type),
+        "default": leaf.default,
+        "value": values.get(leaf.name, inside or None),
+        "node": "" if node in UNSERVED else node,
+        "fixed_at_launch": fixed_at_launch(leaf.name),
+        "meaning": leaf.about,
+    }
 
 
 def list_(
@@ -23,7 +126,7 @@ def list_(
 
     Example: quadctl param list safety
     """
-    options, tables = which.about_parameters(options, tables or ["/"])
+    options, tables = context.about_parameters(options, tables or ["/"])
     with Running(options) as running:
         everything = ALL in map(normal_name, tables)
         heard = running.every() if everything else Heard({"": running.get(tables)}, {})
@@ -46,7 +149,7 @@ def get(
 
     Example: quadctl param get safety.virtual_cage.x
     """
-    options, names = which.about_parameters(options, names)
+    options, names = context.about_parameters(options, names)
     with Running(options) as running:
         found = running.get(names)
     for name, value in running.in_force.items():

@@ -1,20 +1,39 @@
-"""The running system's parameters, whoever has them: read by one deadline."""
+"""The running system's parameters, by one deadline."""
 
 import time
 from collections.abc import Collection, Iterable
 from typing import Any, Self
 
-from cli import bus
-from cli.options import Options
-from cli.param.names import node_of, nodes_with_params
-from cli.together import Heard, ask_each
+from cli import context
+from cli.concurrent import Heard, ask_each
+from cli.context import Options
 from schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from schemas.topics import get_params, set_params
 from services.runtime import run_files
+from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.params.names import flatten, normal_name
+from services.runtime.params.names import flatten, nearest, normal_name
+from services.runtime.process_table import NODES
 from services.runtime.realm import Realm
 from services.runtime.run_files import UNSERVED, not_running
+
+
+def nodes_with_params(client: Client) -> list[str]:
+    """The live nodes that have parameters."""
+    return sorted({offer.node for offer in client.offers() if offer.type == "GetParams"})
+
+
+def node_of(name: str, live: list[str]) -> str:
+    """The one of the live nodes that a parameter belongs to; raises Invalid with the nearest name.
+
+    A node of ours may just be away.
+    """
+    node = name.partition(".")[0]
+    if node in live or node in NODES or not live:
+        return node
+    hint = nearest(node, live) or f"the nodes with parameters are {', '.join(live)}"
+    raise Invalid(f"there is no parameter {name}: no node {node} is up", hint)
+
 
 Values = dict[str, Any]
 """By dotted name."""
@@ -36,7 +55,7 @@ class Running:
         """Connect; raises Unreachable where nothing runs."""
         self._options = options
         self._deadline = time.monotonic() + options.timeout
-        self._client = bus.connect(options)
+        self._client = context.connect(options)
         self.in_force: Values = {}
         """Of the values read so far, what holds in place of those that wait for a standstill."""
 

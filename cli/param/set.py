@@ -2,11 +2,10 @@
 
 from typing import Annotated
 
-from cli import output, which
-from cli.declare import Arg
-from cli.options import Options
-from cli.param.names import node_of
-from cli.param.running import Running, Values, tables
+from cli import context, output
+from cli.context import Options
+from cli.declarations import Arg
+from cli.param.running import Running, Values, node_of, tables
 from cli.values import parameter
 from services.runtime.errors import Invalid, UsageError
 from services.runtime.params import catalogue
@@ -34,7 +33,7 @@ def set_(
             "param set takes NAME VALUE or NAME=VALUE...",
             f"`quadctl param get {words[0]}` prints what it is" if len(words) == 1 else "",
         )
-    options, words = which.about_parameters(options, words)
+    options, words = context.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)
     values = {normal_name(name): parameter(text) for name, _, text in pairs}
     nodes = {name.partition(".")[0] for name in values}

@@ -4,11 +4,11 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-from cli import bus, output
-from cli.declare import Arg, Opt
-from cli.lab.progress import Progress
-from cli.options import LONGEST_TIMEOUT, Options
-from cli.plot.flight import Flight, wanted
+from cli import context, output
+from cli.context import LONGEST_TIMEOUT, Options
+from cli.declarations import Arg, Opt
+from cli.plot.track import Flight, wanted
+from cli.progress import Progress
 from schemas.topics import POSE
 from services.runtime.errors import Invalid, UsageError
 
@@ -34,7 +34,7 @@ def plot(
         raise UsageError("what is to be drawn?", "name a recording, or give --live")
     if not 0 < duration <= LONGEST_TIMEOUT:
         raise Invalid(f"--duration {duration:g}: not a time", "give seconds, more than 0")
-    from cli.plot.picture import draw
+    from cli.plot.figure import draw
 
     target = picture or (file.with_suffix(".png") if file else Path("live.png"))
     flight = _recorded(file) if file else _live(options, duration)
@@ -65,7 +65,7 @@ def _recorded(file: Path) -> Flight:
 
 def _live(options: Options, duration: float) -> Flight:
     flight = Flight()
-    with bus.connect(options) as client, Progress("listening", quiet=options.json) as progress:
+    with context.connect(options) as client, Progress("listening", quiet=options.json) as progress:
         stream = client.listen(*wanted(["*"]), backlog=1_000_000)
         if not options.json:
             output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")

@@ -6,14 +6,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
-from cli import bus, output
-from cli.declare import Arg, Opt
-from cli.lab.progress import Progress
+from cli import context, output
+from cli.concurrent import Pace
+from cli.context import Options, about_topic, anyone
+from cli.declarations import Arg, Opt
 from cli.names import checked_key
-from cli.options import Options
-from cli.own import run_of_its_own
-from cli.pace import Pace
-from cli.which import about_topic, anyone
+from cli.progress import Progress
+from cli.temporary_run import run_of_its_own
 from schemas.params import Params
 from services.runtime.bus.client import Client
 from services.runtime.bus.liveliness import covers
@@ -92,12 +91,12 @@ def _somewhere(options: Options) -> Iterator[Client]:
     """A connection to the realm's hub; to one of our own where nothing runs there."""
     realm = Realm(options.realm)
     if options.connect or is_live(realm) or realm.socket.exists():
-        with bus.connect(options) as client:
+        with context.connect(options) as client:
             yield client
         return
     others = [name for name in NODES if name != "hub"]
     launch = Launch(realm.name, {options.vehicle: Params()}, others, str(Path.cwd()))
-    with run_of_its_own(launch), bus.connect(options) as client:
+    with run_of_its_own(launch), context.connect(options) as client:
         yield client
 
 

@@ -1,16 +1,19 @@
-"""What `up` shows on a terminal: its processes in a table, their lines above it."""
+"""The live table of `up` on a terminal.
 
+Written by hand: a frame costs a tenth of a millisecond, which a library's table does not.
+"""
+
+import contextlib
 import io
 import os
+import re
 import sys
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self, TextIO
 
 from cli.output import duration
-from cli.run import terminal
-from cli.run.panel import Panel
-from cli.run.rows import Taken, lines
 from cli.run.usage import Shares
 from services.runtime.procfs import stats_of
 from services.runtime.realm import Realm
@@ -19,6 +22,168 @@ from services.runtime.supervisor.launch import Launch
 from services.runtime.supervisor.logs import Printer
 from services.runtime.supervisor.probes import Rates
 from services.runtime.supervisor.supervisor import Supervisor
+
+_ESCAPES = re.compile(r"\033\[[0-9;]*m")
+_CLEAR_LINE, _CLEAR_BELOW = "\033[K", "\033[J"
+
+
+class Panel:
+    """Draws on a terminal that nobody else writes to. The cursor rests behind the last line."""
+
+    def __init__(self, terminal: TextIO) -> None:
+        self._terminal = terminal
+        self._lines: list[str] = []
+
+    def draw(self, above: str, lines: list[str], columns: int) -> None:
+        """Put text above the panel, for good, and new lines in the panel's place.
+
+        The text ends with a newline or is empty. `columns` is the terminal's width now, which
+        may have changed. Raises OSError where the terminal is gone.
+        """
+        frame = above + "\n".join(lines)
+        self._terminal.write(
+            self._back(columns) + frame.replace("\n", f"{_CLEAR_LINE}\n") + _CLEAR_BELOW
+        )
+        self._terminal.flush()
+        self._lines = lines
+
+    def forget(self) -> None:
+        """Draw the next one where the cursor is: others have written to the terminal."""
+        self._lines = []
+
+    def _back(self, columns: int) -> str:
+        """To where the panel begins. A terminal that was made narrower has wrapped its lines."""
+        rows = sum(-(-len(_ESCAPES.sub("", line)) // columns) or 1 for line in self._lines)
+        return f"\r\033[{rows - 1}A" if rows > 1 else "\r"
+
+
+_GAP = "  "
+_COLOURS = {"ready": 32, "starting": 33, "restarting": 33, "down": 31}
+_DIM = 2
+_STATE = 1
+_TITLES = ("NAME", "STATE", "PID", "RESTARTS", "MSG/S", "MEMORY", "CPU")
+_FEWEST = 2
+"""Columns that stay however narrow the terminal is: the name and the state."""
+
+
+class Taken(NamedTuple):
+    """What is known of processes beside their records.
+
+    Messages per second by node; megabytes and per cent of a core by pid.
+    """
+
+    rates: Mapping[str, float]
+    memory: Mapping[int, float]
+    shares: Mapping[int, float]
+
+
+def lines(
+    head: str,
+    rows: Sequence[ProcessRecord],
+    taken: Taken,
+    columns: int,
+    height: int,
+    *,
+    colour: bool,
+) -> list[str]:
+    """A head, and a table with a line for each process; fewer columns or rows where they do not fit.
+
+    No line fills the terminal's width, lest it wrap.
+    """
+    texts = [_TITLES, *(_texts(row, taken) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    shown = len(widths)
+    while shown > _FEWEST and sum(widths[:shown]) + len(_GAP) * (shown - 1) >= columns:
+        shown -= 1
+    found = [_painted(head[: columns - 1], _DIM, colour=colour)]
+    for place, row in enumerate(texts[: max(height - 1, 0)]):
+        cells = [f"{text:{width}}" for text, width in zip(row[:shown], widths, strict=False)]
+        line = _GAP.join(cells).rstrip()[: columns - 1]
+        if not place:
+            line = _painted(line, _DIM, colour=colour)
+        elif len(line) >= widths[0] + len(_GAP) + len(row[_STATE]):
+            state = _painted(row[_STATE], _COLOURS[row[_STATE]], colour=colour)
+            begins = widths[0] + len(_GAP)
+            line = line[:begins] + state + line[begins + len(row[_STATE]) :]
+        found.append(line)
+    return found
+
+
+def _texts(row: ProcessRecord, taken: Taken) -> tuple[str, ...]:
+    return (
+        row.name,
+        row.state,
+        str(row.pid or "-"),
+        str(row.restarts),
+        _number(taken.rates.get(row.name) if row.state == "ready" else None),
+        _number(taken.memory.get(row.pid), " MB"),
+        _number(taken.shares.get(row.pid), " %"),
+    )
+
+
+def _number(value: float | None, unit: str = "") -> str:
+    return "-" if value is None else f"{value:.0f}{unit}"
+
+
+def _painted(text: str, number: int, *, colour: bool) -> str:
+    return f"\033[{number}m{text}\033[0m" if colour else text
+
+
+def is_live() -> bool:
+    """Whether somebody watches: a terminal that can move its cursor, and is ours to write on."""
+    return _is_able() and is_ours()
+
+
+def is_ours() -> bool:
+    """Whether the terminal is this job's, or the shell has put it in the background (`&`)."""
+    if sys.platform == "win32":
+        return True
+    try:
+        return os.tcgetpgrp(sys.stdout.fileno()) == os.getpgrp()
+    except OSError:
+        # Not our session's, such as one that a test or a service manager has opened.
+        return False
+
+
+def has_colour() -> bool:
+    """Whether to paint: by the convention of no-color.org."""
+    return _is_able() and not os.environ.get("NO_COLOR")
+
+
+def for_lines() -> TextIO:
+    """Standard output for lines alone; says that it is no terminal where colour is not wanted."""
+    if has_colour() or not sys.stdout.isatty():
+        return sys.stdout
+    return _Uncoloured(sys.stdout.buffer, encoding="utf-8", errors="replace")
+
+
+class _Uncoloured(io.TextIOWrapper):
+    def isatty(self) -> bool:
+        return False
+
+
+def _is_able() -> bool:
+    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+
+
+@contextlib.contextmanager
+def without_echo() -> Iterator[None]:
+    """Keep keys pressed meanwhile from being written into what is drawn; they are dropped."""
+    if sys.platform == "win32" or not sys.stdin.isatty() or not is_ours():
+        yield
+        return
+    import termios
+
+    kept = termios.tcgetattr(sys.stdin)
+    quiet = [*kept[:3], kept[3] & ~termios.ECHO, *kept[4:]]
+    termios.tcsetattr(sys.stdin, termios.TCSANOW, quiet)
+    try:
+        yield
+    finally:
+        # The terminal may be closed by now.
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, kept)
+
 
 _EVERY = 1.0
 """Seconds between two measurements of rates, memory and processor."""
@@ -33,7 +198,7 @@ class Screen:
 
     def __init__(self, launch: Launch) -> None:
         self._launch = launch
-        self._colour = terminal.has_colour()
+        self._colour = has_colour()
         self._panel = Panel(sys.stdout)
         self._waiting = _Sheet(self._colour)
         self._printer = Printer(self._waiting)
@@ -46,7 +211,7 @@ class Screen:
         self._gone = False
 
     def __enter__(self) -> Self:
-        self._echo = terminal.without_echo()
+        self._echo = without_echo()
         self._echo.__enter__()
         return self
 
@@ -81,7 +246,7 @@ class Screen:
         size = _size()
         if due or self._waiting.tell() or (rows, size) != self._drawn:
             self._drawn = rows, size
-            self._draw(self._table(rows, now, size) if terminal.is_ours() else [], size.columns)
+            self._draw(self._table(rows, now, size) if is_ours() else [], size.columns)
 
     def _measure(self, rows: list[ProcessRecord], now: float) -> None:
         if self._rates is None:

@@ -1,6 +1,7 @@
-"""`up`: starts the system."""
+"""Up and hub: start a run."""
 
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -9,12 +10,13 @@ from typing import Annotated
 from msgspec import structs
 
 from cli import output
-from cli.declare import Arg, Opt
-from cli.options import Options
-from cli.run import terminal
-from cli.run.status import status
+from cli.context import Options
+from cli.declarations import Arg, Opt
+from cli.run.commands import status
+from cli.run.screen import Screen, for_lines, is_live
 from services.runtime.params import load
-from services.runtime.realm import DEFAULT
+from services.runtime.process_table import NODES
+from services.runtime.realm import DEFAULT, HUB_ALONE
 from services.runtime.supervisor import capacity
 from services.runtime.supervisor import supervisor as running
 from services.runtime.supervisor.daemon import detach as in_background
@@ -98,7 +100,7 @@ def begin(launch: Launch, options: Options, *, detach: bool) -> None:
 
 def _recording(name: str) -> str:
     """The file to record to, its name whole: the recorder works in a folder of its own."""
-    from cli.record.files import default_file, free
+    from cli.record.record import default_file, free
 
     file = Path(name) if name else default_file()
     free(file)
@@ -111,13 +113,29 @@ def _watch(launch: Launch) -> int:
     Lines are all that is printed then, so --json changes nothing; on a terminal the processes are
     shown below them.
     """
-    if not terminal.is_live():
-        return running.run(launch, terminal.for_lines(), _go_on)
-    from cli.run.screen import Screen
-
+    if not is_live():
+        return running.run(launch, for_lines(), _go_on)
     with Screen(launch) as screen:
         return running.run(launch, screen.emit, _go_on, screen.look)
 
 
 def _go_on(_supervisor: Supervisor, _failed: str) -> None:
     """A process that is left down does not end the others."""
+
+
+def hub(
+    options: Options,
+    detach: Detach = False,
+    listen: Listen = None,
+    insecure: Insecure = False,
+) -> None:
+    """Run a hub without a vehicle, for others to meet at; with --connect it joins that other one.
+
+    Example: quadctl hub --listen tls/0.0.0.0:7447 --identity keys/field
+    """
+    # A hub's nodes stand beside the vehicles' under a name, which two hubs must not share.
+    name = options.named or f"{HUB_ALONE}{os.urandom(2).hex()}"
+    parameters = load.load_vehicles(None, reached(listen, options.connect), [name])
+    without = [node for node in NODES if node != "hub"]
+    launch = Launch(options.realm, parameters, without, str(Path.cwd()), insecure=insecure)
+    begin(launch, options, detach=detach)

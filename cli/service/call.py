@@ -1,18 +1,89 @@
-"""`service call`."""
+"""Service call."""
 
 from typing import Annotated, Any
 
 import msgspec
 
-from cli import bus, output
-from cli.declare import Arg, Opt
-from cli.options import Options
-from cli.service import lookup
+from cli import context, output
+from cli.context import Options, about_service
+from cli.declarations import Arg, Opt
+from cli.names import checked_key, find_service
 from cli.values import is_type, message_of, table_of
-from cli.which import about_service
-from schemas.topics import STATE, Service
+from schemas.keyexpr import Offer
+from schemas.topics import SERVICES, STATE, Service
+from services.runtime.bus.client import Client
 from services.runtime.bus.codec import plain
-from services.runtime.errors import Refused, Unreachable, UsageError
+from services.runtime.errors import Invalid, Refused, Unreachable, UsageError
+from services.runtime.params.names import nearest
+
+_MARK = "@srv/"
+
+
+def declared(name: str, vehicle: str) -> Service[Any, Any] | None:
+    """One of ours by name or key; None where it may be somebody else's."""
+    try:
+        return find_service(name, vehicle)
+    except Invalid:
+        return None
+
+
+def connect(options: Options, name: str) -> Client:
+    """Connect to look for a service; with no hub, a name that nobody knows is the worse fault."""
+    try:
+        return context.connect(options)
+    except Unreachable:
+        if f"/{_MARK}" not in name:
+            find_service(name, options.vehicle)
+        raise
+
+
+def offered(client: Client, name: str) -> Offer | None:
+    """A live service by name or key."""
+    bare = name.strip("/")
+    spellings = {bare, bare.removeprefix(_MARK)}
+    return next((o for o in services(client) if o.key == bare or o.name in spellings), None)
+
+
+def key_of(client: Client, name: str) -> tuple[str, str]:
+    """The key to call by a name that is none of ours, and the type that is announced, or none.
+
+    A full key is taken as it is, announced or not. Raises Invalid, with the nearest live name,
+    for a name that nobody has announced.
+    """
+    offer = offered(client, name)
+    if offer is not None:
+        return offer.key, offer.type
+    bare = name.strip("/")
+    if f"/{_MARK}" not in bare:
+        raise unknown(client, name)
+    key = checked_key(bare, client.vehicle)
+    if "*" in key:
+        raise Invalid(
+            f"{key} is a pattern, and services are not called by pattern",
+            "`quadctl service list` shows the keys",
+        )
+    return key, ""
+
+
+def services(client: Client) -> list[Offer]:
+    """The live services."""
+    return [offer for offer in client.offers() if offer.kind == "@srv"]
+
+
+def unknown(client: Client, name: str) -> Invalid:
+    """The error of who names a service that there is not, with the nearest that there is."""
+    hint = nearest_live(client, name) or "`quadctl service list` shows them all"
+    return Invalid(f"there is no service {name}", hint)
+
+
+def nearest_live(client: Client, name: str) -> str:
+    """A hint at the service that may be meant; empty where there is none, or it is that name."""
+    if offered(client, name) is not None:
+        return ""
+    live = {offer.name for offer in services(client)}
+    bare = name.strip("/").removeprefix(f"{client.vehicle}/").removeprefix(_MARK)
+    return nearest(bare, live | {service.name for service in SERVICES})
+
 
 _FORMS = {
     "msgpack": ("application/msgpack", msgspec.msgpack.encode),
@@ -43,7 +114,7 @@ def call(
     if form not in _FORMS:
         raise UsageError(f"--as {form}: no such form", f"it is {' or '.join(_FORMS)}")
     options = about_service(options, name)
-    service = lookup.declared(name, options.vehicle)
+    service = declared(name, options.vehicle)
     words = arguments or []
     reply = _ours(options, service, words) if service else _theirs(options, name, words, form)
     if options.json:
@@ -62,20 +133,20 @@ def call(
 def _ours(options: Options, service: Service[Any, Any], words: list[str]) -> Any:
     words = _without_type(words, service.type_name)
     request = message_of(service.request, service.name, words)
-    with bus.connect(options) as client:
+    with context.connect(options) as client:
         return msgspec.to_builtins(client.call(service, request))
 
 
 def _theirs(options: Options, name: str, words: list[str], form: str) -> Any:
     encoding, encode = _FORMS[form]
-    with lookup.connect(options, name) as client:
-        key, type_ = lookup.key_of(client, name)
+    with connect(options, name) as client:
+        key, type_ = key_of(client, name)
         words = _without_type(words, type_)
         payload = encode(table_of(words) if words else {})
         try:
             return plain(*client.ask(key, payload, encoding))
         except Unreachable as problem:
-            hint = lookup.nearest_live(client, name) or problem.hint
+            hint = nearest_live(client, name) or problem.hint
             raise Unreachable(problem.message, hint) from problem
 
 

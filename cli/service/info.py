@@ -1,14 +1,28 @@
-"""`service info`."""
+"""Service list, service info."""
 
 from typing import Annotated
 
-from cli import output
-from cli.declare import Arg
-from cli.options import Options
-from cli.service import lookup
-from cli.which import about_service
+from cli import context, output
+from cli.context import Options, about_service
+from cli.declarations import Arg
+from cli.service import call
 from schemas.typeinfo import service_definition
 from services.runtime.errors import Unreachable
+
+
+def list_(options: Options) -> None:
+    """List the live services with their type and node.
+
+    Example: quadctl service list
+    """
+    with context.connect(options) as client:
+        offers = [offer for offer in client.offers() if offer.kind == "@srv"]
+    if options.json:
+        output.document(
+            [{"name": o.name, "key": o.key, "type": o.type, "node": o.node} for o in offers]
+        )
+        return
+    output.table([("SERVICE", "TYPE", "NODE"), *((o.name, o.type, o.node) for o in offers)])
 
 
 def info(options: Options, name: Annotated[str, Arg("A service.", complete="service")]) -> None:
@@ -17,11 +31,11 @@ def info(options: Options, name: Annotated[str, Arg("A service.", complete="serv
     Example: quadctl service info calibrate_pressure
     """
     options = about_service(options, name)
-    ours = lookup.declared(name, options.vehicle)
-    with lookup.connect(options, name) as client:
-        offer = lookup.offered(client, ours.key(client.vehicle) if ours else name)
+    ours = call.declared(name, options.vehicle)
+    with call.connect(options, name) as client:
+        offer = call.offered(client, ours.key(client.vehicle) if ours else name)
         if offer is None and ours is None:
-            raise lookup.unknown(client, name)
+            raise call.unknown(client, name)
         if offer is None:
             assert ours is not None  # noqa: S101 - or else it was unknown
             nobody = Unreachable(

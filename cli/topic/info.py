@@ -1,17 +1,36 @@
-"""`topic info`: what is known of one topic."""
+"""Topic list, topic info."""
 
 from typing import Annotated, Any
 
-from cli import bus, output
-from cli.declare import Arg
+from cli import context, output
+from cli.context import Options, about_topic
+from cli.declarations import Arg
 from cli.names import single_key
-from cli.options import Options
-from cli.which import about_topic
 from schemas.keyexpr import Offer
 from schemas.topics import TOPICS, Topic, topic_of
 from schemas.typeinfo import definition, schema_hash
 from services.runtime.errors import Unreachable
 from services.runtime.params.names import nearest
+
+
+def list_(options: Options) -> None:
+    """List the live topics with their type, node and declared rate.
+
+    Example: quadctl topic list
+    """
+    with context.connect(options) as client:
+        offers = [offer for offer in client.offers() if offer.kind == "@pub"]
+    if options.json:
+        output.document(
+            [
+                {"key": o.key, "type": o.type, "node": o.node, "declared_hz": o.hz, "hash": o.hash}
+                for o in offers
+            ]
+        )
+        return
+    rows = [(o.key, o.type, o.node, f"{o.hz:g} Hz" if o.hz else "on change") for o in offers]
+    output.table([("TOPIC", "TYPE", "NODE", "RATE"), *rows])
+
 
 _LISTENERS = {True: "at least one", False: "none", None: "told to those alone who may publish"}
 
@@ -25,7 +44,7 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
     """
     options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
-    with bus.connect(options) as client:
+    with context.connect(options) as client:
         outlet = client.outlet(key) if _may_publish(options, key) else None
         # A round trip to the hub, which by its end has told of listeners too.
         offers = [offer for offer in client.offers() if offer.kind == "@pub"]

@@ -1,19 +1,123 @@
-"""`topic pub`: publishes on any key."""
+"""Topic pub."""
 
 import time
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
-from cli import bus, output
-from cli.declare import Arg, Opt
+import msgspec
+
+from cli import context, output
+from cli.concurrent import Pace
+from cli.context import Options, about_topic
+from cli.declarations import Arg, Opt, is_number
 from cli.names import single_key
-from cli.options import Options
-from cli.pace import Pace
-from cli.topic.payload import Payload, payload_of, split_once
-from cli.which import about_topic
-from schemas.topics import TOPICS, topic_of
+from cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
+from schemas.topics import TOPICS, Topic, topic_of
+from services.runtime.bus import codec
 from services.runtime.bus.client import Client
 from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
 from services.runtime.params.names import nearest
+
+_ONCE = "-1"
+
+
+def without_once(words: list[str], fields: int | None, own: str = "") -> tuple[list[str], bool]:
+    """The words of a message without a `-1` at either end of it, and whether there was one.
+
+    `fields` is how many the topic's type `own` has, None where that is not known.
+    """
+    for end, rest in ((words[-1:], words[:-1]), (words[:1], words[1:])):
+        if end == [_ONCE] and rest and not _is_value(rest, fields, own):
+            return rest, True
+    return words, False
+
+
+def _is_value(rest: list[str], fields: int | None, own: str) -> bool:
+    """Whether a -1 is one value more beside the rest of a message."""
+    if len(rest) == 1 and is_type(rest[0], own):
+        return True
+    values = without_type(rest, own)
+    if is_data(values) or is_pairs(values):
+        return False
+    # A row of known length has room for it or not; another one is a row of numbers.
+    return len(values) < fields if fields is not None else all(map(is_number, values))
+
+
+FORMS = {
+    "json": "application/json",
+    "msgpack": "application/msgpack",
+    "text": "text/plain",
+    "hex": "zenoh/bytes",
+}
+"""The encoding of each form that a strange key's payload can be given."""
+
+
+class Payload(NamedTuple):
+    """Bytes, and what they are."""
+
+    data: bytes
+    encoding: str
+
+
+def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
+    """The words as a payload for a key: of our topics typed and checked, else in a form.
+
+    Raises Invalid for what cannot be sent, UsageError for words that say nothing.
+    """
+    if form and form not in FORMS:
+        raise UsageError(f"--as {form}: no such form", f"it is one of {', '.join(FORMS)}")
+    topic = _declared(key, vehicle)
+    if topic is not None:
+        if form:
+            raise Invalid(
+                f"{key} carries {topic.type.__name__} and nothing else",
+                f"leave --as out; `quadctl type show {topic.name}` prints the fields",
+            )
+        type_: Any = topic.type
+        message = message_of(type_, topic.name, words)
+        return Payload(codec.encode(message), codec.encoding(type_))
+    words = without_type(words)
+    if not words:
+        raise UsageError("there is nothing to send", "write name=value words, JSON, or a text")
+    form = form or _form_of(words)
+    return Payload(_bytes(words, form), FORMS[form])
+
+
+def split_once(key: str, vehicle: str, words: list[str]) -> tuple[list[str], bool]:
+    """The words without rostopic's -1 where it is not a value for a key; whether there was one."""
+    if (topic := _declared(key, vehicle)) is None:
+        return without_once(words, None)
+    return without_once(words, len(topic.type.__struct_fields__), topic.type.__name__)
+
+
+def _declared(key: str, vehicle: str) -> Topic[Any] | None:
+    topic = topic_of(key)
+    return topic if topic is not None and key == topic.key(vehicle) else None
+
+
+def _form_of(words: list[str]) -> str:
+    """A table, a list or several values are data; one word alone is sent as it stands."""
+    return "text" if len(words) == 1 and not is_data(words) and not is_pairs(words) else "json"
+
+
+def _bytes(words: list[str], form: str) -> bytes:
+    if form == "text":
+        return " ".join(words).encode()
+    if form == "hex":
+        try:
+            return bytes.fromhex("".join(words))
+        except ValueError as error:
+            raise Invalid(
+                f"{' '.join(words)[:80]} is not hex: {error}", "write two digits a byte"
+            ) from error
+    return _data(table_of(words), form)
+
+
+def _data(value: Any, form: str) -> bytes:
+    try:
+        return msgspec.json.encode(value) if form == "json" else msgspec.msgpack.encode(value)
+    except (OverflowError, TypeError, RecursionError, UnicodeEncodeError) as error:
+        raise Invalid(f"it cannot be sent as {form}: {error}") from error
+
 
 _FASTEST = 10_000.0
 _LOOK = 0.1
@@ -60,7 +164,7 @@ def pub(
     words, said = split_once(key, options.vehicle, words)
     wanted = _count(rate, count, once=once or said)
     payload = payload_of(key, options.vehicle, words, form)
-    with bus.connect(options) as client:
+    with context.connect(options) as client:
         _warn(key, client.vehicle)
         sent = _send(client, key, payload, wanted, rate or _DEFAULT_HZ, wait=not no_wait)
     output.either(

@@ -1,25 +1,21 @@
-"""Trajectory generator: jerk-limited axes, shared limits, smoothing.
+"""Trajectory generator: from goals to a jerk-limited setpoint, smooth enough to be flown exactly.
 
-The axis is a triple integrator (position, velocity, acceleration) with limits of speed,
-acceleration and jerk. Each period it takes the highest acceleration the limits permit, for as
+Each axis is a triple integrator (position, velocity, acceleration) with limits of speed,
+acceleration and jerk. Each period it takes the highest acceleration that the limits permit, for as
 long as the time-minimal stop would still end short of the goal; from then on it follows that
 stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
 moved in flight, or a new share, only asks anew on which side of the goal the stop would end.
 
-Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its own. SI
-units; all limits are positive.
+The three axes share the limits so that their vector sums keep them, and so that a path from rest
+is a straight line. Three equal first-order lags then round the steps of the jerk: a vehicle whose
+torque lags cannot follow those, and would pass the goal by centimetres; with the lags the setpoint
+can be flown exactly. A lagged path stays between the goal and its start, because a lag is a
+weighted mean.
 
-SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it is an `if` on its
-own.
+World frame ENU, SI units; all limits are positive. Straight-line text, as in rigidbody.py; where a
+choice saves work, it is an `if` on its own.
 
-Each axis moves by axis.py. The three share the limits of speed, acceleration and jerk so that
-their vector sums keep them, and so that a path from rest is a straight line. Three equal
-first-order lags then round the steps of the jerk: a vehicle whose torque lags cannot follow
-those, and would pass the goal by centimetres; with the lags the setpoint can be flown exactly.
-A lagged path stays between the goal and where it came from, because a lag is a weighted mean.
-
-World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
-is an `if` on its own.
+Over 500 lines: axes, shares and lags are one computation, and each is checked only through all.
 """
 
 from math import exp, sqrt
@@ -145,14 +141,7 @@ def accelerate(
 
 
 def switch(
-    p: float,
-    v: float,
-    a: float,
-    jerk: float,
-    goal: float,
-    heading: float,
-    most_a: float,
-    j: float,
+    p: float, v: float, a: float, jerk: float, goal: float, heading: float, most_a: float, j: float
 ) -> float:
     """The moment within a period (s) from which the stop ends on the goal, by bisection."""
     early = 0.0

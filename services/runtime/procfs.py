@@ -2,11 +2,10 @@
 
 import os
 import time
-from pathlib import Path
 
 from msgspec import Struct
 
-_PROC = Path("/proc")
+_PROC = "/proc"
 _PPID, _UTIME, _STIME, _STARTED = 1, 11, 12, 19
 """Fields of /proc/PID/stat, counted behind the command's name."""
 _RESIDENT = 1
@@ -70,7 +69,7 @@ def is_frozen(pid: int) -> bool:
 
 
 def _is_mounted() -> bool:
-    return (_PROC / "self").is_dir()
+    return os.path.isdir(f"{_PROC}/self")
 
 
 def _stat(pid: int) -> list[str]:
@@ -88,7 +87,8 @@ def _resident(pid: int) -> int | None:
 
 def _read(pid: int, name: str) -> str:
     try:
-        return (_PROC / str(pid) / name).read_text(encoding="utf-8", errors="replace")
+        with open(f"{_PROC}/{pid}/{name}", encoding="utf-8", errors="replace") as file:
+            return file.read()
     except OSError:
         # No /proc on this system, a process that has ended, or another user's.
         return ""

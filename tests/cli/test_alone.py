@@ -2,8 +2,8 @@
 
 import pytest
 
-from cli import quick, typed
-from cli.alone import given
+from cli import fast_parser, typer_app
+from cli.fast_parser import given
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,7 @@ from cli.alone import given
         ("up lab.toml", None, "lab.toml"),
     ],
 )
-@pytest.mark.parametrize("parser", [quick, typed])
+@pytest.mark.parametrize("parser", [fast_parser, typer_app])
 def test_a_file_is_its_value_by_its_ending(line, record, file, parser):
     read = parser.read(given(line.split()))
     assert read is not None

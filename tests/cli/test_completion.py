@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cli import table, typed
-from cli.complete.line import candidates
-from cli.complete.shells import SCRIPTS, answer
+from cli import commands, typer_app
+from cli.completion.engine import candidates
+from cli.completion.shells import SCRIPTS, answer
 from tests.cli.quadctl import Quadctl
 
 BREAKS = " \t\n\"'@><=;|&(:"
@@ -28,7 +28,7 @@ def bash(line: str, **more: str) -> list[str]:
 
 
 def test_the_first_word_is_a_command_or_a_group():
-    assert set(words("")) == {path.split()[0] for path in table.COMMANDS} - table.ALIASES
+    assert set(words("")) == {path.split()[0] for path in commands.COMMANDS} - commands.ALIASES
     assert words("cal") == ["calibrate"]
     assert words("--json --realm r cal") == ["calibrate"]
     assert words("nonsense ") == words("nonsense more ") == []
@@ -142,7 +142,7 @@ def test_anything_else_is_left_to_typer():
 def test_typer_installs_our_scripts():
     from typer._completion_shared import get_completion_script
 
-    assert typed.build()
+    assert typer_app.build()
     for shell in SCRIPTS:
         script = get_completion_script(
             prog_name="quadctl", complete_var="_QUADCTL_COMPLETE", shell=shell
@@ -154,7 +154,9 @@ def test_typer_installs_our_scripts():
 def test_it_needs_no_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_bash")
     monkeypatch.setitem(os.environ, "COMP_WORDS", "quadctl cage o")
-    for name in [name for name in sys.modules if name == "cli.typed" or name.startswith("typer")]:
+    for name in [
+        name for name in sys.modules if name == "cli.typer_app" or name.startswith("typer")
+    ]:
         monkeypatch.delitem(sys.modules, name)
     assert quadctl() == (0, "off\non\n", "")
     assert "typer" not in sys.modules

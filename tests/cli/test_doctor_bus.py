@@ -8,7 +8,7 @@ import pytest
 from msgspec import Struct
 from msgspec.structs import replace
 
-from cli.doctor import barometer, offers, topics
+from cli.doctor import bus
 from cli.doctor.check import Check
 from schemas.keyexpr import Offer
 from schemas.topics import GOTO, SERVICES, TOPICS
@@ -75,14 +75,14 @@ def verdict(check: Check) -> str:
 def test_a_topics_rate(
     expected: str, said: str, count: int, hz: float, declared: float, seconds: float
 ):
-    check = topics.topic(replace(POSE, hz=declared), heard(count, hz), seconds)
+    check = bus.topic(replace(POSE, hz=declared), heard(count, hz), seconds)
     assert verdict(check) == expected
     assert said in check.evidence
 
 
 def test_a_state_may_come_more_often_and_not_less():
     state = replace(POSE, hz=10.0)
-    often, seldom = (topics.topic(state, heard(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
+    often, seldom = (bus.topic(state, heard(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
     assert (verdict(often), verdict(seldom)) == ("PASS", "WARN")
     assert often.evidence == "40 in 2.0 s: each change besides 10 Hz"
 
@@ -90,21 +90,21 @@ def test_a_state_may_come_more_often_and_not_less():
 def test_at_another_speed_rates_are_of_simulated_time():
     fast = {o.key: heard(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
     told = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
-    simulated = list(topics.topics(survey(heard=fast, answers=told), "uav"))
+    simulated = list(bus.topics(survey(heard=fast, answers=told), "uav"))
     assert {check.verdict for check in simulated} == {"PASS"}
     assert sum("(simulated time)" in check.evidence for check in simulated) == 3
-    real = list(topics.topics(survey(heard=fast), "uav"))
+    real = list(bus.topics(survey(heard=fast), "uav"))
     assert [check.verdict for check in real].count("WARN") == 3
 
 
 def test_publishers():
-    assert verdict(topics.publishers(survey())) == "PASS"
-    announced = topics.publishers(survey(offers=[*TOPIC, replace(POSE, node="mine")]))
+    assert verdict(bus.publishers(survey())) == "PASS"
+    announced = bus.publishers(survey(offers=[*TOPIC, replace(POSE, node="mine")]))
     assert verdict(announced) == "FAIL"
     assert "uav/pose is published by dynamics and mine" in announced.evidence
     both = heard(20, 10.0)
     both.take(100.5, b"", "b", 0.0)
-    silent = topics.publishers(survey(heard={"uav/pose": both}))
+    silent = bus.publishers(survey(heard={"uav/pose": both}))
     assert verdict(silent) == "FAIL"
     assert "by dynamics and 1 more" in silent.evidence
 
@@ -118,10 +118,10 @@ def test_a_publisher_that_takes_anothers_place_is_no_second_one():
 
 
 def test_clocks():
-    assert verdict(topics.clocks(survey())) == "PASS"
-    assert verdict(topics.clocks(survey(heard={}))) == "WARN"
+    assert verdict(bus.clocks(survey())) == "PASS"
+    assert verdict(bus.clocks(survey(heard={}))) == "WARN"
     for age, said in ((0.6, "0.6 s in the past"), (-3.0, "3.0 s in the future")):
-        check = topics.clocks(survey(heard={"uav/pose": heard(3, 1.0, age=age)}))
+        check = bus.clocks(survey(heard={"uav/pose": heard(3, 1.0, age=age)}))
         assert verdict(check) == "WARN"
         assert said in check.evidence
 
@@ -138,7 +138,7 @@ def test_clocks():
     ],
 )
 def test_the_barometer(expected: str, said: str, readings: list[float]):
-    check = barometer.judged(readings)
+    check = bus.judged(readings)
     assert (check.verdict, said in check.evidence) == (expected, True), check
 
 
@@ -149,9 +149,9 @@ def test_its_readings_are_those_before_the_baseline_is_taken_off():
         said = {"stamp": 0.1 * number, "pressure": 0.5, "baseline": 1012.0}
         payload = msgspec.msgpack.encode(said | {"samples": 11, "spread": 0.0})
         found.take(100.0 + number, payload, "a", 0.0)
-    (check,) = barometer.barometer(survey(heard={"uav/sensors/pressure": found}), "uav")
+    (check,) = bus.barometer(survey(heard={"uav/sensors/pressure": found}), "uav")
     assert "stuck: 1012.5 hPa" in check.evidence
-    assert list(barometer.barometer(survey(heard={}), "uav")) == []
+    assert list(bus.barometer(survey(heard={}), "uav")) == []
 
 
 def test_what_a_stranger_publishes_has_no_pace():
@@ -162,32 +162,32 @@ def test_what_a_stranger_publishes_has_no_pace():
 
 
 def test_announced():
-    assert verdict(offers.announced(survey(), RUN)) == "PASS"
-    missing = offers.announced(survey(nodes=["hub", "dynamics", "safety"]), RUN)
+    assert verdict(bus.announced(survey(), RUN)) == "PASS"
+    missing = bus.announced(survey(nodes=["hub", "dynamics", "safety"]), RUN)
     assert (verdict(missing), missing.evidence) == ("FAIL", "not on the bus: pressure")
-    assert verdict(offers.announced(survey(nodes=[]), None)) == "FAIL"
+    assert verdict(bus.announced(survey(nodes=[]), None)) == "FAIL"
     without = [offer for offer in TOPIC + SERVICE if offer.name != "hold"]
-    lacking = offers.announced(survey(offers=without), RUN)
+    lacking = bus.announced(survey(offers=without), RUN)
     assert (verdict(lacking), lacking.evidence) == ("WARN", "safety does not offer hold")
 
 
 def test_schemas():
-    assert verdict(offers.schemas(survey())) == "PASS"
+    assert verdict(bus.schemas(survey())) == "PASS"
     stranger = replace(POSE, type="Camera", hash="deadbeef")
-    assert verdict(offers.schemas(survey(offers=[*TOPIC, stranger]))) == "PASS"
-    other = offers.schemas(survey(offers=[replace(POSE, hash="deadbeef")]))
+    assert verdict(bus.schemas(survey(offers=[*TOPIC, stranger]))) == "PASS"
+    other = bus.schemas(survey(offers=[replace(POSE, hash="deadbeef")]))
     assert verdict(other) == "FAIL"
     assert other.evidence == f"dynamics has Pose#deadbeef, here it is #{POSE.hash}"
 
 
 def test_servers():
-    assert verdict(offers.servers(survey())) == "PASS"
+    assert verdict(bus.servers(survey())) == "PASS"
     goto = next(offer for offer in SERVICE if offer.name == GOTO.name)
-    announced = offers.servers(survey(offers=[*SERVICE, replace(goto, node="mine")]))
+    announced = bus.servers(survey(offers=[*SERVICE, replace(goto, node="mine")]))
     assert verdict(announced) == "FAIL"
     assert "uav/@srv/goto is served by safety and mine" in announced.evidence
     two = {goto.key: [Answer("a", "expired", 0.1, {}), Answer("b", "", 0.1, {})]}
-    assert "by safety and 1 more" in offers.servers(survey(answers=two)).evidence
+    assert "by safety and 1 more" in bus.servers(survey(answers=two)).evidence
 
 
 @pytest.mark.parametrize(
@@ -201,6 +201,6 @@ def test_servers():
     ],
 )
 def test_services(expected: str, said: str, answers: list[Answer]):
-    (check,) = offers.services(survey(answers={GOTO.key("uav"): answers}))
+    (check,) = bus.services(survey(answers={GOTO.key("uav"): answers}))
     assert (verdict(check), check.name) == (expected, "services of safety")
     assert check.evidence == said

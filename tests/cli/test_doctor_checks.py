@@ -5,14 +5,11 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cli.doctor import bus, installation, resources, run, settings
+from cli.doctor import bus, host, installation, run
 from cli.doctor.check import Check, failed, passed, text_of, warned, with_options
-from cli.doctor.folder import Folder, Neighbours
-from cli.doctor.installed import PACKAGES, Installed
-from cli.doctor.machine import Disk, Process
-from cli.doctor.resources import MB
-from cli.doctor.settings import Settings
-from cli.doctor.versions import Requirement
+from cli.doctor.host import MB, Disk, Folder, Neighbours, Process
+from cli.doctor.installation import PACKAGES, Installed, Requirement
+from cli.doctor.run import Settings
 from services.runtime.errors import Invalid, Unreachable
 from services.runtime.run_files import ProcessRecord, RunRecord
 
@@ -74,11 +71,11 @@ def test_the_environment():
     ],
 )
 def test_disks(expected: str, disks: list[Disk]):
-    assert verdict(resources.disk(disks)) == expected
+    assert verdict(host.disk(disks)) == expected
 
 
 def test_the_clock():
-    assert [verdict(resources.clock(year)) for year in (2026, 1970)] == ["PASS", "FAIL"]
+    assert [verdict(host.clock(year)) for year in (2026, 1970)] == ["PASS", "FAIL"]
 
 
 @pytest.mark.parametrize(
@@ -92,7 +89,7 @@ def test_the_clock():
 )
 def test_processor_and_memory(expected: str, said: str, seconds: float, memory: float):
     before, after = Process("S", 3.0), Process("S", 3.0 + seconds, int(memory))
-    found = resources.load({"safety": before}, {"safety": after}, 2.0)
+    found = host.load({"safety": before}, {"safety": after}, 2.0)
     assert verdict(found) == expected
     assert said in found.evidence
 
@@ -168,21 +165,21 @@ def test_a_node(expected: str, said: str, state: Any, restarts: int, process: st
     ],
 )
 def test_parameters(expected: str, found: Settings, running: dict[str, Any]):
-    assert verdict(settings.parameters(found, running)) == expected
+    assert verdict(run.parameters(found, running)) == expected
 
 
 def test_differing_parameters_are_listed_and_the_list_is_short():
     many = {f"safety.p{number}": number for number in range(9)}
-    check = settings.parameters(Settings("the defaults", dict.fromkeys(many, -1)), many)
+    check = run.parameters(Settings("the defaults", dict.fromkeys(many, -1)), many)
     assert "safety.p0 is 0, there -1" in check.evidence
     assert check.evidence.endswith("and 4 more")
     assert "param load" not in check.fix
 
 
 def test_the_parameter_file():
-    assert verdict(settings.parameter_file(FINE)) == "PASS"
+    assert verdict(run.parameter_file(FINE)) == "PASS"
     wrong = FINE._replace(error=Invalid("quad.toml: unknown parameter x", "did you mean y?"))
-    check = settings.parameter_file(wrong)
+    check = run.parameter_file(wrong)
     assert verdict(check) == "FAIL"
     assert (check.evidence, check.fix) == (wrong.error.message, wrong.error.hint)
 

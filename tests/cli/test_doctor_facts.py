@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from cli.doctor.folder import folder, neighbours
-from cli.doctor.machine import disk, process
-from cli.doctor.versions import Requirement, requirement, satisfies
+from cli.doctor.host import folder, look_at_disk, neighbours, process
+from cli.doctor.installation import Requirement, requirement, satisfies
 from services.runtime.filelock import FileLock
 from services.runtime.realm import Realm
 from tests.cli.quadctl import Quadctl
@@ -82,7 +81,7 @@ def test_a_process_that_runs_is_frozen_and_has_ended():
 
 
 def test_a_disk_is_tried_and_left_as_it_was(tmp_path: Path):
-    found = disk(tmp_path, writing=True)
+    found = look_at_disk(tmp_path, writing=True)
     assert found.free > 0
     assert (found.refused, list(tmp_path.iterdir())) == ("", [])
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.topic.figures import Heard, bandwidth, delay, rate
-from cli.topic.rates import _heard
+from cli.topic.rates import Heard, _heard, bandwidth, delay_figures, rate
 from services.runtime.bus.streams import Message
 from services.runtime.errors import Invalid
 
@@ -38,14 +37,16 @@ def test_the_bytes_of_the_time_that_is_counted():
 
 
 def test_the_age():
-    found = delay(HEARD)
+    found = delay_figures(HEARD)
     assert found.document == {"delay": 2, "min": 1, "max": 3, "std": math.sqrt(0.5), "n": 4}
     assert found.text.startswith("average delay: 2.000000\n\tmin: 1.000000s")
 
 
 @given(st.lists(st.floats(0, 1e6), min_size=2, max_size=50).map(sorted))
 def test_any_times_have_a_rate(times: list[float]):
-    figures = [measure([Heard(at, 5, at) for at in times]) for measure in (rate, bandwidth, delay)]
+    figures = [
+        measure([Heard(at, 5, at) for at in times]) for measure in (rate, bandwidth, delay_figures)
+    ]
     for found in figures:
         assert all(math.isfinite(value) for value in found.document.values())
         assert found.document["min"] <= found.document["max"]

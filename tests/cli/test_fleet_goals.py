@@ -5,10 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.fleet.file import Fleet, Member
-from cli.fleet.formation import about, named_goals
+from cli.fleet.goto import about, named_goals, read
+from cli.fleet.hubs import fail, nobody_sent
 from cli.fleet.land import ground_below
-from cli.fleet.told import fail, nobody_sent
-from cli.fleet.words import read
 from schemas.messages import CageSize, Position, SafetyState
 from services.runtime.errors import (
     Invalid,

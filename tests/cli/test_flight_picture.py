@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from cli.plot import palette
-from cli.plot.flight import Flight, Spot
-from cli.plot.picture import draw
+from cli.plot import figure
+from cli.plot.figure import draw
+from cli.plot.track import Flight, Spot
 from schemas.messages import Position, Waypoint
 from tests.bag.made import pose, pressure, refused, state, taken
 
@@ -70,5 +70,5 @@ def test_who_stood_still_has_a_mark_at_the_place(tmp_path: Path, poses: int):
     draw(tmp_path / "still.png", gathered(*said), "still")
     picture = image.imread(tmp_path / "still.png")[..., :3]
     above = picture[: len(picture) // 2, : picture.shape[1] // 2]
-    path = colors.to_rgb(palette.of_vehicles(["uav"])["uav"])
+    path = colors.to_rgb(figure.of_vehicles(["uav"])["uav"])
     assert (abs(above - path) < 0.02).all(axis=2).sum() > 20

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cli.fly.record import Record
+from cli.mission.digest import Record
 from schemas.messages import (
     BodyRates,
     CageSize,

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec import Struct
 
-from cli.fuzz.payloads import Payload, refused
+from cli.fuzz import Payload, refused
 from schemas.services import GotoRequest, HoldRequest, SetParamsRequest
 from schemas.topics import SERVICES, TOPICS, get_params, set_params
 from services.runtime.bus import codec

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from cli import typed
+from cli import typer_app
 from tests.cli.quadctl import Quadctl
 
 
@@ -20,7 +20,7 @@ def commands(command: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield here, inner
 
 
-COMMANDS = dict(commands(typer.main.get_command(typed.build())))
+COMMANDS = dict(commands(typer.main.get_command(typer_app.build())))
 GROUPS = sorted({path.split()[0] for path in COMMANDS if " " in path})
 COMMON = ("--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json")
 

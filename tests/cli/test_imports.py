@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from cli.table import COMMANDS
+from cli.commands import COMMANDS
 
 HEAVY = {"mcap", "zstandard", "lz4", "matplotlib", "numpy", "yaml"}
 READS_RECORDINGS = {"replay", "bag info", "bag check", "bag repair", "bag export"}

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.fly.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
+from cli.mission.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
 from schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
 from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
 from services.runtime.errors import Invalid

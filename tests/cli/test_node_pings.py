@@ -5,10 +5,10 @@ from typing import Any, Self
 
 import pytest
 
-from cli import bus
-from cli.node import asked, ping
-from cli.node.seen import Seen
-from cli.options import Options
+from cli import context
+from cli.context import Options
+from cli.node import lookup, ping
+from cli.node.lookup import Seen
 from services.runtime.bus.calls import gone
 from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from services.runtime.run_files import ProcessRecord
@@ -40,7 +40,7 @@ class Deaf:
 
 def asking(problem: QuadctlError, pid: int, state: Any = "ready") -> QuadctlError:
     with pytest.raises(QuadctlError) as caught:
-        asked.params_of(Deaf(problem), ProcessRecord("pressure", pid, state, 0), [], 0.7)  # type: ignore[arg-type]
+        lookup.params_of(Deaf(problem), ProcessRecord("pressure", pid, state, 0), [], 0.7)  # type: ignore[arg-type]
     return caught.value
 
 
@@ -99,7 +99,7 @@ def test_the_first_pings_have_what_connecting_has_left_them(monkeypatch: pytest.
         return deaf
 
     monkeypatch.setattr(ping, "time", clock)
-    monkeypatch.setattr(bus, "connect", connect)
+    monkeypatch.setattr(context, "connect", connect)
     monkeypatch.setattr(ping, "run_of", lambda _options: None)
     processes = [ProcessRecord(name, 0, "ready", 0) for name in ("pressure", "safety")]
     monkeypatch.setattr(ping, "answering", lambda _seen: processes)

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from cli import command, options
-from cli.options import Options
+from cli import command, context
+from cli.context import Options
 from tests.cli.quadctl import Quadctl
 
 # What needs a hub ends at once with 3 where there is none, and names the place it looked at.
@@ -30,7 +30,7 @@ def test_an_option_may_stand_anywhere(quadctl: Quadctl, place: str):
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
     """The options that commands were run with."""
     found: list[Options] = []
-    made = options.options_of
+    made = context.options_of
 
     def telling(said: Mapping[str, Any]) -> Options:
         found.append(made(said))

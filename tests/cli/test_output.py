@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli import output
-from cli.lab.progress import Progress
+from cli.progress import Progress
 from schemas.messages import CageSize
 from services.runtime.errors import Invalid, NotReady, QuadctlError
 

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.output import duration
-from cli.run.panel import Panel
-from cli.run.rows import Taken, lines
+from cli.run.screen import Panel, Taken, lines
 from cli.run.usage import Shares
 from services.runtime.run_files import ProcessRecord
 from tests.processes.screen import Glass

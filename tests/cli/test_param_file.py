@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.param.file import edited, replace
+from cli.param.toml_edit import edited, replace
 from services.runtime.errors import Invalid
 from services.runtime.params.catalogue import render
 from services.runtime.params.names import put

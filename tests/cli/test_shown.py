@@ -5,8 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from cli.topic.behind import split
-from cli.topic.shown import NoField, field_of, shown
+from cli.topic.echo import NoField, field_of, shown, split
 from schemas.messages import Waypoint
 from services.runtime.bus import codec
 from services.runtime.bus.streams import Message

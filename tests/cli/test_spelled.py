@@ -2,7 +2,7 @@
 
 import pytest
 
-from cli.complete import spelled
+from cli.completion import engine
 from cli.names import find_service, key_of
 from schemas.keyexpr import Offer
 from schemas.topics import SERVICES, TOPICS
@@ -10,7 +10,7 @@ from services.runtime.params.names import normal_name
 
 
 def going_on(found, begun: str) -> list[str]:
-    """As cli.complete.line leaves them."""
+    """As cli.completion.engine leaves them."""
     return sorted(word for word in found if word.startswith(begun))
 
 
@@ -31,25 +31,25 @@ def served(key: str, type_: str = "Calibrate") -> Offer:
     ],
 )
 def test_a_topic_of_ours(begun: str, words: list[str]):
-    assert going_on(spelled.topic("uav/pose", begun, "uav"), begun) == words
+    assert going_on(engine.topic("uav/pose", begun, "uav"), begun) == words
 
 
 @pytest.mark.parametrize("key", ["uav/foo", "foo", "other/pose", "uav/camera/left"])
 def test_a_topic_of_anybody_elses_is_offered_by_the_key_that_commands_take(key: str):
-    assert going_on(spelled.topic(key, "", "uav"), "") == [key]
-    assert going_on(spelled.topic(key, f"/{key[:2]}", "uav"), "/") == [f"/{key}"]
+    assert going_on(engine.topic(key, "", "uav"), "") == [key]
+    assert going_on(engine.topic(key, f"/{key[:2]}", "uav"), "/") == [f"/{key}"]
 
 
 @pytest.mark.parametrize("begun", ["", "/", "u", "/u"])
 def test_what_is_offered_for_a_topic_is_its_key(begun: str):
     for key in (*(topic.key("uav") for topic in TOPICS), "uav/foo", "foo"):
-        assert {key_of(word, "uav") for word in spelled.topic(key, begun, "uav")} == {key}
+        assert {key_of(word, "uav") for word in engine.topic(key, begun, "uav")} == {key}
 
 
 def test_of_several_vehicles_by_full_keys_alone():
-    assert [*spelled.topic("uav1/pose", "", "*")] == ["uav1/pose"]
-    assert [*spelled.service(served("uav1/@srv/goto"), "", "*")] == ["uav1/@srv/goto"]
-    assert [*spelled.service(served("uav1/@srv/goto"), "/", "*")] == ["/uav1/goto"]
+    assert [*engine.topic("uav1/pose", "", "*")] == ["uav1/pose"]
+    assert [*engine.service(served("uav1/@srv/goto"), "", "*")] == ["uav1/@srv/goto"]
+    assert [*engine.service(served("uav1/@srv/goto"), "/", "*")] == ["/uav1/goto"]
 
 
 @pytest.mark.parametrize(
@@ -64,23 +64,23 @@ def test_of_several_vehicles_by_full_keys_alone():
 )
 def test_a_service_of_ours(begun: str, words: list[str]):
     offer = served("uav/@srv/calibrate_pressure")
-    assert going_on(spelled.service(offer, begun, "uav"), begun) == words
+    assert going_on(engine.service(offer, begun, "uav"), begun) == words
 
 
 @pytest.mark.parametrize("begun", ["", "/", "u", "/u", "/uav/@"])
 def test_what_is_offered_for_a_service_is_understood(begun: str):
     for known in SERVICES:
-        for word in spelled.service(served(known.key("uav")), begun, "uav"):
+        for word in engine.service(served(known.key("uav")), begun, "uav"):
             assert find_service(word, "uav") is known
     get = served("uav/@srv/mine/get_params", "GetParams")
-    for word in spelled.service(get, begun, "uav"):
+    for word in engine.service(get, begun, "uav"):
         assert find_service(word, "uav").name == "mine/get_params"
 
 
 def test_a_service_of_ones_own():
     offer = served("uav/@srv/foo", "Own")
-    assert [*spelled.service(offer, "/f", "uav")] == ["/foo", "/uav/@srv/foo"]
-    assert [*spelled.service(served("foo/bar"), "", "uav")] == ["foo/bar"]
+    assert [*engine.service(offer, "/f", "uav")] == ["/foo", "/uav/@srv/foo"]
+    assert [*engine.service(served("foo/bar"), "", "uav")] == ["foo/bar"]
 
 
 @pytest.mark.parametrize(
@@ -94,12 +94,12 @@ def test_a_service_of_ones_own():
     ],
 )
 def test_a_parameter(begun: str, words: list[str]):
-    assert going_on(spelled.parameter("safety.takeoff", begun, "uav"), begun) == words
+    assert going_on(engine.parameter("safety.takeoff", begun, "uav"), begun) == words
 
 
 @pytest.mark.parametrize(("begun", "word"), [("", "safety.takeoff"), ("/s", "/safety/takeoff")])
 def test_a_setting(begun: str, word: str):
-    assert [*spelled.setting("safety.takeoff", begun)] == [word]
+    assert [*engine.setting("safety.takeoff", begun)] == [word]
     assert normal_name(word) == "safety.takeoff"
 
 
@@ -108,4 +108,4 @@ def test_a_setting(begun: str, word: str):
     [("saf", ["safety"]), ("/saf", ["/safety"]), ("/", ["/safety"]), ("/uav/", ["/uav/safety"])],
 )
 def test_a_node(begun: str, words: list[str]):
-    assert going_on(spelled.node("safety", begun, "uav"), begun) == words
+    assert going_on(engine.node("safety", begun, "uav"), begun) == words

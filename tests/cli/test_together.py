@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from cli import output
-from cli.together import ask_each
+from cli.concurrent import ask_each
 from services.runtime.errors import Refused
 
 

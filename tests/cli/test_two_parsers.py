@@ -4,10 +4,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cli import quick, typed
-from cli.declare import Line, Opt, words_of
-from cli.options import COMMON
-from cli.table import COMMANDS, command
+from cli import fast_parser, typer_app
+from cli.commands import COMMANDS, command
+from cli.context import COMMON
+from cli.declarations import Line, Opt, words_of
 from services.runtime.errors import UsageError
 
 OWN = sorted(
@@ -25,7 +25,7 @@ WORDS = [*OWN, *(f"--{name}" for name in COMMON), *(f"{name}=3" for name in OWN)
 
 def by_typer(words: list[str]) -> Line | None:
     try:
-        return typed.read(words)
+        return typer_app.read(words)
     except (UsageError, SystemExit):
         return None
 
@@ -39,7 +39,7 @@ def by_typer(words: list[str]) -> Line | None:
 )
 def test_what_the_quick_parser_takes_typer_takes_alike(path, words, before):
     line = [*before, *path, *words]
-    found = quick.read(line)
+    found = fast_parser.read(line)
     if found is not None:
         other = by_typer(line)
         assert other is not None
@@ -59,9 +59,9 @@ PLAIN = [
 
 @pytest.mark.parametrize("line", PLAIN)
 def test_a_plain_line_needs_no_typer(line: str):
-    assert quick.read(line.split()) is not None
+    assert fast_parser.read(line.split()) is not None
 
 
 @pytest.mark.parametrize("line", ["", "--help", "goto 1 2", "topic", "nonsense", "status -x"])
 def test_what_is_not_plain_is_left_to_typer(line: str):
-    assert quick.read(line.split()) is None
+    assert fast_parser.read(line.split()) is None

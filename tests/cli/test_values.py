@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli import values
-from cli.topic.payload import Payload, payload_of
+from cli.topic.pub import Payload, payload_of
 from cli.values import message_of, table_of, without_type
 from schemas.messages import Setpoint, Waypoint
 from services.runtime.bus import codec

@@ -2,8 +2,7 @@
 
 import pytest
 
-from cli.options import Options
-from cli.which import about_node, about_parameters
+from cli.context import Options, about_node, about_parameters
 from services.runtime.errors import UsageError
 
 OPTIONS = Options("nowhere", "", "uav", json=False, timeout=1.0)

@@ -6,9 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.console.aim import STEPS, clicked, stepped
-from cli.console.board import TICK, Board
-from cli.console.frame import NOTHING_SEEN, frame, link
+from cli.console.model import NOTHING_SEEN, STEPS, TICK, Board, clicked, frame, link, stepped
 from schemas.messages import Position
 from tests.console.heard import pose, reading, state
 

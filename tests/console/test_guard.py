@@ -4,8 +4,8 @@ import socket
 
 import pytest
 
-from cli.console.address import bound, urls
-from cli.console.guard import may_control, why_refused
+from cli.console.console import bound, urls
+from cli.console.server import may_control, why_refused
 from services.runtime.errors import AlreadyServed, UsageError
 
 

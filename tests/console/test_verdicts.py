@@ -2,7 +2,7 @@
 
 import pytest
 
-from cli.console.verdicts import point, told
+from cli.console.model import point, told
 from schemas.messages import CageSize, Position
 from tests.console.heard import state
 

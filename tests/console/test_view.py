@@ -4,10 +4,9 @@ import re
 
 import pytest
 
-from cli.console.automaton import STATES, WAYS, drawing
-from cli.console.panels.journal import line
+from cli.console.model import STATES, WAYS, Verdict, drawing
+from cli.console.panels import line
 from cli.console.settings import shown, tables
-from cli.console.verdicts import Verdict
 from schemas.params import FIXED_AT_LAUNCH
 from services.runtime.errors import Invalid
 from services.runtime.params import catalogue

@@ -13,9 +13,9 @@ from msgspec import Struct
 import cli
 import schemas
 import services
+from cli.context import COMMON
 from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
-from cli.options import COMMON
-from cli.typed import build
+from cli.typer_app import build
 from schemas.keyexpr import Offer, node_key, offer_key
 from schemas.services import Call, Error
 from schemas.topics import GOTO, SERVICES, TOPICS, Service, Topic, called, get_params, set_params

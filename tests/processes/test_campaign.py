@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from cli.campaign import campaign as command
-from cli.campaign.told import lines
-from cli.options import options_of
+from cli import campaign as command
+from cli.campaign import lines
+from cli.context import options_of
 from tests.compiled import compiled_kernel
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually

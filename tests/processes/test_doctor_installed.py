@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cli.doctor.installed import PACKAGES
+from cli.doctor.installation import PACKAGES
 from tests.processes.lab import Lab
 
 ROOT = Path(__file__).parents[2]

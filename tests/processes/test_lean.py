@@ -8,7 +8,7 @@ import pytest
 from tests.processes.lab import Lab
 
 SLOW = {
-    "asyncio", "cli.typed", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
+    "asyncio", "cli.typer_app", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
     "pathlib", "platform", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
     "urllib", "uuid",
 }  # fmt: skip

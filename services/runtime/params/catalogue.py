@@ -1,7 +1,6 @@
 """Every parameter with unit and bounds; quad.toml template; TOML writing."""
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -9,7 +8,6 @@ from msgspec import Struct, inspect, to_builtins
 
 from schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
 from schemas.typeinfo import bounds_text
-from services.runtime.params.load import check
 from services.runtime.params.names import put, value_of
 from services.runtime.run_files import UNSERVED
 
@@ -202,6 +200,11 @@ def render() -> str:
 
 def lab_params() -> Params:
     """The parameters of that file."""
+    # Imported here: `param get` writes values in TOML, and reads none.
+    import tomllib
+
+    from services.runtime.params.load import check
+
     return check(tomllib.loads(render()), "the lab's parameters")
 
 

@@ -1,0 +1,208 @@
+"""Bag info, check, repair, export."""
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from cli import output
+from cli.context import Options
+from cli.declarations import Arg, Opt
+from services.runtime.errors import Invalid, QuadctlError, UsageError
+from services.runtime.files import taken
+from services.runtime.params.names import flatten
+from services.runtime.recording import verify as mending
+from services.runtime.recording.reader import Bag, BagFacts, KeyFacts, Recorded, facts
+from services.runtime.recording.verify import check as look_through
+
+Recording = Annotated[Path, Arg("A recording, MCAP.", "FILE")]
+
+
+def info(options: Options, file: Recording) -> None:
+    """Show what a recording holds; of one that is cut, all that is there.
+
+    Example: quadctl bag info flight.mcap
+    """
+    found = facts(file)
+    if options.json:
+        output.document({"ok": not found.cut, **msgspec.to_builtins(found)})
+        return
+    output.table(_head(found))
+    if found.keys:
+        output.table([("KEY", "TYPE", "MESSAGES", "HZ"), *map(_row, found.keys)])
+    if found.cut:
+        output.note(f"it is cut: {found.cut}\n  try: `quadctl bag repair {file}` makes it whole")
+
+
+def _head(found: BagFacts) -> list[tuple[str, str]]:
+    began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(found.begin))
+    return [
+        ("File:", found.file),
+        ("Size:", f"{found.bytes / 1e6:.2f} MB"),
+        ("Began:", began if found.messages else "-"),
+        ("Length:", f"{found.seconds:.1f} s"),
+        ("Messages:", str(found.messages)),
+    ]
+
+
+def _row(key: KeyFacts) -> tuple[str, str, str, str]:
+    what = key.type or key.encoding
+    name = f"{key.key} (for viewers)" if key.derived else key.key
+    return name, what, str(key.messages), f"{key.hz:.1f}" if key.hz else "-"
+
+
+_FAULT_FOUND = 8
+
+
+def check(options: Options, file: Recording) -> None:
+    """Read every message against its schema and look for gaps; exit 8 where something is wrong.
+
+    Example: quadctl bag check flight.mcap
+    """
+    found = look_through(file)
+    ok = not found.faults
+    if options.json:
+        said = {"ok": ok, "file": str(file), "messages": found.messages, "faults": found.faults}
+        output.document(said)
+    else:
+        for fault in found.faults:
+            output.line(f"FAIL  {fault}")
+        verdict = "whole and right" if ok else "not right; `quadctl bag repair` mends what is cut"
+        output.line(f"{file}: {found.messages} messages, {verdict}")
+    if not ok:
+        sys.exit(_FAULT_FOUND)
+
+
+def repair(
+    options: Options,
+    file: Recording,
+    target: Annotated[
+        Path | None, Opt("Write there, and leave FILE as it is.", ("-o", "--output"))
+    ] = None,
+) -> None:
+    """Make a recording whole that was cut: by kill -9, a full disk, or half a copy.
+
+    All whole chunks are kept; a recorder that was killed has lost at most half a second.
+
+    Example: quadctl bag repair flight.mcap
+    """
+    fresh = target or file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        done = mending.repair(file, fresh)
+        if target is None:
+            fresh.replace(file)
+    except FileExistsError as error:
+        raise taken(fresh) from error
+    except OSError as error:
+        raise QuadctlError(
+            f"{fresh} cannot be written: {error.strerror}", "make room, or name another place: -o"
+        ) from error
+    said = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
+    if not done.why:
+        output.either(options, {**said, "cut": ""}, f"{file} was whole: {done.messages} messages")
+        return
+    output.either(
+        options,
+        {**said, "cut": done.why},
+        f"{target or file}: {done.messages} messages kept, {done.dropped} bytes of a torn end dropped",
+    )
+
+
+_TIME = "unix_time"
+"""The first column: when the message came, s."""
+
+
+def export(
+    options: Options,
+    file: Recording,
+    csv: Annotated[bool, Opt("As CSV, a file for each key.")] = False,
+    folder: Annotated[
+        Path | None, Opt("Where to (default: FILE without its ending).", ("-o", "--output"))
+    ] = None,
+) -> None:
+    """Write a recording as tables, with a column for each field, as position.x.
+
+    Numbers are written so that they read back the same.
+
+    Example: quadctl bag export flight.mcap --csv
+    """
+    if not csv:
+        raise UsageError("as what? CSV is what there is", "quadctl bag export FILE --csv")
+    where = folder or file.with_suffix("")
+    columns = _columns(file)
+    counts = _write(file, where, columns)
+    paths = {key: str(_path(where, key)) for key in counts}
+    if options.json:
+        rows = [{"key": key, "file": paths[key], "rows": count} for key, count in counts.items()]
+        output.document({"file": str(file), "tables": rows})
+        return
+    output.table((paths[key], f"{count} rows") for key, count in counts.items())
+
+
+def _columns(file: Path) -> dict[str, list[str]]:
+    """The fields of each key, in the order in which they first come."""
+    found: dict[str, dict[str, None]] = {}
+    for message in _messages(Bag(file)):
+        found.setdefault(message.key, {}).update(dict.fromkeys(_cells(message)))
+    return {key: list(names) for key, names in found.items()}
+
+
+def _write(file: Path, where: Path, columns: dict[str, list[str]]) -> dict[str, int]:
+    import csv
+    from contextlib import ExitStack
+
+    counts = dict.fromkeys(columns, 0)
+    try:
+        where.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            tables = {}
+            for key, names in columns.items():
+                out = _path(where, key).open("x", encoding="utf-8", newline="")
+                tables[key] = csv.writer(stack.enter_context(out))
+                tables[key].writerow((_TIME, *names))
+            for message in _messages(Bag(file)):
+                cells = _cells(message)
+                row = (cells.get(name, "") for name in columns[message.key])
+                tables[message.key].writerow((_seconds(message.at), *row))
+                counts[message.key] += 1
+    except FileExistsError as error:
+        raise Invalid(
+            f"{error.filename} is there already", "name another folder with -o, or remove it"
+        ) from error
+    except OSError as error:
+        raise Invalid(
+            f"{where} cannot be written: {error.strerror}", "name a place that you may write to"
+        ) from error
+    return counts
+
+
+def _messages(bag: Bag) -> Any:
+    """Those that have fields and were on the bus."""
+    for message in bag.messages():
+        if not message.derived and isinstance(message.value, dict):
+            yield message
+
+
+def _cells(message: Recorded) -> dict[str, Any]:
+    return {name: _cell(value) for name, value in flatten(message.value)}
+
+
+def _cell(value: Any) -> Any:
+    """Numbers and texts as they are, what has parts as JSON."""
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, dict | list | bool) or value is None:
+        return msgspec.json.encode(value).decode()
+    return value
+
+
+def _seconds(nanoseconds: int) -> str:
+    """All digits; a float has not enough of them for the time of day."""
+    return f"{nanoseconds // 10**9}.{nanoseconds % 10**9:09d}"
+
+
+def _path(where: Path, key: str) -> Path:
+    return where / f"{key.replace('/', '.')}.csv"

@@ -1,1 +1,0 @@
-"""`quadctl bag`: recordings."""

@@ -1,1 +1,0 @@
-"""`quadctl campaign`: flights by the thousand."""

@@ -1,0 +1,285 @@
+"""What fits an unfinished line; live names.
+
+Spellings that do not go on it are left out by who asks for them.
+"""
+
+import contextlib
+import os
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from cli import commands, context
+from cli import names as known
+from cli.context import COMMON, Options, options_of
+from cli.declarations import Arg, Names, Opt, Word, takes_signed, words_of
+from cli.param.running import nodes_with_params
+from schemas.keyexpr import Offer
+from schemas.params import Params
+from schemas.services import GetParamsRequest
+from schemas.topics import SERVICES, TOPICS, get_params
+from services.runtime.bus.client import Client
+from services.runtime.errors import QuadctlError, UsageError
+from services.runtime.params.names import flatten
+
+_PARAMETERS = ("GetParams", "SetParams")
+
+
+def topic(key: str, begun: str, vehicle: str) -> Iterator[str]:
+    """By its name where it is a topic of ours: a name of anybody else's would be taken for a key."""
+    name = key.removeprefix(f"{vehicle}/")
+    ours = name != key and any(name == topic.name for topic in TOPICS)
+    return _spellings(key, name if ours else "", begun)
+
+
+def service(offer: Offer, begun: str, vehicle: str) -> Iterator[str]:
+    """By its name, its full key, or one of ours as ROS has it: `/uav/goto`."""
+    own, _, rest = offer.key.partition("/")
+    key, named = offer.key, rest == f"@srv/{offer.name}"
+    ours = offer.type in _PARAMETERS or any(offer.name == known.name for known in SERVICES)
+    if named and ours and begun.startswith("/") and "@" not in begun:
+        key = f"{own}/{offer.name}"
+    return _spellings(key, offer.name if named and own == vehicle else "", begun)
+
+
+def node(name: str, begun: str, vehicle: str) -> Iterator[str]:
+    """By its name, also behind its vehicle's."""
+    return _spellings(f"{vehicle}/{name}", name, begun)
+
+
+def parameter(name: str, begun: str, vehicle: str) -> Iterator[str]:
+    """By its dotted name, or with slashes, also behind its vehicle's name."""
+    between = "/" if "/" in begun else "."
+    name = name.replace(".", between)
+    return _spellings(f"{vehicle}{between}{name}", name, begun)
+
+
+def setting(name: str, begun: str) -> Iterator[str]:
+    """A parameter of the file, which knows of no vehicle."""
+    slash = "/" if begun.startswith("/") else ""
+    yield f"{slash}{name.replace('.', '/' if '/' in begun else '.')}"
+
+
+def _spellings(key: str, name: str, begun: str) -> Iterator[str]:
+    """The name, where there is one; the key only once something of it may have been begun."""
+    slash = "/" if begun.startswith("/") else ""
+    if name:
+        yield f"{slash}{name}"
+    if not name or begun.strip("/"):
+        yield f"{slash}{key}"
+
+
+SUBJECTS = ("topic", "service")
+"""What has fields."""
+_ALL = "*"
+_PATIENCE = 0.1
+"""Seconds that live names may take to come: a shell that waits for longer seems stuck."""
+
+
+def names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[str]:
+    """The names of a kind; `field` is one of the subject's, a topic or service.
+
+    Each is spelled as it was begun: by its name, or by its full key, with or without a slash.
+    """
+    try:
+        return list(_names(kind, options, begun, subject))
+    except (QuadctlError, OSError):
+        # Nobody there, or no such name: a shell has no place for an error.
+        return []
+
+
+def _names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[str]:
+    if not kind:
+        return []
+    if kind == "setting":
+        settings = (name for name, _ in flatten(msgspec.to_builtins(Params())))
+        return [f"{spelling}=" for name in settings for spelling in setting(name, begun)]
+    if kind == "field":
+        vehicle = context.about_topic(options, subject).named or _vehicle(options)
+        return [f"{field}=" for field in known.fields_of(subject, vehicle)]
+    if kind == "type":
+        return known.types()
+    until = time.monotonic() + _PATIENCE
+    vehicle = _vehicle(options)
+    with Client(options.realm, vehicle, connect=options.connect, timeout=_PATIENCE) as client:
+        return list(_live(kind, client, begun, until))
+
+
+def _vehicle(options: Options) -> str:
+    """The one that is meant; of several the pattern of them all."""
+    try:
+        return options.vehicle
+    except UsageError:
+        return _ALL
+
+
+def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str]:
+    vehicle = client.vehicle
+    if kind == "node":
+        for name in sorted({*client.nodes()}):
+            yield from node(name, begun, vehicle)
+    elif kind == "vehicle":
+        yield from client.vehicles()
+    elif kind == "param":
+        for each in nodes_with_params(client):
+            client.timeout = max(until - time.monotonic(), 0.001)
+            # One that does not answer must not hide the others' names.
+            with contextlib.suppress(QuadctlError):
+                for name in client.call(get_params(each), GetParamsRequest([])).values:
+                    yield from parameter(name, begun, vehicle)
+    elif kind == "service":
+        for offer in client.offers():
+            if offer.kind == "@srv":
+                yield from service(offer, begun, vehicle)
+    else:
+        for key in _topics(client):
+            yield from topic(key, begun, vehicle)
+
+
+def _topics(client: Client) -> Iterator[str]:
+    """The keys of those that are published, and of those that wait for whoever wants to publish."""
+    yield from (offer.key for offer in client.offers() if offer.kind == "@pub")
+    for vehicle in client.vehicles() if client.vehicle == _ALL else [client.vehicle]:
+        yield from (topic.key(vehicle) for topic in TOPICS if not topic.node)
+
+
+_COMMON = {f"--{name}": (type_, about) for name, (type_, about) in COMMON.items()}
+_FIRST = {
+    "--version": "Print the version and exit.",
+    "--install-completion": "Install completion for this shell.",
+    "--show-completion": "Print the completion script of this shell.",
+}
+
+
+class Found(NamedTuple):
+    """A word that fits, and what it means where that is known."""
+
+    word: str
+    about: str = ""
+
+
+def candidates(before: list[str], begun: str, *, explain: bool = True) -> list[Found]:
+    """The words that fit after those `before` the one that has been `begun`.
+
+    To `explain` commands, each is loaded, which takes its time.
+    """
+    fitting = _fitting(before, begun, explain=explain)
+    found = sorted({fit for fit in fitting if fit.word.startswith(begun)})
+    return list({fit.word: fit for fit in found}.values())
+
+
+def _fitting(before: list[str], begun: str, *, explain: bool) -> Iterable[Found]:
+    common: dict[str, str] = {}
+    path, rest = "", iter(before)
+    for text in rest:
+        if text.startswith("-"):
+            if _takes_value(text) and _value(text, rest, common) is None:
+                return _of_common(text, begun, common)
+        elif (path := f"{path} {text}".lstrip()) in commands.COMMANDS:
+            return _of_command(path, list(rest), begun, common)
+    if begun.startswith("-"):
+        return _options([], at_first=not path)
+    return _commands(path, explain=explain)
+
+
+def _commands(group: str, *, explain: bool) -> Iterator[Found]:
+    if not group:
+        yield from (Found(name, about) for name, about in commands.GROUPS.items())
+    for path in commands.COMMANDS:
+        parent, _, name = path.rpartition(" ")
+        if parent == group and path not in commands.ALIASES:
+            about = commands.command(path).__doc__ if explain else ""
+            yield Found(name, (about or "").partition("\n")[0])
+
+
+def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) -> Iterable[Found]:
+    declared = words_of(commands.command(path))
+    named = {name: word for word in declared if isinstance(word.said, Opt) for name in word.names}
+    placed = [word for word in declared if isinstance(word.said, Arg)]
+    said: list[tuple[Word, str]] = []
+    line = iter(rest)
+    for text in line:
+        option = text.partition("=")[0]
+        if option in named:
+            if named[option].type is not bool and "=" not in text and next(line, None) is None:
+                return _words(named[option], begun, common, said)
+        elif _takes_value(text):
+            if _value(text, line, common) is None:
+                return _of_common(text, begun, common)
+        elif not text.startswith("-") or takes_signed(declared):
+            said.append((placed[0], text) if placed else (declared[0], text))
+            placed = placed if placed and placed[0].many else placed[1:]
+    if begun.startswith("-"):
+        option, equals, value = begun.partition("=")
+        if not equals:
+            return _options(declared)
+        if option not in named:
+            return []
+        found = _words(named[option], value, common, said)
+        return [Found(f"{option}={fit.word}", fit.about) for fit in found]
+    return _words(placed[0], begun, common, said) if placed else []
+
+
+def _words(
+    word: Word, begun: str, common: dict[str, str], said: list[tuple[Word, str]]
+) -> Iterable[Found]:
+    """What a declared word can be: a file, or one of the names that it says."""
+    if word.type is Path:
+        return map(Found, _files(begun))
+    subject = next((text for other, text in said if other.said.complete in SUBJECTS), "")
+    found = names(word.said.complete, _reach(common), begun, subject)
+    if word.said.complete == "field":
+        given = {text.partition("=")[0] for _, text in said}
+        found = (name for name in found if name.removesuffix("=") not in given)
+    return map(Found, found)
+
+
+def _of_common(option: str, begun: str, common: dict[str, str]) -> Iterable[Found]:
+    """What the value of a common option can be: a live vehicle."""
+    kind: Names = "vehicle" if option == "--vehicle" else ""
+    return map(Found, names(kind, _reach(common), begun, ""))
+
+
+def _reach(common: dict[str, str]) -> Options:
+    """The options that say where to look; a shell's patience is its own."""
+    return options_of({k: v for k, v in common.items() if k != "timeout"})
+
+
+def _files(begun: str) -> Iterator[str]:
+    folder = begun[: begun.rfind("/") + 1]
+    try:
+        with os.scandir(Path(folder).expanduser()) as entries:
+            for entry in entries:
+                if not entry.name.startswith("."):
+                    yield f"{folder}{entry.name}{'/' if entry.is_dir() else ''}"
+    except OSError:
+        return
+
+
+def _options(declared: list[Word], *, at_first: bool = False) -> Iterator[Found]:
+    for word in declared:
+        if isinstance(word.said, Opt):
+            for name in word.names:
+                yield Found(name, word.said.about)
+    for name, (_, about) in _COMMON.items():
+        yield Found(name, about)
+    yield Found("--help", "Show what this does, and exit.")
+    if at_first:
+        yield from map(Found._make, _FIRST.items())
+
+
+def _takes_value(text: str) -> bool:
+    known = _COMMON.get(text.partition("=")[0])
+    return known is not None and known[0] is not bool
+
+
+def _value(text: str, line: Iterator[str], common: dict[str, Any]) -> str | None:
+    """The value of a common option, taken from the line; None where the line ends first."""
+    name, equals, value = text.partition("=")
+    taken = value if equals else next(line, None)
+    if taken is not None:
+        common[name.removeprefix("--")] = taken
+    return taken

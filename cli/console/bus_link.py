@@ -1,0 +1,158 @@
+"""The console's ear on the bus: one connection for a vehicle, made again whenever it is lost."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import msgspec
+
+from cli.console.model import TICK, Board
+from cli.context import Options
+from schemas.messages import Pose, Position, Pressure, SafetyState
+from schemas.services import GetParamsRequest
+from schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
+from services.runtime import run_files
+from services.runtime.bus.client import Client
+from services.runtime.bus.streams import Readings
+from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.params import live
+from services.runtime.params.names import flatten
+from services.runtime.realm import Realm
+from services.runtime.run_files import UNSERVED
+
+T = TypeVar("T")
+
+_AGAIN = 0.5
+"""Seconds between two attempts to reach a run that is gone."""
+_LOOK = 1.0
+"""Seconds between two looks at who is there, and at the parameters."""
+_BACKLOG = 100
+
+
+class Link:
+    """Keeps a board up to date, on a thread of its own, for as long as the process lives."""
+
+    def __init__(self, options: Options, vehicle: str) -> None:
+        self.vehicle, self._options = vehicle, options
+        self._lock = threading.Lock()
+        self._board = Board(vehicle)
+        self._client: Client | None = None
+        threading.Thread(target=self._run, name=f"link {vehicle}", daemon=True).start()
+
+    def see(self, look: Callable[[Board], T]) -> T:
+        """What `look` makes of the board, which does not change meanwhile."""
+        with self._lock:
+            return look(self._board)
+
+    @property
+    def realm(self) -> Realm | None:
+        """The realm of a run on this machine, whose folder is at hand."""
+        return None if self._options.connect else Realm(self._options.realm)
+
+    @property
+    def client(self) -> Client:
+        """The connection, for a call; raises Unreachable while there is none."""
+        if self._client is None:
+            raise Unreachable(
+                f"not connected: {self._board.problem}", "the console goes on by itself"
+            )
+        return self._client
+
+    def look_around(self) -> None:
+        """Read the processes and parameters now; raises where somebody does not answer."""
+        client = self.client
+        nodes = sorted({offer.node for offer in client.offers() if offer.type == "GetParams"})
+        values: dict[str, Any] = {}
+        problem: QuadctlError | None = None
+        for node in nodes:
+            try:
+                values |= client.call(get_params(node), GetParamsRequest([])).values
+            except QuadctlError as caught:
+                problem = caught
+        values |= self._kept()
+        with self._lock:
+            self._board.values |= values
+        if problem is not None:
+            raise problem
+
+    def _kept(self) -> dict[str, Any]:
+        """The supervisor's own tables, which are in the realm's folder alone."""
+        if self.realm is None:
+            return {}
+        try:
+            kept = msgspec.to_builtins(live.read_values(self.realm, self.vehicle) or {})
+        except (FileNotFoundError, Invalid):
+            return {}  # the run is just going, or coming
+        return dict(flatten({name: kept[name] for name in UNSERVED if name in kept}))
+
+    def _run(self) -> None:
+        while True:
+            try:
+                options = self._options
+                with Client(
+                    options.realm, self.vehicle, connect=options.connect, timeout=options.timeout
+                ) as client:
+                    self._listen(client)
+            except QuadctlError as problem:
+                self._lose(problem)
+            time.sleep(_AGAIN)
+
+    def _lose(self, problem: QuadctlError) -> None:
+        self._client = None
+        nodes = self._processes()
+        with self._lock:
+            self._board.problem, self._board.nodes = problem.message, nodes
+
+    def _listen(self, client: Client) -> None:
+        """Follow the vehicle; raises once the hub is gone."""
+        poses = client.hear(POSE, backlog=1)
+        readings = client.hear(PRESSURE, backlog=1)
+        states, asked = client.hear(STATE, backlog=_BACKLOG), client.hear(REQUEST, backlog=1)
+        looked, self._client = 0.0, client
+        with self._lock:
+            self._board.problem = ""
+        threading.Thread(target=self._keep_looking, args=(client,), daemon=True).start()
+        while True:
+            began = time.monotonic()
+            if began - looked >= _LOOK:
+                looked = began
+                client.nodes()
+                nodes = self._processes()
+                with self._lock:
+                    self._board.nodes = nodes
+            self._hear(poses, readings, states, asked)
+            time.sleep(max(0.0, began + TICK - time.monotonic()))
+
+    def _hear(
+        self,
+        poses: Readings[Pose],
+        readings: Readings[Pressure],
+        states: Readings[SafetyState],
+        asked: Readings[Any],
+    ) -> None:
+        pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
+        said = list(iter(lambda: states.next(0), None))
+        with self._lock:
+            if waypoint is not None:
+                self._board.ask(Position(waypoint.x, waypoint.y, waypoint.z))
+            for state in said:
+                self._board.hear_state(state)
+            self._board.tick(pose, reading)
+
+    def _keep_looking(self, client: Client) -> None:
+        """Read the parameters again and again, for others change them too."""
+        while self._client is client:
+            # Who does not answer is told by the table of processes; his values stay as they were.
+            with contextlib.suppress(QuadctlError):
+                self.look_around()
+            time.sleep(2 * _LOOK)
+
+    def _processes(self) -> list[run_files.ProcessRecord]:
+        if self.realm is None:
+            return []
+        try:
+            return run_files.read(self.realm).nodes
+        except QuadctlError:
+            return []

@@ -1,0 +1,340 @@
+"""What the page knows and is sent (pure)."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, NamedTuple, get_args
+
+from schemas.messages import CageSize, Pose, Position, Pressure, SafetyState, StateName
+from services.runtime.run_files import ProcessRecord
+
+
+class Verdict(NamedTuple):
+    """A line of the log: at a simulated time (s), of a kind that says how it is drawn."""
+
+    stamp: float
+    kind: str
+    text: str
+
+
+def point(at: Position) -> str:
+    """A place as people write it, m."""
+    return f"({_metres(at.x)}, {_metres(at.y)}, {_metres(at.z)})"
+
+
+def told(before: SafetyState | None, now: SafetyState) -> Iterator[tuple[str, str]]:
+    """The kind and text of each thing that happened from one state to the next."""
+    if before is None:
+        return
+    if now.boot != before.boot:
+        yield "boot", now.reason or "the simulation began anew"
+        return
+    if now.cage_on != before.cage_on:
+        yield "cage", f"cage {'on' if now.cage_on else 'off'}"
+    if now.cage != before.cage:
+        yield "cage", f"cage is now {bounds(now.cage)}"
+    if now.state == "VERIFYING":
+        return
+    if now.request > before.request or before.state == "VERIFYING":
+        yield ("refused", now.reason) if now.reason else ("accepted", f"to {point(now.goal)}")
+    elif before.state == "MOVING" and now.state == "HOVERING" and not now.reason:
+        yield "arrived", f"at {point(now.goal)}"
+    elif now.reason and (now.reason != before.reason or now.state != before.state):
+        yield "stopped" if now.state == "HOVERING" else "went on", now.reason
+
+
+def bounds(cage: CageSize) -> str:
+    """The cage's three intervals, m."""
+    return f"x [-{cage.x:g}, {cage.x:g}], y [-{cage.y:g}, {cage.y:g}], z [0, {cage.z:g}]"
+
+
+def _metres(value: float) -> str:
+    # Two digits, without the minus of a negative nought.
+    return f"{round(value, 2) + 0.0:g}"
+
+
+TICK = 0.1
+"""Seconds between two samples, and between two pictures that a page is sent."""
+_KEPT = 600
+_REFUSED_KEPT = 8
+_VERDICTS_KEPT = 60
+
+
+class Sample(NamedTuple):
+    """One point of the trail and the plots: simulated time (s), metres, hPa.
+
+    `pressure` is None where no new reading came.
+    """
+
+    number: int
+    stamp: float
+    x: float
+    y: float
+    z: float
+    pressure: float | None
+    baseline: float
+
+
+class Glance(NamedTuple):
+    """What the slower parts of a page show; `noted` counts the log's lines ever written."""
+
+    state: SafetyState | None
+    nodes: tuple[ProcessRecord, ...]
+    values: dict[str, Any]
+    verdicts: tuple[Verdict, ...]
+    noted: int
+
+
+class Board:
+    """All of it; `epoch` counts the simulation's boots seen, with each of which the past goes."""
+
+    def __init__(self, vehicle: str) -> None:
+        self.vehicle = vehicle
+        self.problem = "connecting"
+        self.pose: Pose | None = None
+        self.state: SafetyState | None = None
+        self.reading: Pressure | None = None
+        self.samples: deque[Sample] = deque(maxlen=_KEPT)
+        self.refused: deque[Position] = deque(maxlen=_REFUSED_KEPT)
+        self.verdicts: deque[Verdict] = deque(maxlen=_VERDICTS_KEPT)
+        self.verified, self.noted, self.epoch = 0, 0, 0
+        self.silence = 0.0
+        self.nodes: list[ProcessRecord] = []
+        self.values: dict[str, Any] = {}
+        self._number = 0
+        self._asked: Position | None = None
+
+    def hear_state(self, now: SafetyState) -> None:
+        """Take the automaton's state, and write down what it tells."""
+        if now.state == "VERIFYING":
+            self.verified += 1
+        for kind, text in told(self.state, now):
+            self.note(now.stamp, kind, text)
+            if kind == "refused" and self._asked is not None:
+                self.refuse(self._asked)
+            if kind in {"accepted", "refused"}:
+                self._asked = None
+        if self.state is not None and now.boot != self.state.boot:
+            self.refused.clear()
+        self.state = now
+
+    def ask(self, goal: Position) -> None:
+        """Take a waypoint that somebody published, whose verdict the state will tell."""
+        self._asked = goal
+
+    def refuse(self, goal: Position) -> None:
+        """Take a goal that safety refused."""
+        if goal in self.refused:
+            self.refused.remove(goal)
+        self.refused.append(goal)
+
+    def note(self, stamp: float, kind: str, text: str) -> None:
+        """Write a line into the log, at a simulated time (s)."""
+        self.noted += 1
+        self.verdicts.appendleft(Verdict(stamp, kind, text))
+
+    def tick(self, pose: Pose | None, reading: Pressure | None) -> None:
+        """Take the newest pose and reading of the last tenth of a second; None where none came."""
+        self.silence = 0.0 if pose is not None else self.silence + TICK
+        if reading is not None:
+            self.reading = reading
+        if pose is None:
+            return
+        if self.pose is not None and pose.boot != self.pose.boot:
+            self.samples.clear()
+            self.epoch += 1
+        self.pose, at = pose, pose.position
+        self._number += 1
+        self.samples.append(
+            Sample(
+                self._number, pose.stamp, at.x, at.y, at.z,
+                None if reading is None else reading.pressure,
+                self.reading.baseline if self.reading else 0.0,
+            )
+        )  # fmt: skip
+
+    def glance(self) -> Glance:
+        """A copy that stays as it is."""
+        verdicts = tuple(self.verdicts)
+        return Glance(self.state, tuple(self.nodes), dict(self.values), verdicts, self.noted)
+
+
+STEPS = {
+    "ArrowRight": (1, 0, 0),
+    "ArrowLeft": (-1, 0, 0),
+    "ArrowUp": (0, 1, 0),
+    "ArrowDown": (0, -1, 0),
+    "PageUp": (0, 0, 1),
+    "PageDown": (0, 0, -1),
+}
+"""By the key's name in a browser: metres east, north and up."""
+
+
+def clicked(x: float, y: float, height: float) -> Position:
+    """The goal of a click on the floor: to 10 cm, which is finer than anybody points."""
+    return Position(round(x, 1) + 0.0, round(y, 1) + 0.0, height)
+
+
+def stepped(board: Board, target: Position | None, key: str) -> Position | None:
+    """The target a step further: of the one there is, else of the vehicle's goal or place.
+
+    None where nothing is known of either.
+    """
+    if target is None and board.state is not None:
+        target = board.state.goal
+    if target is None and board.pose is not None:
+        target = board.pose.position
+    if target is None:
+        return None
+    dx, dy, dz = STEPS[key]
+    whole = (round(target.x + dx, 2), round(target.y + dy, 2), round(target.z + dz, 2))
+    return Position(*(part + 0.0 for part in whole))
+
+
+STATES: tuple[str, ...] = get_args(StateName)
+
+WAYS = {
+    ("HOVERING", "VERIFYING"): "asked",
+    ("VERIFYING", "MOVING"): "permitted",
+    ("VERIFYING", "HOVERING"): "refused",
+    ("MOVING", "VERIFYING"): "changed",
+    ("HOVERING", "MOVING"): "went on",
+    ("MOVING", "HOVERING"): "arrived, stopped, paused",
+}
+"""Every way that safety's table has between two states, and what it is taken for."""
+
+_W, _H, _GAP, _TOP = 92, 34, 36, 44
+
+
+def drawing() -> str:
+    """An SVG in which the page lights the present state by its class, as `state-MOVING`."""
+    width = len(STATES) * _W + (len(STATES) - 1) * _GAP + 2
+    parts = [_way(*pair, text) for pair, text in WAYS.items()] + [_box(name) for name in STATES]
+    return (
+        f'<svg class="automaton" viewBox="0 0 {width} 118" role="img"'
+        f' aria-label="The automaton: {", ".join(STATES)}">'
+        '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="6"'
+        ' markerHeight="6" orient="auto"><path d="M0 0 8 4 0 8z"/></marker></defs>'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def _left(state: str) -> int:
+    return 1 + STATES.index(state) * (_W + _GAP)
+
+
+def _box(state: str) -> str:
+    x = _left(state)
+    return (
+        f'<g class="state state-{state}"><rect x="{x}" y="{_TOP}" width="{_W}" height="{_H}"'
+        f' rx="17"/><text x="{x + _W / 2:g}" y="{_TOP + 21}">{state}</text></g>'
+    )
+
+
+def _way(start: str, end: str, text: str) -> str:
+    """Forwards above the middle, backwards below it; one that skips a state goes around it."""
+    step = STATES.index(end) - STATES.index(start)
+    if abs(step) == 1:
+        y = _TOP + _H / 2 + (-6 if step > 0 else 6)
+        x1 = _left(start) + (_W if step > 0 else 0)
+        x2 = _left(end) + (0 if step > 0 else _W)
+        line = f"M{x1} {y:g}H{x2}"
+        words = (x1 + x2) / 2, (_TOP - 5 if step > 0 else _TOP + _H + 12)
+        anchor = f'<text x="{words[0]:g}" y="{words[1]}">{text}</text>'
+    elif step > 0:
+        x1, x2 = _left(start) + _W // 2, _left(end) + _W // 2
+        top = _TOP - 24
+        line = f"M{x1:g} {_TOP}V{top + 8}q0 -8 8 -8H{x2 - 8:g}q8 0 8 8V{_TOP - 1}"
+        anchor = f'<text x="{(x1 + x2) / 2:g}" y="{top - 5}">{text}</text>'
+    else:
+        x1, x2 = _left(start) + _W // 2, _left(end) + _W // 2
+        y, bottom = _TOP + _H, _TOP + _H + 24
+        line = f"M{x1:g} {y}V{bottom - 8}q0 8 -8 8H{x2 + 8:g}q-8 0 -8 -8V{y + 1}"
+        anchor = f'<text x="{(x1 + x2) / 2:g}" y="{bottom + 12}">{text}</text>'
+    return f'<g class="way"><path d="{line}" marker-end="url(#tip)"/>{anchor}</g>'
+
+
+_SILENT = 1.0
+"""Seconds without a pose after which the page says so."""
+
+NOTHING_SEEN = (-1, 0)
+"""What a page that is just opened has seen: no boot, no sample."""
+
+
+def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[str, Any]:
+    """The picture for a page that has seen samples of an epoch up to a number.
+
+    `target` is where its user aims at.
+    """
+    epoch, number = seen if seen[0] == board.epoch else (board.epoch, 0)
+    new = [sample for sample in board.samples if sample.number > number]
+    state, pose = board.state, board.pose
+    return {
+        "epoch": epoch,
+        "fresh": number == 0,
+        "seen": new[-1].number if new else number,
+        "link": link(board),
+        "state": state.state if state else "",
+        "verified": board.verified,
+        "cage": [state.cage.x, state.cage.y, state.cage.z] if state else None,
+        "cage_on": bool(state and state.cage_on),
+        "goal": _xyz(state.goal) if state else None,
+        "pose": [*_xyz(pose.position), *_turn(pose)] if pose else None,
+        "target": _xyz(target) if target else None,
+        "refused": [_xyz(goal) for goal in board.refused],
+        "samples": [_sample(sample) for sample in new],
+        "read": readouts(board, target),
+    }
+
+
+def link(board: Board) -> str:
+    """How it stands with the run: `live`, `silent` (no poses come) or `lost`."""
+    if board.problem:
+        return "lost"
+    return "silent" if board.silence > _SILENT or board.pose is None else "live"
+
+
+def readouts(board: Board, target: Position | None) -> dict[str, str]:
+    """Every text on the page that changes with the vehicle."""
+    state, pose, reading = board.state, board.pose, board.reading
+    said = {"link": _LINKS[link(board)], "problem": board.problem}
+    if link(board) == "silent":
+        said["problem"] = "no pose comes: dynamics is down or frozen"
+    if pose is not None:
+        v = pose.velocity
+        said |= {axis: f"{getattr(pose.position, axis) + 0.0:.2f}" for axis in "xyz"}
+        said["speed"] = f"{math.hypot(v.x, v.y, v.z):.2f} m/s"
+        said["time"] = f"{pose.stamp:.1f} s"
+        said["height"] = f"{pose.position.z:.2f} m"
+    if state is not None:
+        said |= {"state": state.state, "reason": state.reason, "goal": point(state.goal)}
+        said["cage"] = bounds(state.cage)
+    if reading is not None:
+        said["pressure"] = f"{reading.pressure:.5g} hPa" if reading.baseline else (
+            f"{reading.pressure:.4f} hPa"
+        )  # fmt: skip
+        said["baseline"] = f"{reading.baseline:.4f} hPa" if reading.baseline else "not calibrated"
+    said["target"] = f"{point(target)}: Enter sends" if target else ""
+    return said
+
+
+_LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}
+
+
+def _sample(s: Sample) -> list[float | None]:
+    return [round(s.stamp, 3), _fine(s.x), _fine(s.y), _fine(s.z), s.pressure, s.baseline]
+
+
+def _xyz(at: Position) -> list[float]:
+    return [_fine(at.x), _fine(at.y), _fine(at.z)]
+
+
+def _fine(part: float) -> float:
+    """To a tenth of a millimetre: a hovering vehicle looks still, and is not drawn again."""
+    return round(part, 4)
+
+
+def _turn(pose: Pose) -> list[float]:
+    """As three.js wants a quaternion: x, y, z, w."""
+    q = pose.orientation
+    return [_fine(q.x), _fine(q.y), _fine(q.z), _fine(q.w)]

@@ -1,0 +1,233 @@
+"""Flight, readings, safety, faults, processes, verdicts."""
+
+import math
+from functools import partial
+from html import escape
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments, ValueChangeEventArguments
+
+from cli.console.actions import PageContext
+from cli.console.elements import Plot, Scene, card, floor_point, read
+from cli.console.model import Glance, Sample, Verdict, clicked, drawing, stepped
+from cli.console.settings import tables
+from cli.fault.catalogue import FAULTS, Fault, active
+from schemas.messages import Position
+from services.runtime.run_files import ProcessRecord
+
+
+class Faults:
+    """Each is a parameter, as for `quadctl fault`: a click puts it in, or takes it out."""
+
+    def __init__(self, page: PageContext) -> None:
+        self._page = page
+        self._settings = {each.name: each for table in tables({}) for each in table.settings}
+        self._buttons: dict[str, ui.button] = {}
+        self._shown: frozenset[str] = frozenset()
+        with card("Faults", "faults"), ui.element("div").classes("switches"):
+            for fault in FAULTS:
+                made = ui.button(fault.name, on_click=partial(self._turn, fault), color=None)
+                made.props(f'no-caps flat dense data-fault={fault.name} title="{fault.about}"')
+                made.props("aria-pressed=false").set_enabled(page.control)
+                self._buttons[fault.name] = made
+
+    def refresh(self, now: Glance) -> None:
+        """Light those that are in."""
+        there = frozenset(active(now.values))
+        for name in there ^ self._shown:
+            button = self._buttons[name].props(f"aria-pressed={str(name in there).lower()}")
+            button.classes(add="in") if name in there else button.classes(remove="in")
+        self._shown = there
+
+    async def _turn(self, fault: Fault) -> None:
+        value = fault.sound if fault.name in self._shown else fault.value
+        setting = self._settings[fault.parameter]
+        await self._page.do(lambda: self._page.acts.change(setting, value))
+
+
+_NONE = '<li class="none">Nothing asked yet.</li>'
+
+
+class Journal:
+    """Written anew when a line has come."""
+
+    def __init__(self) -> None:
+        self._noted = 0
+        with card("Verdicts", "journal"):
+            self._list = ui.html(_NONE, sanitize=False, tag="ol").props("role=log")
+
+    def refresh(self, now: Glance) -> None:
+        """Show what was written since."""
+        if now.noted != self._noted:
+            self._noted = now.noted
+            self._list.content = "".join(map(line, now.verdicts))
+
+
+def line(verdict: Verdict) -> str:
+    """A line as HTML; reasons come from a user's own nodes too."""
+    return (
+        f'<li class="{escape(verdict.kind)}"><time>{verdict.stamp:.1f} s</time>'
+        f"<b>{escape(verdict.kind)}</b><span>{escape(verdict.text)}</span></li>"
+    )
+
+
+class Processes:
+    """Written anew when one of them has changed."""
+
+    def __init__(self, page: PageContext) -> None:
+        self._page = page
+        self._shown: tuple[ProcessRecord, ...] = ()
+        with card("Processes", "processes"):
+            self._rows = ui.element("div").classes("rows")
+            if page.link.realm is None:
+                ui.html("They run on another machine.", sanitize=False, tag="p").classes("rows")
+
+    def refresh(self, now: Glance) -> None:
+        """Show them as they are."""
+        if now.nodes == self._shown:
+            return
+        self._shown = now.nodes
+        self._rows.clear()
+        with self._rows:
+            for node in now.nodes:
+                self._row(node)
+
+    def _row(self, node: ProcessRecord) -> None:
+        with ui.element("div").classes(f"row-of {node.state}").props(f"data-node={node.name}"):
+            ui.html(node.name, sanitize=True, tag="b")
+            ui.html(node.state, sanitize=False, tag="span").classes("how")
+            ui.html(f"pid {node.pid or '-'}", sanitize=False, tag="span").classes("pid")
+            times = f"{node.restarts} restarts" if node.restarts else ""
+            ui.html(times, sanitize=False, tag="span").classes("times")
+            again = ui.button("Restart", on_click=partial(self._restart, node.name), color=None)
+            again.props("no-caps flat dense").set_enabled(self._page.control)
+
+    async def _restart(self, name: str) -> None:
+        await self._page.do(lambda: self._page.acts.restart(name))
+
+
+_FIELDS = Sample._fields[1:]
+
+
+def readings() -> None:
+    """Two plots, and the baseline."""
+    with card("Readings", "readings"):
+        Plot(_FIELDS.index("z"), "height", "height", least=1.0)
+        baseline = _FIELDS.index("baseline")
+        Plot(_FIELDS.index("pressure"), "pressure", "pressure", least=2e-4, since=baseline)
+        with ui.element("dl"):
+            ui.html("baseline", sanitize=False, tag="dt")
+            read("baseline", tag="dd")
+
+
+class Safety:
+    """The first thing to look at beside the vehicle."""
+
+    def __init__(self, page: PageContext) -> None:
+        self._page, self._busy = page, False
+        acts = page.acts
+        with card("Safety", "safety"):
+            ui.html(drawing(), sanitize=False)
+            read("reason", tag="p", classes="reason").props("role=status")
+            with ui.element("dl"):
+                for name in ("goal", "cage"):
+                    ui.html(name, sanitize=False, tag="dt")
+                    read(name, tag="dd")
+            with ui.element("div").classes("buttons"):
+                self._cage = ui.switch("cage").on_value_change(self._toggle)
+                self._cage.set_enabled(page.control)
+                for text, act in (
+                    ("Hold", acts.hold),
+                    ("Calibrate", lambda: acts.calibrate(zero=True)),
+                    ("Reset", acts.reset),
+                ):
+                    made = ui.button(text, on_click=lambda act=act: page.do(act), color=None)
+                    made.props("no-caps unelevated").classes(f"act {text.lower()}")
+                    made.set_enabled(page.control)
+
+    def refresh(self, now: Glance) -> None:
+        """Show the switch as the cage is."""
+        if now.state is not None and not self._busy:
+            self._cage.value = now.state.cage_on
+
+    async def _toggle(self, event: ValueChangeEventArguments[Any]) -> None:
+        on, state = bool(event.value), self._page.link.see(lambda board: board.state)
+        if self._busy or state is None or on == state.cage_on:
+            return  # the switch has followed the cage, not a finger
+        self._busy = True
+        try:
+            await self._page.do(lambda: self._page.acts.cage(on=on))
+        finally:
+            self._busy = False
+
+
+_HEIGHT, _CEILING = 1.0, 5.0
+_KEYS = "Click the floor to go there, or arrow keys and <kbd>PgUp</kbd> <kbd>PgDn</kbd> to aim by a metre and <kbd>Enter</kbd> to send."
+_WATCHING = "Drag to turn the view, scroll to come nearer."
+
+
+class Flight:
+    """The biggest part of the page."""
+
+    def __init__(self, page: PageContext) -> None:
+        self._page = page
+        with ui.element("section").classes("card flight"):
+            self._scene = Scene(_HEIGHT, control=page.control)
+            with ui.element("div").classes("readout"):
+                for axis in "xyz":
+                    with ui.element("div"):
+                        ui.html(axis, sanitize=False, tag="label")
+                        read(axis)
+                with ui.element("div").classes("small"):
+                    read("speed")
+                    read("time")
+            with ui.element("div").classes("bar"):
+                if page.control:
+                    self._aims()
+                ui.html(_KEYS if page.control else _WATCHING, sanitize=False, tag="p")
+                read("target", tag="p", classes="target")
+        if page.control:
+            self._scene.on("floor", self._click)
+            self._scene.on("step", self._step)
+            self._scene.on("send", self._send)
+            self._scene.on("drop", self._drop)
+
+    def _aims(self) -> None:
+        with ui.element("div").classes("height"):
+            ui.html("height", sanitize=False, tag="label")
+            self._slider = ui.slider(min=0, max=_CEILING, step=0.1, value=_HEIGHT)
+            self._slider.props("aria-label=height").on_value_change(self._raise)
+            self._metres = ui.html(f"{_HEIGHT:.1f} m", sanitize=False, tag="output")
+        self._replace = ui.checkbox("change course in flight").props("dense")
+
+    def refresh(self, now: Glance) -> None:
+        """Let the slider reach half as high again as the cage, for the refusal is worth seeing."""
+        if self._page.control and now.state is not None:
+            most = math.ceil(now.state.cage.z * 1.5)
+            if self._slider.props["max"] != most:
+                self._slider.props["max"] = most
+                self._slider.update()
+
+    def _raise(self, event: ValueChangeEventArguments[Any]) -> None:
+        self._metres.content = f"{float(event.value):.1f} m"
+        self._scene.raise_to(float(event.value))
+
+    async def _click(self, event: GenericEventArguments) -> None:
+        await self._go(clicked(*floor_point(event), float(self._slider.value)))
+
+    def _step(self, event: GenericEventArguments) -> None:
+        key, before = str(event.args), self._page.target
+        self._page.target = self._page.link.see(lambda board: stepped(board, before, key))
+
+    async def _send(self) -> None:
+        if (goal := self._page.target) is not None:
+            self._page.target = None
+            await self._go(goal)
+
+    def _drop(self) -> None:
+        self._page.target = None
+
+    async def _go(self, goal: Position) -> None:
+        replace = bool(self._replace.value)
+        await self._page.do(lambda: self._page.acts.goto(goal, replace=replace))

@@ -1,1 +1,0 @@
-"""The parts of the page, each with what it shows and what is done there."""

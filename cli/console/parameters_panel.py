@@ -1,0 +1,99 @@
+"""Every parameter, a table at a time: its value to be edited, its bounds and its meaning."""
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from cli.console.actions import PageContext
+from cli.console.elements import card
+from cli.console.model import Glance
+from cli.console.settings import Setting, shown, tables
+
+Field = ui.switch | ui.select | ui.input
+
+_FIRST = "safety"
+
+
+class Parameters:
+    """Only the table chosen is on the page; a value changes as soon as it is entered."""
+
+    def __init__(self, page: PageContext) -> None:
+        self._page = page
+        every = tables(page.link.see(lambda board: dict(board.values)))
+        self._tables = {table.name: table for table in every}
+        self._fields: dict[str, tuple[Setting, Field]] = {}
+        self._told: dict[str, Any] = {}
+        self._busy: set[str] = set()
+        with card("Parameters", "parameters"):
+            choice = ui.tabs().props("no-caps dense align=left outside-arrows")
+            with choice:
+                for name in self._tables:
+                    ui.tab(name)
+            choice.value = _FIRST
+            choice.on_value_change(lambda event: self._show(str(event.value)))
+            self._rows = ui.element("div").classes("rows")
+        self._show(_FIRST)
+
+    def refresh(self, now: Glance) -> None:
+        """Show values that have changed, whoever has changed them."""
+        for name, (setting, field) in self._fields.items():
+            value = now.values.get(name)
+            if name in now.values and name not in self._busy and self._told.get(name, ...) != value:
+                self._told[name] = value
+                field.value = value if setting.way != "text" else shown(value)
+
+    def _show(self, name: str) -> None:
+        table = self._tables.get(name)
+        if table is None:
+            return  # no tab of ours: whatever a browser sends
+        self._fields.clear()
+        self._told.clear()
+        self._rows.clear()
+        with self._rows:
+            ui.html(table.about, sanitize=True, tag="p")
+            for setting in table.settings:
+                self._row(setting)
+
+    def _row(self, setting: Setting) -> None:
+        with ui.element("div").classes("row-of").props(f'data-param="{setting.name}"'):
+            ui.html(setting.label, sanitize=True, tag="label")
+            field = self._field(setting)
+            field.props(f'aria-label="{setting.name}"').classes("field")
+            field.set_enabled(self._page.control and not setting.fixed)
+            ui.html(setting.facts, sanitize=True, tag="span").classes("facts")
+            ui.html(setting.about, sanitize=True, tag="span").classes("about")
+        self._fields[setting.name] = setting, field
+
+    def _field(self, setting: Setting) -> Field:
+        commit = partial(self._commit, setting)
+        if setting.way == "switch":
+            return ui.switch().on_value_change(commit)
+        if setting.way == "choice":
+            chosen = ui.select(list(setting.choices), value=None).props(
+                "dense outlined options-dense"
+            )
+            return chosen.on_value_change(commit)
+        field = ui.input().props("dense outlined")
+        field.on("keydown.enter", commit)
+        field.on("blur", commit)
+        return field
+
+    async def _commit(self, setting: Setting) -> None:
+        _, field = self._fields.get(setting.name, (None, None))
+        if field is None or setting.name in self._busy:
+            return
+        said, before = field.value, self._before(setting)
+        if said == before or (setting.way == "text" and not said):
+            return  # left as it was, or it has followed the parameter, not a finger
+        self._busy.add(setting.name)
+        if not await self._page.do(lambda: self._page.acts.change(setting, said)):
+            field.value = before
+        self._busy.discard(setting.name)
+
+    def _before(self, setting: Setting) -> Any:
+        """What the field has shown, None where the value is not known."""
+        if setting.name not in self._told:
+            return None
+        told = self._told[setting.name]
+        return told if setting.way != "text" else shown(told)

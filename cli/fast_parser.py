@@ -1,0 +1,135 @@
+"""Reads a well-formed line without importing Typer (a Typer line costs three times the processor time of a whole command).
+
+What is not plainly right - an unknown option, a missing word, `--help` - is left to Typer, which
+reads the same declarations and says what is wrong with it.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from cli import commands
+from cli.context import COMMON
+from cli.declarations import Arg, Line, Opt, Word, is_number, takes_signed, words_of
+from services.runtime.errors import UsageError
+
+_ENDINGS = {"--record": ".mcap"}
+"""What the word after such an option ends with, where it is the option's value."""
+
+
+def given(words: list[str]) -> list[str]:
+    """The line with `--record` as `--record=`, and `--record x.mcap` as `--record=x.mcap`."""
+    line: list[str] = []
+    for word in words:
+        before = line[-1] if line else ""
+        if before.endswith("=") and word.endswith(_ENDINGS.get(before[:-1], "\0")):
+            line[-1] += word
+        else:
+            line.append(f"{word}=" if word in _ENDINGS else word)
+    return line
+
+
+class _Declined(Exception):
+    """It is Typer's to read."""
+
+
+def read(words: list[str]) -> Line | None:
+    """Understand a line, or leave it: None."""
+    common: dict[str, Any] = {}
+    try:
+        path, rest = commands.split(_after_common(words, common))
+        if not path:
+            return None
+        command = commands.command(path)
+        declared = words_of(command)
+        values = _read(declared, iter(rest), common)
+        return Line(command, common, _completed(declared, values))
+    except (_Declined, ValueError):
+        return None
+
+
+def _after_common(words: list[str], common: dict[str, Any]) -> list[str]:
+    """Take the common options that stand before the command."""
+    line = iter(words)
+    for word in line:
+        if not word.startswith("-"):
+            return [word, *line]
+        if not _take_common(word, line, common):
+            raise _Declined
+    return []
+
+
+def _read(declared: list[Word], line: Iterator[str], common: dict[str, Any]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    named = {name: word for word in declared if isinstance(word.said, Opt) for name in word.names}
+    placed = iter(word for word in declared if isinstance(word.said, Arg))
+    signed, place = takes_signed(declared), None
+    for text in line:
+        # `-inf` may be a number, or -i, -n and -f in one.
+        if text.startswith("-") and not (signed and is_number(text) and not text[1].isalpha()):
+            name, equals, value = text.partition("=")
+            if equals and not text.startswith("--"):
+                raise _Declined  # of a short one the rest would be its value, the = as well
+            if name in named:
+                _take(named[name], (value if equals else None), line, values)
+            elif not _take_common(text, line, common):
+                raise _Declined
+            continue
+        if place is None or not place.many:
+            place = next(placed, None)
+        if place is None:
+            raise _Declined
+        _put(place, text, values)
+    return values
+
+
+def _take(word: Word, value: str | None, line: Iterator[str], values: dict[str, Any]) -> None:
+    if word.type is bool:
+        if value is not None:
+            raise _Declined
+        values[word.name] = True
+    else:
+        _put(word, _value(line) if value is None else value, values)
+
+
+def _put(word: Word, text: str, values: dict[str, Any]) -> None:
+    if word.type in {int, float} and "_" in text and is_number(text):
+        raise UsageError(
+            f"'{text}' is no number", "write it without the _"
+        )  # Python reads 1_0 as ten
+    value = word.type(text)
+    if isinstance(word.said, Opt) and word.said.min is not None and value < word.said.min:
+        raise _Declined
+    if word.many:
+        values.setdefault(word.name, []).append(value)
+    else:
+        values[word.name] = value
+
+
+def _take_common(text: str, line: Iterator[str], common: dict[str, Any]) -> bool:
+    name, equals, value = text.removeprefix("--").partition("=")
+    if not text.startswith("--") or name not in COMMON:
+        return False
+    type_, _ = COMMON[name]
+    if type_ is bool:
+        if equals:
+            return False
+        common[name] = True
+    else:
+        common[name] = type_(value if equals else _value(line))
+    return True
+
+
+def _value(line: Iterator[str]) -> str:
+    value = next(line, "-")
+    if value.startswith("-") and not is_number(value):
+        raise _Declined
+    return value
+
+
+def _completed(declared: list[Word], values: dict[str, Any]) -> dict[str, Any]:
+    for word in declared:
+        if word.name not in values:
+            if word.required:
+                raise _Declined
+            values[word.name] = word.default
+    return values

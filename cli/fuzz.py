@@ -1,0 +1,334 @@
+"""Fuzz: hostile payloads in bursts, replies counted.
+
+What a mutation has left valid by chance is not among them: it is decoded here as the nodes do.
+"""
+
+import random
+import sys
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import cycle, islice
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+from msgspec import Struct, inspect
+
+from cli import context, output
+from cli.context import Options, here
+from cli.declarations import Opt
+from cli.progress import Progress
+from schemas.services import GetParamsRequest
+from schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
+from services.runtime import run_files
+from services.runtime.bus import codec
+from services.runtime.bus.client import Client
+from services.runtime.errors import Invalid, QuadctlError, Unreachable
+from services.runtime.process_table import NODES
+from services.runtime.realm import Realm
+from services.runtime.security.endpoints import is_secure
+
+_ODD: tuple[Any, ...] = (
+    float("nan"), float("inf"), float("-inf"), 1e308, -10_000.001, 2**64 - 1, -(2**63), True, None,
+    "", "nan", "x" * 5_000, b"\xff\x00", [], [1.0], {}, {"x": 1.0},
+)  # fmt: skip
+_DEEP = 3_000
+_NOWHERE = "application/msgpack;quadctl."
+_ENCODINGS = (
+    f"{_NOWHERE}Pose#00000000", f"{_NOWHERE}Nonsense#12345678", f"{_NOWHERE}#", _NOWHERE,
+)  # fmt: skip
+
+
+class Payload(NamedTuple):
+    """What is sent: bytes, the encoding that goes with them, and a call's attachment."""
+
+    data: bytes
+    encoding: str
+    attachment: bytes | None = None
+
+
+def refused(type_: type[Struct], draw: random.Random, *, called: bool = True) -> Iterator[Payload]:
+    """Payloads without end, none of which a reader of the type may take.
+
+    Those of a service that is `called` may have an attachment, too.
+    """
+    ways = _WAYS if called else _WAYS[:-1]
+    example = msgspec.to_builtins(_example(inspect.type_info(type_)))
+    while True:
+        payload = draw.choice(ways)(type_, example, draw)
+        if not _is_valid(type_, payload):
+            yield payload
+
+
+def _is_valid(type_: type[Struct], payload: Payload) -> bool:
+    try:
+        codec.decode(type_, payload.data, payload.encoding)
+        codec.decode_call(payload.attachment)
+    except Invalid:
+        return False
+    return True
+
+
+def _noise(type_: type[Struct], _example: Any, draw: random.Random) -> Payload:
+    return Payload(draw.randbytes(draw.randrange(200)), codec.encoding(type_))
+
+
+def _flipped(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+    data = bytearray(codec.encode(example))
+    for _ in range(draw.randint(1, 4)):
+        data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
+    return Payload(bytes(data), codec.encoding(type_))
+
+
+def _cut_or_longer(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+    data = codec.encode(example)
+    data = data[: draw.randrange(len(data))] if draw.random() < 0.5 else data + draw.randbytes(3)
+    return Payload(data, codec.encoding(type_))
+
+
+def _odd_field(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+    return Payload(codec.encode(_with_odd(example, draw)), codec.encoding(type_))
+
+
+def _with_odd(value: Any, draw: random.Random) -> Any:
+    """The same with something else in one place, or a field too many or too few."""
+    if not isinstance(value, dict) or not value or draw.random() < 0.2:
+        return draw.choice(_ODD)
+    name = draw.choice(list(value))
+    match draw.randrange(6):
+        case 0:
+            return {other: kept for other, kept in value.items() if other != name}
+        case 1:
+            return value | {"stranger": draw.choice(_ODD)}
+        case _:
+            return value | {name: _with_odd(value[name], draw)}
+
+
+def _deep(type_: type[Struct], _example: Any, draw: random.Random) -> Payload:
+    return Payload(draw.choice((b"\x91", b"\x81\xa1x")) * _DEEP, codec.encoding(type_))
+
+
+def _mislabelled(_type: type[Struct], example: Any, draw: random.Random) -> Payload:
+    return Payload(codec.encode(example), draw.choice(_ENCODINGS))
+
+
+def _bad_attachment(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+    call = {"id": "fuzz", "deadline": 4e9} | {draw.choice(("id", "deadline")): draw.choice(_ODD)}
+    attachment = (
+        codec.encode(call) if draw.random() < 0.5 else draw.randbytes(draw.randrange(1, 60))
+    )
+    return Payload(codec.encode(example), codec.encoding(type_), attachment)
+
+
+_WAYS: tuple[Callable[[type[Struct], Any, random.Random], Payload], ...] = (
+    _noise, _flipped, _cut_or_longer, _odd_field, _odd_field, _deep, _mislabelled, _bad_attachment,
+)  # fmt: skip
+
+
+def _example(type_: inspect.Type) -> Any:
+    """A valid value of a type of the wire."""
+    match type_:
+        case inspect.Metadata():
+            return _example(type_.type)
+        case inspect.StructType():
+            return {field.encode_name: _example(field.type) for field in type_.fields}
+        case inspect.LiteralType():
+            return type_.values[0]
+        case inspect.UnionType():
+            return _example(type_.types[0])
+        case inspect.BoolType():
+            return True
+        case inspect.IntType():
+            return 1
+        case inspect.FloatType():
+            return 0.5
+        case inspect.StrType():
+            return "a"
+        case inspect.ListType():
+            return []
+        case inspect.DictType():
+            return {}
+    return None
+
+
+_MOST = 64
+"""Queries that are under way at a time."""
+
+
+class Volley:
+    """Counts the replies: `taken` names the keys of those that are no errors."""
+
+    def __init__(self, client: Client) -> None:
+        self.codes: Counter[str] = Counter()
+        """How many error replies there were of each code."""
+        self.taken: list[str] = []
+        self.published = self.asked = 0
+        self._client = client
+        self._room = threading.Semaphore(_MOST)
+        self._lock = threading.Lock()
+
+    @property
+    def answered(self) -> int:
+        """How many queries have had a reply."""
+        return sum(self.codes.values()) + len(self.taken)
+
+    def publish(self, key: str, data: bytes, encoding: str) -> None:
+        """Say it on a key."""
+        self.published += 1
+        self._client.session.put(key, data, encoding=encoding)
+
+    def ask(self, key: str, data: bytes, encoding: str, attachment: bytes | None) -> bool:
+        """Ask a service; False where none of those asked before has answered in time."""
+        if not self._room.acquire(timeout=self._client.timeout):
+            return False
+        self.asked += 1
+        self._client.session.get(
+            key,
+            lambda reply: self._on_reply(key, reply),
+            payload=data,
+            encoding=encoding,
+            attachment=attachment,
+            timeout=self._client.timeout,
+        )
+        return True
+
+    def settle(self) -> None:
+        """Wait for the replies that are yet to come, as long as each may take."""
+        for _ in range(_MOST):
+            if not self._room.acquire(timeout=self._client.timeout):
+                return
+        self._room.release(_MOST)
+
+    def _on_reply(self, key: str, reply: Any) -> None:
+        with self._lock:
+            if reply.ok is not None:
+                self.taken.append(key)
+            else:
+                self.codes[_code(reply.err)] += 1
+        self._room.release()
+
+
+def _code(error: Any) -> str:
+    if str(error.encoding) != codec.ERROR_ENCODING:
+        return "no answer"
+    problem: QuadctlError = codec.decode_error(error.payload.to_bytes())
+    return problem.code
+
+
+_FAULT_FOUND = 8
+
+
+class _Target(NamedTuple):
+    key: str
+    type: type[Struct]
+    is_service: bool
+
+
+def fuzz(
+    options: Options,
+    payloads: Annotated[int, Opt("How many to send, all told.", metavar="N", min=1)] = 2_000,
+    seed: Annotated[int, Opt("Of the random numbers that they are made from.", min=0)] = 0,
+) -> None:
+    """Throw payloads that nobody may take at every topic and service, and see that none is taken.
+
+    Noise, valid ones with bits flipped, cut or mislabelled, NaN and infinity in every field, deep
+    nesting. Exit 8 where one was taken or not answered, a process ended, or afterwards a valid call
+    got no answer. For a vehicle that nobody else is flying.
+
+    Example: quadctl fuzz --payloads 100000 --seed 1
+    """
+    if is_secure(options.connect):
+        # What a role keeps out would prove nothing.
+        here(options, "fuzz")
+    with context.connect(options) as client:
+        before = _look(client, options)
+        volley = Volley(client)
+        with Progress("throwing", quiet=options.json) as progress:
+            for number, (target, payload) in enumerate(_plan(client.vehicle, payloads, seed)):
+                if not _throw(volley, target, payload):
+                    break
+                if number % 100 == 0:
+                    progress.update(number / payloads, f"{number} of {payloads}")
+        volley.settle()
+        faults = [*_faults(volley), *_changes(before, _look(client, options))]
+        faults += _silent(client)
+    document = {
+        "ok": not faults, "payloads": volley.asked + volley.published, "seed": seed,
+        "published": volley.published, "asked": volley.asked, "replies": dict(volley.codes),
+        "faults": faults,
+    }  # fmt: skip
+    if options.json:
+        output.document(document)
+    else:
+        _tell(document)
+    if faults:
+        sys.exit(_FAULT_FOUND)
+
+
+def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, Payload]]:
+    topics = [_Target(topic.key(vehicle), topic.type, False) for topic in TOPICS]
+    params = [make(node) for node in NODES for make in (get_params, set_params)]
+    services = [_Target(s.key(vehicle), s.request, True) for s in (*SERVICES, *params)]
+    draw = random.Random(seed)
+    streams = [
+        (target, refused(target.type, draw, called=target.is_service))
+        for target in (*topics, *services)
+    ]
+    for target, stream in islice(cycle(streams), count):
+        yield target, next(stream)
+
+
+def _throw(volley: Volley, target: _Target, payload: Payload) -> bool:
+    if target.is_service:
+        return volley.ask(target.key, payload.data, payload.encoding, payload.attachment)
+    volley.publish(target.key, payload.data, payload.encoding)
+    return True
+
+
+def _look(client: Client, options: Options) -> dict[str, Any]:
+    """What must be the same afterwards."""
+    client.flush()
+    state = client.latest(STATE)
+    found: dict[str, Any] = {
+        "boot": state.boot, "requests": state.request, "goal": state.goal, "cage_on": state.cage_on,
+    }  # fmt: skip
+    try:
+        run = None if options.connect else run_files.read(Realm(options.realm))
+    except Unreachable:
+        run = None
+    return found | {f"process of {node.name}": node.pid for node in (run.nodes if run else ())}
+
+
+def _faults(volley: Volley) -> Iterator[str]:
+    for key in sorted(set(volley.taken)):
+        yield f"{key} took {volley.taken.count(key)}"
+    missing = volley.asked - volley.answered + volley.codes["no answer"]
+    if missing:
+        yield f"{missing} calls were not answered"
+
+
+def _changes(before: dict[str, Any], after: dict[str, Any]) -> Iterator[str]:
+    for name, value in before.items():
+        if after.get(name) != value:
+            yield f"{name}: {value} before, {after.get(name)} after"
+
+
+def _silent(client: Client) -> Iterator[str]:
+    for node in client.nodes():
+        try:
+            client.call(get_params(node), GetParamsRequest([]))
+        except QuadctlError as problem:
+            yield f"{node} does not answer a valid call: {problem.message}"
+
+
+def _tell(document: dict[str, Any]) -> None:
+    output.line(
+        f"{document['payloads']} payloads, seed {document['seed']}: {document['published']}"
+        f" published, {document['asked']} asked"
+    )
+    for code, count in sorted(document["replies"].items()):
+        output.line(f"refused as {code}: {count}")
+    for fault in document["faults"]:
+        output.line(f"FAULT: {fault}")
+    if document["ok"]:
+        output.line("none was taken, no process ended, and each answers the next valid call")

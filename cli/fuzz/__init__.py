@@ -1,1 +1,0 @@
-"""`quadctl fuzz`: what nobody may take."""

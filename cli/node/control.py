@@ -1,0 +1,147 @@
+"""Node restart, node kill."""
+
+import os
+import signal
+import sys
+import time
+from typing import Annotated
+
+from cli import context, output
+from cli.context import Options, here
+from cli.declarations import Arg, Opt
+from services.runtime import run_files
+from services.runtime.errors import TimedOut, Unreachable, UsageError
+from services.runtime.params.names import nearest, normal_name
+from services.runtime.procfs import is_frozen, parent_of
+from services.runtime.realm import Realm
+from services.runtime.run_files import ProcessRecord, RunRecord
+from services.runtime.supervisor.control import ask_restart, wait_restarted
+
+
+def restart(
+    options: Options,
+    names: Annotated[list[str] | None, Arg("Nodes.", complete="node")] = None,
+    everything: Annotated[bool, Opt("Every process of the run.", ("--all",))] = False,
+) -> None:
+    """Start processes anew, also one that is left down, and wait until they are ready.
+
+    Example: quadctl node restart pressure
+    """
+    here(options, "node restart")
+    if bool(names) == everything:
+        raise UsageError("node restart takes the nodes' names, or --all")
+    realm = Realm(options.realm)
+    wanted = (
+        [node.name for node in run_files.read(realm).nodes]
+        if everything
+        else [normal_name(context.about_node(options, name)[1]) for name in names or []]
+    )
+    deadline = time.monotonic() + options.timeout
+    asked = [ask_restart(realm, name) for name in wanted]
+    for before in asked:
+        left = max(deadline - time.monotonic(), 0.0)
+        try:
+            after = wait_restarted(realm, before.name, before, left)
+        except TimedOut as problem:
+            raise _late(realm, before.name, options.timeout, problem.hint) from problem
+        said = {"name": after.name, "before": before.pid, "pid": after.pid}
+        text = f"{after.name}: process {after.pid} in place of {before.pid or 'none'}"
+        output.either(options, said, text)
+
+
+def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
+    """Why a process is not back within the time (s) that was given for all of them."""
+    run = run_files.read(realm)
+    if (realm.asked / name).exists():
+        # The request still lies where the supervisor takes it from.
+        return TimedOut(
+            f"{name} was not restarted: the supervisor, process {run.pid}, did not answer within"
+            f" {timeout:g} s",
+            f"it is frozen or busy, and restarts {name} once it goes on: `quadctl status`",
+        )
+    state = next((node.state for node in run.nodes if node.name == name), "down")
+    return TimedOut(f"{name} is not ready again within {timeout:g} s, but {state}", hint)
+
+
+_DONE = {
+    "KILL": ("killed", "restarts it"),
+    "TERM": ("asked to end", "restarts it"),
+    "INT": ("interrupted", "restarts it"),
+    "STOP": ("stopped", "restarts what does not answer"),
+    "CONT": ("continued", ""),
+}
+"""What a signal has done, and what the supervisor does then."""
+
+
+def kill(
+    options: Options,
+    names: Annotated[list[str], Arg("Nodes.", complete="node")],
+    number: Annotated[str, Opt("KILL, TERM, INT, STOP or CONT.", ("--signal",), "SIGNAL")] = "TERM",
+) -> None:
+    """Send a signal to processes that `up` looks after, and which it restarts when that ends them.
+
+    Where one of several is not there, none gets it.
+
+    Example: quadctl node kill pressure --signal KILL
+    """
+    signal_ = number.upper().removeprefix("SIG")
+    if signal_ not in _DONE or not hasattr(signal, f"SIG{signal_}"):
+        raise UsageError(f"--signal {number}: no such signal", f"one of {', '.join(_DONE)}")
+    run = _run(options)
+    told = _told(signal_, run.pid if is_frozen(run.pid) else 0)
+    own = [normal_name(context.about_node(options, name)[1]) for name in names]
+    for process in [_process(run, name) for name in dict.fromkeys(own)]:
+        _send(process, signal_)
+        said = {"name": process.name, "pid": process.pid, "signal": signal_}
+        output.either(options, said, f"{process.name} (process {process.pid}): {told}")
+
+
+def _told(signal_: str, frozen: int) -> str:
+    """What comes of a signal; `frozen` is the supervisor's pid where it cannot do anything now."""
+    done, then = _DONE[signal_]
+    if frozen and then:
+        return f"{done}; the supervisor, process {frozen}, is frozen and {then} once it goes on"
+    return f"{done}; the supervisor {then}" if then else done
+
+
+def signalled(options: Options, name: str, signal_: str) -> None:
+    """Send a signal, as KILL, to a node's process; raises Unreachable where there is none."""
+    _send(_process(_run(options), name), signal_)
+
+
+def _run(options: Options) -> RunRecord:
+    here(options, "node kill")
+    return run_files.read(Realm(options.realm))
+
+
+def _process(run: RunRecord, name: str) -> ProcessRecord:
+    by_name = {process.name: process for process in run.nodes}
+    if name not in by_name:
+        hint = "a node that was started by hand is ended where it was started"
+        raise Unreachable(
+            f"no process {name} is looked after by `up` in the realm {run.realm}",
+            nearest(name, by_name) or hint,
+        )
+    process = by_name[name]
+    # A recorded process that has just ended may have left its number to a stranger's.
+    parent = parent_of(process.pid) if process.pid else None
+    if not process.pid or (parent != run.pid and sys.platform == "linux"):
+        raise Unreachable(
+            f"{process.name} has no process now: it is {process.state}",
+            "`quadctl status` shows when it is back",
+        )
+    return process
+
+
+def _send(process: ProcessRecord, signal_: str) -> None:
+    number = getattr(signal, f"SIG{signal_}")
+    try:
+        if sys.platform == "win32":
+            os.kill(process.pid, number)
+        else:
+            # As the supervisor does: a process and what it has started are one group.
+            os.killpg(process.pid, number)
+    except ProcessLookupError as error:
+        raise Unreachable(
+            f"{process.name} has just ended", "`quadctl status` shows when it is back"
+        ) from error

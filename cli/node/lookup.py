@@ -1,0 +1,120 @@
+"""Nodes by the run record and by the bus; ask one for parameters."""
+
+import contextlib
+from typing import Any
+
+from msgspec import Struct
+
+from cli.context import Options
+from schemas.keyexpr import Offer
+from schemas.services import GetParamsRequest
+from schemas.topics import get_params
+from services.runtime import run_files
+from services.runtime.bus.client import Client
+from services.runtime.errors import QuadctlError, TimedOut, Unreachable
+from services.runtime.params.names import nearest, normal_name
+from services.runtime.process_table import NODES
+from services.runtime.procfs import has_ended
+from services.runtime.realm import Realm
+from services.runtime.run_files import ProcessRecord, RunRecord
+
+
+class Seen(Struct, frozen=True):
+    """The run, where it is on this machine, the live nodes and what they offer."""
+
+    run: RunRecord | None
+    live: list[str]
+    offers: list[Offer]
+
+    @property
+    def processes(self) -> list[ProcessRecord]:
+        """What the supervisor looks after, and then any other that has announced itself."""
+        ours = self.run.nodes if self.run else []
+        known = {process.name for process in ours}
+        strangers = [name for name in self.live if name not in known]
+        return [*ours, *(ProcessRecord(name, 0, "ready", 0) for name in strangers)]
+
+    def find(self, name: str) -> ProcessRecord:
+        """A process by name, or as ROS users write it; raises Unreachable with the nearest name."""
+        wanted = normal_name(name)
+        by_name = {process.name: process for process in self.processes}
+        if wanted in by_name:
+            return by_name[wanted]
+        hint = nearest(wanted, by_name) or f"the nodes are {', '.join(by_name)}"
+        raise Unreachable(f"there is no node {name}", hint)
+
+    def answers(self, name: str) -> bool:
+        """Whether a node says that it has parameters, and so answers for them."""
+        return any(offer.type == "GetParams" for offer in self.offered(name, "@srv"))
+
+    def offered(self, name: str, kind: str) -> list[Offer]:
+        """The topics (`@pub`) or services (`@srv`) of a node."""
+        return [offer for offer in self.offers if offer.node == name and offer.kind == kind]
+
+
+def run_of(options: Options) -> RunRecord | None:
+    """The realm's run; None where there is none, and over --connect, where it is not ours."""
+    with contextlib.suppress(Unreachable):
+        return None if options.connect else run_files.read(Realm(options.realm))
+    return None
+
+
+def connected(options: Options, run: RunRecord | None) -> Client | QuadctlError:
+    """A connection; or why there is none, where the supervisor still knows of the run."""
+    try:
+        return Client(
+            options.realm, options.vehicle, connect=options.connect, timeout=options.timeout
+        )
+    except (Unreachable, TimedOut) as problem:
+        if run is None:
+            raise
+        return problem
+
+
+def see(client: Client | None, run: RunRecord | None) -> Seen:
+    """Look around."""
+    return Seen(run, client.nodes(), client.offers()) if client else Seen(run, [], [])
+
+
+def answering(seen: Seen) -> list[ProcessRecord]:
+    """Who says that it answers, and our own that do not say so because they are away."""
+    away = set(NODES) - set(seen.live)
+    return [p for p in seen.processes if seen.answers(p.name) or p.name in away]
+
+
+def params_of(
+    client: Client, process: ProcessRecord, names: list[str], timeout: float
+) -> dict[str, Any]:
+    """Its parameters; waits (s) for one that is just being restarted.
+
+    Raises Unreachable for a process that is away, TimedOut for one that is there and silent.
+    """
+    name = process.name
+    if process.state == "down":
+        raise Unreachable(f"{name} is down", f"`quadctl node logs {name}` may tell why")
+    service = get_params(name)
+    try:
+        return client.call(service, GetParamsRequest(names), timeout).values
+    except (TimedOut, Unreachable) as error:
+        about_call = service.key(client.vehicle) in error.message
+        if isinstance(error, TimedOut):
+            if not about_call:
+                raise
+            # Part of the time that was given may have gone by before.
+            asked = f"{name} did not answer within {client.timeout:g} s"
+            raise TimedOut(asked, error.hint) from error
+        if process.pid and process.state == "ready" and not has_ended(process.pid):
+            # A second after it froze, the hub takes it for gone; the supervisor sees its process.
+            raise TimedOut(
+                f"{name} does not answer, although its process {process.pid} is there",
+                "it is frozen or busy: `quadctl status`",
+            ) from error
+        if not about_call:
+            raise
+        raise Unreachable(f"{name} did not answer: {_why_away(process)}", error.hint) from error
+
+
+def _why_away(process: ProcessRecord) -> str:
+    if process.pid and has_ended(process.pid):
+        return f"its process {process.pid} has ended"
+    return "it has gone from the bus" if process.state == "ready" else f"it is {process.state}"

@@ -1,0 +1,248 @@
+"""Param dump, load, diff, save."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Struct
+
+from cli import output
+from cli.context import Options
+from cli.declarations import Arg, Opt
+from cli.param.running import Running, Values, tables
+from cli.param.toml_edit import edited, replace
+from services.runtime.errors import Invalid, QuadctlError
+from services.runtime.files import write_new
+from services.runtime.params import catalogue
+from services.runtime.params.catalogue import fixed_at_launch, live_switch
+from services.runtime.params.load import check, gather, parse, read, read_text, said_of
+from services.runtime.params.load import of as params_of
+from services.runtime.params.names import flatten, put
+
+DEFAULT_FILE = Path("quad.toml")
+
+
+class Change(Struct, frozen=True):
+    """A parameter that is not the same on both sides; None where a side has none of that name."""
+
+    name: str
+    before: Any
+    after: Any
+
+    def __str__(self) -> str:
+        """As `safety.takeoff: 1.0 -> 2.0`."""
+        return f"{self.name}: {_shown(self.before)} -> {_shown(self.after)}"
+
+    def document(self, before: str = "before", after: str = "after") -> dict[str, Any]:
+        """What --json prints of it, the sides named."""
+        return {"name": self.name, before: self.before, after: self.after}
+
+
+def changes(before: Values, after: Values) -> list[Change]:
+    """What differs, in the order in which it is declared."""
+    names = [*before, *(name for name in after if name not in before)]
+    found = [Change(name, before.get(name), after.get(name)) for name in names]
+    return [change for change in found if change.before != change.after]
+
+
+def file_values(file: Path | None, options: Options) -> Values:
+    """Every parameter of the vehicle meant as `up FILE` would take it; without a file the defaults."""
+    return values_of(*gather(file), options)
+
+
+def values_of(said: Mapping[str, Any], source: str, options: Options) -> Values:
+    """The same of a file's tables; raises Invalid, naming the source."""
+    params = params_of(said, source, options.vehicles)[options.vehicle]
+    whole = msgspec.to_builtins(params)
+    return dict(flatten({name: table for name, table in whole.items() if table}))
+
+
+def known_of(values: Values, running: Values) -> Values:
+    """Those that the running system can be seen to have or not; says what is left out.
+
+    Over --connect the supervisor's own tables cannot be seen, nor those of a node that is down.
+    """
+    known = {name.partition(".")[0] for name in running}
+    if "supervise" in known:
+        known.add("processes")
+    unseen = {name.partition(".")[0] for name in values} - known
+    if unseen:
+        left_out = ", ".join(name for name in tables() if name in unseen)
+        output.note(f"cannot be seen from here, and is left out: {left_out}")
+    return {name: value for name, value in values.items() if name.partition(".")[0] in known}
+
+
+def lines(found: Iterable[Change]) -> None:
+    """Print changes, one a line."""
+    for change in found:
+        output.line(str(change))
+
+
+def _shown(value: Any) -> str:
+    return "(none)" if value is None else catalogue.word(value)
+
+
+def diff(
+    options: Options,
+    file: Annotated[
+        Path | None, Arg("A parameter file (default: ./quad.toml, else the defaults in code).")
+    ] = None,
+) -> None:
+    """Show what differs from a file: its value, and what the running system has.
+
+    Example: quadctl param diff quad.toml
+    """
+    source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
+    said = file_values(source, options)
+    with Running(options) as running:
+        now = running.whole()
+    found = changes(known_of(said, now), now)
+    if options.json:
+        output.document([change.document("file", "running") for change in found])
+    else:
+        lines(found)
+
+
+def dump(
+    options: Options,
+    names: Annotated[
+        list[str] | None, Arg("Parameters, or whole tables (default: all).", complete="param")
+    ] = None,
+    file: Annotated[
+        Path | None, Opt("Write it there instead of to stdout.", ("--output", "-o"), "FILE")
+    ] = None,
+) -> None:
+    """Print the running system's parameters as TOML, for `up FILE` or `param load FILE`.
+
+    Example: quadctl param dump -o tuned.toml
+    """
+    with Running(options) as running:
+        values = running.get(names) if names else running.whole()
+    if not names:
+        known_of(file_values(None, options), values)
+    text = catalogue.document(values)
+    if file is not None:
+        write_new(file, text)
+        output.either(options, {"file": str(file)}, f"wrote {file}")
+    elif options.json:
+        output.document(values)
+    else:
+        output.line(text.rstrip("\n"))
+
+
+def save(
+    options: Options,
+    file: Annotated[Path, Arg("The file to bring up to date.")] = DEFAULT_FILE,
+) -> None:
+    """Write what the running system has into a parameter file; comments and order stay.
+
+    Only what differs from what the file says, or leaves at its default, is touched. Of one of
+    several vehicles it goes into a table of its own.
+
+    Example: quadctl param save
+    """
+    said = file_values(file, options)
+    with Running(options) as running:
+        now = running.whole()
+    known = known_of(said, now)
+    # A command that the file names and the run does not have was added since: it stays.
+    found = [change for change in changes(known, now) if change.name in now]
+    if found:
+        own = f"{options.vehicle}." if len(options.vehicles) > 1 else ""
+        text = edited(read_text(file), {own + change.name: change.after for change in found})
+        _verify(text, said | {change.name: change.after for change in found}, file, options)
+        replace(file, text.encode())
+    if options.json:
+        output.document({"file": str(file), "changed": [change.document() for change in found]})
+    else:
+        lines(found)
+
+
+def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:
+    """Hold that the new text says what it shall; raises Invalid, the file being untouched."""
+    if values_of(parse(text, str(file)), str(file), options) != wanted:
+        raise Invalid(
+            f"{file} cannot be changed in place, or was changed meanwhile; it is untouched",
+            "`quadctl param dump -o FILE` writes a new one",
+        )
+
+
+def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> None:
+    """Set all that a file says on the running system; what it does not name stays.
+
+    Everything is checked before anything is changed. Then each node takes all of its values or
+    none.
+
+    Example: quadctl param load tuned.toml
+    """
+    said = _said(file, options)
+    with Running(options) as running:
+        now = running.whole()
+        wanted = known_of(said, now)
+        found = changes({name: now.get(name) for name in wanted}, wanted)
+        _check(now | wanted, file)
+        _refuse_fixed(found, file)
+        _set(running, found)
+    if options.json:
+        output.document([change.document() for change in found])
+    else:
+        lines(found)
+
+
+def _said(file: Path, options: Options) -> Values:
+    """What the file itself names, each value as its type has it; raises Invalid."""
+    tables = read(file)
+    whole = values_of(tables, str(file), options)
+    named = flatten(said_of(tables, options.vehicle, options.vehicles))
+    return {name: whole[name] for name, _ in named if name in whole}
+
+
+def _check(values: Values, file: Path) -> None:
+    """Rules between values hold for the file's beside those that stay, too."""
+    tables: dict[str, Any] = {}
+    for name, value in values.items():
+        put(tables, name, value, str(file))
+    check(tables, f"{file} on the running system")
+
+
+def _refuse_fixed(found: list[Change], file: Path) -> None:
+    fixed = [change for change in found if fixed_at_launch(change.name)]
+    if fixed:
+        switches = "".join(
+            f", and use {switch}" for change in fixed if (switch := live_switch(change.name))
+        )
+        raise Invalid(
+            f"fixed at launch: {_told(fixed)}; nothing was changed",
+            f"`quadctl down`, then `quadctl up {file}`; or take it out of the file{switches}",
+        )
+
+
+def _set(running: Running, found: list[Change]) -> None:
+    nodes: dict[str, list[Change]] = {}
+    for change in found:
+        nodes.setdefault(change.name.partition(".")[0], []).append(change)
+    live = running.nodes()
+    for node in nodes:
+        if node not in live:
+            raise running.absent(node)
+    for number, (node, mine) in enumerate(nodes.items()):
+        try:
+            reply = running.set(node, {change.name: change.after for change in mine})
+            if not reply.success:
+                raise Invalid(reply.reason)
+        except QuadctlError as problem:
+            told = _how_far([*nodes.values()], number)
+            raise type(problem)(f"{problem.message}; {told}", problem.hint) from problem
+
+
+def _how_far(parts: list[list[Change]], failed: int) -> str:
+    """What was changed and what was not, when one of the parts, a node's each, has failed."""
+    done = [change for part in parts[:failed] for change in part]
+    rest = [change for part in parts[failed + 1 :] for change in part]
+    told = {"changed": done, "failed": parts[failed], "not tried": rest}
+    return "; ".join(f"{what}: {_told(some) or 'nothing'}" for what, some in told.items())
+
+
+def _told(found: list[Change]) -> str:
+    return ", ".join(map(str, found))

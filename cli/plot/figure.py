@@ -1,0 +1,225 @@
+"""The matplotlib figure."""
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Any
+
+from cli.plot.track import Flight, Phase, Spot, Track
+from schemas.messages import CageSize
+from services.runtime.errors import Invalid, QuadctlError
+
+CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
+STATES = {"HOVERING": "#c9d1d9", "VERIFYING": "#d4a72c", "MOVING": "#79c0ff"}
+_PATHS = ("#1f6feb", "#bf5af2", "#e36209", "#0a7f8c", "#8a6d00", "#c2185b", "#2f5d00", "#444c56")
+
+
+def of_vehicles(names: Iterable[str]) -> dict[str, str]:
+    """A colour for each vehicle, again from the first where there are more than that."""
+    return {name: _PATHS[number % len(_PATHS)] for number, name in enumerate(names)}
+
+
+_BAR = 0.32
+"""Half the height of a vehicle's bar, of its row."""
+
+
+def height(axes: Any, tracks: dict[str, Track]) -> None:
+    """The height, and the top of the cage while it was on."""
+    shades = of_vehicles(tracks)
+    highest = 0.0
+    for name, track in tracks.items():
+        for count, leg in enumerate(track.legs):
+            times, heights = [point[0] for point in leg], [point[3] for point in leg]
+            axes.plot(times, heights, color=shades[name], label="" if count else name)
+            highest = max(highest, *heights)
+        for at in track.boots:
+            axes.axvline(at, color=CAGE, linestyle=":", linewidth=1)
+        for (on, cage), spans in groupby(_spans(track), lambda span: span[0][2:]):
+            whole = list(spans)
+            if on:
+                highest = max(highest, cage.z)
+                ends = (whole[0][0].at, whole[-1][1])
+                axes.plot(ends, (cage.z, cage.z), color=CAGE, linestyle="--", linewidth=1.2)
+    axes.set_ylim(min(0, axes.get_ylim()[0]), 1.12 * max(highest, 0.1))
+    axes.set(title="height, and the top of the cage while it was on", ylabel="z, m")
+    if len(tracks) > 1:
+        axes.legend(loc="best", fontsize=8, ncols=2)
+
+
+def pressure(axes: Any, tracks: dict[str, Track]) -> None:
+    """The raw pressure above its first value, and what the topic shows once it is zeroed."""
+    shades = of_vehicles(tracks)
+    alone = len(tracks) == 1
+    for name, track in tracks.items():
+        if not track.air:
+            continue
+        raw = [(at, shown + baseline) for at, shown, baseline in track.air]
+        axes.plot(
+            [at for at, _ in raw],
+            [value - raw[0][1] for _, value in raw],
+            color=CAGE if alone else shades[name],
+            linewidth=1,
+            label="raw, above its first value" if alone else name,
+        )
+        zeroed = [(at, shown) if baseline else (at, None) for at, shown, baseline in track.air]
+        if alone and any(shown is not None for _, shown in zeroed):
+            axes.plot(
+                [at for at, _ in zeroed],
+                _with_gaps(zeroed),
+                color=AIR,
+                label="sensors/pressure, zeroed",
+            )
+            began = next(at for at, shown in zeroed if shown is not None)
+            axes.axvline(began, color=TAKEN, linestyle=":", label="calibrate")
+    title = (
+        "pressure before and after calibration" if alone else "raw pressure, above its first value"
+    )
+    axes.set(title=title, ylabel="hPa")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="center right", fontsize=8)
+
+
+def states(axes: Any, tracks: dict[str, Track]) -> None:
+    """Safety's states as bars, a vehicle a row, the cage as a line under them."""
+    from matplotlib.patches import Patch
+
+    for row, track in enumerate(tracks.values()):
+        for phase, end in _spans(track):
+            # VERIFYING lasts one step: as wide as a line, or it would not be seen.
+            width = max(end - phase.at, track.end / 400)
+            if phase.state == "VERIFYING":
+                axes.axvline(phase.at, color=STATES[phase.state], linewidth=1.2, zorder=3)
+            else:
+                bar = [(phase.at, width)]
+                axes.broken_barh(bar, (row - _BAR, 2 * _BAR), color=STATES[phase.state])
+            colour = TAKEN if phase.cage_on else REFUSED
+            axes.plot((phase.at, end), (row - 0.42, row - 0.42), color=colour, linewidth=3)
+        refused = [spot.at for spot in track.refused]
+        axes.scatter(refused, [row] * len(refused), s=40, c=REFUSED, marker="x", zorder=4)
+    axes.set_yticks(range(len(tracks)), list(tracks) if len(tracks) > 1 else ["safety"])
+    axes.set_ylim(-0.6, len(tracks) - 0.4)
+    handles = [Patch(color=colour, label=name) for name, colour in STATES.items()]
+    handles += [
+        Patch(color=TAKEN, label="cage on"),
+        Patch(color=REFUSED, label="cage off"),
+    ]
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=5, fontsize=8,
+        frameon=False, handlelength=1.2, columnspacing=1.2,
+    )  # fmt: skip
+    axes.set(title="safety's states, and the cage")
+
+
+def _spans(track: Track) -> list[tuple[Phase, float]]:
+    """Each phase with the time (s) at which the next one began."""
+    pairs = [(phase, after.at) for phase, after in pairwise(track.phases)]
+    return [*pairs, (track.phases[-1], track.end)] if track.phases else []
+
+
+def _with_gaps(points: Sequence[tuple[float, float | None]]) -> list[float]:
+    return [float("nan") if value is None else value for _, value in points]
+
+
+_TIME = "simulated time, s"
+_LAST: dict[str, Any] = {"marker": "D", "markersize": 5, "markevery": [-1]}
+"""The mark where a vehicle was at the end, of each boot."""
+
+
+def draw(file: Path, flight: Flight, title: str) -> None:
+    """Write the picture; the ending says whether PNG or SVG.
+
+    Raises Invalid for another ending, or where nothing was flown.
+    """
+    if file.suffix.lower() not in {".png", ".svg"}:
+        raise Invalid(f"{file}: no picture is written so", "end it in .png or .svg")
+    if not flight.flown():
+        raise Invalid("there is nothing to draw: no pose came", "`quadctl topic hz pose`")
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    tracks = flight.flown()
+    figure = plt.figure(figsize=(12, 7.5), layout="constrained")
+    columns = figure.add_gridspec(1, 2, width_ratios=(1.1, 1))
+    _views(figure, columns[0], tracks)
+    _courses(figure, columns[1], tracks)
+    figure.suptitle(title, fontsize=14)
+    try:
+        figure.savefig(file, dpi=120)
+    except OSError as error:
+        raise QuadctlError(
+            f"{file} cannot be written: {error.strerror}", "name a place that you may write to: -o"
+        ) from error
+    finally:
+        plt.close(figure)
+
+
+def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
+    """The paths against x, y from above and z from the side, on one scale."""
+    cages = list(dict.fromkeys(p.cage for track in tracks.values() for p in track.phases))
+    spots = [s for t in tracks.values() for s in (*t.taken, *t.refused)]
+    points = [point for track in tracks.values() for point in track.path] + spots
+    spans = [_span([point[axis] for point in points], axis, cages) for axis in (1, 2, 3)]
+    (_, (left, right)), (depth, _), (tall, _) = ((high - low, (low, high)) for low, high in spans)
+    grid = place.subgridspec(2, 1, height_ratios=(depth, max(tall, 0.2 * depth)))
+    above, side = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
+    for axes, up, name in ((above, 2, "y"), (side, 3, "z")):
+        for cage in cages:
+            _outline(axes, cage, name)
+        for vehicle, shade in of_vehicles(tracks).items():
+            label = "path" if len(tracks) == 1 else vehicle
+            for leg in tracks[vehicle].legs:
+                across, ups = [point[1] for point in leg], [point[up] for point in leg]
+                # Of one that stood still there would be no line; its last place has a mark.
+                axes.plot(across, ups, color=shade, linewidth=1.5, label=label, **_LAST)
+        _spots(axes, [s for t in tracks.values() for s in t.taken], up, "o", TAKEN, "accepted")
+        _spots(axes, [s for t in tracks.values() for s in t.refused], up, "x", REFUSED, "rejected")
+        axes.set_aspect("equal")
+        axes.set(xlim=(left, right), ylim=spans[up - 1], xlabel="x, m", ylabel=f"{name}, m")
+        axes.set_title("path from above" if name == "y" else "path from the side")
+        axes.grid(alpha=0.3)
+    handles, labels = side.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    below = (0.5, -0.2 * max(1.0, depth / max(tall, 0.2 * depth) / 2))
+    side.legend(
+        unique.values(), unique, loc="upper center", bbox_to_anchor=below, ncols=6, frameon=False,
+        fontsize=9,
+    )  # fmt: skip
+
+
+def _courses(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
+    """What there was over time, on one axis of time."""
+    grid = place.subgridspec(3, 1, height_ratios=(1.45, 1, 0.85))
+    begin = min(track.legs[0][0][0] for track in tracks.values())
+    end = max(begin + 0.1, *(track.end for track in tracks.values()))
+    for row, show in enumerate((height, pressure, states)):
+        axes = figure.add_subplot(grid[row])
+        show(axes, tracks)
+        axes.set_xlim(begin, end)
+        axes.grid(alpha=0.3)
+        axes.set_xlabel(_TIME if show is states else "")
+
+
+def _span(values: list[float], axis: int, cages: list[CageSize]) -> tuple[float, float]:
+    """From the lowest to the highest of the values and the cages' walls, with some room."""
+    walls = [(-c.x, c.x, -c.y, c.y, 0.0, c.z)[2 * axis - 2 : 2 * axis] for c in cages]
+    low = min(*values, *(wall[0] for wall in walls), 0.0)
+    high = max(*values, *(wall[1] for wall in walls), 0.1)
+    room = 0.06 * (high - low)
+    return low - room, high + room
+
+
+def _spots(axes: Any, spots: list[Spot], up: int, marker: str, colour: str, label: str) -> None:
+    if spots:
+        x, ups = [spot[1] for spot in spots], [spot[up] for spot in spots]
+        axes.scatter(x, ups, s=60, c=colour, marker=marker, label=label, zorder=3)
+
+
+def _outline(axes: Any, cage: CageSize, name: str) -> None:
+    from matplotlib.patches import Rectangle
+
+    low, extent = (-cage.y, 2 * cage.y) if name == "y" else (0.0, cage.z)
+    outline = Rectangle((-cage.x, low), 2 * cage.x, extent)
+    outline.set(fill=False, edgecolor=CAGE, linestyle="--", linewidth=1.5, label="cage")
+    axes.add_patch(outline)

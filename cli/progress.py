@@ -1,0 +1,65 @@
+"""Progress bars."""
+
+import sys
+from collections.abc import Iterable
+from typing import Any, Self
+
+
+class Progress:
+    """Shows a fraction and a text, on stderr and only where somebody is looking."""
+
+    def __init__(self, title: str, *, quiet: bool) -> None:
+        self._title = title
+        self._bar: Any = None
+        if not quiet and sys.stderr.isatty() and sys.stdout.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, TextColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.fields[text]}"),
+                console=Console(stderr=True),
+                transient=True,
+            )
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+            self._task = self._bar.add_task(self._title, total=1.0, text="")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def update(self, fraction: float, text: str) -> None:
+        """Show how far it is, from 0 to 1."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=min(max(fraction, 0.0), 1.0), text=text)
+
+
+class Board:
+    """Told of every vehicle's way by its own thread."""
+
+    def __init__(self, title: str, names: Iterable[str], *, quiet: bool) -> None:
+        self._bar = Progress(title, quiet=quiet)
+        self._flown = dict.fromkeys(names, 0.0)
+        self._left = dict.fromkeys(self._flown, 0.0)
+
+    def __enter__(self) -> Self:
+        self._bar.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.__exit__()
+
+    def update(self, name: str, left: float, whole: float) -> None:
+        """A vehicle has so much of its whole way left, m."""
+        self._flown[name], self._left[name] = 1 - left / whole, left
+        there = sum(flown >= 1 for flown in self._flown.values())
+        self._bar.update(
+            sum(self._flown.values()) / len(self._flown),
+            f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go",
+        )

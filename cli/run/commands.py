@@ -1,0 +1,91 @@
+"""Status, down and init: what loads nothing of the supervisor."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from cli import output
+from cli.context import Options, here
+from cli.declarations import Arg
+from cli.fault.catalogue import active
+from cli.fault.fault import frozen_of, values_of
+from cli.output import duration
+from services.runtime import run_files
+from services.runtime.files import write_new
+from services.runtime.procfs import stats_of
+from services.runtime.realm import Realm, listed
+from services.runtime.run_files import ProcessRecord, RunRecord
+from services.runtime.supervisor.control import halt
+
+
+def down(options: Options) -> None:
+    """Stop the run of a realm and all of its processes.
+
+    Example: quadctl down
+    """
+    here(options, "down")
+    run = halt(Realm(options.realm), options.timeout)
+    said = {"realm": options.realm, "pid": run.pid}
+    output.either(options, said, f"realm {options.realm} is down")
+
+
+_DEFAULT_FILE = Path("quad.toml")
+
+
+def init(
+    options: Options, file: Annotated[Path, Arg("Where to write it.")] = _DEFAULT_FILE
+) -> None:
+    """Write the parameter file with every key, its unit, default and meaning.
+
+    Example: quadctl init my_lab.toml
+    """
+    from services.runtime.params.catalogue import render
+
+    write_new(file, render())
+    output.either(options, {"file": str(file)}, f"wrote {file}")
+
+
+def status(options: Options) -> None:
+    """Show the processes of a run.
+
+    Example: quadctl status --json
+    """
+    here(options, "status")
+    realm = Realm(options.realm)
+    run = run_files.read(realm)
+    faults = _faults(realm, run)
+    if options.json:
+        output.document(msgspec.to_builtins(run) | {"faults": faults})
+        return
+    some = "vehicle" if len(run.vehicles) == 1 else "vehicles"
+    output.line(
+        f"realm {run.realm}, {some} {listed(run.vehicles)}, supervised by process {run.pid}"
+    )
+    rows = (_row(node) for node in run.nodes)
+    output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
+    for fault in faults:
+        output.line(f"fault: {fault}; `quadctl fault clear` takes it out")
+
+
+def _faults(realm: Realm, run: RunRecord) -> list[str]:
+    """The faults put in by name, as `uav pose-frozen`; of a process, as `safety-frozen`."""
+    of_vehicles = (
+        f"{vehicle} {fault}"
+        for vehicle in run.vehicles
+        for fault in active(values_of(realm, vehicle))
+    )
+    return [*of_vehicles, *frozen_of(run)]
+
+
+def _row(node: ProcessRecord) -> tuple[object, ...]:
+    memory = stats_of(node.pid).rss if node.pid else None
+    return (
+        node.name,
+        node.state,
+        node.pid or "-",
+        node.restarts,
+        duration(time.time() - node.started) if node.pid else "-",
+        f"{memory / 1e6:.0f} MB" if memory is not None else "-",
+    )

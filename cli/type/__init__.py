@@ -1,1 +1,0 @@
-"""`quadctl type`: messages and services, field by field."""

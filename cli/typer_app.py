@@ -1,0 +1,215 @@
+"""The commands as a Typer app, which helps, completes, and says what is wrong with a line.
+
+Typer reads the line and no more: the command itself is run by who asked.
+"""
+
+import inspect
+import os
+import sys
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Annotated, Any
+
+import typer
+from typer import _completion_shared
+from typer.core import TyperCommand, TyperGroup, TyperOption
+
+from cli import commands, output
+from cli.completion.shells import SCRIPTS
+from cli.context import COMMON, options_of
+from cli.declarations import Arg, Line, Word, is_number, takes_signed, words_of
+from services.runtime.errors import UsageError
+
+_KEY = "quadctl.options"
+_NO_WRAPPING = 10_000
+_EXITS = (
+    "Exit codes: 0 done, 1 unexpected error, 2 usage, 3 nobody answers, 4 timeout, 5 refused by"
+    " safety, 6 invalid parameter, message or schema, 7 already served, 8 fault found, 130 Ctrl-C."
+)
+
+# What `--show-completion` prints and `--install-completion` installs; Typer has no other way.
+_completion_shared._completion_scripts.update(SCRIPTS)  # noqa: SLF001
+
+
+def read(words: list[str]) -> Line:
+    """Understand a line; raises UsageError, or SystemExit where help or completion was all."""
+    plain = [word for word in words if not word.startswith("-")]
+    if plain[:1] == ["help"]:
+        # As people type it: `help`, `help topic`, `help topic echo`.
+        return read([*plain[1:], "--help"])
+    try:
+        app = build(plain[0] if plain else "")
+        found = app(args=words, standalone_mode=False, prog_name="quadctl")
+    except typer.TyperException as problem:
+        raise _usage(problem, commands.split(plain)[0]) from problem
+    if isinstance(found, Line):
+        return found
+    raise SystemExit(found or 0)
+
+
+def _usage(problem: typer.TyperException, path: str) -> BaseException:
+    code: int = getattr(problem, "exit_code", 2)
+    message = getattr(problem, "format_message", lambda: str(problem))()
+    ctx = getattr(problem, "ctx", None)
+    if not message or message.startswith("Usage:"):
+        # A group without a command: its help is the answer, and may be printed already.
+        output.note(message) if message else None
+        return SystemExit(code)
+    command = ctx.command_path if ctx is not None else f"quadctl {path}".rstrip()
+    return UsageError(message, f"`{command} --help`")
+
+
+def build(first: str = "") -> typer.Typer:
+    """The app; of one that begins with a known `first` word, that part alone."""
+    # Boxes, colours and wrapped lines are for people: what is piped on stays plain.
+    seen = sys.stdout.isatty()
+    markup = "rich" if seen and not os.environ.get("NO_COLOR") else None
+    layout: dict[str, Any] = {} if seen else {"terminal_width": _NO_WRAPPING}
+    app = typer.Typer(
+        cls=_Group,
+        help="Fly the quadrotor lab: separate processes over Zenoh, a safety cage, two services.",
+        rich_markup_mode=markup,  # type: ignore[arg-type]
+        epilog=_EXITS,
+        context_settings={"help_option_names": ["--help", "-h"], **layout},
+        no_args_is_help=True,
+        add_completion=True,
+        pretty_exceptions_enable=False,
+    )
+    app.callback(invoke_without_command=True)(_version)
+    known = {path.partition(" ")[0] for path in commands.COMMANDS}
+    groups: dict[str, typer.Typer] = {}
+    for path in commands.COMMANDS:
+        group, _, name = path.rpartition(" ")
+        if first in known and first != path.partition(" ")[0]:
+            continue
+        if group and group not in groups:
+            groups[group] = typer.Typer(help=commands.GROUPS[group])
+            app.add_typer(groups[group], name=group, cls=_Group, no_args_is_help=True)
+        _add(groups.get(group, app), name, path)
+    return app
+
+
+def _add(app: typer.Typer, name: str, path: str) -> None:
+    command = commands.command(path)
+    words = words_of(command)
+
+    def run(ctx: typer.Context, **values: Any) -> Line:
+        return Line(command, _said(ctx), values)
+
+    run.__doc__ = command.__doc__
+    run.__annotations__ = {"ctx": typer.Context} | {w.name: _annotated(w) for w in words}
+    run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        parameters=[_parameter("ctx", typer.Context), *map(_declared, words)]
+    )
+    app.command(
+        name,
+        cls=_Command,
+        short_help=(command.__doc__ or "").partition("\n")[0],
+        hidden=path in commands.ALIASES,
+        context_settings={"ignore_unknown_options": takes_signed(words)},
+    )(run)
+
+
+def _declared(word: Word) -> inspect.Parameter:
+    annotation = _annotated(word)
+    if word.required:
+        return _parameter(word.name, annotation)
+    return _parameter(word.name, annotation, word.default)
+
+
+def _parameter(
+    name: str, annotation: Any, default: Any = inspect.Parameter.empty
+) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, annotation=annotation, default=default)
+
+
+def _annotated(word: Word) -> Any:
+    said = word.said
+    facts: dict[str, Any] = {
+        "help": said.about,
+        "metavar": said.metavar or (word.name.upper() if isinstance(said, Arg) else None),
+    }
+    info = (
+        typer.Argument(**facts)
+        if isinstance(said, Arg)
+        else typer.Option(*word.names, min=said.min, **facts)
+    )
+    type_: Any = list[word.type] if word.many else word.type  # type: ignore[name-defined]
+    return Annotated[type_ if word.required or word.default is not None else type_ | None, info]
+
+
+def _version(
+    ctx: typer.Context,
+    show: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if show:
+        found = version("quadctl")
+        if options_of(_said(ctx)).json:
+            output.document({"version": found})
+        else:
+            output.line(f"quadctl {found}")
+        raise typer.Exit
+
+
+class _Command(TyperCommand):
+    """A command with the common options."""
+
+    def __init__(self, *args: Any, params: list[Any] | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, params=[*(params or []), *_common()], **kwargs)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take `-1` for the number that it is; of what else begins with -, only what is declared."""
+        if ctx.ignore_unknown_options:
+            self._check_options(ctx, args)
+        return super().parse_args(ctx, args)
+
+    def _check_options(self, ctx: Any, args: list[str]) -> None:
+        # Typer leaves every unknown option among the words by their place, as if it were one.
+        values, left, _ = self.make_parser(ctx).parse_args([*args])
+        placed: list[Any] = [*left]
+        for word in self.params:
+            if word.param_type_name == "argument":
+                value = values.get(word.name or "")
+                placed += value if isinstance(value, (list, tuple)) else [value]
+        after = args[args.index("--") + 1 :] if "--" in args else []
+        for text in placed:
+            signed = isinstance(text, str) and len(text) > 1 and text.startswith("-")
+            if signed and text not in after and not is_number(text):
+                raise UsageError(
+                    f"No such option: {text}",
+                    f"`{ctx.command_path} --help`; after a -- it would be no option",
+                )
+
+
+class _Group(TyperGroup):
+    """A group of commands with the common options before the command's name."""
+
+    def __init__(self, *, params: list[Any] | None = None, **kwargs: Any) -> None:
+        super().__init__(params=[*(params or []), *_common()], **kwargs)
+
+
+def _common() -> Iterator[TyperOption]:
+    for name, (type_, text) in COMMON.items():
+        flag: dict[str, Any] = {"is_flag": True, "default": False} if type_ is bool else {}
+        yield TyperOption(
+            param_decls=[f"--{name}"],
+            type=type_,
+            help=text,
+            expose_value=False,
+            callback=_store,
+            rich_help_panel="Common options",
+            **flag,
+        )
+
+
+def _store(ctx: typer.Context, param: Any, value: Any) -> None:
+    if value is not None and value is not False:
+        ctx.meta.setdefault(f"{_KEY}.{ctx.command_path}", {})[param.name] = value
+
+
+def _said(ctx: Any) -> dict[str, Any]:
+    """The common options; the innermost place where one is given counts."""
+    outer = _said(ctx.parent) if ctx.parent is not None else {}
+    inner: dict[str, Any] = ctx.meta.get(f"{_KEY}.{ctx.command_path}", {})
+    return outer | inner

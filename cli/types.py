@@ -1,0 +1,67 @@
+"""Type list, type show."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from cli import output
+from cli.context import Options
+from cli.declarations import Arg
+from cli.names import PARAMETERS, parts, types
+from schemas.topics import SERVICES, TOPICS
+from schemas.typeinfo import definition, service_definition
+from services.runtime.errors import Invalid
+from services.runtime.params.names import nearest
+
+
+def list_(options: Options) -> None:
+    """List the types of the topics and services, and those that stand in them.
+
+    Example: quadctl type list
+    """
+    names = sorted(definitions())
+    if options.json:
+        output.document(names)
+    else:
+        for name in names:
+            output.line(name)
+
+
+def show(
+    options: Options,
+    name: Annotated[str, Arg("A type, or the topic or service that has it.", complete="type")],
+) -> None:
+    """Show the fields of a type, by its name or by that of a topic or service, or its full key.
+
+    Example: quadctl type show calibrate_pressure
+    """
+    known = types()
+    found = type_of(name, known)
+    if found is None:
+        hint = nearest(name, known) or "`quadctl type list` shows them all"
+        raise Invalid(f"there is no type {name}", hint)
+    text = definitions()[found]
+    output.either(options, {"name": found, "definition": text}, text)
+
+
+def type_of(name: str, known: Mapping[str, str]) -> str | None:
+    """The type meant by a name, or by it behind a vehicle, a node or a package; None for none."""
+    bare = name.strip("/")
+    rest, last = bare.partition("/")[2], bare.rpartition("/")[2]
+    # A package's or a node's chunks are nobody's business, those of a topic's own name are.
+    free = last if last[:1].isupper() or last in {"get_params", "set_params"} else ""
+    half = free.removesuffix("Request").removesuffix("Response")
+    for spelling in (bare, rest, free, half):
+        short = spelling.removeprefix("@srv/")
+        if found := known.get(short) or known.get(short.lower()):
+            return found
+    return None
+
+
+def definitions() -> dict[str, str]:
+    """Every type by its name, as text."""
+    texts = {topic.type.__name__: definition(topic.type) for topic in TOPICS}
+    texts |= {name: definition(type_) for name, type_ in parts().items()}
+    return texts | {
+        service.type_name: service_definition(service.request, service.response)
+        for service in (*SERVICES, *PARAMETERS)
+    }

@@ -1,0 +1,135 @@
+"""Hold, reset, calibrate, cage on|off|show."""
+
+import time
+from typing import Annotated
+
+from cli import context, output
+from cli.context import Options
+from cli.declarations import Opt
+from schemas.messages import Pressure, SafetyState
+from schemas.services import CalibrateRequest, HoldRequest, ResetRequest, ToggleCageRequest
+from schemas.topics import CALIBRATE, HOLD, PRESSURE, RESET, STATE, TOGGLE_CAGE
+from services.runtime.bus.client import Client
+from services.runtime.bus.streams import Readings
+from services.runtime.errors import QuadctlError
+
+
+def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")] = False) -> None:
+    """Zero the barometer at the mean of its last second.
+
+    Example: quadctl calibrate
+    """
+    samples, spread = 0, 0.0
+    with context.connect(options) as client:
+        readings = client.hear(PRESSURE) if not unset else None
+        baseline = client.call(CALIBRATE, CalibrateRequest(zero=not unset)).baseline
+        if readings is not None:
+            reading = _reading_with(client, readings, baseline)
+            samples, spread = reading.samples, reading.spread
+    if options.json:
+        output.document({"baseline": baseline, "samples": samples, "spread": spread})
+    else:
+        output.line(f"baseline: {baseline:.4f} hPa")
+        if samples:
+            output.line(f"the mean of {samples} samples, spread {spread:.1g} hPa")
+
+
+def _reading_with(client: Client, readings: Readings[Pressure], baseline: float) -> Pressure:
+    """The topic tells how good a baseline is, from its next message on."""
+    deadline = time.monotonic() + client.timeout
+    while (reading := readings.next(deadline - time.monotonic())) is not None:
+        if reading.baseline == baseline:
+            return reading
+        if time.monotonic() > deadline:
+            break
+    raise client.silent(PRESSURE.key(client.vehicle), readings.unread)
+
+
+def hold(options: Options) -> None:
+    """Stop, and hover at the stopping point.
+
+    Example: quadctl hold
+    """
+    with context.connect(options) as client:
+        reply = client.call(HOLD, HoldRequest())
+    output.either(options, reply, "stopping: hovering at the stopping point")
+
+
+def reset(options: Options) -> None:
+    """Put the vehicle back at its start, as a new boot of the simulation.
+
+    Example: quadctl reset
+    """
+    with context.connect(options) as client:
+        reply = client.call(RESET, ResetRequest())
+    output.either(options, reply, "the vehicle is back at its start")
+
+
+_LOOK = 0.3
+"""Seconds at most for a look at what was before: safety answers in milliseconds, also from afar."""
+
+
+def on(options: Options) -> None:
+    """Turn the cage on; a flight to a goal outside is stopped.
+
+    Example: quadctl cage on
+    """
+    _toggle(options, cage_on=True)
+
+
+def off(options: Options) -> None:
+    """Turn the cage off: every goal is accepted.
+
+    Example: quadctl cage off
+    """
+    _toggle(options, cage_on=False)
+
+
+def show(options: Options) -> None:
+    """Show the bounds, and whether the cage is on.
+
+    Example: quadctl cage show
+    """
+    with context.connect(options) as client:
+        state = client.latest(STATE)
+    size = state.cage
+    axes = {"x": [-size.x, size.x], "y": [-size.y, size.y], "z": [0.0, size.z]}
+    if options.json:
+        output.document({"on": state.cage_on, **axes})
+        return
+    output.line(f"cage is {'on' if state.cage_on else 'off'}")
+    for axis, (low, high) in axes.items():
+        output.line(f"cage {axis} - [{low}, {high}]")
+
+
+def _toggle(options: Options, *, cage_on: bool) -> None:
+    with context.connect(options) as client:
+        ends = time.monotonic() + client.timeout
+        # Only a cage that comes on stops a flight, and only a user is told of it.
+        before = _seen(client) if cage_on and not options.json else None
+        left = max(ends - time.monotonic(), 0.001)
+        reply = client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on), left)
+        after = client.latest(STATE) if before is not None else None
+    if options.json:
+        output.document(reply)
+        return
+    output.line(f"cage is {'on' if cage_on else 'off'}")
+    if before and after and (reason := _caused(before, after)):
+        output.line(reason)
+
+
+def _seen(client: Client) -> SafetyState | None:
+    """The state as it is; None where it is not to be had at once, for the cage must not wait."""
+    try:
+        return client.beside(client.vehicle, min(_LOOK, client.timeout / 4)).latest(STATE)
+    except QuadctlError:
+        return None
+
+
+def _caused(before: SafetyState, after: SafetyState) -> str:
+    """What the cage's coming on has stopped; empty where it was on, or stopped nothing.
+
+    The reason may be an old one, of a request that was refused or a flight that was stopped.
+    """
+    is_new = not before.cage_on and after.cage_on and after.reason != before.reason
+    return after.reason if is_new else ""

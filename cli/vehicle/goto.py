@@ -1,0 +1,212 @@
+"""Goto, and watching a flight to its end."""
+
+import math
+import time
+from typing import Annotated, Any
+
+import msgspec
+
+from cli import context, output
+from cli.context import LONGEST_TIMEOUT, Options
+from cli.declarations import Arg, Opt
+from cli.progress import Progress
+from schemas.messages import PAUSED, Pose, Position, SafetyState
+from schemas.services import GetParamsRequest, GotoRequest
+from schemas.topics import GOTO, POSE, STATE, Topic, get_params
+from services.runtime.bus.client import Client
+from services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
+
+_SLACK = 5.0
+"""Seconds that a flight may take beyond twice the planned time."""
+
+
+def distance(a: Position, b: Position) -> float:
+    """Metres between two points."""
+    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+
+
+def patience(client: Client, metres: float) -> float:
+    """How long (s) to wait for an arrival so far away: twice the planned time, and 5.
+
+    The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
+    """
+    reply = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"]))
+    values = reply.values | reply.in_force
+    speed, acceleration, jerk = (
+        float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
+    )
+    planned = metres / speed + speed / acceleration + acceleration / jerk
+    return 2 * planned + _SLACK
+
+
+class Flight:
+    """One flight to a goal. Make it before asking for the goal, so that nothing is missed."""
+
+    def __init__(self, client: Client, goal: Position) -> None:
+        self.arrived, self.reason, self.paused = False, "", ""
+        self.distance, self.seconds = math.inf, 0.0
+        self.goal, self._client = goal, client
+        topics: tuple[Topic[Any], ...] = (STATE, POSE)
+        self._readings = client.hear(*topics)
+        self._began: float | None = None
+        self._moving = False
+
+    def begin(self) -> None:
+        """Hear the distance there is to go, or that it was stopped before that was told.
+
+        Raises what Client.silent says where nothing is heard.
+        """
+        deadline = time.monotonic() + self._client.timeout
+        while self._began is None and not self.reason:
+            message = self._readings.next(deadline - time.monotonic())
+            if message is None:
+                raise self._client.silent(POSE.key(self._client.vehicle), self._readings.unread)
+            self._read(message)
+
+    def watch(
+        self, limit: float, on_progress: Any = None, on_pause: Any = lambda _reason: None
+    ) -> None:
+        """Follow the flight for up to `limit` s, telling `on_progress` the metres to go.
+
+        `on_pause` is called with the reason when the flight pauses, and with "" when it goes on.
+
+        Raises Refused where it was stopped, TimedOut where it is not there in time, and what
+        Client.silent says where nothing is heard any more.
+        """
+        ends = time.monotonic() + limit
+        while not (self.arrived or self.reason):
+            left = ends - time.monotonic()
+            if left <= 0:
+                raise TimedOut(
+                    f"not there after {limit:.1f} s: {self.distance:.2f} m to go",
+                    "the flight goes on; `quadctl hold` stops it, --arrive waits longer",
+                )
+            message = self._readings.next(min(left, self._client.timeout))
+            if message is not None:
+                before = self.paused
+                self._read(message)
+                if self.paused != before:
+                    on_pause(self.paused)
+                if on_progress is not None:
+                    on_progress(self.distance)
+            elif left > self._client.timeout:
+                raise self._client.silent(STATE.key(self._client.vehicle), self._readings.unread)
+        if self.reason:
+            raise Refused(f"the flight was stopped: {self.reason}", "`quadctl state` shows more")
+
+    def _read(self, message: Pose | SafetyState) -> None:
+        if isinstance(message, Pose):
+            if self._began is None:
+                self._began = message.stamp
+            self.distance = distance(message.position, self.goal)
+            self.seconds = message.stamp - self._began
+            return
+        state = message
+        if not state.boot:
+            # Safety was started anew, and has seen nothing yet; what comes next says so.
+            return
+        if self._moving and state.reason.startswith(PAUSED):
+            self.paused = state.reason
+            return
+        if state.goal == self.goal:
+            self.paused = ""
+            self._moving = self._moving or state.state == "MOVING"
+            self.arrived = self._moving and state.state == "HOVERING"
+        elif self._moving and state.state != "VERIFYING":
+            other = "another goal was accepted in its place"
+            self.reason = state.reason or (
+                other if state.state == "MOVING" else "safety holds the vehicle elsewhere"
+            )
+
+
+def goto(
+    options: Options,
+    x: Annotated[float, Arg("East, m.")],
+    y: Annotated[float, Arg("North, m.")],
+    z: Annotated[float, Arg("Up, m.")],
+    no_wait: Annotated[bool, Opt("Return with safety's verdict.")] = False,
+    replace: Annotated[bool, Opt("Change course while flying to another goal.")] = False,
+    arrive: Annotated[
+        float | None, Opt("Seconds to arrive in (default: twice the planned time and 5).")
+    ] = None,
+) -> None:
+    """Fly to a point, if safety permits, and wait for the arrival.
+
+    Example: quadctl goto 1 -2 1.5
+    """
+    check_arrive(arrive)
+    request = request_of(x, y, z, replace=replace)
+    as_json = options.json
+    with context.connect(options) as client:
+        flight = Flight(client, Position(request.x, request.y, request.z))
+        reply = client.call(GOTO, request)
+        if not as_json:
+            output.line("accepted" if reply.accepted else "rejected")
+        problem: QuadctlError | None = None
+        if not reply.accepted:
+            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` say more")
+        elif not no_wait:
+            problem = _watch(client, flight, arrive, quiet=as_json)
+    if as_json:
+        output.document(_report(flight, reply.accepted, reply.reason or flight.reason))
+    elif flight.arrived:
+        output.line(f"arrived within {flight.distance:.2f} m after {flight.seconds:.2f} s")
+    if problem is not None:
+        raise problem
+
+
+def check_arrive(arrive: float | None) -> None:
+    """Raises Invalid for what is no time (s) to arrive in."""
+    if arrive is not None and not 0 < arrive <= LONGEST_TIMEOUT:
+        raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
+
+
+def _watch(
+    client: Client, flight: Flight, arrive: float | None, *, quiet: bool
+) -> QuadctlError | None:
+    """Show the flight until it ends; returns what kept it from its goal."""
+    try:
+        flight.begin()
+        whole = max(flight.distance, 1e-6)
+        limit = arrive or (0 if flight.reason else patience(client, whole))
+        with Progress("flying", quiet=quiet) as progress:
+
+            def show(left: float) -> None:
+                said = flight.paused or f"{left:.2f} m to go"
+                progress.update(1 - left / whole, said)
+
+            def tell(paused: str) -> None:
+                if not quiet:
+                    output.note(paused or "went on")
+
+            flight.watch(limit, show, tell)
+    except QuadctlError as problem:
+        return problem
+    except KeyboardInterrupt:
+        output.note("stopped waiting: the flight goes on; `quadctl hold` stops it")
+        raise
+    return None
+
+
+def _report(flight: Flight, accepted: bool, reason: str) -> dict[str, Any]:
+    known = math.isfinite(flight.distance)
+    return {
+        "accepted": accepted,
+        "reason": reason,
+        "arrived": flight.arrived,
+        "distance": flight.distance if known else None,
+        "seconds": flight.seconds if known else None,
+    }
+
+
+def request_of(x: float, y: float, z: float, *, replace: bool) -> GotoRequest:
+    """A request for a point, m; raises Invalid for what is no place."""
+    asked = {"x": x, "y": y, "z": z}
+    try:
+        return msgspec.convert(asked | {"replace": replace}, GotoRequest)
+    except msgspec.ValidationError as error:
+        axis = str(error).rpartition("$.")[2].rstrip("`")
+        raise Invalid(
+            f"{axis} = {asked[axis]:g} is no place to fly to",
+            "coordinates are metres, finite, and at most 10 km from the origin",
+        ) from error

@@ -1,0 +1,86 @@
+"""`state`: what the automaton is doing."""
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import msgspec
+
+from cli import context, output
+from cli.context import Options
+from cli.declarations import Opt
+from schemas.messages import Pose, SafetyState
+from schemas.topics import POSE, STATE
+from services.runtime.bus.client import Client
+
+
+def state(
+    options: Options,
+    watch: Annotated[bool, Opt("Print each change as it comes, until Ctrl-C.")] = False,
+) -> None:
+    """Show what the automaton is doing, and where the vehicle is.
+
+    Example: quadctl state --json
+    """
+    with context.connect(options) as client:
+        if watch:
+            _watch(client, as_json=options.json)
+            return
+        shown = _together(client.latest(STATE), client.first(POSE))
+    if options.json:
+        output.document(shown)
+    else:
+        output.fields(shown)
+
+
+def _watch(client: Client, *, as_json: bool) -> None:
+    if as_json:
+        for now, pose in _with_poses(client):
+            output.document(_together(now, pose))
+    else:
+        for now in _changes(client):
+            output.line(_line(now))
+
+
+def _changes(client: Client) -> Iterator[SafetyState]:
+    """The state now, and each other one; raises what Client.silent says where none comes."""
+    states = client.hear(STATE)
+    now, told = client.latest(STATE), None
+    waiting = list(iter(lambda: states.next(0), None))
+    if now not in waiting:
+        # Published before we listened; what was since is heard before the reply that says it.
+        waiting.insert(0, now)
+    while True:
+        # With nothing new to print we would not notice that nobody reads it any more.
+        output.ensure_read()
+        for state in waiting:
+            content = msgspec.structs.replace(state, stamp=0.0)
+            if content != told:
+                told = content
+                yield state
+        following = states.next(client.timeout)
+        if following is None:
+            raise client.silent(STATE.key(client.vehicle), states.unread)
+        waiting = [following]
+
+
+def _with_poses(client: Client) -> Iterator[tuple[SafetyState, Pose]]:
+    """Each of the changes with the newest pose."""
+    poses = client.hear(POSE)
+    pose = poses.next(client.timeout)
+    if pose is None:
+        raise client.silent(POSE.key(client.vehicle), poses.unread)
+    for now in _changes(client):
+        while (newer := poses.next(0)) is not None:
+            pose = newer
+        yield now, pose
+
+
+def _line(now: SafetyState) -> str:
+    goal = " ".join(f"{part:g}" for part in (now.goal.x, now.goal.y, now.goal.z))
+    cage = "on" if now.cage_on else "off"
+    text = f"{now.stamp:.2f} s  {now.state}  goal {goal}  cage {cage}  {now.reason}"
+    return text.rstrip()
+
+
+def _together(now: SafetyState, pose: Pose) -> Any:
+    return msgspec.to_builtins(now) | {"pose": msgspec.to_builtins(pose)}

@@ -36,7 +36,7 @@ def measure_nodes(results: Results, _effort: Effort) -> None:
     """Memory of a node that shares its pages with no sibling, and of a rospy node."""
     with ExitStack() as stack:
         where = stack.enter_context(hub())
-        pressure = [*PYTHON, "services.pressure"]
+        pressure = [*PYTHON, "quadctl.services.pressure"]
         alone = stack.enter_context(process(pressure, where.environment))
         if why := ros.absent():
             results.missing(["node_memory", "lone_memory"], "ros", why)

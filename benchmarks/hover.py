@@ -12,9 +12,9 @@ from benchmarks.effort import Effort
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
 from benchmarks.system import home, running
-from schemas.messages import Position, Pressure, Setpoint
-from services.runtime.bus import codec
-from services.runtime.bus.session import TWO_THREADS
+from quadctl.schemas.messages import Position, Pressure, Setpoint
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.session import TWO_THREADS
 
 Processes = Callable[[], dict[int, str]]
 """Those of a side, by pid, with a name for each."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.system import Home, running
-from services.dynamics.compiler import have_made
+from quadctl.services.dynamics.compiler import have_made
 
 _MISSION = Path(__file__).parents[1] / "examples" / "mission.toml"
 _HOVER = 'end = 60.0\nrows = [{ at = 3.0, do = "calibrate" }]\n'

@@ -13,7 +13,7 @@ from benchmarks.effort import Effort
 from benchmarks.raw.session import opened
 from benchmarks.results import Results
 from benchmarks.system import Home, running
-from services.dynamics.compiler import have_made
+from quadctl.services.dynamics.compiler import have_made
 
 _HZ, _LEAST_HZ = 20, 19
 _SETTLED = 5.0

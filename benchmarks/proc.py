@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from services.runtime import procfs
+from quadctl.services.runtime import procfs
 
 
 def pss(pid: int) -> float:

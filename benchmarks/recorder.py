@@ -14,9 +14,9 @@ from benchmarks.footprint import shares
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, Home, home, running
-from services.runtime.bus import codec
-from services.runtime.bus.session import Address, open_client
-from services.runtime.recording.reader import summary
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.session import Address, open_client
+from quadctl.services.runtime.recording.reader import summary
 
 _HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
 _SETTLED = 10.0

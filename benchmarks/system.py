@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.children import PYTHON, Failed, process
-from services.runtime.bus import session
+from quadctl.services.runtime.bus import session
 
 QUADCTL = str(Path(sysconfig.get_path("scripts")) / "quadctl")
 REALM = "bench"
@@ -97,7 +97,7 @@ def running(*words: str) -> Iterator[Home]:
 @contextmanager
 def hub() -> Iterator[Home]:
     """Our hub, alone."""
-    with home() as where, process([*PYTHON, "services.hub"], where.environment):
+    with home() as where, process([*PYTHON, "quadctl.services.hub"], where.environment):
         yield where
 
 

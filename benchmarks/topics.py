@@ -9,7 +9,7 @@ from benchmarks.effort import Effort
 from benchmarks.ends import Ends, ends
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
-from services.runtime.bus import codec
+from quadctl.services.runtime.bus import codec
 
 _POSE_BYTES = len(codec.encode(pose(1000)))
 _FLOOD_SECONDS = 2.0

@@ -8,15 +8,15 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Arg, Opt
-from services.runtime.errors import Invalid, QuadctlError, UsageError
-from services.runtime.files import taken
-from services.runtime.params.names import flatten
-from services.runtime.recording import verify as mending
-from services.runtime.recording.reader import Bag, BagFacts, KeyFacts, Recorded, facts
-from services.runtime.recording.verify import check as look_through
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
+from quadctl.services.runtime.files import taken
+from quadctl.services.runtime.params.names import flatten
+from quadctl.services.runtime.recording import verify as mending
+from quadctl.services.runtime.recording.reader import Bag, BagFacts, KeyFacts, Recorded, facts
+from quadctl.services.runtime.recording.verify import check as look_through
 
 Recording = Annotated[Path, Arg("A recording, MCAP.", "FILE")]
 

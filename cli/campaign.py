@@ -8,13 +8,13 @@ from typing import Annotated, Any, Self
 
 import msgspec
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Opt
-from cli.progress import Progress
-from services.runtime.errors import QuadctlError, UsageError
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Opt
+from quadctl.cli.progress import Progress
+from quadctl.services.runtime.errors import QuadctlError, UsageError
 
-_COMMAND = (sys.executable, "-P", "-m", "services.campaign")
+_COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign")
 _END = 5.0
 
 

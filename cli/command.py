@@ -4,13 +4,13 @@ import gc
 import os
 import sys
 
-from cli import (
+from quadctl.cli import (
     fast_imports,  # noqa: F401 - before all that imports msgspec
     fast_parser,
     output,
 )
-from cli.context import options_of
-from services.runtime.errors import QuadctlError, UsageError
+from quadctl.cli.context import options_of
+from quadctl.services.runtime.errors import QuadctlError, UsageError
 
 _CTRL_C = 130
 _COMPLETING = "_QUADCTL_COMPLETE"
@@ -50,7 +50,7 @@ def main() -> None:
 
 def _run(words: list[str]) -> None:
     if _COMPLETING in os.environ:
-        from cli.completion import shells
+        from quadctl.cli.completion import shells
 
         fits = shells.answer()
         if fits is not None:
@@ -59,7 +59,7 @@ def _run(words: list[str]) -> None:
     words = fast_parser.given(words)
     line = fast_parser.read(words)
     if line is None:
-        from cli import typer_app
+        from quadctl.cli import typer_app
 
         line = typer_app.read(words)
     # All that a command needs is there: what it makes from now on is looked through, and no more.

@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 
 from msgspec import Struct
 
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError, TimedOut
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError, TimedOut
 
 
 class Pace:

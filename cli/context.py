@@ -7,13 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
 
-from schemas.topics import TOPICS
-from services.runtime import run_files
-from services.runtime.errors import Unreachable, UsageError
-from services.runtime.realm import DEFAULT, HUB_ALONE, Realm, default_name, listed, vehicle_name
+from quadctl.schemas.topics import TOPICS
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import Unreachable, UsageError
+from quadctl.services.runtime.realm import (
+    DEFAULT,
+    HUB_ALONE,
+    Realm,
+    default_name,
+    listed,
+    vehicle_name,
+)
 
 if TYPE_CHECKING:
-    from services.runtime.bus.client import Client
+    from quadctl.services.runtime.bus.client import Client
 
 
 def the_only(realm: str, connect: str, timeout: float) -> str:
@@ -59,11 +66,11 @@ def _in(realm: str) -> list[str]:
 
 @lru_cache
 def _at(realm: str, connect: str, timeout: float) -> list[str]:
-    from services.runtime.bus.client import Client
-    from services.runtime.security.endpoints import is_secure
+    from quadctl.services.runtime.bus.client import Client
+    from quadctl.services.runtime.security.endpoints import is_secure
 
     if is_secure(connect):
-        from services.runtime.security.identity import needed
+        from quadctl.services.runtime.security.identity import needed
 
         # Who may see one vehicle means that one.
         if (ours := needed(connect).name.vehicles) != ["*"]:
@@ -129,7 +136,7 @@ def options_of(said: Mapping[str, Any]) -> Options:
             f"give seconds, more than 0, up to {LONGEST_TIMEOUT}",
         )
     if folder := said.get("identity"):
-        from services.runtime.security.identity import choose
+        from quadctl.services.runtime.security.identity import choose
 
         choose(folder)
     return Options(
@@ -144,7 +151,7 @@ def options_of(said: Mapping[str, Any]) -> Options:
 def connect(options: Options) -> "Client":
     """Connect to the hub that the options name; raises Unreachable when there is none."""
     # Imported here: a line that needs no bus is read in half the time.
-    from services.runtime.bus.client import Client
+    from quadctl.services.runtime.bus.client import Client
 
     return Client(options.realm, options.vehicle, connect=options.connect, timeout=options.timeout)
 

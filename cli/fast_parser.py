@@ -7,10 +7,10 @@ reads the same declarations and says what is wrong with it.
 from collections.abc import Iterator
 from typing import Any
 
-from cli import commands
-from cli.context import COMMON
-from cli.declarations import Arg, Line, Opt, Word, is_number, takes_signed, words_of
-from services.runtime.errors import UsageError
+from quadctl.cli import commands
+from quadctl.cli.context import COMMON
+from quadctl.cli.declarations import Arg, Line, Opt, Word, is_number, takes_signed, words_of
+from quadctl.services.runtime.errors import UsageError
 
 _ENDINGS = {"--record": ".mcap"}
 """What the word after such an option ends with, where it is the option's value."""

@@ -14,19 +14,19 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Struct, inspect
 
-from cli import context, output
-from cli.context import Options, here
-from cli.declarations import Opt
-from cli.progress import Progress
-from schemas.services import GetParamsRequest
-from schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
-from services.runtime import run_files
-from services.runtime.bus import codec
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.process_table import NODES
-from services.runtime.realm import Realm
-from services.runtime.security.endpoints import is_secure
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, here
+from quadctl.cli.declarations import Opt
+from quadctl.cli.progress import Progress
+from quadctl.schemas.services import GetParamsRequest
+from quadctl.schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.security.endpoints import is_secure
 
 _ODD: tuple[Any, ...] = (
     float("nan"), float("inf"), float("-inf"), 1e308, -10_000.001, 2**64 - 1, -(2**63), True, None,

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import msgspec
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Arg, Opt
-from schemas.roles import Role
-from services.runtime.errors import UsageError
-from services.runtime.params.load import names
-from services.runtime.params.names import nearest
-from services.runtime.realm import DEFAULT
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.schemas.roles import Role
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.params.load import names
+from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.realm import DEFAULT
 
 if TYPE_CHECKING:
-    from services.runtime.security.identity import Name
+    from quadctl.services.runtime.security.identity import Name
 
 FLEET = Path("keys")
 
@@ -28,7 +28,7 @@ def init(
 
     Example: quadctl keys init
     """
-    from services.runtime.security.registry import Fleet
+    from quadctl.services.runtime.security.registry import Fleet
 
     Fleet(fleet).init()
     text = f"a new fleet; keep {fleet} to yourself: who has it can be anybody"
@@ -42,7 +42,7 @@ def list_(
 
     Example: quadctl keys list
     """
-    from services.runtime.security.registry import Fleet
+    from quadctl.services.runtime.security.registry import Fleet
 
     known = sorted(Fleet(fleet).names(), key=lambda name: (name.role, name.name))
     if options.json:
@@ -78,7 +78,7 @@ def revoke(
 
     Example: quadctl keys revoke anna
     """
-    from services.runtime.security.registry import Fleet
+    from quadctl.services.runtime.security.registry import Fleet
 
     gone = Fleet(fleet).revoke(name)
     output.either(options, shown(gone), f"{gone.common_name} is good no more")
@@ -107,7 +107,7 @@ def issue(
 
     Example: quadctl keys issue student anna --vehicle uav7
     """
-    from services.runtime.security.registry import Fleet, checked, checked_vehicles
+    from quadctl.services.runtime.security.registry import Fleet, checked, checked_vehicles
 
     known = _known(role)
     if not 0 < days <= _MOST_DAYS:

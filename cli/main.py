@@ -8,7 +8,7 @@ _CTRL_C = 130
 def main() -> None:
     """Run the command line and exit with the code that says how it went."""
     try:
-        from cli import command
+        from quadctl.cli import command
     except KeyboardInterrupt:
         os._exit(_CTRL_C)
     command.main()

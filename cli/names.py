@@ -5,9 +5,9 @@ from typing import Any
 
 from msgspec import Struct
 
-from schemas.topics import SERVICES, TOPICS, Service, get_params, set_params, topic_of
-from services.runtime.errors import Invalid
-from services.runtime.params.names import nearest
+from quadctl.schemas.topics import SERVICES, TOPICS, Service, get_params, set_params, topic_of
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.names import nearest
 
 _LONGEST_KEY = 1_000
 """Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""
@@ -70,7 +70,7 @@ def types() -> dict[str, str]:
 
 def parts() -> dict[str, type[Struct]]:
     """The types that stand in those of topics and services, as Position in Pose, by their names."""
-    from schemas import typeinfo
+    from quadctl.schemas import typeinfo
 
     whole = [topic.type for topic in TOPICS]
     whole += [part for one in (*SERVICES, *PARAMETERS) for part in (one.request, one.response)]

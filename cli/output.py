@@ -8,8 +8,8 @@ from typing import Any, TextIO
 
 import msgspec
 
-from cli.context import Options
-from services.runtime.errors import QuadctlError
+from quadctl.cli.context import Options
+from quadctl.services.runtime.errors import QuadctlError
 
 
 def ensure() -> None:

@@ -8,10 +8,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from services.runtime.realm import Realm
-from services.runtime.supervisor.control import halt
-from services.runtime.supervisor.daemon import detach
-from services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.supervisor.control import halt
+from quadctl.services.runtime.supervisor.daemon import detach
+from quadctl.services.runtime.supervisor.launch import Launch
 
 _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """What else than Ctrl-C may end a command; by itself Python would let nothing be put in order."""

@@ -14,11 +14,11 @@ import typer
 from typer import _completion_shared
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from cli import commands, output
-from cli.completion.shells import SCRIPTS
-from cli.context import COMMON, options_of
-from cli.declarations import Arg, Line, Word, is_number, takes_signed, words_of
-from services.runtime.errors import UsageError
+from quadctl.cli import commands, output
+from quadctl.cli.completion.shells import SCRIPTS
+from quadctl.cli.context import COMMON, options_of
+from quadctl.cli.declarations import Arg, Line, Word, is_number, takes_signed, words_of
+from quadctl.services.runtime.errors import UsageError
 
 _KEY = "quadctl.options"
 _NO_WRAPPING = 10_000

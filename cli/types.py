@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from typing import Annotated
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Arg
-from cli.names import PARAMETERS, parts, types
-from schemas.topics import SERVICES, TOPICS
-from schemas.typeinfo import definition, service_definition
-from services.runtime.errors import Invalid
-from services.runtime.params.names import nearest
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg
+from quadctl.cli.names import PARAMETERS, parts, types
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.schemas.typeinfo import definition, service_definition
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.names import nearest
 
 
 def list_(options: Options) -> None:

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from services.runtime.errors import Invalid
-from services.runtime.params.names import put, value_of
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.names import put, value_of
 
 M = TypeVar("M", bound=Struct)
 

@@ -1,7 +1,7 @@
 """The automaton's table, drawn: text for docs/safety.md, which a test holds equal to it."""
 
-from services.safety.automaton import RULES, Rule
-from services.safety.model import State
+from quadctl.services.safety.automaton import RULES, Rule
+from quadctl.services.safety.model import State
 
 
 def diagram() -> str:

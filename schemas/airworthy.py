@@ -6,8 +6,8 @@ linear loop from position to thrust: cascaded gains, and the motors' lag with ha
 
 from math import cos, hypot, sin, sqrt, tan
 
-from schemas.params import WindParams
-from schemas.vehicle import ControlParams, VehicleParams
+from quadctl.schemas.params import WindParams
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 CONTROL_PERIOD = 0.004
 """Seconds between two commands to the motors."""

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from msgspec import Struct, structs
 
-from schemas.units import (
+from quadctl.schemas.units import (
     Boot,
     Count,
     Hectopascals,

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-from schemas.barometer import PressureParams
-from schemas.units import Metres
-from schemas.vehicle import ControlParams, VehicleParams
+from quadctl.schemas.barometer import PressureParams
+from quadctl.schemas.units import Metres
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 PORTS = ("tcp", "tls", "quic", "udp", "ws")
 """Those on host:port."""

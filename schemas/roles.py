@@ -11,8 +11,8 @@ What is the user's own needs no line here: its topics are below `VEHICLE/own/`, 
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from schemas.keyexpr import includes
-from schemas.topics import (
+from quadctl.schemas.keyexpr import includes
+from quadctl.schemas.topics import (
     CALIBRATE,
     GOTO,
     HOLD,

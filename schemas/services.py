@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
-from schemas.units import Boot, Hectopascals, Metres, Seconds, Text
+from quadctl.schemas.units import Boot, Hectopascals, Metres, Seconds, Text
 
 ErrorCode = Literal["invalid", "refused", "not_ready", "expired", "internal"]
 

@@ -5,8 +5,8 @@ from typing import Any, Generic, TypeVar
 
 from msgspec import Struct
 
-from schemas.messages import Called, Info, Pose, Pressure, SafetyState, Setpoint, Waypoint
-from schemas.services import (
+from quadctl.schemas.messages import Called, Info, Pose, Pressure, SafetyState, Setpoint, Waypoint
+from quadctl.schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
     GetParamsRequest,

@@ -7,10 +7,10 @@ from types import ModuleType
 
 import pytest
 
-from services.dynamics.compiled import kernel, source
-from services.dynamics.compiler import Code, made, store, stored
-from services.runtime.errors import AlreadyServed
-from services.runtime.filelock import FileLock
+from quadctl.services.dynamics.compiled import kernel, source
+from quadctl.services.dynamics.compiler import Code, made, store, stored
+from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.filelock import FileLock
 from tests.processes.lab import CACHE
 
 

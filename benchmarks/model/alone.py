@@ -4,8 +4,8 @@ from collections.abc import Callable
 from types import ModuleType
 
 from benchmarks.model.vehicles import STEPS, flying, send
-from services.dynamics.compiled import kernel, source
-from services.dynamics.compiled.fleet import CompiledFleet
+from quadctl.services.dynamics.compiled import kernel, source
+from quadctl.services.dynamics.compiled.fleet import CompiledFleet
 
 _ALONE = """
 @njit(error_model='numpy', nogil=True, cache=True)

@@ -4,10 +4,10 @@ import math
 from typing import Any
 from unittest.mock import patch
 
-from schemas.params import DynamicsParams
-from services.dynamics import rigidbody
-from services.dynamics.rigidbody import body_constants
-from services.dynamics.rotor import hover_speed
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics import rigidbody
+from quadctl.services.dynamics.rigidbody import body_constants
+from quadctl.services.dynamics.rotor import hover_speed
 
 
 class _Counted(float):

@@ -1,8 +1,8 @@
 """Our flight of a scenario: the model's own step, with nothing around it."""
 
 from benchmarks.model.scenario import COMMAND, RECORD, Flight, start
-from schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
-from services.dynamics.rigidbody import STEP, State, body_constants, step
+from quadctl.schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
+from quadctl.services.dynamics.rigidbody import STEP, State, body_constants, step
 
 _NO_LAG = 1e-6
 """Over which a motor is at its command in a step, to the bit (s)."""

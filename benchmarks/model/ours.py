@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 
 BEGAN = time.perf_counter()
-from schemas.params import DynamicsParams  # noqa: E402 - the import is timed
-from services.dynamics.vehicle import Vehicle, constants_of  # noqa: E402
+from quadctl.schemas.params import DynamicsParams  # noqa: E402 - the import is timed
+from quadctl.services.dynamics.vehicle import Vehicle, constants_of  # noqa: E402
 
 PLAIN = time.perf_counter() - BEGAN
 
@@ -21,8 +21,8 @@ from benchmarks.model.vehicles import FAR, STEPS, flying  # noqa: E402
 
 def plain() -> None:
     from benchmarks.model.reference import hovering
-    from services.dynamics.flight_modes import motor_commands
-    from services.dynamics.rigidbody import step
+    from quadctl.services.dynamics.flight_modes import motor_commands
+    from quadctl.services.dynamics.rigidbody import step
 
     body, gains, mixer, _, weight, _, _ = constants_of(DynamicsParams())
     start, still = hovering(), (0.0, 0.0, 0.0)

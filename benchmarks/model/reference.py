@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from benchmarks.model.environments import ROOT, Missing
 from benchmarks.model.peers.timing import COUNTS, Rates, rate, tell
-from schemas.params import DynamicsParams
-from services.dynamics.controller import PERIOD
-from services.dynamics.rigidbody import State, body_constants, step
-from services.dynamics.rotor import hover_speed, mixer_constants
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.controller import PERIOD
+from quadctl.services.dynamics.rigidbody import State, body_constants, step
+from quadctl.services.dynamics.rotor import hover_speed, mixer_constants
 
 _SOURCE = ROOT / "benchmarks" / "model" / "reference.cpp"
 _LIBRARY = ROOT / ".cache" / "reference.so"

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from schemas.params import DynamicsParams, StartParams
+from quadctl.schemas.params import DynamicsParams, StartParams
 
 FAR = 1e5
 """A goal that no flight here reaches, m."""

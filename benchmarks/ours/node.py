@@ -8,13 +8,13 @@ import threading
 import time
 
 from benchmarks.worker import Arrivals, flood, paced, serve, timed
-from schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
-from schemas.services import ToggleCageRequest, ToggleCageResponse
-from schemas.topics import POSE, TOGGLE_CAGE
-from services.runtime.bus.calls import Caller
-from services.runtime.bus.session import address_of, open_client
-from services.runtime.node import Node
-from services.runtime.realm import Realm
+from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
+from quadctl.schemas.services import ToggleCageRequest, ToggleCageResponse
+from quadctl.schemas.topics import POSE, TOGGLE_CAGE
+from quadctl.services.runtime.bus.calls import Caller
+from quadctl.services.runtime.bus.session import address_of, open_client
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.realm import Realm
 
 VEHICLE = "uav"
 _WAIT = 5.0

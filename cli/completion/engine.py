@@ -12,18 +12,18 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cli import commands, context
-from cli import names as known
-from cli.context import COMMON, Options, options_of
-from cli.declarations import Arg, Names, Opt, Word, takes_signed, words_of
-from cli.param.running import nodes_with_params
-from schemas.keyexpr import Offer
-from schemas.params import Params
-from schemas.services import GetParamsRequest
-from schemas.topics import SERVICES, TOPICS, get_params
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.params.names import flatten
+from quadctl.cli import commands, context
+from quadctl.cli import names as known
+from quadctl.cli.context import COMMON, Options, options_of
+from quadctl.cli.declarations import Arg, Names, Opt, Word, takes_signed, words_of
+from quadctl.cli.param.running import nodes_with_params
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import GetParamsRequest
+from quadctl.schemas.topics import SERVICES, TOPICS, get_params
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.params.names import flatten
 
 _PARAMETERS = ("GetParams", "SetParams")
 

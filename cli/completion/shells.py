@@ -9,7 +9,7 @@ import os
 import shlex
 from collections.abc import Callable, Mapping
 
-from cli.completion.engine import Found, candidates
+from quadctl.cli.completion.engine import Found, candidates
 
 VARIABLE = "_QUADCTL_COMPLETE"
 _ASKED = "complete_"

@@ -5,11 +5,11 @@ from typing import Any, Protocol
 
 import msgspec
 
-from cli.console.bus_link import Link
-from cli.console.model import Board
-from cli.console.settings import Setting, shown
-from schemas.messages import Position
-from schemas.services import (
+from quadctl.cli.console.bus_link import Link
+from quadctl.cli.console.model import Board
+from quadctl.cli.console.settings import Setting, shown
+from quadctl.schemas.messages import Position
+from quadctl.schemas.services import (
     CalibrateRequest,
     GetParamsRequest,
     GotoRequest,
@@ -18,9 +18,9 @@ from schemas.services import (
     SetParamsRequest,
     ToggleCageRequest,
 )
-from schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
-from services.runtime.errors import Invalid, Refused, Unreachable
-from services.runtime.supervisor.control import ask_restart, wait_restarted
+from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
+from quadctl.services.runtime.errors import Invalid, Refused, Unreachable
+from quadctl.services.runtime.supervisor.control import ask_restart, wait_restarted
 
 Act = Callable[[], str]
 """Blocks until it is done, for no longer than the timeout; returns what to tell, or raises."""

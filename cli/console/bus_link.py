@@ -8,19 +8,19 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from cli.console.model import TICK, Board
-from cli.context import Options
-from schemas.messages import Pose, Position, Pressure, SafetyState
-from schemas.services import GetParamsRequest
-from schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
-from services.runtime import run_files
-from services.runtime.bus.client import Client
-from services.runtime.bus.streams import Readings
-from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.params import live
-from services.runtime.params.names import flatten
-from services.runtime.realm import Realm
-from services.runtime.run_files import UNSERVED
+from quadctl.cli.console.model import TICK, Board
+from quadctl.cli.context import Options
+from quadctl.schemas.messages import Pose, Position, Pressure, SafetyState
+from quadctl.schemas.services import GetParamsRequest
+from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.streams import Readings
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
+from quadctl.services.runtime.params import live
+from quadctl.services.runtime.params.names import flatten
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import UNSERVED
 
 T = TypeVar("T")
 

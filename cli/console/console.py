@@ -11,11 +11,11 @@ from typing import Annotated
 
 from msgspec import structs
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Opt
-from services.runtime import realm
-from services.runtime.errors import AlreadyServed, QuadctlError, Unreachable, UsageError
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Opt
+from quadctl.services.runtime import realm
+from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, Unreachable, UsageError
 
 _MOST = 65_535
 
@@ -92,7 +92,7 @@ def console(
     first = options.named or there[0]
     if first not in there:
         raise Unreachable(f"there is no vehicle {first}", f"there is {realm.listed(there)}")
-    from cli.console.server import serve
+    from quadctl.cli.console.server import serve
 
     listening = bound(host, _PORT if port is None else port, exactly=port is not None)
     token = secrets.token_urlsafe(16)

@@ -8,7 +8,7 @@ from nicegui import ui
 from nicegui.awaitable_response import AwaitableResponse
 from nicegui.events import GenericEventArguments
 
-from cli.console.model import STEPS
+from quadctl.cli.console.model import STEPS
 
 
 @contextmanager

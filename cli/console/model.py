@@ -5,8 +5,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple, get_args
 
-from schemas.messages import CageSize, Pose, Position, Pressure, SafetyState, StateName
-from services.runtime.run_files import ProcessRecord
+from quadctl.schemas.messages import CageSize, Pose, Position, Pressure, SafetyState, StateName
+from quadctl.services.runtime.run_files import ProcessRecord
 
 
 class Verdict(NamedTuple):

@@ -8,15 +8,15 @@ from urllib.parse import urlencode
 
 from nicegui import run, ui
 
-from cli.console import model
-from cli.console.actions import Act, Acts, PageContext
-from cli.console.bus_link import Link
-from cli.console.elements import Live, read
-from cli.console.model import TICK
-from cli.console.panels import Faults, Flight, Journal, Processes, Safety, readings
-from cli.console.parameters_panel import Parameters
-from schemas.messages import Position
-from services.runtime.errors import QuadctlError
+from quadctl.cli.console import model
+from quadctl.cli.console.actions import Act, Acts, PageContext
+from quadctl.cli.console.bus_link import Link
+from quadctl.cli.console.elements import Live, read
+from quadctl.cli.console.model import TICK
+from quadctl.cli.console.panels import Faults, Flight, Journal, Processes, Safety, readings
+from quadctl.cli.console.parameters_panel import Parameters
+from quadctl.schemas.messages import Position
+from quadctl.services.runtime.errors import QuadctlError
 
 
 def top(page: PageContext) -> None:

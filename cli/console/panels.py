@@ -8,13 +8,13 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import GenericEventArguments, ValueChangeEventArguments
 
-from cli.console.actions import PageContext
-from cli.console.elements import Plot, Scene, card, floor_point, read
-from cli.console.model import Glance, Sample, Verdict, clicked, drawing, stepped
-from cli.console.settings import tables
-from cli.fault.catalogue import FAULTS, Fault, active
-from schemas.messages import Position
-from services.runtime.run_files import ProcessRecord
+from quadctl.cli.console.actions import PageContext
+from quadctl.cli.console.elements import Plot, Scene, card, floor_point, read
+from quadctl.cli.console.model import Glance, Sample, Verdict, clicked, drawing, stepped
+from quadctl.cli.console.settings import tables
+from quadctl.cli.fault.catalogue import FAULTS, Fault, active
+from quadctl.schemas.messages import Position
+from quadctl.services.runtime.run_files import ProcessRecord
 
 
 class Faults:

@@ -5,10 +5,10 @@ from typing import Any
 
 from nicegui import ui
 
-from cli.console.actions import PageContext
-from cli.console.elements import card
-from cli.console.model import Glance
-from cli.console.settings import Setting, shown, tables
+from quadctl.cli.console.actions import PageContext
+from quadctl.cli.console.elements import card
+from quadctl.cli.console.model import Glance
+from quadctl.cli.console.settings import Setting, shown, tables
 
 Field = ui.switch | ui.select | ui.input
 

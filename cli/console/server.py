@@ -12,11 +12,11 @@ import uvicorn
 from fastapi import FastAPI, Request
 from nicegui import ui
 
-from cli import context
-from cli.console.bus_link import Link
-from cli.console.page import Page
-from cli.context import Options
-from services.runtime.errors import QuadctlError
+from quadctl.cli import context
+from quadctl.cli.console.bus_link import Link
+from quadctl.cli.console.page import Page
+from quadctl.cli.context import Options
+from quadctl.services.runtime.errors import QuadctlError
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]

@@ -5,11 +5,11 @@ from typing import Any, Literal
 
 from msgspec import Struct, inspect
 
-from schemas.typeinfo import bounds_text, type_name
-from services.runtime.errors import Invalid
-from services.runtime.params import catalogue
-from services.runtime.params.catalogue import Entry, fixed_at_launch
-from services.runtime.params.names import value_of
+from quadctl.schemas.typeinfo import bounds_text, type_name
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch
+from quadctl.services.runtime.params.names import value_of
 
 Way = Literal["switch", "choice", "text"]
 

@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from cli.vehicle.goto import Flight, distance, patience
-from schemas.messages import Pose, Position, Pressure
-from schemas.params import Params
-from schemas.services import CalibrateRequest, GotoRequest, ToggleCageRequest
-from schemas.topics import CALIBRATE, GOTO, POSE, PRESSURE, STATE, TOGGLE_CAGE
-from services.runtime.bus import codec
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError
+from quadctl.cli.vehicle.goto import Flight, distance, patience
+from quadctl.schemas.messages import Pose, Position, Pressure
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import CalibrateRequest, GotoRequest, ToggleCageRequest
+from quadctl.schemas.topics import CALIBRATE, GOTO, POSE, PRESSURE, STATE, TOGGLE_CAGE
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError
 
 TOUR = (Position(-3.0, -2.0, 1.5), Position(-2.0, 3.0, 0.8), Position(1.0, 2.0, 1.0))
 HOME = TOUR[-1]

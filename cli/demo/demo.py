@@ -5,15 +5,15 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-from cli import output
-from cli.context import Options, here
-from cli.declarations import Opt
-from cli.demo.checkpoints import CHECKPOINTS, Lab
-from cli.temporary_run import run_of_its_own
-from services.runtime.bus.client import Client
-from services.runtime.params.catalogue import lab_params
-from services.runtime.realm import DEFAULT
-from services.runtime.supervisor.launch import Launch
+from quadctl.cli import output
+from quadctl.cli.context import Options, here
+from quadctl.cli.declarations import Opt
+from quadctl.cli.demo.checkpoints import CHECKPOINTS, Lab
+from quadctl.cli.temporary_run import run_of_its_own
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.params.catalogue import lab_params
+from quadctl.services.runtime.realm import DEFAULT
+from quadctl.services.runtime.supervisor.launch import Launch
 
 _FAULT_FOUND = 8
 
@@ -29,8 +29,8 @@ def demo(
     Example: quadctl demo --picture flight.svg
     """
     here(options, "demo")
-    from cli.plot.figure import draw
-    from cli.plot.track import Flight, wanted
+    from quadctl.cli.plot.figure import draw
+    from quadctl.cli.plot.track import Flight, wanted
 
     params = lab_params()
     vehicle = options.named or DEFAULT

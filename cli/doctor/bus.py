@@ -5,18 +5,27 @@ from typing import Any
 
 from msgspec import Struct
 
-from cli.doctor.check import Check, alone, failed, passed, warned
-from cli.doctor.run import Settings, faults, parameters
-from schemas.barometer import AIR
-from schemas.keyexpr import Offer
-from schemas.messages import Pressure
-from schemas.topics import POSE, PRESSURE, SERVICES, STATE, TOPICS, Service, get_params, set_params
-from schemas.typeinfo import schema_hash
-from services.runtime.bus import codec
-from services.runtime.bus.survey import Heard, Survey
-from services.runtime.errors import Invalid, QuadctlError, TimedOut
-from services.runtime.process_table import NODES
-from services.runtime.run_files import RunRecord
+from quadctl.cli.doctor.check import Check, alone, failed, passed, warned
+from quadctl.cli.doctor.run import Settings, faults, parameters
+from quadctl.schemas.barometer import AIR
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.messages import Pressure
+from quadctl.schemas.topics import (
+    POSE,
+    PRESSURE,
+    SERVICES,
+    STATE,
+    TOPICS,
+    Service,
+    get_params,
+    set_params,
+)
+from quadctl.schemas.typeinfo import schema_hash
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.survey import Heard, Survey
+from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.run_files import RunRecord
 
 _ALIKE = 8
 """So many readings that are the same to the last bit come from no sensor: each has noise, and of the

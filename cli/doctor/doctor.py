@@ -5,17 +5,17 @@ import sys
 import time
 from collections.abc import Iterator
 
-from cli import output
-from cli.context import Options
-from cli.doctor import run
-from cli.doctor.bus import bus
-from cli.doctor.check import Check, failed, text_of, with_options
-from cli.doctor.gather import Facts, Place, gather
-from cli.doctor.host import clock, disk, load
-from cli.doctor.installation import environment, installation
-from cli.doctor.run import parameter_file
-from services.runtime.errors import UsageError
-from services.runtime.realm import default_name
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.doctor import run
+from quadctl.cli.doctor.bus import bus
+from quadctl.cli.doctor.check import Check, failed, text_of, with_options
+from quadctl.cli.doctor.gather import Facts, Place, gather
+from quadctl.cli.doctor.host import clock, disk, load
+from quadctl.cli.doctor.installation import environment, installation
+from quadctl.cli.doctor.run import parameter_file
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.realm import default_name
 
 _FAULT_FOUND = 8
 

@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from cli.context import Options, hub_alone
-from cli.doctor.host import (
+from quadctl.cli.context import Options, hub_alone
+from quadctl.cli.doctor.host import (
     Disk,
     Folder,
     Neighbours,
@@ -17,13 +17,13 @@ from cli.doctor.host import (
     neighbours,
     process,
 )
-from cli.doctor.installation import Installed, installed
-from cli.doctor.run import Settings, settings
-from services.runtime.bus.session import Address, address_of
-from services.runtime.bus.survey import Survey, survey
-from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
-from services.runtime.realm import DEFAULT, Realm
-from services.runtime.run_files import RunRecord
+from quadctl.cli.doctor.installation import Installed, installed
+from quadctl.cli.doctor.run import Settings, settings
+from quadctl.services.runtime.bus.session import Address, address_of
+from quadctl.services.runtime.bus.survey import Survey, survey
+from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
+from quadctl.services.runtime.realm import DEFAULT, Realm
+from quadctl.services.runtime.run_files import RunRecord
 
 _MARGIN = 0.1
 """Seconds of the timeout kept for what comes after: judging and printing."""

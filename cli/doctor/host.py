@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from cli.doctor.check import Check, failed, passed, warned
-from services.runtime.filelock import FileLock
-from services.runtime.procfs import pss_of, stats_of
-from services.runtime.realm import Realm
-from services.runtime.run_files import RunRecord, is_live
+from quadctl.cli.doctor.check import Check, failed, passed, warned
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.procfs import pss_of, stats_of
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import RunRecord, is_live
 
 
 class Process(NamedTuple):

@@ -15,7 +15,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
-from cli.doctor.check import Check, failed, passed, warned
+from quadctl.cli.doctor.check import Check, failed, passed, warned
 
 _REQUIREMENT = re.compile(r"\s*([A-Za-z0-9._-]+)\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)\)?\s*(;.*)?")
 _BOUND = re.compile(r"(>=|<=|==|!=|~=|>|<)\s*v?([0-9.]+)")
@@ -68,8 +68,8 @@ def _padded(release: tuple[int, ...], length: int) -> tuple[int, ...]:
     return release + (0,) * (length - len(release))
 
 
-PACKAGES = ("services", "schemas", "cli")
-"""Our top-level packages, whose names are anybody's."""
+PACKAGES = ("quadctl",)
+"""Our top-level packages: an older release had others."""
 
 
 class Installed(NamedTuple):
@@ -103,7 +103,7 @@ def installed() -> Installed:
         needed_python=ours.metadata["Requires-Python"] or "",
         versions={"quadctl": ours.version, **{r.name: _version(r.name) for r in required}},
         requirements=required,
-        folder=str(Path(__file__).resolve().parents[2]),
+        folder=str(Path(str(sys.modules["quadctl"].__file__)).resolve().parents[1]),
         found={name: _origin(name, path) for name in PACKAGES},
         here={name: _origin(name, ["", *path]) for name in PACKAGES},
         claimed={name: sorted(set(owners.get(name, ())) - {"quadctl"}) for name in PACKAGES},

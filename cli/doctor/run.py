@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cli.doctor.check import Check, failed, passed, warned
-from cli.doctor.host import Folder, Neighbours, Process
-from cli.fault.catalogue import active
-from services.runtime.errors import Invalid
-from services.runtime.params.load import load_vehicles
-from services.runtime.params.names import flatten
-from services.runtime.realm import listed
-from services.runtime.run_files import ProcessRecord
+from quadctl.cli.doctor.check import Check, failed, passed, warned
+from quadctl.cli.doctor.host import Folder, Neighbours, Process
+from quadctl.cli.fault.catalogue import active
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.load import load_vehicles
+from quadctl.services.runtime.params.names import flatten
+from quadctl.services.runtime.realm import listed
+from quadctl.services.runtime.run_files import ProcessRecord
 
 FILE = Path("quad.toml")
 _SHOWN = 5

@@ -3,21 +3,21 @@
 import time
 from typing import Annotated, Any
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Arg
-from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES, Fault, active
-from cli.node.control import signalled
-from schemas.services import GetParamsRequest, SetParamsRequest
-from schemas.topics import get_params, set_params
-from services.runtime import procfs, run_files
-from services.runtime import run_files as files
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, Unreachable, UsageError
-from services.runtime.params.names import flatten, nearest
-from services.runtime.process_table import NODES
-from services.runtime.realm import Realm
-from services.runtime.run_files import RunRecord
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg
+from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES, Fault, active
+from quadctl.cli.node.control import signalled
+from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
+from quadctl.schemas.topics import get_params, set_params
+from quadctl.services.runtime import procfs, run_files
+from quadctl.services.runtime import run_files as files
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, Unreachable, UsageError
+from quadctl.services.runtime.params.names import flatten, nearest
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import RunRecord
 
 
 def kept(options: Options) -> dict[str, Any]:
@@ -35,9 +35,9 @@ def values_of(realm: Realm, vehicle: str) -> dict[str, Any]:
 
 
 def _asked(options: Options) -> dict[str, Any]:
-    from cli import context
-    from schemas.services import GetParamsRequest
-    from schemas.topics import get_params
+    from quadctl.cli import context
+    from quadctl.schemas.services import GetParamsRequest
+    from quadctl.schemas.topics import get_params
 
     with context.connect(options) as client:
         replies = [

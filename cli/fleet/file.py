@@ -15,13 +15,13 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from schemas.messages import Position
-from schemas.units import Metres
-from services.runtime.errors import Invalid, UsageError
-from services.runtime.params import catalogue, load
-from services.runtime.params.names import nearest
-from services.runtime.realm import vehicle_name
-from services.runtime.security import endpoints
+from quadctl.schemas.messages import Position
+from quadctl.schemas.units import Metres
+from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.params import catalogue, load
+from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.realm import vehicle_name
+from quadctl.services.runtime.security import endpoints
 
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'

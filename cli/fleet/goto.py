@@ -8,19 +8,19 @@ from typing import Annotated, Any
 
 from msgspec import Struct
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Arg, Opt, is_number
-from cli.fleet.file import Fleet, Member
-from cli.fleet.hubs import File, Hubs, fail, fleet_of, nobody_sent, row
-from cli.progress import Board
-from cli.vehicle.goto import Flight, check_arrive, patience, request_of
-from schemas.messages import Position
-from schemas.services import GotoRequest, GotoResponse
-from schemas.topics import GOTO, STATE
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Refused, UsageError
-from services.runtime.params.names import nearest
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg, Opt, is_number
+from quadctl.cli.fleet.file import Fleet, Member
+from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, nobody_sent, row
+from quadctl.cli.progress import Board
+from quadctl.cli.vehicle.goto import Flight, check_arrive, patience, request_of
+from quadctl.schemas.messages import Position
+from quadctl.schemas.services import GotoRequest, GotoResponse
+from quadctl.schemas.topics import GOTO, STATE
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, UsageError
+from quadctl.services.runtime.params.names import nearest
 
 _HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet goto --help`"
 

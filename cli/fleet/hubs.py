@@ -11,16 +11,16 @@ from typing import Annotated, Any, Self, TypeVar
 
 from msgspec import structs
 
-from cli import context, output
-from cli.concurrent import Heard, ask_each
-from cli.context import Options
-from cli.declarations import Opt
-from cli.fleet import file as fleet_file
-from cli.fleet.file import Fleet, Member
-from services.runtime import realm
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
-from services.runtime.realm import Realm
+from quadctl.cli import context, output
+from quadctl.cli.concurrent import Heard, ask_each
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Opt
+from quadctl.cli.fleet import file as fleet_file
+from quadctl.cli.fleet.file import Fleet, Member
+from quadctl.services.runtime import realm
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
+from quadctl.services.runtime.realm import Realm
 
 T = TypeVar("T")
 

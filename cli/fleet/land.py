@@ -3,18 +3,18 @@
 import time
 from typing import Annotated
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Opt
-from cli.fleet.file import Member
-from cli.fleet.hubs import File, Hubs, fail, fleet_of, row
-from cli.progress import Board
-from cli.vehicle.goto import Flight, check_arrive, distance, patience
-from schemas.messages import Pose, Position, SafetyState
-from schemas.services import GotoRequest, HoldRequest
-from schemas.topics import GOTO, HOLD, POSE, STATE
-from services.runtime.bus.client import Client
-from services.runtime.errors import Refused
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Opt
+from quadctl.cli.fleet.file import Member
+from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, row
+from quadctl.cli.progress import Board
+from quadctl.cli.vehicle.goto import Flight, check_arrive, distance, patience
+from quadctl.schemas.messages import Pose, Position, SafetyState
+from quadctl.schemas.services import GotoRequest, HoldRequest
+from quadctl.schemas.topics import GOTO, HOLD, POSE, STATE
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Refused
 
 
 def hold(options: Options, file: File = None) -> None:

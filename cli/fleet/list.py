@@ -4,16 +4,16 @@ import time
 
 from msgspec import Struct
 
-from cli import output
-from cli.context import Options
-from cli.fleet.file import Member
-from cli.fleet.hubs import File, Hubs, fail, fleet_of, hub_of, row
-from schemas.messages import Pose, Position, SafetyState
-from schemas.topics import POSE, STATE
-from services.runtime.bus import codec
-from services.runtime.bus.client import Client
-from services.runtime.bus.streams import Message, Stream
-from services.runtime.errors import QuadctlError
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.fleet.file import Member
+from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, hub_of, row
+from quadctl.schemas.messages import Pose, Position, SafetyState
+from quadctl.schemas.topics import POSE, STATE
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.streams import Message, Stream
+from quadctl.services.runtime.errors import QuadctlError
 
 
 class _Heard(Struct, frozen=True):

@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
-from schemas.messages import Pose, Pressure, SafetyState, without_wording
-from schemas.topics import period
-from services.runtime.errors import QuadctlError
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, without_wording
+from quadctl.schemas.topics import period
+from quadctl.services.runtime.errors import QuadctlError
 
 _POSE = struct.Struct("<Q14d")
 _PRESSURE = struct.Struct("<3dQd")

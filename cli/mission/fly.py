@@ -10,13 +10,13 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Arg
-from cli.mission.digest import Record
-from cli.mission.mission import Mission, Row, mission
-from cli.progress import Progress
-from schemas.services import (
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg
+from quadctl.cli.mission.digest import Record
+from quadctl.cli.mission.mission import Mission, Row, mission
+from quadctl.cli.progress import Progress
+from quadctl.schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
     GetParamsRequest,
@@ -24,7 +24,7 @@ from schemas.services import (
     ResetRequest,
     ToggleCageRequest,
 )
-from schemas.topics import (
+from quadctl.schemas.topics import (
     CALIBRATE,
     POSE,
     PRESSURE,
@@ -34,10 +34,10 @@ from schemas.topics import (
     Topic,
     get_params,
 )
-from services.runtime.bus.client import Client
-from services.runtime.bus.scheduled_calls import Ahead
-from services.runtime.errors import QuadctlError, Refused, TimedOut
-from services.runtime.params.load import read
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.scheduled_calls import Ahead
+from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut
+from quadctl.services.runtime.params.load import read
 
 NODES = ("dynamics", "pressure", "safety")
 _BACKLOG = 200_000

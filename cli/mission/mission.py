@@ -13,11 +13,11 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
-from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE, Service
-from schemas.units import Metres
-from services.runtime.errors import Invalid
-from services.runtime.params.names import nearest
+from quadctl.schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
+from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE, Service
+from quadctl.schemas.units import Metres
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.names import nearest
 
 AFTER = 5.0
 """A mission that does not say when it ends does so this long (simulated s) after its last row."""

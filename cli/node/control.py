@@ -6,16 +6,16 @@ import sys
 import time
 from typing import Annotated
 
-from cli import context, output
-from cli.context import Options, here
-from cli.declarations import Arg, Opt
-from services.runtime import run_files
-from services.runtime.errors import TimedOut, Unreachable, UsageError
-from services.runtime.params.names import nearest, normal_name
-from services.runtime.procfs import is_frozen, parent_of
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord, RunRecord
-from services.runtime.supervisor.control import ask_restart, wait_restarted
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, here
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import TimedOut, Unreachable, UsageError
+from quadctl.services.runtime.params.names import nearest, normal_name
+from quadctl.services.runtime.procfs import is_frozen, parent_of
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.supervisor.control import ask_restart, wait_restarted
 
 
 def restart(

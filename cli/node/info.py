@@ -5,14 +5,14 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Arg
-from cli.node.lookup import Seen, answering, connected, params_of, run_of, see
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError
-from services.runtime.procfs import ProcessStats, pss_of, stats_of
-from services.runtime.run_files import ProcessRecord
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg
+from quadctl.cli.node.lookup import Seen, answering, connected, params_of, run_of, see
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.procfs import ProcessStats, pss_of, stats_of
+from quadctl.services.runtime.run_files import ProcessRecord
 
 
 def list_(options: Options) -> None:

@@ -6,13 +6,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, BinaryIO, Self
 
-from cli import context, output
-from cli.context import Options, here
-from cli.declarations import Arg, Opt
-from services.runtime import run_files
-from services.runtime.errors import Unreachable
-from services.runtime.params.names import nearest, normal_name
-from services.runtime.realm import Realm
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, here
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import Unreachable
+from quadctl.services.runtime.params.names import nearest, normal_name
+from quadctl.services.runtime.realm import Realm
 
 
 class Tail:

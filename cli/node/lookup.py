@@ -5,18 +5,18 @@ from typing import Any
 
 from msgspec import Struct
 
-from cli.context import Options
-from schemas.keyexpr import Offer
-from schemas.services import GetParamsRequest
-from schemas.topics import get_params
-from services.runtime import run_files
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError, TimedOut, Unreachable
-from services.runtime.params.names import nearest, normal_name
-from services.runtime.process_table import NODES
-from services.runtime.procfs import has_ended
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.cli.context import Options
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.services import GetParamsRequest
+from quadctl.schemas.topics import get_params
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.params.names import nearest, normal_name
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.procfs import has_ended
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
 
 
 class Seen(Struct, frozen=True):

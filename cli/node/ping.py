@@ -4,14 +4,14 @@ import contextlib
 import time
 from typing import Annotated
 
-from cli import context, output
-from cli.concurrent import Heard, ask_each
-from cli.context import Options
-from cli.declarations import Arg, Opt
-from cli.node.lookup import answering, params_of, run_of, see
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
-from services.runtime.run_files import ProcessRecord
+from quadctl.cli import context, output
+from quadctl.cli.concurrent import Heard, ask_each
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.node.lookup import answering, params_of, run_of, see
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
+from quadctl.services.runtime.run_files import ProcessRecord
 
 _LONGEST_INTERVAL = 3600.0
 

@@ -7,18 +7,18 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Struct
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Arg, Opt
-from cli.param.running import Running, Values, tables
-from cli.param.toml_edit import edited, replace
-from services.runtime.errors import Invalid, QuadctlError
-from services.runtime.files import write_new
-from services.runtime.params import catalogue
-from services.runtime.params.catalogue import fixed_at_launch, live_switch
-from services.runtime.params.load import check, gather, parse, read, read_text, said_of
-from services.runtime.params.load import of as params_of
-from services.runtime.params.names import flatten, put
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.param.running import Running, Values, tables
+from quadctl.cli.param.toml_edit import edited, replace
+from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.files import write_new
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.catalogue import fixed_at_launch, live_switch
+from quadctl.services.runtime.params.load import check, gather, parse, read, read_text, said_of
+from quadctl.services.runtime.params.load import of as params_of
+from quadctl.services.runtime.params.names import flatten, put
 
 DEFAULT_FILE = Path("quad.toml")
 

@@ -2,18 +2,18 @@
 
 from typing import Annotated, Any
 
-from cli import context, output
-from cli.concurrent import Heard
-from cli.context import Options
-from cli.declarations import Arg
-from cli.param.running import ALL, Running, Values
-from schemas.params import FROM_STANDSTILL
-from schemas.typeinfo import bounds_text, type_name
-from services.runtime.errors import Invalid, TimedOut, Unreachable
-from services.runtime.params import catalogue
-from services.runtime.params.catalogue import Entry, fixed_at_launch
-from services.runtime.params.names import normal_name
-from services.runtime.run_files import UNSERVED
+from quadctl.cli import context, output
+from quadctl.cli.concurrent import Heard
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg
+from quadctl.cli.param.running import ALL, Running, Values
+from quadctl.schemas.params import FROM_STANDSTILL
+from quadctl.schemas.typeinfo import bounds_text, type_name
+from quadctl.services.runtime.errors import Invalid, TimedOut, Unreachable
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch
+from quadctl.services.runtime.params.names import normal_name
+from quadctl.services.runtime.run_files import UNSERVED
 
 
 def describe(
@@ -45,7 +45,7 @@ def _leaves(name: str) -> list[Entry]:
     leaves = catalogue.leaves().values()
     part = [leaf for leaf in leaves if leaf.name == name or leaf.name.startswith(f"{name}.")]
     if not part:
-        from services.runtime.params.load import nearest_declared
+        from quadctl.services.runtime.params.load import nearest_declared
 
         raise Invalid(f"there is no parameter {name}", nearest_declared(name))
     return part

@@ -4,18 +4,18 @@ import time
 from collections.abc import Collection, Iterable
 from typing import Any, Self
 
-from cli import context
-from cli.concurrent import Heard, ask_each
-from cli.context import Options
-from schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
-from schemas.topics import get_params, set_params
-from services.runtime import run_files
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Unreachable
-from services.runtime.params.names import flatten, nearest, normal_name
-from services.runtime.process_table import NODES
-from services.runtime.realm import Realm
-from services.runtime.run_files import UNSERVED, not_running
+from quadctl.cli import context
+from quadctl.cli.concurrent import Heard, ask_each
+from quadctl.cli.context import Options
+from quadctl.schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
+from quadctl.schemas.topics import get_params, set_params
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
+from quadctl.services.runtime.params.names import flatten, nearest, normal_name
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import UNSERVED, not_running
 
 
 def nodes_with_params(client: Client) -> list[str]:
@@ -43,7 +43,7 @@ ALL = ""
 
 def tables() -> tuple[str, ...]:
     """Every table of the file; only some commands need to know them, and pay for the import."""
-    from schemas.params import Params
+    from quadctl.schemas.params import Params
 
     return Params.__struct_fields__
 
@@ -154,7 +154,7 @@ def _all_of(heard: Heard[Values]) -> Values:
 def _leaves(found: Values, name: str) -> list[str]:
     leaves = [leaf for leaf in found if _in(name, leaf)]
     if not leaves:
-        from services.runtime.params.load import nearest_declared
+        from quadctl.services.runtime.params.load import nearest_declared
 
         raise Invalid(f"there is no parameter {name}", nearest_declared(name))
     return leaves

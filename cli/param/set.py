@@ -2,15 +2,15 @@
 
 from typing import Annotated
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Arg
-from cli.param.running import Running, Values, node_of, tables
-from cli.values import parameter
-from services.runtime.errors import Invalid, UsageError
-from services.runtime.params import catalogue
-from services.runtime.params.names import flatten, normal_name
-from services.runtime.run_files import UNSERVED
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg
+from quadctl.cli.param.running import Running, Values, node_of, tables
+from quadctl.cli.values import parameter
+from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.names import flatten, normal_name
+from quadctl.services.runtime.run_files import UNSERVED
 
 
 def set_(
@@ -61,7 +61,7 @@ def set_(
 
 def _way_out(values: Values) -> str:
     """What helps where a node has refused values: its reason says no more than what is wrong."""
-    from services.runtime.params import catalogue
+    from quadctl.services.runtime.params import catalogue
 
     leaves = {normal_name(name): value for name, value in flatten(values)}
     if switch := next(filter(None, map(catalogue.live_switch, leaves)), ""):

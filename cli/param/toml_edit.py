@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from services.runtime.errors import Invalid
+from quadctl.services.runtime.errors import Invalid
 
 
 def edited(text: str, values: dict[str, Any]) -> str:

@@ -5,9 +5,9 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
-from cli.plot.track import Flight, Phase, Spot, Track
-from schemas.messages import CageSize
-from services.runtime.errors import Invalid, QuadctlError
+from quadctl.cli.plot.track import Flight, Phase, Spot, Track
+from quadctl.schemas.messages import CageSize
+from quadctl.services.runtime.errors import Invalid, QuadctlError
 
 CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
 STATES = {"HOVERING": "#c9d1d9", "VERIFYING": "#d4a72c", "MOVING": "#79c0ff"}

@@ -4,13 +4,13 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-from cli import context, output
-from cli.context import LONGEST_TIMEOUT, Options
-from cli.declarations import Arg, Opt
-from cli.plot.track import Flight, wanted
-from cli.progress import Progress
-from schemas.topics import POSE
-from services.runtime.errors import Invalid, UsageError
+from quadctl.cli import context, output
+from quadctl.cli.context import LONGEST_TIMEOUT, Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.plot.track import Flight, wanted
+from quadctl.cli.progress import Progress
+from quadctl.schemas.topics import POSE
+from quadctl.services.runtime.errors import Invalid, UsageError
 
 
 def plot(
@@ -34,7 +34,7 @@ def plot(
         raise UsageError("what is to be drawn?", "name a recording, or give --live")
     if not 0 < duration <= LONGEST_TIMEOUT:
         raise Invalid(f"--duration {duration:g}: not a time", "give seconds, more than 0")
-    from cli.plot.figure import draw
+    from quadctl.cli.plot.figure import draw
 
     target = picture or (file.with_suffix(".png") if file else Path("live.png"))
     flight = _recorded(file) if file else _live(options, duration)
@@ -52,7 +52,7 @@ def plot(
 
 
 def _recorded(file: Path) -> Flight:
-    from services.runtime.recording.reader import Bag
+    from quadctl.services.runtime.recording.reader import Bag
 
     flight, bag = Flight(), Bag(file)
     for message in bag.messages():

@@ -5,10 +5,18 @@ from typing import Any, NamedTuple
 
 from msgspec import Struct
 
-from schemas.messages import CageSize, Called, Pose, Position, Pressure, SafetyState, Waypoint
-from schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, called, topic_of
-from services.runtime.bus import codec
-from services.runtime.errors import Invalid
+from quadctl.schemas.messages import (
+    CageSize,
+    Called,
+    Pose,
+    Position,
+    Pressure,
+    SafetyState,
+    Waypoint,
+)
+from quadctl.schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, called, topic_of
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import Invalid
 
 
 class Spot(NamedTuple):

@@ -12,12 +12,12 @@ from typing import Annotated, Any, Self
 
 import msgspec
 
-from cli import context, output
-from cli.context import LONGEST_TIMEOUT, Options, about_topic, anyone
-from cli.declarations import Arg, Opt
-from cli.names import checked_key
-from services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
-from services.runtime.files import taken
+from quadctl.cli import context, output
+from quadctl.cli.context import LONGEST_TIMEOUT, Options, about_topic, anyone
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.names import checked_key
+from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
+from quadctl.services.runtime.files import taken
 
 ENDING = ".mcap"
 
@@ -43,7 +43,7 @@ class Recorder:
     def __init__(
         self, options: Options, file: Path, keys: list[str], duration: float | None
     ) -> None:
-        command = [sys.executable, "-P", "-m", "services.recorder", "--attended"]
+        command = [sys.executable, "-P", "-m", "quadctl.services.recorder", "--attended"]
         command += ["--realm", options.realm, "--vehicle", options.vehicle, "-o", str(file)]
         command += ["--connect", options.connect] if options.connect else []
         command += [word for key in keys for word in ("--key", key)]
@@ -122,7 +122,7 @@ def record(
     options = anyone(options)
     path = file or default_file()
     free(path)
-    from services.runtime.security import permissions
+    from quadctl.services.runtime.security import permissions
 
     with context.connect(options) as client:
         # Whether there is anything to record is known here, and said better.

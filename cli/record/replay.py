@@ -6,22 +6,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
-from cli import context, output
-from cli.concurrent import Pace
-from cli.context import Options, about_topic, anyone
-from cli.declarations import Arg, Opt
-from cli.names import checked_key
-from cli.progress import Progress
-from cli.temporary_run import run_of_its_own
-from schemas.params import Params
-from services.runtime.bus.client import Client
-from services.runtime.bus.liveliness import covers
-from services.runtime.errors import Invalid
-from services.runtime.process_table import NODES
-from services.runtime.realm import Realm
-from services.runtime.recording.reader import Bag, Recorded
-from services.runtime.run_files import is_live
-from services.runtime.supervisor.launch import Launch
+from quadctl.cli import context, output
+from quadctl.cli.concurrent import Pace
+from quadctl.cli.context import Options, about_topic, anyone
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.names import checked_key
+from quadctl.cli.progress import Progress
+from quadctl.cli.temporary_run import run_of_its_own
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.liveliness import covers
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.recording.reader import Bag, Recorded
+from quadctl.services.runtime.run_files import is_live
+from quadctl.services.runtime.supervisor.launch import Launch
 
 _SHOWN_EVERY = 0.1
 

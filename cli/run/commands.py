@@ -6,18 +6,18 @@ from typing import Annotated
 
 import msgspec
 
-from cli import output
-from cli.context import Options, here
-from cli.declarations import Arg
-from cli.fault.catalogue import active
-from cli.fault.fault import frozen_of, values_of
-from cli.output import duration
-from services.runtime import run_files
-from services.runtime.files import write_new
-from services.runtime.procfs import stats_of
-from services.runtime.realm import Realm, listed
-from services.runtime.run_files import ProcessRecord, RunRecord
-from services.runtime.supervisor.control import halt
+from quadctl.cli import output
+from quadctl.cli.context import Options, here
+from quadctl.cli.declarations import Arg
+from quadctl.cli.fault.catalogue import active
+from quadctl.cli.fault.fault import frozen_of, values_of
+from quadctl.cli.output import duration
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.files import write_new
+from quadctl.services.runtime.procfs import stats_of
+from quadctl.services.runtime.realm import Realm, listed
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.supervisor.control import halt
 
 
 def down(options: Options) -> None:
@@ -41,7 +41,7 @@ def init(
 
     Example: quadctl init my_lab.toml
     """
-    from services.runtime.params.catalogue import render
+    from quadctl.services.runtime.params.catalogue import render
 
     write_new(file, render())
     output.either(options, {"file": str(file)}, f"wrote {file}")

@@ -13,15 +13,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import NamedTuple, Self, TextIO
 
-from cli.output import duration
-from cli.run.usage import Shares
-from services.runtime.procfs import stats_of
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord
-from services.runtime.supervisor.launch import Launch
-from services.runtime.supervisor.logs import Printer
-from services.runtime.supervisor.probes import Rates
-from services.runtime.supervisor.supervisor import Supervisor
+from quadctl.cli.output import duration
+from quadctl.cli.run.usage import Shares
+from quadctl.services.runtime.procfs import stats_of
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.supervisor.logs import Printer
+from quadctl.services.runtime.supervisor.probes import Rates
+from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 _ESCAPES = re.compile(r"\033\[[0-9;]*m")
 _CLEAR_LINE, _CLEAR_BELOW = "\033[K", "\033[J"

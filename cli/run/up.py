@@ -9,19 +9,19 @@ from typing import Annotated
 
 from msgspec import structs
 
-from cli import output
-from cli.context import Options
-from cli.declarations import Arg, Opt
-from cli.run.commands import status
-from cli.run.screen import Screen, for_lines, is_live
-from services.runtime.params import load
-from services.runtime.process_table import NODES
-from services.runtime.realm import DEFAULT, HUB_ALONE
-from services.runtime.supervisor import capacity
-from services.runtime.supervisor import supervisor as running
-from services.runtime.supervisor.daemon import detach as in_background
-from services.runtime.supervisor.launch import Launch
-from services.runtime.supervisor.supervisor import Supervisor
+from quadctl.cli import output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.run.commands import status
+from quadctl.cli.run.screen import Screen, for_lines, is_live
+from quadctl.services.runtime.params import load
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
+from quadctl.services.runtime.supervisor import capacity
+from quadctl.services.runtime.supervisor import supervisor as running
+from quadctl.services.runtime.supervisor.daemon import detach as in_background
+from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 _DEFAULT_FILE = Path("quad.toml")
 Detach = Annotated[bool, Opt("Return when all processes are ready.", ("--detach", "-d"))]
@@ -100,7 +100,7 @@ def begin(launch: Launch, options: Options, *, detach: bool) -> None:
 
 def _recording(name: str) -> str:
     """The file to record to, its name whole: the recorder works in a folder of its own."""
-    from cli.record.record import default_file, free
+    from quadctl.cli.record.record import default_file, free
 
     file = Path(name) if name else default_file()
     free(file)

@@ -4,17 +4,17 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import context, output
-from cli.context import Options, about_service
-from cli.declarations import Arg, Opt
-from cli.names import checked_key, find_service
-from cli.values import is_type, message_of, table_of
-from schemas.keyexpr import Offer
-from schemas.topics import SERVICES, STATE, Service
-from services.runtime.bus.client import Client
-from services.runtime.bus.codec import plain
-from services.runtime.errors import Invalid, Refused, Unreachable, UsageError
-from services.runtime.params.names import nearest
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, about_service
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.names import checked_key, find_service
+from quadctl.cli.values import is_type, message_of, table_of
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.topics import SERVICES, STATE, Service
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.codec import plain
+from quadctl.services.runtime.errors import Invalid, Refused, Unreachable, UsageError
+from quadctl.services.runtime.params.names import nearest
 
 _MARK = "@srv/"
 

@@ -2,12 +2,12 @@
 
 from typing import Annotated
 
-from cli import context, output
-from cli.context import Options, about_service
-from cli.declarations import Arg
-from cli.service import call
-from schemas.typeinfo import service_definition
-from services.runtime.errors import Unreachable
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, about_service
+from quadctl.cli.declarations import Arg
+from quadctl.cli.service import call
+from quadctl.schemas.typeinfo import service_definition
+from quadctl.services.runtime.errors import Unreachable
 
 
 def list_(options: Options) -> None:

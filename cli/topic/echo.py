@@ -5,16 +5,16 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import context, output
-from cli.context import Options, about_topic
-from cli.declarations import Arg, Opt
-from cli.names import checked_key
-from schemas.topics import TOPICS, topic_of
-from services.runtime.bus import codec
-from services.runtime.bus.client import Client
-from services.runtime.bus.codec import plain, unreadable
-from services.runtime.bus.streams import Message
-from services.runtime.errors import Invalid, UsageError
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, about_topic
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.names import checked_key
+from quadctl.schemas.topics import TOPICS, topic_of
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.codec import plain, unreadable
+from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.errors import Invalid, UsageError
 
 
 def split(name: str) -> tuple[str, str]:

@@ -2,15 +2,15 @@
 
 from typing import Annotated, Any
 
-from cli import context, output
-from cli.context import Options, about_topic
-from cli.declarations import Arg
-from cli.names import single_key
-from schemas.keyexpr import Offer
-from schemas.topics import TOPICS, Topic, topic_of
-from schemas.typeinfo import definition, schema_hash
-from services.runtime.errors import Unreachable
-from services.runtime.params.names import nearest
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, about_topic
+from quadctl.cli.declarations import Arg
+from quadctl.cli.names import single_key
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.topics import TOPICS, Topic, topic_of
+from quadctl.schemas.typeinfo import definition, schema_hash
+from quadctl.services.runtime.errors import Unreachable
+from quadctl.services.runtime.params.names import nearest
 
 
 def list_(options: Options) -> None:
@@ -68,7 +68,7 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
 def _may_publish(options: Options, key: str) -> bool:
     if not options.connect:
         return True
-    from services.runtime.security import permissions
+    from quadctl.services.runtime.security import permissions
 
     return permissions.allows(options.connect, "publish", key)
 

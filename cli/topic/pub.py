@@ -5,17 +5,17 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from cli import context, output
-from cli.concurrent import Pace
-from cli.context import Options, about_topic
-from cli.declarations import Arg, Opt, is_number
-from cli.names import single_key
-from cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
-from schemas.topics import TOPICS, Topic, topic_of
-from services.runtime.bus import codec
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
-from services.runtime.params.names import nearest
+from quadctl.cli import context, output
+from quadctl.cli.concurrent import Pace
+from quadctl.cli.context import Options, about_topic
+from quadctl.cli.declarations import Arg, Opt, is_number
+from quadctl.cli.names import single_key
+from quadctl.cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
+from quadctl.schemas.topics import TOPICS, Topic, topic_of
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
+from quadctl.services.runtime.params.names import nearest
 
 _ONCE = "-1"
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
-from cli import context, output
-from cli.context import Options, about_topic
-from cli.declarations import Arg, Opt
-from cli.names import checked_key
-from services.runtime.bus.streams import Message
-from services.runtime.errors import Invalid
+from quadctl.cli import context, output
+from quadctl.cli.context import Options, about_topic
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.names import checked_key
+from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.errors import Invalid
 
 
 class Heard(NamedTuple):

@@ -3,15 +3,15 @@
 import time
 from typing import Annotated
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Opt
-from schemas.messages import Pressure, SafetyState
-from schemas.services import CalibrateRequest, HoldRequest, ResetRequest, ToggleCageRequest
-from schemas.topics import CALIBRATE, HOLD, PRESSURE, RESET, STATE, TOGGLE_CAGE
-from services.runtime.bus.client import Client
-from services.runtime.bus.streams import Readings
-from services.runtime.errors import QuadctlError
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Opt
+from quadctl.schemas.messages import Pressure, SafetyState
+from quadctl.schemas.services import CalibrateRequest, HoldRequest, ResetRequest, ToggleCageRequest
+from quadctl.schemas.topics import CALIBRATE, HOLD, PRESSURE, RESET, STATE, TOGGLE_CAGE
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.streams import Readings
+from quadctl.services.runtime.errors import QuadctlError
 
 
 def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")] = False) -> None:

@@ -6,15 +6,15 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import context, output
-from cli.context import LONGEST_TIMEOUT, Options
-from cli.declarations import Arg, Opt
-from cli.progress import Progress
-from schemas.messages import PAUSED, Pose, Position, SafetyState
-from schemas.services import GetParamsRequest, GotoRequest
-from schemas.topics import GOTO, POSE, STATE, Topic, get_params
-from services.runtime.bus.client import Client
-from services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
+from quadctl.cli import context, output
+from quadctl.cli.context import LONGEST_TIMEOUT, Options
+from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.progress import Progress
+from quadctl.schemas.messages import PAUSED, Pose, Position, SafetyState
+from quadctl.schemas.services import GetParamsRequest, GotoRequest
+from quadctl.schemas.topics import GOTO, POSE, STATE, Topic, get_params
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
 
 _SLACK = 5.0
 """Seconds that a flight may take beyond twice the planned time."""

@@ -5,12 +5,12 @@ from typing import Annotated, Any
 
 import msgspec
 
-from cli import context, output
-from cli.context import Options
-from cli.declarations import Opt
-from schemas.messages import Pose, SafetyState
-from schemas.topics import POSE, STATE
-from services.runtime.bus.client import Client
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.cli.declarations import Opt
+from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.topics import POSE, STATE
+from quadctl.services.runtime.bus.client import Client
 
 
 def state(

@@ -11,10 +11,10 @@ from importlib.util import find_spec
 
 import msgspec
 
-from services.campaign.score import Flown, document, seeds
-from services.campaign.vehicles import Plain
-from services.campaign.workers import Crew, Job, Order, Worker, batch, say
-from services.runtime.errors import QuadctlError
+from quadctl.services.campaign.score import Flown, document, seeds
+from quadctl.services.campaign.vehicles import Plain
+from quadctl.services.campaign.workers import Crew, Job, Order, Worker, batch, say
+from quadctl.services.runtime.errors import QuadctlError
 
 BATCH = 500
 """Flights that a worker flies at once: enough for its arrays, few enough to share out evenly."""

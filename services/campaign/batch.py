@@ -11,15 +11,15 @@ from math import inf, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
-from schemas.topics import SETPOINT
-from services.campaign.flight import SimulatedFlight
-from services.campaign.mission import Mission
-from services.campaign.score import Floats, Flown, Score, farthest
-from services.campaign.vehicles import Fleet
-from services.dynamics.simulation import GoalLatch
-from services.safety.cage import AT_REST
-from services.safety.model import State
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
+from quadctl.schemas.topics import SETPOINT
+from quadctl.services.campaign.flight import SimulatedFlight
+from quadctl.services.campaign.mission import Mission
+from quadctl.services.campaign.score import Floats, Flown, Score, farthest
+from quadctl.services.campaign.vehicles import Fleet
+from quadctl.services.dynamics.simulation import GoalLatch
+from quadctl.services.safety.cage import AT_REST
+from quadctl.services.safety.model import State
 
 _SLACK = 1e-9
 _NOTES = 17

@@ -4,10 +4,18 @@ from math import inf, isfinite
 
 from msgspec.structs import replace
 
-from schemas.messages import BodyRates, Pose, Position, Quaternion, SafetyState, Setpoint, Velocity
-from schemas.params import DynamicsParams
-from schemas.topics import SETPOINT
-from services.campaign.mission import (
+from quadctl.schemas.messages import (
+    BodyRates,
+    Pose,
+    Position,
+    Quaternion,
+    SafetyState,
+    Setpoint,
+    Velocity,
+)
+from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.topics import SETPOINT
+from quadctl.services.campaign.mission import (
     Cage,
     Deaf,
     Goto,
@@ -21,9 +29,9 @@ from services.campaign.mission import (
     Row,
     text,
 )
-from services.campaign.score import FlightLog, Point, inside
-from services.safety.model import State
-from services.safety.monitor import STANDS, Following, Monitor
+from quadctl.services.campaign.score import FlightLog, Point, inside
+from quadctl.services.safety.model import State
+from quadctl.services.safety.monitor import STANDS, Following, Monitor
 
 REACTION = 0.3
 """A flight of which no pose is seen must have been stopped after this, s."""

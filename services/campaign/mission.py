@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 
 from msgspec import Struct, structs
 
-from schemas.params import CageParams, SafetyParams
+from quadctl.schemas.params import CageParams, SafetyParams
 
 
 class Goto(Struct, frozen=True, tag=True):

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from msgspec import Struct, msgpack
 from msgspec.structs import replace
 
-from schemas.messages import SafetyState, without_wording
+from quadctl.schemas.messages import SafetyState, without_wording
 
 
 class Flown(Struct, frozen=True):

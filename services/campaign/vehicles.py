@@ -7,11 +7,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from schemas.params import DynamicsParams
-from services.dynamics.compiled.fleet import CompiledFleet
-from services.dynamics.compiled.kernel import CONSTANTS, WIDTH, span
-from services.dynamics.flight_modes import Point, periods_of, room
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.compiled.fleet import CompiledFleet
+from quadctl.services.dynamics.compiled.kernel import CONSTANTS, WIDTH, span
+from quadctl.services.dynamics.flight_modes import Point, periods_of, room
+from quadctl.services.dynamics.vehicle import Vehicle
 
 Floats = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.intp]

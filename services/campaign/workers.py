@@ -16,13 +16,13 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.params import DynamicsParams
-from services.campaign.batch import Batch, MakeFleet
-from services.campaign.mission import mission
-from services.campaign.score import Flown
-from services.campaign.vehicles import Compiled, Fleet, Plain
-from services.dynamics.compiled import kernel, source
-from services.runtime.errors import QuadctlError
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.campaign.batch import Batch, MakeFleet
+from quadctl.services.campaign.mission import mission
+from quadctl.services.campaign.score import Flown
+from quadctl.services.campaign.vehicles import Compiled, Fleet, Plain
+from quadctl.services.dynamics.compiled import kernel, source
+from quadctl.services.runtime.errors import QuadctlError
 
 
 class Order(Struct, frozen=True):
@@ -59,7 +59,7 @@ def say(value: Any) -> None:
     sys.stdout.flush()
 
 
-_COMMAND = (sys.executable, "-P", "-m", "services.campaign.workers")
+_COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign.workers")
 
 
 class Worker:

@@ -2,14 +2,14 @@
 
 import math
 
-from schemas.params import Params
-from schemas.services import ResetRequest, ResetResponse
-from schemas.topics import RESET
-from services.dynamics.compiler import BackgroundCompiler
-from services.dynamics.simulation import Simulation
-from services.runtime.entry import start
-from services.runtime.node import Node
-from services.runtime.params.load import launch_lines
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import ResetRequest, ResetResponse
+from quadctl.schemas.topics import RESET
+from quadctl.services.dynamics.compiler import BackgroundCompiler
+from quadctl.services.dynamics.simulation import Simulation
+from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.load import launch_lines
 
 _compiler = BackgroundCompiler()
 """For all vehicles of the process."""

@@ -20,16 +20,16 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from msgspec import Struct
 
-from services.runtime.errors import AlreadyServed
-from services.runtime.filelock import FileLock
-from services.runtime.realm import write_atomically
-from services.runtime.shutdown import die_with_parent
+from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.realm import write_atomically
+from quadctl.services.runtime.shutdown import die_with_parent
 
 if TYPE_CHECKING:
-    from services.dynamics.compiled.single import Single
+    from quadctl.services.dynamics.compiled.single import Single
 
 _log = logging.getLogger(__name__)
-_MAKING = (sys.executable, "-P", "-m", "services.dynamics.compiler")
+_MAKING = (sys.executable, "-P", "-m", "quadctl.services.dynamics.compiler")
 _Function = ctypes.PYFUNCTYPE(
     ctypes.c_int32, *[ctypes.c_void_p] * 4, ctypes.c_int64, ctypes.c_int64
 )
@@ -72,7 +72,7 @@ class MachineCode:
 
     def single(self) -> "Single":
         """Return one vehicle's flight through the compiled text."""
-        from services.dynamics.compiled.single import FIXED, NUMBERS, Single
+        from quadctl.services.dynamics.compiled.single import FIXED, NUMBERS, Single
 
         numbers, fixed = (ctypes.create_string_buffer(of.size) for of in (NUMBERS, FIXED))
         places = (ctypes.addressof(each) for each in (self._nowhere, self._nowhere, numbers, fixed))
@@ -114,8 +114,8 @@ def target() -> Any:
 
 def _path() -> Path:
     # Imported here: a process whose one vehicle flies as plain Python needs none of it.
-    from services.dynamics.compiled.single import single_source
-    from services.dynamics.compiled.source import cache_folder
+    from quadctl.services.dynamics.compiled.single import single_source
+    from quadctl.services.dynamics.compiled.source import cache_folder
 
     return (
         cache_folder() / f"vehicle_{hashlib.sha256(single_source().encode()).hexdigest()[:12]}.bin"
@@ -124,7 +124,7 @@ def _path() -> Path:
 
 def main() -> None:
     """Make the machine code, unless another process does."""
-    from services.dynamics.compiled.source import cache_folder
+    from quadctl.services.dynamics.compiled.source import cache_folder
 
     die_with_parent()
     threading.Thread(target=_watch_stdin, daemon=True).start()
@@ -145,8 +145,8 @@ def made() -> Code:
     """Compile the text, and translate it for this processor."""
     import llvmlite.binding as llvm
 
-    from services.dynamics.compiled.single import single_source
-    from services.dynamics.compiled.source import load_module
+    from quadctl.services.dynamics.compiled.single import single_source
+    from quadctl.services.dynamics.compiled.source import load_module
 
     (text,) = load_module("vehicle", single_source()).fly.inspect_llvm().values()
     module, machine = llvm.parse_assembly(text), target()

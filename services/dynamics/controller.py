@@ -10,9 +10,9 @@ World frame ENU, body frame FLU, SI units. Straight-line text, as in rigidbody.p
 
 from math import sqrt, tan
 
-from schemas.params import DynamicsParams
-from services.dynamics.rigidbody import STEP, State
-from services.dynamics.rotor import hover_speed
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.rigidbody import STEP, State
+from quadctl.services.dynamics.rotor import hover_speed
 
 STEPS = 4
 """Integration steps in one control period: 250 Hz."""

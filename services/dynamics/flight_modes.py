@@ -15,12 +15,12 @@ is an `if` on its own.
 
 from math import nan
 
-from services.dynamics import trajectory, wind
-from services.dynamics.controller import PERIOD, STEPS, Gains, Setpoint, control
-from services.dynamics.rigidbody import Body, Motors, State, step
-from services.dynamics.rotor import Mixer, mix
-from services.dynamics.trajectory import Limits, Plan
-from services.dynamics.wind import Air, Weather
+from quadctl.services.dynamics import trajectory, wind
+from quadctl.services.dynamics.controller import PERIOD, STEPS, Gains, Setpoint, control
+from quadctl.services.dynamics.rigidbody import Body, Motors, State, step
+from quadctl.services.dynamics.rotor import Mixer, mix
+from quadctl.services.dynamics.trajectory import Limits, Plan
+from quadctl.services.dynamics.wind import Air, Weather
 
 HOP = 0.1
 """Height of a hop, m: less than any cage is high."""

@@ -1,4 +1,4 @@
-"""Times the vehicle's text in plain Python: `python -P -m services.dynamics.pace`.
+"""Times the vehicle's text in plain Python: `python -P -m quadctl.services.dynamics.pace`.
 
 Prints the seconds that one integration step takes here, in flight. It takes some 30 ms beside the
 start of Python.
@@ -7,8 +7,8 @@ start of Python.
 import statistics
 import time
 
-from schemas.params import DynamicsParams
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.vehicle import Vehicle
 
 _BURST = 100
 """Steps timed at once."""

@@ -12,7 +12,7 @@ belong to the caller.
 
 from math import exp, sqrt
 
-from schemas.vehicle import VehicleParams
+from quadctl.schemas.vehicle import VehicleParams
 
 STEP = 0.001
 """Integration step, s."""

@@ -5,8 +5,8 @@ Straight-line text, as in rigidbody.py. SI units, body frame FLU.
 
 from math import exp, sqrt
 
-from schemas.vehicle import VehicleParams
-from services.dynamics.rigidbody import Motors, State
+from quadctl.schemas.vehicle import VehicleParams
+from quadctl.services.dynamics.rigidbody import Motors, State
 
 Mixer = tuple[float, ...]
 """6 floats made by `mixer_constants`."""

@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 from msgspec import structs
 
-from schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
-from schemas.params import FROM_STANDSTILL, FlightFaultParams, Params
-from schemas.topics import POSE, SETPOINT
-from services.dynamics.vehicle import Fly, Vehicle
-from services.runtime.errors import Refused
-from services.runtime.node import Node
-from services.runtime.params.names import flatten
+from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
+from quadctl.schemas.params import FROM_STANDSTILL, FlightFaultParams, Params
+from quadctl.schemas.topics import POSE, SETPOINT
+from quadctl.services.dynamics.vehicle import Fly, Vehicle
+from quadctl.services.runtime.errors import Refused
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.names import flatten
 
 
 class GoalLatch:

@@ -20,8 +20,8 @@ Over 500 lines: axes, shares and lags are one computation, and each is checked o
 
 from math import exp, sqrt
 
-from schemas.params import DynamicsParams
-from services.dynamics.controller import PERIOD, Setpoint, lead
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.controller import PERIOD, Setpoint, lead
 
 SWITCH_HALVINGS = 40
 """Steps of bisection for the moment to brake: to 4e-15 s."""

@@ -10,15 +10,15 @@ from math import ceil
 
 from msgspec.structs import replace
 
-from schemas.params import DynamicsParams
-from schemas.vehicle import VehicleParams
-from services.dynamics import flight_modes, trajectory, wind
-from services.dynamics.controller import PERIOD, control_constants
-from services.dynamics.flight_modes import Constants, FlightMode, fresh
-from services.dynamics.rigidbody import STEP, Motors, State, body_constants
-from services.dynamics.rotor import hover_speed, mixer_constants
-from services.dynamics.trajectory import Plan, limits_of
-from services.dynamics.wind import Air, initial_air, weather_of
+from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.vehicle import VehicleParams
+from quadctl.services.dynamics import flight_modes, trajectory, wind
+from quadctl.services.dynamics.controller import PERIOD, control_constants
+from quadctl.services.dynamics.flight_modes import Constants, FlightMode, fresh
+from quadctl.services.dynamics.rigidbody import STEP, Motors, State, body_constants
+from quadctl.services.dynamics.rotor import hover_speed, mixer_constants
+from quadctl.services.dynamics.trajectory import Plan, limits_of
+from quadctl.services.dynamics.wind import Air, initial_air, weather_of
 
 LAGS_TO_SPIN_UP = 5.0
 """Motor lags to wait at hover command before take-off: then 1.3 % of the weight is missing."""

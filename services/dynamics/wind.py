@@ -14,8 +14,8 @@ World frame ENU, SI units. Straight-line text, as in rigidbody.py.
 
 from math import exp, sqrt
 
-from schemas.params import DynamicsParams
-from services.dynamics.controller import PERIOD
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.controller import PERIOD
 
 Air = tuple[float, float, float, float, float, float]
 """The air's velocity (m/s, world) and the three generators' states, whole numbers."""

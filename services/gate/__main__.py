@@ -4,13 +4,13 @@ A process of its own, so that what strangers send never meets the process that t
 and so that a revoked name costs a moment of the network and none of the flight.
 """
 
-from schemas.params import Params
-from services.runtime.bus import router
-from services.runtime.bus.router import open_gate
-from services.runtime.entry import Reopen, start
-from services.runtime.node import Node
-from services.runtime.security.access_control import Watch, identity_for
-from services.runtime.security.endpoints import secure
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.bus import router
+from quadctl.services.runtime.bus.router import open_gate
+from quadctl.services.runtime.entry import Reopen, start
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.security.access_control import Watch, identity_for
+from quadctl.services.runtime.security.endpoints import secure
 
 _LOOKS = 5.0
 """Hz, at which the list of names is looked at."""

@@ -1,11 +1,11 @@
 """The hub: a Zenoh router that every other process is a client of."""
 
-from schemas.params import Params
-from services.runtime.bus import router
-from services.runtime.bus.router import open_router
-from services.runtime.entry import start
-from services.runtime.node import Node
-from services.runtime.security.endpoints import plain
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.bus import router
+from quadctl.services.runtime.bus.router import open_router
+from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.security.endpoints import plain
 
 
 def run(node: Node, params: Params) -> None:

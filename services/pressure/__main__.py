@@ -8,18 +8,18 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from schemas.messages import Pose
-from schemas.params import Params
-from schemas.services import CalibrateRequest, CalibrateResponse
-from schemas.topics import CALIBRATE, POSE, PRESSURE, period
-from services.pressure import iio
-from services.pressure.barometer import Barometer, Faults, NoSample
-from services.pressure.iio import has_pressure, hectopascals
-from services.pressure.simulated import Simulated
-from services.runtime.entry import start
-from services.runtime.errors import NotReady, QuadctlError
-from services.runtime.node import Node
-from services.runtime.params.load import launch_lines
+from quadctl.schemas.messages import Pose
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
+from quadctl.schemas.topics import CALIBRATE, POSE, PRESSURE, period
+from quadctl.services.pressure import iio
+from quadctl.services.pressure.barometer import Barometer, Faults, NoSample
+from quadctl.services.pressure.iio import has_pressure, hectopascals
+from quadctl.services.pressure.simulated import Simulated
+from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.errors import NotReady, QuadctlError
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.load import launch_lines
 
 _log = logging.getLogger(__name__)
 

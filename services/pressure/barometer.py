@@ -6,9 +6,9 @@ from collections import deque
 from operator import itemgetter
 from typing import NamedTuple
 
-from schemas.barometer import FaultParams, PressureParams
-from schemas.messages import Pressure
-from services.pressure.simulated import Draws
+from quadctl.schemas.barometer import FaultParams, PressureParams
+from quadctl.schemas.messages import Pressure
+from quadctl.services.pressure.simulated import Draws
 
 _LONGEST = 10.0
 """Seconds of readings that are kept; `pressure.fault.delay` asks for no more."""

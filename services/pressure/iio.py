@@ -10,8 +10,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from schemas.barometer import AIR
-from services.runtime.errors import QuadctlError
+from quadctl.schemas.barometer import AIR
+from quadctl.services.runtime.errors import QuadctlError
 
 DEVICES = Path("/sys/bus/iio/devices")
 _MOST = 200

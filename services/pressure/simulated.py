@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from schemas.barometer import PressureParams, Profile
+from quadctl.schemas.barometer import PressureParams, Profile
 
 _SEA_LEVEL = 1013.25
 """Pressure at height 0, hPa."""

@@ -1,6 +1,6 @@
 """The process, and its progress on stdout.
 
-python -P -m services.recorder -o FILE [--key KEY]... [--duration S] [--attended]
+python -P -m quadctl.services.recorder -o FILE [--key KEY]... [--duration S] [--attended]
 """
 
 import argparse
@@ -18,16 +18,16 @@ from typing import Any
 
 import msgspec
 
-from schemas.params import Params
-from schemas.topics import TOPICS
-from services.recorder.recording import Recording
-from services.runtime.bus import session
-from services.runtime.bus.raw import Tap
-from services.runtime.entry import start
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.node import Node
-from services.runtime.process_table import RECORDER
-from services.runtime.realm import Realm
+from quadctl.schemas.params import Params
+from quadctl.schemas.topics import TOPICS
+from quadctl.services.recorder.recording import Recording
+from quadctl.services.runtime.bus import session
+from quadctl.services.runtime.bus.raw import Tap
+from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.process_table import RECORDER
+from quadctl.services.runtime.realm import Realm
 
 
 class Attendant:

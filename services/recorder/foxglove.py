@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec import Struct, field
 
-from schemas.messages import CageSize, Pose, Position, SafetyState
+from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState
 
 TRANSFORM, SCENE = "foxglove.FrameTransform", "foxglove.SceneUpdate"
 LINE_LIST = 2

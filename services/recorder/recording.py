@@ -5,12 +5,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from schemas.messages import Pose, SafetyState
-from services.recorder.foxglove import SCENE, TRANSFORM, Scene
-from services.runtime.bus.raw import Taken
-from services.runtime.errors import QuadctlError
-from services.runtime.files import making
-from services.runtime.recording.writer import BagWriter, Outfile
+from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.services.recorder.foxglove import SCENE, TRANSFORM, Scene
+from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.files import making
+from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 
 FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
 """Where viewers look; no key of Zenoh begins so."""

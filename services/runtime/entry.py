@@ -13,21 +13,21 @@ from typing import Any, NoReturn
 
 import zenoh
 
-from schemas import keyexpr
-from schemas.params import Params
-from schemas.topics import get_params, set_params
-from services.runtime.bus import session
-from services.runtime.errors import AlreadyServed, QuadctlError
-from services.runtime.executor import Crew
-from services.runtime.filelock import FileLock
-from services.runtime.node import Node
-from services.runtime.params import live
-from services.runtime.params import load as parameters
-from services.runtime.params.live import LiveParams
-from services.runtime.params.load import said_of
-from services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
-from services.runtime.security.endpoints import is_secure
-from services.runtime.shutdown import Ending
+from quadctl.schemas import keyexpr
+from quadctl.schemas.params import Params
+from quadctl.schemas.topics import get_params, set_params
+from quadctl.services.runtime.bus import session
+from quadctl.services.runtime.errors import AlreadyServed, QuadctlError
+from quadctl.services.runtime.executor import Crew
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params import live
+from quadctl.services.runtime.params import load as parameters
+from quadctl.services.runtime.params.live import LiveParams
+from quadctl.services.runtime.params.load import said_of
+from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
+from quadctl.services.runtime.security.endpoints import is_secure
+from quadctl.services.runtime.shutdown import Ending
 
 Run = Callable[[Node, Params], None]
 
@@ -97,7 +97,7 @@ def _run(
 
 def _check_role(endpoint: str, name: str, vehicles: list[str]) -> None:
     if is_secure(endpoint):
-        from services.runtime.security import permissions
+        from quadctl.services.runtime.security import permissions
 
         permissions.check(
             endpoint, "announce", *(keyexpr.node_key(each, name) for each in vehicles)
@@ -106,7 +106,7 @@ def _check_role(endpoint: str, name: str, vehicles: list[str]) -> None:
 
 def _check_welcome(opened: zenoh.Session, connect: str) -> None:
     if is_secure(connect):
-        from services.runtime.security import permissions
+        from quadctl.services.runtime.security import permissions
 
         permissions.welcome(opened, connect, _HUB_WAIT)
 

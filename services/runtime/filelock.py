@@ -6,7 +6,7 @@ import sys
 import time
 from typing import Self
 
-from services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.errors import AlreadyServed
 
 _A_LOOK = 0.05
 """Seconds: a look whether the lock is held may bar it for a moment, which is no refusal."""

@@ -8,15 +8,15 @@ from typing import Any, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas import keyexpr
-from schemas.params import Params
-from schemas.topics import Service, Topic
-from services.runtime.bus import codec, liveliness, zenoh_events
-from services.runtime.bus.pubsub import Publisher, Subscription
-from services.runtime.bus.raw import Tap
-from services.runtime.errors import AlreadyServed
-from services.runtime.executor import Loop
-from services.runtime.server import Schedule, Server, journal_of
+from quadctl.schemas import keyexpr
+from quadctl.schemas.params import Params
+from quadctl.schemas.topics import Service, Topic
+from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
+from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
+from quadctl.services.runtime.bus.raw import Tap
+from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.executor import Loop
+from quadctl.services.runtime.server import Schedule, Server, journal_of
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)

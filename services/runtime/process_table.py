@@ -5,7 +5,7 @@ import sys
 from collections.abc import Collection, Mapping
 from typing import Literal, NamedTuple
 
-from services.runtime.errors import AlreadyServed, Invalid
+from quadctl.services.runtime.errors import AlreadyServed, Invalid
 
 NODES = ("hub", "dynamics", "pressure", "safety")
 """Our own nodes, in the order in which they start; a new service is one more name."""
@@ -97,7 +97,7 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
     command = commands.get(name)
     if command is None:
         # -P: a stranger's `services` folder in the working directory must not be found first.
-        return (sys.executable, "-P", "-m", f"services.{name}")
+        return (sys.executable, "-P", "-m", f"quadctl.services.{name}")
     import shlex
 
     try:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.errors import QuadctlError, UsageError
 
 if TYPE_CHECKING:
     from pathlib import Path

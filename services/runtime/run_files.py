@@ -5,9 +5,9 @@ from typing import Any, Literal
 import msgspec
 from msgspec import Struct
 
-from services.runtime.errors import Unreachable
-from services.runtime.filelock import FileLock
-from services.runtime.realm import LOCK, RECORD, Realm, write_atomically
+from quadctl.services.runtime.errors import Unreachable
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.realm import LOCK, RECORD, Realm, write_atomically
 
 UNSERVED = ("supervise", "processes")
 """Tables of the supervisor, which is no node: nobody on the bus has them, and nothing sets them."""

@@ -15,12 +15,12 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
-from schemas.messages import Called
-from schemas.services import Call
-from schemas.topics import Service, called
-from services.runtime.bus import codec
-from services.runtime.bus.pubsub import Publisher
-from services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
+from quadctl.schemas.messages import Called
+from quadctl.schemas.services import Call
+from quadctl.schemas.topics import Service, called
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.pubsub import Publisher
+from quadctl.services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
 
 MOST = 10_000
 """Calls that a node holds at a time."""

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple, cast
 import msgspec
 from msgspec import Struct
 
-from schemas.messages import Called
-from schemas.params import Params
-from schemas.topics import Service, Topic, period, set_params
-from services.runtime.errors import QuadctlError
-from services.runtime.node import Node
-from services.runtime.params.live import LiveParams
+from quadctl.schemas.messages import Called
+from quadctl.schemas.params import Params
+from quadctl.schemas.topics import Service, Topic, period, set_params
+from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.live import LiveParams
 
 
 class Said(NamedTuple):

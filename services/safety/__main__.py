@@ -4,9 +4,9 @@ import time
 
 from msgspec.structs import replace
 
-from schemas.messages import CageSize, Info, Pose, Position, SafetyState, Waypoint
-from schemas.params import Params
-from schemas.services import (
+from quadctl.schemas.messages import CageSize, Info, Pose, Position, SafetyState, Waypoint
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import (
     GotoRequest,
     GotoResponse,
     HoldRequest,
@@ -14,7 +14,7 @@ from schemas.services import (
     ToggleCageRequest,
     ToggleCageResponse,
 )
-from schemas.topics import (
+from quadctl.schemas.topics import (
     GOTO,
     HOLD,
     INFO,
@@ -26,13 +26,13 @@ from schemas.topics import (
     TOGGLE_CAGE,
     TOPICS,
 )
-from services.runtime.entry import start
-from services.runtime.errors import NotReady
-from services.runtime.node import Node
-from services.runtime.params.load import launch_lines
-from services.safety.cage import bounds
-from services.safety.model import State
-from services.safety.monitor import STANDS, Following, Monitor
+from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.errors import NotReady
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.load import launch_lines
+from quadctl.services.safety.cage import bounds
+from quadctl.services.safety.model import State
+from quadctl.services.safety.monitor import STANDS, Following, Monitor
 
 _FIRST_POSE = 1.0
 """How long (s) readiness waits for a first pose, so that who sees us ready can fly."""

@@ -11,9 +11,17 @@ from typing import NamedTuple
 
 from msgspec.structs import astuple, replace
 
-from schemas.messages import PAUSED
-from services.safety.cage import REACTION, at_rest, caged, leeway, reach, why_below, why_outside
-from services.safety.model import (
+from quadctl.schemas.messages import PAUSED
+from quadctl.services.safety.cage import (
+    REACTION,
+    at_rest,
+    caged,
+    leeway,
+    reach,
+    why_below,
+    why_outside,
+)
+from quadctl.services.safety.model import (
     Ask,
     Booted,
     Check,

@@ -9,8 +9,8 @@ from math import dist, sqrt
 
 from msgspec.structs import astuple, replace
 
-from schemas.messages import CageSize, Pose, Position
-from services.safety.model import Situation, World
+from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.services.safety.model import Situation, World
 
 Interval = tuple[float, float]
 

@@ -4,7 +4,7 @@ from enum import Enum
 
 from msgspec import Struct
 
-from schemas.messages import CageSize, Pose, Position
+from quadctl.schemas.messages import CageSize, Pose, Position
 
 
 class State(Enum):

@@ -6,7 +6,7 @@ from typing import cast
 
 from msgspec.structs import astuple, replace
 
-from schemas.messages import (
+from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
     Pose,
@@ -17,10 +17,10 @@ from schemas.messages import (
     StateName,
     Velocity,
 )
-from schemas.params import SafetyParams
-from services.safety.automaton import step
-from services.safety.cage import at_rest, why_outside
-from services.safety.model import (
+from quadctl.schemas.params import SafetyParams
+from quadctl.services.safety.automaton import step
+from quadctl.services.safety.cage import at_rest, why_outside
+from quadctl.services.safety.model import (
     Ask,
     Booted,
     Check,

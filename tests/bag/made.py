@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from schemas.messages import (
+from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
     Called,
@@ -16,9 +16,9 @@ from schemas.messages import (
     SafetyState,
     Velocity,
 )
-from services.runtime.bus import codec
-from services.runtime.bus.raw import Taken
-from services.runtime.recording.writer import BagWriter, Outfile
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 
 SECOND = 1_000_000_000
 BEGAN = 1_800_000_000 * SECOND

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.messages import Called, Pose
-from services.runtime.bus import codec
-from services.runtime.recording.mcap_format import JSON, MSGPACK, Form, restored
+from quadctl.schemas.messages import Called, Pose
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.recording.mcap_format import JSON, MSGPACK, Form, restored
 from tests.bag.made import pose, refused, state
 
 pack = msgspec.msgpack.encode

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from services.recorder.recording import Recording
-from services.runtime.errors import Invalid, QuadctlError
-from services.runtime.recording.reader import Bag
-from services.runtime.recording.writer import Outfile
+from quadctl.services.recorder.recording import Recording
+from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.recording.reader import Bag
+from quadctl.services.runtime.recording.writer import Outfile
 from tests.bag.made import flight
 
 

@@ -8,9 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from services.runtime.errors import Invalid
-from services.runtime.recording.reader import Bag, facts, summary
-from services.runtime.recording.verify import check, repair
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.recording.reader import Bag, facts, summary
+from quadctl.services.runtime.recording.verify import check, repair
 from tests.bag.made import flight, taken, write
 
 

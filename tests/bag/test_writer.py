@@ -5,9 +5,9 @@ import json
 import pytest
 from mcap.reader import make_reader
 
-from schemas.messages import Pose, Pressure, SafetyState
-from services.recorder.recording import Recording
-from services.runtime.recording.reader import Bag
+from quadctl.schemas.messages import Pose, Pressure, SafetyState
+from quadctl.services.recorder.recording import Recording
+from quadctl.services.runtime.recording.reader import Bag
 from tests.bag.made import flight, pose, state, taken, write
 
 

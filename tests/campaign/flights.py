@@ -6,12 +6,12 @@ from random import Random
 
 import pytest
 
-from services.campaign.batch import Batch
-from services.campaign.mission import Mission, mission
-from services.campaign.score import Floats
-from services.campaign.vehicles import Plain
-from services.safety import automaton, monitor
-from services.safety.automaton import RULES, Rule
+from quadctl.services.campaign.batch import Batch
+from quadctl.services.campaign.mission import Mission, mission
+from quadctl.services.campaign.score import Floats
+from quadctl.services.campaign.vehicles import Plain
+from quadctl.services.safety import automaton, monitor
+from quadctl.services.safety.automaton import RULES, Rule
 
 
 def missions(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> list[Mission]:

@@ -3,14 +3,14 @@
 import pytest
 from msgspec.structs import replace
 
-from schemas.messages import Position
-from schemas.params import SafetyParams
-from services.campaign.batch import Batch
-from services.campaign.mission import Cage, Deaf, Goto, Mute, Resize
-from services.campaign.score import Flown
-from services.campaign.vehicles import Compiled, Plain
-from services.safety.automaton import Rule, always
-from services.safety.model import Check, Resized, State, Toggle
+from quadctl.schemas.messages import Position
+from quadctl.schemas.params import SafetyParams
+from quadctl.services.campaign.batch import Batch
+from quadctl.services.campaign.mission import Cage, Deaf, Goto, Mute, Resize
+from quadctl.services.campaign.score import Flown
+from quadctl.services.campaign.vehicles import Compiled, Plain
+from quadctl.services.safety.automaton import Rule, always
+from quadctl.services.safety.model import Check, Resized, State, Toggle
 from tests.campaign.flights import Sleepless, batch, missions, put_in
 from tests.compiled import compiled_kernel
 from tests.safety.rig import OUTSIDE, Rig

@@ -2,8 +2,8 @@
 
 import pytest
 
-from schemas.messages import PAUSED, CageSize, Position, SafetyState
-from services.campaign.score import FlightLog
+from quadctl.schemas.messages import PAUSED, CageSize, Position, SafetyState
+from quadctl.services.campaign.score import FlightLog
 
 HERE, CAGE = Position(1.0, 2.0, 1.0), CageSize(5.0, 5.0, 5.0)
 FAR = "outside the cage: x = 9 is beyond [-5, 5]"

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from services.campaign.mission import (
+from quadctl.services.campaign.mission import (
     Deaf,
     Goto,
     Jump,
@@ -18,7 +18,7 @@ from services.campaign.mission import (
     mission,
     text,
 )
-from services.campaign.score import inside
+from quadctl.services.campaign.score import inside
 from tests.campaign.flights import missions
 
 FAULTS = (Deaf, Mute, Jump, Late)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.campaign.score import Score, farthest, inside
+from quadctl.services.campaign.score import Score, farthest, inside
 
 SIZE = (5.0, 4.0, 2.0)
 

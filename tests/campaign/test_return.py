@@ -5,10 +5,10 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from schemas.params import CageParams, SafetyParams
-from services.campaign.batch import Batch
-from services.campaign.mission import Cage, Goto, Mission
-from services.campaign.vehicles import Plain
+from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.services.campaign.batch import Batch
+from quadctl.services.campaign.mission import Cage, Goto, Mission
+from quadctl.services.campaign.vehicles import Plain
 
 HALF, TOP = 2.0, 1.5
 MIDDLE = (0.0, 0.0, 0.75)

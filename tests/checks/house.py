@@ -53,11 +53,14 @@ def types(root: Path) -> str:
 
 
 def run(root: Path, *command: str) -> str:
-    """What the command printed, if it failed; the root's packages go before installed ones."""
+    """What the command printed, if it failed; the root's packages go before installed ones.
+
+    import-linter breaks lines at 80 columns otherwise, and the names in them.
+    """
     done = subprocess.run(
         command,
         cwd=root,
-        env=os.environ | {"PYTHONPATH": str(root)},
+        env=os.environ | {"PYTHONPATH": f"{root / 'src'}:{root}", "COLUMNS": "200"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         encoding="utf-8",

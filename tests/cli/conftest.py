@@ -15,7 +15,7 @@ def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     # --identity sets it for the rest of the process, which is one command's elsewhere.
     monkeypatch.setenv("QUADCTL_IDENTITY", "")
-    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from typing import Any
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from services.runtime.params import catalogue
+from quadctl.services.runtime.params import catalogue
 
 
 def changed_values() -> st.SearchStrategy[dict[str, Any]]:

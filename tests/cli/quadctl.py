@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from cli import command
+from quadctl.cli import command
 
 
 class Said(NamedTuple):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from cli import fast_parser, typer_app
-from cli.fast_parser import given
+from quadctl.cli import fast_parser, typer_app
+from quadctl.cli.fast_parser import given
 
 
 @pytest.mark.parametrize(

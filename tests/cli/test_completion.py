@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cli import commands, typer_app
-from cli.completion.engine import candidates
-from cli.completion.shells import SCRIPTS, answer
+from quadctl.cli import commands, typer_app
+from quadctl.cli.completion.engine import candidates
+from quadctl.cli.completion.shells import SCRIPTS, answer
 from tests.cli.quadctl import Quadctl
 
 BREAKS = " \t\n\"'@><=;|&(:"
@@ -155,7 +155,7 @@ def test_it_needs_no_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_bash")
     monkeypatch.setitem(os.environ, "COMP_WORDS", "quadctl cage o")
     for name in [
-        name for name in sys.modules if name == "cli.typer_app" or name.startswith("typer")
+        name for name in sys.modules if name == "quadctl.cli.typer_app" or name.startswith("typer")
     ]:
         monkeypatch.delitem(sys.modules, name)
     assert quadctl() == (0, "off\non\n", "")

@@ -8,13 +8,13 @@ import pytest
 from msgspec import Struct
 from msgspec.structs import replace
 
-from cli.doctor import bus
-from cli.doctor.check import Check
-from schemas.keyexpr import Offer
-from schemas.topics import GOTO, SERVICES, TOPICS
-from schemas.typeinfo import schema_hash
-from services.runtime.bus.survey import Answer, Heard, Survey
-from services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.cli.doctor import bus
+from quadctl.cli.doctor.check import Check
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.topics import GOTO, SERVICES, TOPICS
+from quadctl.schemas.typeinfo import schema_hash
+from quadctl.services.runtime.bus.survey import Answer, Heard, Survey
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
 
 
 def digest(type_: type[Struct]) -> str:

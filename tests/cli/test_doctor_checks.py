@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cli.doctor import bus, host, installation, run
-from cli.doctor.check import Check, failed, passed, text_of, warned, with_options
-from cli.doctor.host import MB, Disk, Folder, Neighbours, Process
-from cli.doctor.installation import PACKAGES, Installed, Requirement
-from cli.doctor.run import Settings
-from services.runtime.errors import Invalid, Unreachable
-from services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.cli.doctor import bus, host, installation, run
+from quadctl.cli.doctor.check import Check, failed, passed, text_of, warned, with_options
+from quadctl.cli.doctor.host import MB, Disk, Folder, Neighbours, Process
+from quadctl.cli.doctor.installation import PACKAGES, Installed, Requirement
+from quadctl.cli.doctor.run import Settings
+from quadctl.services.runtime.errors import Invalid, Unreachable
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
 
 OURS = dict.fromkeys(PACKAGES, "/ours")
 INSTALLED = Installed(
@@ -44,11 +44,11 @@ def verdict(check: Check) -> str:
         ("FAIL", installation.packages, {"versions": {"numpy": "3.0.0"}}),
         ("FAIL", installation.packages, {"versions": {"numpy": None}}),
         ("PASS", installation.imports, {}),
-        ("WARN", installation.imports, {"here": OURS | {"services": "/home/student"}}),
-        ("FAIL", installation.imports, {"found": OURS | {"cli": "/elsewhere"}}),
-        ("FAIL", installation.imports, {"found": OURS | {"cli": ""}}),
-        ("FAIL", installation.imports, {"claimed": {"cli": ["other"]}}),
-        ("FAIL", installation.imports, {"altered": ["cli/main.py"]}),
+        ("WARN", installation.imports, {"here": OURS | {"quadctl": "/home/student"}}),
+        ("FAIL", installation.imports, {"found": OURS | {"quadctl": "/elsewhere"}}),
+        ("FAIL", installation.imports, {"found": OURS | {"quadctl": ""}}),
+        ("FAIL", installation.imports, {"claimed": {"quadctl": ["other"]}}),
+        ("FAIL", installation.imports, {"altered": ["quadctl/cli/main.py"]}),
     ],
 )
 def test_the_installation(expected: str, check: Any, changes: dict[str, Any]):

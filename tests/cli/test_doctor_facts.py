@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from cli.doctor.host import folder, look_at_disk, neighbours, process
-from cli.doctor.installation import Requirement, requirement, satisfies
-from services.runtime.filelock import FileLock
-from services.runtime.realm import Realm
+from quadctl.cli.doctor.host import folder, look_at_disk, neighbours, process
+from quadctl.cli.doctor.installation import Requirement, requirement, satisfies
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.realm import Realm
 from tests.cli.quadctl import Quadctl
 from tests.processes.running import eventually
 
@@ -48,7 +48,7 @@ def test_a_realm_that_is_not_there_that_is_and_that_has_died(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     realm, other = Realm("mine"), Realm("other")
     assert (folder(realm).mode, folder(realm).run) == (None, None)
     assert neighbours(realm).dead == []
@@ -111,12 +111,12 @@ def test_as_text_each_check_is_a_line_with_its_fix_below(quadctl: Quadctl, tmp_p
 
 
 def test_a_folder_here_that_hides_ours_is_found_out(quadctl: Quadctl, tmp_path: Path):
-    (tmp_path / "services").mkdir()
+    (tmp_path / "quadctl").mkdir()
     assert "PASS  imports" in quadctl("doctor").out
-    (tmp_path / "services" / "__init__.py").touch()
+    (tmp_path / "quadctl" / "__init__.py").touch()
     said = quadctl("doctor")
     assert said.code == 0
-    assert f"in this folder import services from {tmp_path}, not quadctl's" in said.out
+    assert f"in this folder import quadctl from {tmp_path}, not quadctl's" in said.out
 
 
 def test_a_hub_elsewhere_that_is_not_there_is_a_fault(quadctl: Quadctl):

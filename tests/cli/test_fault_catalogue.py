@@ -3,9 +3,9 @@
 import msgspec
 import pytest
 
-from cli.fault.catalogue import FAULTS, Fault, active
-from schemas.params import Params
-from services.runtime.params.names import flatten
+from quadctl.cli.fault.catalogue import FAULTS, Fault, active
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.params.names import flatten
 
 DEFAULTS = dict(flatten(msgspec.to_builtins(Params())))
 

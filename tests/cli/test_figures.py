@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.topic.rates import Heard, _heard, bandwidth, delay_figures, rate
-from services.runtime.bus.streams import Message
-from services.runtime.errors import Invalid
+from quadctl.cli.topic.rates import Heard, _heard, bandwidth, delay_figures, rate
+from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.errors import Invalid
 
 TIMES = (10.0, 10.1, 10.2, 10.4)
 HEARD = [

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from cli.fleet.file import Member, fleet_of, read
-from schemas.messages import Position
-from services.runtime.errors import Invalid
+from quadctl.cli.fleet.file import Member, fleet_of, read
+from quadctl.schemas.messages import Position
+from quadctl.services.runtime.errors import Invalid
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "fleet.toml"
 WHOLE = """

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.fleet.file import Fleet, Member
-from cli.fleet.goto import about, named_goals, read
-from cli.fleet.hubs import fail, nobody_sent
-from cli.fleet.land import ground_below
-from schemas.messages import CageSize, Position, SafetyState
-from services.runtime.errors import (
+from quadctl.cli.fleet.file import Fleet, Member
+from quadctl.cli.fleet.goto import about, named_goals, read
+from quadctl.cli.fleet.hubs import fail, nobody_sent
+from quadctl.cli.fleet.land import ground_below
+from quadctl.schemas.messages import CageSize, Position, SafetyState
+from quadctl.services.runtime.errors import (
     Invalid,
     QuadctlError,
     Refused,

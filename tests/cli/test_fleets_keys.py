@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.security.registry import load
+from quadctl.services.runtime.security.registry import load
 from tests.cli.quadctl import Quadctl
 
 

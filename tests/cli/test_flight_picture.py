@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from cli.plot import figure
-from cli.plot.figure import draw
-from cli.plot.track import Flight, Spot
-from schemas.messages import Position, Waypoint
+from quadctl.cli.plot import figure
+from quadctl.cli.plot.figure import draw
+from quadctl.cli.plot.track import Flight, Spot
+from quadctl.schemas.messages import Position, Waypoint
 from tests.bag.made import pose, pressure, refused, state, taken
 
 

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cli.mission.digest import Record
-from schemas.messages import (
+from quadctl.cli.mission.digest import Record
+from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
     Pose,
@@ -16,7 +16,7 @@ from schemas.messages import (
     SafetyState,
     Velocity,
 )
-from services.runtime.errors import QuadctlError
+from quadctl.services.runtime.errors import QuadctlError
 
 END, HZ = 0.3, 10.0
 

@@ -8,11 +8,11 @@ import msgspec
 import pytest
 from msgspec import Struct
 
-from cli.fuzz import Payload, refused
-from schemas.services import GotoRequest, HoldRequest, SetParamsRequest
-from schemas.topics import SERVICES, TOPICS, get_params, set_params
-from services.runtime.bus import codec
-from services.runtime.errors import Invalid
+from quadctl.cli.fuzz import Payload, refused
+from quadctl.schemas.services import GotoRequest, HoldRequest, SetParamsRequest
+from quadctl.schemas.topics import SERVICES, TOPICS, get_params, set_params
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import Invalid
 
 TYPES = [
     *(topic.type for topic in TOPICS),

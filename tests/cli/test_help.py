@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from cli import typer_app
+from quadctl.cli import typer_app
 from tests.cli.quadctl import Quadctl
 
 

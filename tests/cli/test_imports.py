@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from cli.commands import COMMANDS
+from quadctl.cli.commands import COMMANDS
 
 HEAVY = {"mcap", "zstandard", "lz4", "matplotlib", "numpy", "yaml"}
 READS_RECORDINGS = {"replay", "bag info", "bag check", "bag repair", "bag export"}
@@ -15,7 +15,7 @@ print(*sorted(set(sys.argv[1].split(",")) & set(sys.modules)))
 """
 READ = """
 import sys
-from cli.values import table_of
+from quadctl.cli.values import table_of
 table_of(sys.argv[1:])
 print("yaml" in sys.modules)
 """
@@ -31,7 +31,9 @@ def test_a_command_that_reads_no_recording_loads_nothing_for_that():
     others = {
         where.partition(":")[0] for path, where in COMMANDS.items() if path not in READS_RECORDINGS
     }
-    assert loaded("cli.command", *sorted(others), "services.runtime.bus.client") == []
+    assert (
+        loaded("quadctl.cli.command", *sorted(others), "quadctl.services.runtime.bus.client") == []
+    )
 
 
 def test_yaml_is_loaded_for_yaml_alone():
@@ -44,9 +46,9 @@ def test_yaml_is_loaded_for_yaml_alone():
 def test_neither_does_a_node_that_records_nothing():
     assert (
         loaded(
-            "services.runtime.entry",
-            "services.runtime.supervisor.supervisor",
-            "services.safety.__main__",
+            "quadctl.services.runtime.entry",
+            "quadctl.services.runtime.supervisor.supervisor",
+            "quadctl.services.safety.__main__",
         )
         == []
     )

@@ -5,9 +5,9 @@ import zenoh
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cli.names import checked_key, find_service, key_of, single_key
-from services.runtime.errors import Invalid, UsageError
-from services.runtime.realm import vehicle_name
+from quadctl.cli.names import checked_key, find_service, key_of, single_key
+from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.realm import vehicle_name
 from tests.cli.quadctl import Quadctl
 
 ODD = st.text(st.sampled_from("ab/*$@#?{}~%: é\n"), max_size=8) | st.text(

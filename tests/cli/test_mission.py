@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.mission.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
-from schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
-from schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
-from services.runtime.errors import Invalid
-from services.runtime.params.load import parse
+from quadctl.cli.mission.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
+from quadctl.schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
+from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.load import parse
 
 HOLD_AT_1 = {"at": 1, "do": "hold"}
 

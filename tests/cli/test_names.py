@@ -4,9 +4,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cli.names import find_service, key_of
-from schemas.topics import SERVICES, TOPICS, topic_of
-from services.runtime.errors import Invalid
+from quadctl.cli.names import find_service, key_of
+from quadctl.schemas.topics import SERVICES, TOPICS, topic_of
+from quadctl.services.runtime.errors import Invalid
 
 CHUNK = st.text("abcdefgh_1", min_size=1, max_size=8)
 

@@ -5,13 +5,13 @@ from typing import Any, Self
 
 import pytest
 
-from cli import context
-from cli.context import Options
-from cli.node import lookup, ping
-from cli.node.lookup import Seen
-from services.runtime.bus.calls import gone
-from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
-from services.runtime.run_files import ProcessRecord
+from quadctl.cli import context
+from quadctl.cli.context import Options
+from quadctl.cli.node import lookup, ping
+from quadctl.cli.node.lookup import Seen
+from quadctl.services.runtime.bus.calls import gone
+from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.run_files import ProcessRecord
 
 KEY = "uav/@srv/pressure/get_params"
 ENDED = 2**22 + 1

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from schemas.topics import SERVICES, TOPICS
-from services.runtime.params.catalogue import render
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.services.runtime.params.catalogue import render
 from tests.cli.quadctl import Quadctl
 
 CALIBRATE = "bool zero\n---\nfloat64 baseline\n"

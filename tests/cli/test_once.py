@@ -2,7 +2,7 @@
 
 import pytest
 
-from cli.topic.pub import without_once
+from quadctl.cli.topic.pub import without_once
 from tests.cli.quadctl import Quadctl
 
 WAYPOINT = (3, "Waypoint")

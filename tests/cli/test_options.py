@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from cli import command, context
-from cli.context import Options
+from quadctl.cli import command, context
+from quadctl.cli.context import Options
 from tests.cli.quadctl import Quadctl
 
 # What needs a hub ends at once with 3 where there is none, and names the place it looked at.

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli import output
-from cli.progress import Progress
-from schemas.messages import CageSize
-from services.runtime.errors import Invalid, NotReady, QuadctlError
+from quadctl.cli import output
+from quadctl.cli.progress import Progress
+from quadctl.schemas.messages import CageSize
+from quadctl.services.runtime.errors import Invalid, NotReady, QuadctlError
 
 WORD = st.text("ab \tcdé", max_size=6)
 Capture = pytest.CaptureFixture[str]

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.output import duration
-from cli.run.screen import Panel, Taken, lines
-from cli.run.usage import Shares
-from services.runtime.run_files import ProcessRecord
+from quadctl.cli.output import duration
+from quadctl.cli.run.screen import Panel, Taken, lines
+from quadctl.cli.run.usage import Shares
+from quadctl.services.runtime.run_files import ProcessRecord
 from tests.processes.screen import Glass
 
 ROWS = [

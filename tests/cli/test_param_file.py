@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.param.toml_edit import edited, replace
-from services.runtime.errors import Invalid
-from services.runtime.params.catalogue import render
-from services.runtime.params.names import put
+from quadctl.cli.param.toml_edit import edited, replace
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.catalogue import render
+from quadctl.services.runtime.params.names import put
 from tests.cli.declared_values import changed_values
 
 WRITTEN = [

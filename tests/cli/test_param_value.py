@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from cli.values import parameter
-from services.runtime.params import catalogue
+from quadctl.cli.values import parameter
+from quadctl.services.runtime.params import catalogue
 
 CAGE = {"x": 3, "y": 2.5, "z": 3}
 

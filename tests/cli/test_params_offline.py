@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from schemas.params import FIXED_AT_LAUNCH
-from services.runtime.params import catalogue
+from quadctl.schemas.params import FIXED_AT_LAUNCH
+from quadctl.services.runtime.params import catalogue
 from tests.cli.quadctl import Quadctl
 
 NEEDS_A_RUN = [

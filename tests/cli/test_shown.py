@@ -5,11 +5,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from cli.topic.echo import NoField, field_of, shown, split
-from schemas.messages import Waypoint
-from services.runtime.bus import codec
-from services.runtime.bus.streams import Message
-from services.runtime.errors import Invalid
+from quadctl.cli.topic.echo import NoField, field_of, shown, split
+from quadctl.schemas.messages import Waypoint
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.errors import Invalid
 
 POINT = Waypoint(1.0, 2.0, 3.0)
 PACKED = codec.encode(POINT)

@@ -2,15 +2,15 @@
 
 import pytest
 
-from cli.completion import engine
-from cli.names import find_service, key_of
-from schemas.keyexpr import Offer
-from schemas.topics import SERVICES, TOPICS
-from services.runtime.params.names import normal_name
+from quadctl.cli.completion import engine
+from quadctl.cli.names import find_service, key_of
+from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.services.runtime.params.names import normal_name
 
 
 def going_on(found, begun: str) -> list[str]:
-    """As cli.completion.engine leaves them."""
+    """As quadctl.cli.completion.engine leaves them."""
     return sorted(word for word in found if word.startswith(begun))
 
 

@@ -13,7 +13,7 @@ FULL = Path("/dev/full")
 def test_a_full_disk_under_stdout_is_told_and_no_fault_of_ours(line: str):
     with FULL.open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-P", "-m", "cli.main", *line.split()],
+            [sys.executable, "-P", "-m", "quadctl.cli.main", *line.split()],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
@@ -27,11 +27,11 @@ def test_a_full_disk_under_stdout_is_told_and_no_fault_of_ours(line: str):
 
 INTERRUPTED = """
 import sys
-from cli.main import main
+from quadctl.cli.main import main
 
 class Impatient:
     def find_spec(self, name, path=None, target=None):
-        if name == "cli.fast_imports":
+        if name == "quadctl.cli.fast_imports":
             raise KeyboardInterrupt
 
 sys.meta_path.insert(0, Impatient())

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.node.logs import Tail
+from quadctl.cli.node.logs import Tail
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
-from cli import output
-from cli.concurrent import ask_each
-from services.runtime.errors import Refused
+from quadctl.cli import output
+from quadctl.cli.concurrent import ask_each
+from quadctl.services.runtime.errors import Refused
 
 
 def test_each_has_its_answer_or_its_problem_in_the_order_asked_for():

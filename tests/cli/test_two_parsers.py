@@ -4,11 +4,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cli import fast_parser, typer_app
-from cli.commands import COMMANDS, command
-from cli.context import COMMON
-from cli.declarations import Line, Opt, words_of
-from services.runtime.errors import UsageError
+from quadctl.cli import fast_parser, typer_app
+from quadctl.cli.commands import COMMANDS, command
+from quadctl.cli.context import COMMON
+from quadctl.cli.declarations import Line, Opt, words_of
+from quadctl.services.runtime.errors import UsageError
 
 OWN = sorted(
     {

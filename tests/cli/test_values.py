@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli import values
-from cli.topic.pub import Payload, payload_of
-from cli.values import message_of, table_of, without_type
-from schemas.messages import Setpoint, Waypoint
-from services.runtime.bus import codec
-from services.runtime.errors import Invalid, UsageError
+from quadctl.cli import values
+from quadctl.cli.topic.pub import Payload, payload_of
+from quadctl.cli.values import message_of, table_of, without_type
+from quadctl.schemas.messages import Setpoint, Waypoint
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import Invalid, UsageError
 
 REQUEST = "uav/input/position_request"
 SETPOINT = "boot=b for_seq=1 position.x=1 position.y=2 position.z=3 brake=false"

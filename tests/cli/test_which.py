@@ -2,8 +2,8 @@
 
 import pytest
 
-from cli.context import Options, about_node, about_parameters
-from services.runtime.errors import UsageError
+from quadctl.cli.context import Options, about_node, about_parameters
+from quadctl.services.runtime.errors import UsageError
 
 OPTIONS = Options("nowhere", "", "uav", json=False, timeout=1.0)
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from schemas.messages import (
+from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
     Pose,

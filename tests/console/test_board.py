@@ -6,8 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.console.model import NOTHING_SEEN, STEPS, TICK, Board, clicked, frame, link, stepped
-from schemas.messages import Position
+from quadctl.cli.console.model import (
+    NOTHING_SEEN,
+    STEPS,
+    TICK,
+    Board,
+    clicked,
+    frame,
+    link,
+    stepped,
+)
+from quadctl.schemas.messages import Position
 from tests.console.heard import pose, reading, state
 
 

@@ -4,9 +4,9 @@ import socket
 
 import pytest
 
-from cli.console.console import bound, urls
-from cli.console.server import may_control, why_refused
-from services.runtime.errors import AlreadyServed, UsageError
+from quadctl.cli.console.console import bound, urls
+from quadctl.cli.console.server import may_control, why_refused
+from quadctl.services.runtime.errors import AlreadyServed, UsageError
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8470", "localhost:8470", "[::1]:8470", "127.0.0.1"])

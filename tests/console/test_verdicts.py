@@ -2,8 +2,8 @@
 
 import pytest
 
-from cli.console.model import point, told
-from schemas.messages import CageSize, Position
+from quadctl.cli.console.model import point, told
+from quadctl.schemas.messages import CageSize, Position
 from tests.console.heard import state
 
 GOAL = Position(1, 2, 1)

@@ -4,13 +4,13 @@ import re
 
 import pytest
 
-from cli.console.model import STATES, WAYS, Verdict, drawing
-from cli.console.panels import line
-from cli.console.settings import shown, tables
-from schemas.params import FIXED_AT_LAUNCH
-from services.runtime.errors import Invalid
-from services.runtime.params import catalogue
-from services.safety.automaton import RULES
+from quadctl.cli.console.model import STATES, WAYS, Verdict, drawing
+from quadctl.cli.console.panels import line
+from quadctl.cli.console.settings import shown, tables
+from quadctl.schemas.params import FIXED_AT_LAUNCH
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.safety.automaton import RULES
 
 SETTINGS = {setting.name: setting for table in tables({}) for setting in table.settings}
 

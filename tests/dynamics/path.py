@@ -2,10 +2,10 @@
 
 from math import ceil
 
-from schemas.params import DynamicsParams
-from services.dynamics import trajectory
-from services.dynamics.controller import PERIOD, Setpoint
-from services.dynamics.trajectory import Axis, limits_of
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics import trajectory
+from quadctl.services.dynamics.controller import PERIOD, Setpoint
+from quadctl.services.dynamics.trajectory import Axis, limits_of
 
 
 class Path:

@@ -8,7 +8,7 @@ from math import asin, dist, sqrt
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from schemas.vehicle import VehicleParams
+from quadctl.schemas.vehicle import VehicleParams
 
 Array = np.ndarray
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from benchmarks.model import flown, scenario
-from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
-from schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
-from services.dynamics import flight_modes
-from services.dynamics.rigidbody import State, body_constants, step
-from services.dynamics.vehicle import Vehicle, constants_of, initial
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
+from quadctl.schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
+from quadctl.services.dynamics import flight_modes
+from quadctl.services.dynamics.rigidbody import State, body_constants, step
+from quadctl.services.dynamics.vehicle import Vehicle, constants_of, initial
 from tests.dynamics.reference import Reference, angle
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)

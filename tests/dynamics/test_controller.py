@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.params import DynamicsParams
-from schemas.vehicle import VehicleParams
-from services.dynamics.controller import control, control_constants, specific_force
-from services.dynamics.rigidbody import State
+from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.vehicle import VehicleParams
+from quadctl.services.dynamics.controller import control, control_constants, specific_force
+from quadctl.services.dynamics.rigidbody import State
 
 PARAMS = DynamicsParams()
 GAINS = control_constants(PARAMS)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from schemas.params import DynamicsParams, MeanWindParams, Params, StartParams, WindParams
-from services.dynamics.rotor import hover_speed
-from services.dynamics.vehicle import Vehicle
-from services.runtime.params.load import load
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, Params, StartParams, WindParams
+from quadctl.services.dynamics.rotor import hover_speed
+from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.runtime.params.load import load
 
 FILE = Path(__file__).parents[2] / "examples" / "crazyflie.toml"
 

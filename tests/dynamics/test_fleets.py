@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
-from schemas.vehicle import RotorDragParams
-from services.dynamics.compiled import source
-from services.dynamics.compiled.fleet import CompiledFleet
-from services.dynamics.compiled.kernel import WIDTH
-from services.dynamics.compiled.source import merged
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
+from quadctl.schemas.vehicle import RotorDragParams
+from quadctl.services.dynamics.compiled import source
+from quadctl.services.dynamics.compiled.fleet import CompiledFleet
+from quadctl.services.dynamics.compiled.kernel import WIDTH
+from quadctl.services.dynamics.compiled.source import merged
+from quadctl.services.dynamics.vehicle import Vehicle
 from tests.compiled import compiled_kernel
 
 Make = Callable[[Sequence[DynamicsParams]], CompiledFleet]

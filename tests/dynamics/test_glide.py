@@ -5,9 +5,9 @@ from collections import Counter
 
 import pytest
 
-from services.dynamics import trajectory
-from services.dynamics.compiled.branchless import NOTHING, PLAIN, RARE, glide
-from services.dynamics.vehicle import Vehicle, constants_of
+from quadctl.services.dynamics import trajectory
+from quadctl.services.dynamics.compiled.branchless import NOTHING, PLAIN, RARE, glide
+from quadctl.services.dynamics.vehicle import Vehicle, constants_of
 from tests.dynamics.test_fleets import vehicles
 
 

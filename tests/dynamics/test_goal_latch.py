@@ -1,7 +1,7 @@
 """Which setpoints move the vehicle."""
 
-from schemas.messages import Position
-from services.dynamics.simulation import GoalLatch
+from quadctl.schemas.messages import Position
+from quadctl.services.dynamics.simulation import GoalLatch
 
 THERE, ELSEWHERE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
 

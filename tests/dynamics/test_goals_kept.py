@@ -2,8 +2,8 @@
 
 import pytest
 
-from schemas.params import DynamicsParams, StartParams
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.services.dynamics.vehicle import Vehicle
 
 Point = tuple[float, float, float]
 

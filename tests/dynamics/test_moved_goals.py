@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.params import DynamicsParams
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.vehicle import Vehicle
 from tests.dynamics.path import Path
 
 SIZE = (5.0, 5.0, 2.0)

@@ -7,8 +7,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from schemas.params import DynamicsParams, StartParams
-from services.dynamics.compiled.fleet import CompiledFleet
+from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.services.dynamics.compiled.fleet import CompiledFleet
 from tests.compiled import compiled_kernel
 from tests.proofs import Proofs
 

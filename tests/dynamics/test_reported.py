@@ -2,10 +2,10 @@
 
 from msgspec import structs
 
-from schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
-from schemas.params import DynamicsParams, FlightFaultParams
-from services.dynamics.simulation import FaultyPose
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
+from quadctl.schemas.params import DynamicsParams, FlightFaultParams
+from quadctl.services.dynamics.simulation import FaultyPose
+from quadctl.services.dynamics.vehicle import Vehicle
 
 
 def pose(seq: int, boot: str = "a") -> Pose:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.vehicle import InertiaParams, VehicleParams
-from services.dynamics.rigidbody import STEP, Body, Motors, State, body_constants, step
+from quadctl.schemas.vehicle import InertiaParams, VehicleParams
+from quadctl.services.dynamics.rigidbody import STEP, Body, Motors, State, body_constants, step
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 OFF: Motors = (0.0, 0.0, 0.0, 0.0)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.vehicle import VehicleParams
-from services.dynamics.rigidbody import Motors, State, body_constants, step
-from services.dynamics.rotor import hover_speed, mix, mixer_constants
+from quadctl.schemas.vehicle import VehicleParams
+from quadctl.services.dynamics.rigidbody import Motors, State, body_constants, step
+from quadctl.services.dynamics.rotor import hover_speed, mix, mixer_constants
 
 PERIOD = 0.004
 VEHICLE = VehicleParams()

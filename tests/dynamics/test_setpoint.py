@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from schemas.params import DynamicsParams
-from services.dynamics.controller import PERIOD
-from services.dynamics.trajectory import Motion, advance_axis, decelerate, stop
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.controller import PERIOD
+from quadctl.services.dynamics.trajectory import Motion, advance_axis, decelerate, stop
 from tests.dynamics.path import Path
 
 SPEED, ACCELERATION, JERK = 5.0, 5.0, 40.0

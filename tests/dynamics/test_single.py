@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from schemas.params import DynamicsParams
-from services.dynamics import flight_modes
-from services.dynamics.compiler import Code, MachineCode, store, stored
-from services.dynamics.vehicle import Fly, Vehicle
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics import flight_modes
+from quadctl.services.dynamics.compiler import Code, MachineCode, store, stored
+from quadctl.services.dynamics.vehicle import Fly, Vehicle
 from tests.compiled import compiled_vehicle
 from tests.dynamics.test_fleets import vehicles
 

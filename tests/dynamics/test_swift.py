@@ -2,8 +2,8 @@
 
 import pytest
 
-from services.dynamics import compiler
-from services.dynamics.compiler import BackgroundCompiler
+from quadctl.services.dynamics import compiler
+from quadctl.services.dynamics.compiler import BackgroundCompiler
 from tests.compiled import compiled_vehicle
 from tests.processes.lab import CACHE
 from tests.processes.running import eventually

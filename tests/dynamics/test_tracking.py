@@ -4,11 +4,11 @@ from math import cos, dist, sin
 
 import pytest
 
-from schemas.params import DynamicsParams, StartParams
-from services.dynamics.controller import PERIOD, STEPS
-from services.dynamics.flight_modes import motor_commands
-from services.dynamics.rigidbody import step
-from services.dynamics.vehicle import Vehicle, constants_of, initial
+from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.services.dynamics.controller import PERIOD, STEPS
+from quadctl.services.dynamics.flight_modes import motor_commands
+from quadctl.services.dynamics.rigidbody import step
+from quadctl.services.dynamics.vehicle import Vehicle, constants_of, initial
 
 CALM = (0.0, 0.0, 0.0)
 

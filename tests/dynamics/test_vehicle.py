@@ -5,11 +5,11 @@ from random import Random
 
 import pytest
 
-from schemas.params import DynamicsParams, StartParams
-from schemas.vehicle import ControlParams, VehicleParams
-from services.dynamics import flight_modes
-from services.dynamics.rigidbody import body_constants, step
-from services.dynamics.vehicle import Vehicle
+from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.services.dynamics import flight_modes
+from quadctl.services.dynamics.rigidbody import body_constants, step
+from quadctl.services.dynamics.vehicle import Vehicle
 
 DIAGONAL = 3 / sqrt(3)
 

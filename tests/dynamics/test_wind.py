@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
-from schemas.vehicle import RotorDragParams, VehicleParams
-from services.dynamics.controller import PERIOD
-from services.dynamics.rigidbody import body_constants, step
-from services.dynamics.rotor import hover_speed
-from services.dynamics.vehicle import Vehicle
-from services.dynamics.wind import (
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
+from quadctl.schemas.vehicle import RotorDragParams, VehicleParams
+from quadctl.services.dynamics.controller import PERIOD
+from quadctl.services.dynamics.rigidbody import body_constants, step
+from quadctl.services.dynamics.rotor import hover_speed
+from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.dynamics.wind import (
     A1,
     A2,
     A3,

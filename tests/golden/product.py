@@ -10,22 +10,29 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-import cli
-import schemas
-import services
-from cli.context import COMMON
-from cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
-from cli.typer_app import build
-from schemas.keyexpr import Offer, node_key, offer_key
-from schemas.services import Call, Error
-from schemas.topics import GOTO, SERVICES, TOPICS, Service, Topic, called, get_params, set_params
-from schemas.typeinfo import bounds_text, parts, schema_hash, type_name
-from services.runtime.bus import codec as wire
-from services.runtime.errors import WIRE_ERRORS, QuadctlError
-from services.runtime.params import catalogue as declared
-from services.runtime.params import catalogue as template
-from services.runtime.params.names import LAB_NODES
-from services.runtime.process_table import NODES
+from quadctl import cli, schemas, services
+from quadctl.cli.context import COMMON
+from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
+from quadctl.cli.typer_app import build
+from quadctl.schemas.keyexpr import Offer, node_key, offer_key
+from quadctl.schemas.services import Call, Error
+from quadctl.schemas.topics import (
+    GOTO,
+    SERVICES,
+    TOPICS,
+    Service,
+    Topic,
+    called,
+    get_params,
+    set_params,
+)
+from quadctl.schemas.typeinfo import bounds_text, parts, schema_hash, type_name
+from quadctl.services.runtime.bus import codec as wire
+from quadctl.services.runtime.errors import WIRE_ERRORS, QuadctlError
+from quadctl.services.runtime.params import catalogue as declared
+from quadctl.services.runtime.params import catalogue as template
+from quadctl.services.runtime.params.names import LAB_NODES
+from quadctl.services.runtime.process_table import NODES
 
 __all__ = [
     "BUS_CUT", "FAULTS", "LAB_NODES", "NODES", "OF_PROCESSES", "Call", "Error",

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from schemas.params import HubParams, Params
-from services.hub.__main__ import run
+from quadctl.schemas.params import HubParams, Params
+from quadctl.services.hub.__main__ import run
 
 
 class Spinning:

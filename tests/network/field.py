@@ -100,7 +100,7 @@ class Field:
     def node(self, name: str, vehicle: str, who: str) -> Foreground:
         """A node of a vehicle, on the operator's machine."""
         return self.operator.spawn(
-            *(*self.machines[2].enter, sys.executable, "-P", "-m", f"services.{name}"),
+            *(*self.machines[2].enter, sys.executable, "-P", "-m", f"quadctl.services.{name}"),
             *("--vehicle", vehicle, "--connect", TLS, "--identity", str(self.keys / who)),
         )
 

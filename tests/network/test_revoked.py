@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from services.runtime.security.registry import Fleet
+from quadctl.services.runtime.security.registry import Fleet
 from tests.network.intruder import session
 from tests.processes.lab import Lab
 from tests.processes.running import eventually

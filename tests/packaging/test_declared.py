@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-OURS = {"cli", "services", "schemas"}
+FOLDERS = ("cli", "services", "schemas")
 OF = {"yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
 """Distributions whose module has another name."""
 BELOW = {"fastapi": "nicegui", "uvicorn": "nicegui", "llvmlite": "numba", "zstandard": "mcap"}
@@ -20,7 +20,7 @@ BELOW = {"fastapi": "nicegui", "uvicorn": "nicegui", "llvmlite": "numba", "zstan
 
 
 def imported() -> Iterator[str]:
-    for package in OURS:
+    for package in FOLDERS:
         for file in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(file.read_bytes())):
                 if isinstance(node, ast.Import):
@@ -31,7 +31,7 @@ def imported() -> Iterator[str]:
 
 def test_every_package_that_is_imported_is_declared_and_none_is_declared_in_vain():
     modules = {name.partition(".")[0] for name in imported()}
-    foreign = modules - OURS - sys.stdlib_module_names
+    foreign = modules - {"quadctl"} - sys.stdlib_module_names
     extras = PROJECT["optional-dependencies"].values()
     asked = [*PROJECT["dependencies"], *chain.from_iterable(extras)]
     declared = {canonicalize_name(Requirement(each).name) for each in asked}

@@ -1,6 +1,7 @@
 """The built wheel, in a fresh environment, from a folder that is not the checkout."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -12,7 +13,6 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
-PACKAGES = ("schemas", "services", "cli")
 SCRIPTS = "Scripts" if os.name == "nt" else "bin"
 
 pytestmark = pytest.mark.timeout(240)
@@ -62,12 +62,13 @@ def scripts(wheel, elsewhere, tmp_path_factory) -> Path:
     return venv / SCRIPTS
 
 
-def test_the_wheel_holds_the_three_packages_alone(wheel):
+def test_the_wheel_holds_one_package_alone(wheel):
     run(sys.executable, "-m", "check_wheel_contents", wheel, cwd=ROOT)
     names = zipfile.ZipFile(wheel).namelist()
     dist_info = f"quadctl-{VERSION}.dist-info"
-    assert {name.split("/")[0] for name in names} == {*PACKAGES, dist_info}
-    assert {f"{package}/py.typed" for package in PACKAGES} <= set(names)
+    assert {name.split("/")[0] for name in names} == {"quadctl", dist_info}
+    assert len(set(names)) == len(names)
+    assert {"quadctl/py.typed", "quadctl/__main__.py", "quadctl/cli/main.py"} <= set(names)
     assert f"{dist_info}/licenses/LICENSE" in names
 
 
@@ -83,11 +84,29 @@ def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):
     assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
-def test_the_packages_are_the_wheels(scripts, elsewhere):
-    code = "import schemas, services, cli; print(*(p.__file__ for p in (schemas, services, cli)), sep='\\n')"
-    files = run(scripts / "python", "-P", "-c", code, cwd=elsewhere).splitlines()
-    assert len(files) == len(PACKAGES)
-    assert all(Path(file).is_relative_to(scripts.parent) for file in files)
+def test_the_package_is_the_wheels(scripts, elsewhere):
+    code = (
+        "import quadctl.schemas.topics, quadctl; print(quadctl.__file__, quadctl.Node.__module__)"
+    )
+    file, module = run(scripts / "python", "-P", "-c", code, cwd=elsewhere).split()
+    assert Path(file).is_relative_to(scripts.parent)
+    assert module == "quadctl.services.runtime.node"
+    assert VERSION in run(scripts / "python", "-m", "quadctl", "--version", cwd=elsewhere)
+
+
+def test_a_student_with_modules_of_our_folders_names_flies(scripts, tmp_path):
+    for name in ("schemas", "services", "cli"):
+        (tmp_path / f"{name}.py").write_text("raise ImportError('the student's own')\n")
+    shutil.copy(ROOT / "examples" / "my_safety.py", tmp_path)
+    toml = f'[processes]\nsafety = "{scripts / "python"} my_safety.py"\n'
+    (tmp_path / "quad.toml").write_text(toml, encoding="utf-8")
+    flags = ("--realm", f"wheel{os.getpid()}")
+    quadctl = scripts / "quadctl"
+    run(quadctl, "up", "-d", *flags, cwd=tmp_path)
+    try:
+        assert "arrived" in run(quadctl, "goto", "1", "0", "1", *flags, cwd=tmp_path)
+    finally:
+        run(quadctl, "down", *flags, cwd=tmp_path)
 
 
 def test_quadctl_runs_anywhere(scripts, elsewhere):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.pressure.simulated import pressure_at
+from quadctl.services.pressure.simulated import pressure_at
 
 # Metres to pascals, computed apart with the standard's own constants: their exponent has more
 # digits than the formula's 5.255876, which is 0.0003 Pa at 1000 m, 0.03 mm of height.

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.pressure.iio import has_pressure, hectopascals
-from services.runtime.errors import QuadctlError
+from quadctl.services.pressure.iio import has_pressure, hectopascals
+from quadctl.services.runtime.errors import QuadctlError
 
 INPUT, RAW = "in_pressure_input", "in_pressure_raw"
 SCALE, OFFSET = "in_pressure_scale", "in_pressure_offset"

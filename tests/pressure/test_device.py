@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from services.pressure.__main__ import device
-from services.runtime.errors import QuadctlError
+from quadctl.services.pressure.__main__ import device
+from quadctl.services.runtime.errors import QuadctlError
 
 
 def test_the_one_named_is_taken_whatever_is_there(tmp_path: Path):

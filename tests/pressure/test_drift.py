@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.pressure.simulated import Drift
+from quadctl.services.pressure.simulated import Drift
 
 TIME = 1000.0
 

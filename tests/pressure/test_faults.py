@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.barometer import FaultParams
-from services.pressure.barometer import Faults
+from quadctl.schemas.barometer import FaultParams
+from quadctl.services.pressure.barometer import Faults
 
 READINGS = st.lists(st.floats(900, 1100), min_size=1, max_size=50)
 

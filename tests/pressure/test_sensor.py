@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.barometer import PressureParams
-from schemas.messages import Pressure
-from services.pressure.barometer import Barometer, Baseline, NoSample
+from quadctl.schemas.barometer import PressureParams
+from quadctl.schemas.messages import Pressure
+from quadctl.services.pressure.barometer import Barometer, Baseline, NoSample
 
 
 def taken(barometer: Barometer, *readings: tuple[float, float]) -> Pressure:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.barometer import MOST_RATE, PressureParams, Profile
-from services.pressure.simulated import DRIFT, PARTS, Simulated, pressure_at
+from quadctl.schemas.barometer import MOST_RATE, PressureParams, Profile
+from quadctl.services.pressure.simulated import DRIFT, PARTS, Simulated, pressure_at
 
 NAMES = sorted(PARTS)
 SEEDS = st.integers(0, 2**31 - 1)

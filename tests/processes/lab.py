@@ -21,7 +21,7 @@ from tests.processes.bare import Bare
 from tests.processes.running import Done, Foreground, alive, eventually
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
-QUADCTL = [sys.executable, "-P", "-m", "cli.main"]
+QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
 PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6")
 """For `up`, where a flight is not to be stopped because the machine has much else to do."""
 _PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")

@@ -100,10 +100,10 @@ def test_without_a_hub_nothing_that_needs_one_is_started(lab: Lab):
     refused = lab.quadctl("up", "-d", "--without", "hub", "--json")
     assert (refused.code, refused.error["code"]) == (6, "invalid")
     assert "dynamics, pressure, safety meet at it" in refused.error["message"]
-    assert "services.hub" in refused.error["hint"]
+    assert "quadctl.services.hub" in refused.error["hint"]
     assert lab.is_gone()
     # With one that was started alone they come up.
-    hub = lab.spawn(sys.executable, "-P", "-m", "services.hub", "--realm", lab.realm)
+    hub = lab.spawn(sys.executable, "-P", "-m", "quadctl.services.hub", "--realm", lab.realm)
     with lab.first_bare():
         lab.start("--without", "hub")
     assert lab.quadctl("calibrate").code == 0

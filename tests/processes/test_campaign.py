@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from cli import campaign as command
-from cli.campaign import lines
-from cli.context import options_of
+from quadctl.cli import campaign as command
+from quadctl.cli.campaign import lines
+from quadctl.cli.context import options_of
 from tests.compiled import compiled_kernel
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually

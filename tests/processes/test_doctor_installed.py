@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from cli.doctor.installation import PACKAGES
 from tests.processes.lab import Lab
 
 ROOT = Path(__file__).parents[2]
@@ -27,8 +26,13 @@ def ask(lab: Lab, **environment: str) -> dict[str, Any]:
     [
         ("numpy-1.0", {}, "packages", "numpy 1.0, needed <3,>=2.2"),
         ("quadctl-0.1.0", {"METADATA": "Requires-Python: >=4\n"}, "Python", "quadctl needs >=4"),
-        ("other-1.0", {"top_level.txt": "cli\n"}, "imports", "cli is also in other"),
-        ("quadctl-0.1.0", {"RECORD": "cli/main.py,sha256=abc,1\n"}, "imports", "cli/main.py"),
+        ("other-1.0", {"top_level.txt": "quadctl\n"}, "imports", "quadctl is also in other"),
+        (
+            "quadctl-0.1.0",
+            {"RECORD": "quadctl/cli/main.py,sha256=abc,1\n"},
+            "imports",
+            "quadctl/cli/main.py",
+        ),
     ],
 )
 def test_what_is_installed(lab: Lab, package: str, files: dict[str, str], check: str, said: str):
@@ -48,17 +52,16 @@ def test_what_is_installed(lab: Lab, package: str, files: dict[str, str], check:
 
 def test_another_checkout_than_the_one_that_the_processes_import(lab: Lab):
     copy = lab.folder / "copy"
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, copy / package)
+    shutil.copytree(ROOT / "src" / "quadctl", copy / "quadctl")
     done = subprocess.run(
-        [sys.executable, "-m", "cli.main", "doctor", "--json"],
+        [sys.executable, "-m", "quadctl.cli.main", "doctor", "--json"],
         cwd=copy, env=lab.environment, capture_output=True, timeout=30, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (8, b"")
     (imports,) = [c for c in json.loads(done.stdout)["checks"] if c["name"] == "imports"]
     assert imports["verdict"] == "FAIL"
     assert f"this is quadctl of {copy}" in imports["evidence"]
-    assert f"services from {ROOT}" in imports["evidence"]
+    assert f"quadctl from {ROOT / 'src'}" in imports["evidence"]
 
 
 def test_a_realm_in_too_deep_a_folder(lab: Lab):

@@ -47,7 +47,7 @@ def test_a_run_that_died_is_a_fault_and_its_folder_a_leftover(lab: Lab):
 
 
 def test_nodes_that_were_started_by_hand(lab: Lab):
-    hub = lab.spawn(*lab.command()[:2], "-m", "services.hub")
+    hub = lab.spawn(*lab.command()[:2], "-m", "quadctl.services.hub")
     bare = lab.first_bare()
     eventually(lambda: bare.nodes() == ["hub"])
     bare.session.close()

@@ -107,7 +107,7 @@ def test_two_realms_run_side_by_side_and_do_not_see_each_other(shared_lab: Lab):
 def test_a_node_started_a_second_time_exits_7(shared_lab: Lab):
     before = shared_lab.status()
     command = (sys.executable, "-P", "-m")
-    seconds = {node: shared_lab.spawn(*command, f"services.{node}") for node in NODES}
+    seconds = {node: shared_lab.spawn(*command, f"quadctl.services.{node}") for node in NODES}
     assert {node: second.wait() for node, second in seconds.items()} == dict.fromkeys(NODES, 7)
     assert all(node in second.log for node, second in seconds.items())
     assert shared_lab.status() == before
@@ -115,7 +115,7 @@ def test_a_node_started_a_second_time_exits_7(shared_lab: Lab):
 
 def test_a_process_runs_alone_beside_a_run_that_leaves_it_out(lab: Lab):
     lab.start("--without", "pressure")
-    command = (sys.executable, "-P", "-m", "services.pressure", "--realm", lab.realm)
+    command = (sys.executable, "-P", "-m", "quadctl.services.pressure", "--realm", lab.realm)
     alone = lab.spawn(*command, "--set", "pressure.rate=20")
     with lab.bare() as bare:
         eventually(lambda: "pressure" in bare.nodes())

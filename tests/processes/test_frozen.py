@@ -15,7 +15,7 @@ from tempfile import TemporaryFile
 
 import pytest
 
-from cli.commands import COMMANDS, split
+from quadctl.cli.commands import COMMANDS, split
 from tests.processes.frozen import (
     ELSEWHERE,
     ENDINGS,

@@ -8,7 +8,7 @@ import pytest
 from tests.processes.lab import Lab
 
 SLOW = {
-    "asyncio", "cli.typer_app", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
+    "asyncio", "quadctl.cli.typer_app", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
     "pathlib", "platform", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
     "urllib", "uuid",
 }  # fmt: skip
@@ -24,7 +24,7 @@ SLOW = {
 )  # fmt: skip
 def test_an_everyday_command_loads_nothing_slow(shared_lab: Lab, line: str):
     done = subprocess.run(
-        [sys.executable, "-P", "-X", "importtime", "-m", "cli.main", *line.split()],
+        [sys.executable, "-P", "-X", "importtime", "-m", "quadctl.cli.main", *line.split()],
         capture_output=True,
         text=True,
         env=shared_lab.environment,

@@ -43,7 +43,7 @@ def safety_apart() -> Iterator[tuple[Lab, Proxy]]:
     with private_lab() as made, Proxy(made.home / "hub.sock", DELAY) as link:
         made.start("--without", "safety", *ROOMY)
         safety = made.spawn(
-            sys.executable, "-P", "-m", "services.safety", "--connect", link.endpoint
+            sys.executable, "-P", "-m", "quadctl.services.safety", "--connect", link.endpoint
         )
         with made.bare() as bare:
             eventually(lambda: "safety" in bare.nodes())

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from schemas.services import HoldResponse
-from services.runtime.bus import codec
+from quadctl.schemas.services import HoldResponse
+from quadctl.services.runtime.bus import codec
 from tests.processes.bare import pack, unpack
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import Done

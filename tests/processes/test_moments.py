@@ -80,7 +80,7 @@ def test_goto_stops_waiting_and_the_flight_goes_on(lab: Lab):
 
 def many(lab: Lab, count: int) -> None:
     """So many safeties start together: one stays and flies, until it is ended; all others end with 7."""
-    command = (sys.executable, "-P", "-m", "services.safety")
+    command = (sys.executable, "-P", "-m", "quadctl.services.safety")
     started = [lab.spawn(*command) for _ in range(count)]
     eventually(lambda: sum(not each.ended for each in started) <= 1, 60.0)
     (stays,) = [each for each in started if not each.ended]

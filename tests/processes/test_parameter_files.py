@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.runtime.params.catalogue import lab_params
-from services.runtime.params.load import load
-from services.runtime.params.names import flatten
+from quadctl.services.runtime.params.catalogue import lab_params
+from quadctl.services.runtime.params.load import load
+from quadctl.services.runtime.params.names import flatten
 from tests.processes.bare import Bare, pack
 from tests.processes.lab import Lab, private_lab
 

@@ -9,8 +9,8 @@ import pytest
 import zenoh
 from msgspec import inspect
 
-from schemas.params import FROM_STANDSTILL
-from services.runtime.params import catalogue
+from quadctl.schemas.params import FROM_STANDSTILL
+from quadctl.services.runtime.params import catalogue
 from tests.processes.bare import Bare, pack, ticket, unpack
 from tests.processes.lab import private_lab
 from tests.processes.running import eventually

@@ -13,7 +13,7 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
-from services.runtime.recording.reader import Bag
+from quadctl.services.runtime.recording.reader import Bag
 from tests.processes.bare import pack
 from tests.processes.lab import PATIENT, Lab, private_lab
 from tests.processes.running import Foreground, alive, eventually

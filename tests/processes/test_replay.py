@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.recording.reader import Bag, Recorded
+from quadctl.services.runtime.recording.reader import Bag, Recorded
 from tests.bag.made import flight, taken, write
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.runtime.errors import QuadctlError
-from services.runtime.realm import Realm
-from services.runtime.supervisor import control
+from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.supervisor import control
 from tests.processes.bare import Bare, gap, speed
 from tests.processes.lab import NODES, PATIENT, Lab, private_lab
 from tests.processes.running import eventually

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError
 from tests.processes.lab import NODES, Lab
 from tests.processes.running import eventually
 

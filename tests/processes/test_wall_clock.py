@@ -84,7 +84,13 @@ def stamped(lab: Lab) -> float:
 def test_an_hour_on_and_back_in_flight(lab: Lab):
     clock = Clock(lab.folder)
     nodes = {
-        name: [sys.executable, "-P", str(HERE / "jumpy.py"), str(clock.file), f"services.{name}"]
+        name: [
+            sys.executable,
+            "-P",
+            str(HERE / "jumpy.py"),
+            str(clock.file),
+            f"quadctl.services.{name}",
+        ]
         for name in ("dynamics", "pressure", "safety")
     }
     lines = (f"{name} = {json.dumps(command)}\n" for name, command in nodes.items())

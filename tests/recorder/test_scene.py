@@ -1,7 +1,7 @@
 """What viewers draw: the vehicle where it is, the cage as it is, and nothing twice."""
 
-from schemas.messages import CageSize
-from services.recorder.foxglove import Scene
+from quadctl.schemas.messages import CageSize
+from quadctl.services.recorder.foxglove import Scene
 from tests.bag.made import BEGAN, pose, state
 
 

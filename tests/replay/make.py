@@ -7,10 +7,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from schemas.topics import POSE
-from services.runtime.bus.raw import Taken
-from services.runtime.recording.reader import Bag
-from services.runtime.recording.writer import BagWriter, Outfile
+from quadctl.schemas.topics import POSE
+from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.recording.reader import Bag
+from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 from tests.processes.lab import Lab, private_lab
 from tests.processes.running import eventually
 

@@ -5,12 +5,12 @@ from typing import Any
 
 import msgspec
 
-from schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
-from schemas.params import Params
-from schemas.topics import POSE, PRESSURE, REQUEST, topic_of
-from services.runtime.bus import codec
-from services.runtime.recording.reader import Bag
-from services.runtime.testing import Said
+from quadctl.schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
+from quadctl.schemas.params import Params
+from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, topic_of
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.recording.reader import Bag
+from quadctl.services.runtime.testing import Said
 
 _INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
 

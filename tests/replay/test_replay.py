@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from services.pressure.__main__ import run as run_pressure
-from services.runtime.testing import Said, play
-from services.safety import automaton
-from services.safety.__main__ import run as run_safety
+from quadctl.services.pressure.__main__ import run as run_pressure
+from quadctl.services.runtime.testing import Said, play
+from quadctl.services.safety import automaton
+from quadctl.services.safety.__main__ import run as run_safety
 from tests.replay.recorded import Recorded
 
 FILES = sorted(Path(__file__).parent.glob("*.mcap"))
@@ -71,7 +71,9 @@ def test_one_changed_rule_is_another_flight(rule, monkeypatch):
     number = named(*rule)
     changed = automaton.RULES[number]._replace(do=automaton.keep, to=automaton.RULES[number].at)
     rules = (*automaton.RULES[:number], changed, *automaton.RULES[number + 1 :])
-    monkeypatch.setattr("services.safety.monitor.step", partial(automaton.step, rules=rules))
+    monkeypatch.setattr(
+        "quadctl.services.safety.monitor.step", partial(automaton.step, rules=rules)
+    )
     said = safety(recorded)
     assert recorded.transitions(said) != recorded.transitions(recorded.said)
 

@@ -4,10 +4,10 @@ from typing import Any, Self
 
 import msgspec
 
-from schemas.services import Call, GotoRequest, GotoResponse
-from schemas.topics import GOTO
-from services.runtime.bus import codec
-from services.runtime.server import Schedule, Server
+from quadctl.schemas.services import Call, GotoRequest, GotoResponse
+from quadctl.schemas.topics import GOTO
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.server import Schedule, Server
 
 KEY = "uav/@srv/goto"
 ASK = codec.encode(GotoRequest(1.0, 2.0, 3.0))

@@ -8,17 +8,17 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from schemas.params import Params
-from services.runtime.bus.session import Address, address_of
-from services.runtime.errors import AlreadyServed
-from services.runtime.realm import Realm
-from services.runtime.supervisor.launch import Launch, choose_address, hold
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.bus.session import Address, address_of
+from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.supervisor.launch import Launch, choose_address, hold
 
 
 @pytest.fixture
 def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     made = Realm("lab")
     made.create()
     return made

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime import run_files
-from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.filelock import FileLock
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord, RunRecord, State
-from services.runtime.supervisor import control
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord, State
+from quadctl.services.runtime.supervisor import control
 
 
 @pytest.fixture
 def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Realm]:
     """A live realm with a hub and a pressure."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     made = Realm("lab")
     made.create()
     with FileLock(made.lock, "the realm"):

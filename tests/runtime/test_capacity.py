@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from schemas.params import DynamicsParams, Params
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.supervisor import capacity
-from services.runtime.supervisor.launch import Launch
+from quadctl.schemas.params import DynamicsParams, Params
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.supervisor import capacity
+from quadctl.services.runtime.supervisor.launch import Launch
 
 
 def launch(count: int, rate: float = 20.0, speed: float = 1.0, without: tuple[str, ...] = ()):

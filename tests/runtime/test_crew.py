@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from services.runtime.executor import Crew, Loop
+from quadctl.services.runtime.executor import Crew, Loop
 
 
 class Few:

@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
-from schemas.params import FIXED_AT_LAUNCH, Params
-from schemas.typeinfo import bounds_text
-from services.runtime.params import catalogue
-from services.runtime.params.names import flatten
+from quadctl.schemas.params import FIXED_AT_LAUNCH, Params
+from quadctl.schemas.typeinfo import bounds_text
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.names import flatten
 
 
 def test_every_leaf_is_there_in_the_files_order_with_its_default():

@@ -2,8 +2,8 @@
 
 import pytest
 
-from services.runtime import errors
-from services.runtime.errors import QuadctlError
+from quadctl.services.runtime import errors
+from quadctl.services.runtime.errors import QuadctlError
 
 # What the contract says, beside 0, 8 (doctor, demo, campaign) and 130 (Ctrl-C), which are no errors.
 EXIT = {

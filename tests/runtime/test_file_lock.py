@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.errors import AlreadyServed
-from services.runtime.filelock import FileLock
+from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.filelock import FileLock
 
 HOLDER = """
 import sys
 from pathlib import Path
-from services.runtime.filelock import FileLock
+from quadctl.services.runtime.filelock import FileLock
 with FileLock(Path(sys.argv[1]), "the realm lab"):
     print("held", flush=True)
     sys.stdin.read()

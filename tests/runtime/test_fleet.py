@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.params import Params
-from services.runtime.errors import Invalid, UsageError
-from services.runtime.params import load
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.params import load
 
 
 def test_one_vehicle_has_what_the_file_says(tmp_path: Path):

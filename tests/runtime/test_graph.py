@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.keyexpr import Offer, node_key, node_of, offer_key, offer_of
+from quadctl.schemas.keyexpr import Offer, node_key, node_of, offer_key, offer_of
 
 CHUNK = st.text("abcXYZ019_-.", min_size=1, max_size=12)
 NAME = st.lists(CHUNK, min_size=1, max_size=4).map("/".join)

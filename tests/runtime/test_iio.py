@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from services.pressure import iio
-from services.runtime.errors import QuadctlError
+from quadctl.services.pressure import iio
+from quadctl.services.runtime.errors import QuadctlError
 
 
 def test_devices_come_in_the_order_of_their_numbers(tmp_path: Path):

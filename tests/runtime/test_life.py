@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime.process_table import (
+from quadctl.services.runtime.process_table import (
     HEALTHY,
     MOST_QUICK_DEATHS,
     QUICK,

@@ -6,7 +6,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime.supervisor.child import FEW, LONGEST, MOST, Lines
+from quadctl.services.runtime.supervisor.child import FEW, LONGEST, MOST, Lines
 
 
 def texts(lines: Lines) -> list[str]:

@@ -3,7 +3,7 @@
 import socket
 import struct
 
-from services.runtime.bus.router import let_go
+from quadctl.services.runtime.bus.router import let_go
 
 
 def test_what_zenoh_has_set_is_taken_back_from_tcp_links_alone():

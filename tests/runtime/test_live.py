@@ -5,11 +5,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from schemas.params import FIXED_AT_LAUNCH, Params
-from schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
-from services.runtime.errors import Invalid
-from services.runtime.params.live import LiveParams
-from services.runtime.params.names import flatten
+from quadctl.schemas.params import FIXED_AT_LAUNCH, Params
+from quadctl.schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.live import LiveParams
+from quadctl.services.runtime.params.names import flatten
 
 TAKEN = SetParamsResponse(True, "")
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.supervisor import logs as disk
-from services.runtime.supervisor import logs as logfile
-from services.runtime.supervisor.logs import Disk, LogFile, Logs, Printer
+from quadctl.services.runtime.supervisor import logs as disk
+from quadctl.services.runtime.supervisor import logs as logfile
+from quadctl.services.runtime.supervisor.logs import Disk, LogFile, Logs, Printer
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.supervisor.logs import Logs, Printer
+from quadctl.services.runtime.supervisor.logs import Logs, Printer
 
 LINE = r"\d\d:\d\d:\d\d\.\d\d\d "
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from services.runtime.executor import Inbox, Item, Loop
+from quadctl.services.runtime.executor import Inbox, Item, Loop
 
 SOON = 10.0
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import zenoh
 
-from services.runtime.bus.zenoh_events import Matching
+from quadctl.services.runtime.bus.zenoh_events import Matching
 
 
 class End:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.errors import Invalid
-from services.runtime.files import write_new
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.files import write_new
 
 
 def test_it_is_written_once(tmp_path: Path):

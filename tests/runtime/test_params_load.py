@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.barometer import PressureParams
-from schemas.params import CageParams, Params, SafetyParams, StartParams
-from services.runtime.errors import Invalid
-from services.runtime.params.load import check, launch_lines, load
-from services.runtime.params.names import flatten, nearest, normal_name, put, value_of
+from quadctl.schemas.barometer import PressureParams
+from quadctl.schemas.params import CageParams, Params, SafetyParams, StartParams
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.load import check, launch_lines, load
+from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put, value_of
 
 CHUNK = st.text("abcdef_", min_size=1, max_size=6)
 LEAVES = st.integers() | st.booleans() | CHUNK

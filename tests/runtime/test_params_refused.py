@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.errors import Invalid
-from services.runtime.params.load import load, read
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.load import load, read
 
 FLOAT, TABLE = "expected `float`", "expected `object`"
 # The file, what the error must name, and what its hint must offer.

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime.bus.codec import plain
+from quadctl.services.runtime.bus.codec import plain
 
 PACKED = msgspec.msgpack.encode({"a": [1, 2.5]})
 

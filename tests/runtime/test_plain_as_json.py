@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli import output
-from services.runtime.bus.codec import plain
+from quadctl.cli import output
+from quadctl.services.runtime.bus.codec import plain
 
 Ext = msgspec.msgpack.Ext
 pack = msgspec.msgpack.encode

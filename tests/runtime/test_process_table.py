@@ -4,15 +4,15 @@ import sys
 
 import pytest
 
-from services.runtime.errors import Invalid
-from services.runtime.process_table import NODES, Process, table
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.process_table import NODES, Process, table
 
 
 def test_our_nodes_in_the_order_in_which_they_start():
     assert NODES == ("hub", "dynamics", "pressure", "safety")
     assert [process.name for process in table({})] == list(NODES)
     for process in table({}):
-        assert process.command == (sys.executable, "-P", "-m", f"services.{process.name}")
+        assert process.command == (sys.executable, "-P", "-m", f"quadctl.services.{process.name}")
         assert process.must_announce
 
 

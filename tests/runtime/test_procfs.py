@@ -5,8 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime import procfs
-from services.runtime.procfs import ProcessStats, has_ended, is_frozen, parent_of, pss_of, stats_of
+from quadctl.services.runtime import procfs
+from quadctl.services.runtime.procfs import (
+    ProcessStats,
+    has_ended,
+    is_frozen,
+    parent_of,
+    pss_of,
+    stats_of,
+)
 
 
 @pytest.fixture

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.realm import Realm, default_name, write_atomically
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.realm import Realm, default_name, write_atomically
 
 
 @pytest.fixture
 def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A short folder of its own in place of XDG_RUNTIME_DIR; pytest's own may be too long."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     return tmp_path
 
 

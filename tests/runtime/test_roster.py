@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from schemas.keyexpr import Offer, node_key, offer_key
-from schemas.topics import GOTO, POSE
-from services.runtime.bus import liveliness as roster
+from quadctl.schemas.keyexpr import Offer, node_key, offer_key
+from quadctl.schemas.topics import GOTO, POSE
+from quadctl.services.runtime.bus import liveliness as roster
 
 
 class Bus:

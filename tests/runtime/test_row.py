@@ -2,9 +2,9 @@
 
 from typing import cast
 
-from services.runtime.process_table import GRACE, SETTLED, Process
-from services.runtime.supervisor.child import Child, Said
-from services.runtime.supervisor.supervisor import Row
+from quadctl.services.runtime.process_table import GRACE, SETTLED, Process
+from quadctl.services.runtime.supervisor.child import Child, Said
+from quadctl.services.runtime.supervisor.supervisor import Row
 
 
 class Fake:

@@ -9,15 +9,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from schemas.barometer import PressureParams
-from schemas.params import CageParams, Params, SafetyParams
-from services.runtime import run_files
-from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.filelock import FileLock
-from services.runtime.params import live
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord, RunRecord
-from services.runtime.supervisor.control import halt
+from quadctl.schemas.barometer import PressureParams
+from quadctl.schemas.params import CageParams, Params, SafetyParams
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.params import live
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.supervisor.control import halt
 
 RUN = RunRecord("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
 
@@ -25,7 +25,7 @@ RUN = RunRecord("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.
 @pytest.fixture
 def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr("services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
+    monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     made = Realm("lab")
     made.create()
     return made

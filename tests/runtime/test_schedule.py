@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.runtime import server
-from services.runtime.errors import Expired, NotReady, QuadctlError, Refused
-from services.runtime.server import Held, Schedule
+from quadctl.services.runtime import server
+from quadctl.services.runtime.errors import Expired, NotReady, QuadctlError, Refused
+from quadctl.services.runtime.server import Held, Schedule
 
 NEVER = 1e12
 

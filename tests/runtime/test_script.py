@@ -2,11 +2,11 @@
 
 from msgspec import to_builtins
 
-from schemas.messages import Called, Pose, Setpoint
-from schemas.params import Params
-from schemas.services import HoldRequest, HoldResponse
-from schemas.topics import HOLD, POSE, SETPOINT
-from services.runtime.testing import play
+from quadctl.schemas.messages import Called, Pose, Setpoint
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import HoldRequest, HoldResponse
+from quadctl.schemas.topics import HOLD, POSE, SETPOINT
+from quadctl.services.runtime.testing import play
 from tests.bag.made import pose
 
 

@@ -6,12 +6,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from schemas.services import Call, GotoRequest, GotoResponse
-from schemas.topics import GOTO
-from services.runtime import server
-from services.runtime.bus import codec
-from services.runtime.errors import Invalid, NotReady, Refused
-from services.runtime.server import Server
+from quadctl.schemas.services import Call, GotoRequest, GotoResponse
+from quadctl.schemas.topics import GOTO
+from quadctl.services.runtime import server
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import Invalid, NotReady, Refused
+from quadctl.services.runtime.server import Server
 from tests.runtime.queries import ASK, KEY, Bench, Query
 
 LATER, LONG_AGO = time.time() + 1e6, 5.0

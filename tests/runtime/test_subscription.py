@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from schemas.messages import Waypoint
-from schemas.topics import REQUEST
-from services.runtime.bus import codec
-from services.runtime.bus.pubsub import Subscription
+from quadctl.schemas.messages import Waypoint
+from quadctl.schemas.topics import REQUEST
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.pubsub import Subscription
 
 
 class Sample:
@@ -155,8 +155,8 @@ def test_another_version_of_the_type_is_refused_by_hash(caplog: pytest.LogCaptur
 
 def test_a_flood_is_let_gather_and_what_came_last_in_it_is_heard(monkeypatch: pytest.MonkeyPatch):
     now, naps = [100.0], list[float]()
-    monkeypatch.setattr("services.runtime.bus.pubsub.time.monotonic", lambda: now[0])
-    monkeypatch.setattr("services.runtime.bus.pubsub.time.sleep", naps.append)
+    monkeypatch.setattr("quadctl.services.runtime.bus.pubsub.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("quadctl.services.runtime.bus.pubsub.time.sleep", naps.append)
     bench = Bench()
     for number in range(600):
         now[0] += 0.00001

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from services.runtime.supervisor import descendants
+from quadctl.services.runtime.supervisor import descendants
 
 
 @pytest.fixture

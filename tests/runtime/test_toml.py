@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.params import Params
-from services.runtime.params import catalogue
-from services.runtime.params.names import flatten, value_of
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.names import flatten, value_of
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 SCALAR = st.one_of(

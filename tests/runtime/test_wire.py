@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import Struct
 
-from schemas.messages import Info, Pose, SafetyState, Waypoint
-from schemas.services import CalibrateRequest, Call, Error, GotoRequest, SetParamsRequest
-from services.runtime.bus import codec
-from services.runtime.errors import (
+from quadctl.schemas.messages import Info, Pose, SafetyState, Waypoint
+from quadctl.schemas.services import CalibrateRequest, Call, Error, GotoRequest, SetParamsRequest
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import (
     WIRE_ERRORS,
     AlreadyServed,
     Expired,
@@ -183,7 +183,7 @@ FRESH_TYPES = """
 import sys, threading
 from typing import Literal
 import msgspec
-from services.runtime.bus import codec
+from quadctl.services.runtime.bus import codec
 
 sys.setswitchinterval(1e-6)
 for number in range(20):

@@ -2,9 +2,9 @@
 
 from msgspec.structs import replace
 
-from schemas.messages import Pose, Position, SafetyState, Velocity
-from schemas.params import CageParams, SafetyParams
-from services.safety.monitor import Monitor
+from quadctl.schemas.messages import Pose, Position, SafetyState, Velocity
+from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.services.safety.monitor import Monitor
 from tests.safety.worlds import POSE
 
 GROUND, ONE_UP = Position(0.0, 0.0, 0.0), Position(0.0, 0.0, 1.0)

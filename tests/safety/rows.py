@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from schemas.messages import Position
-from services.safety.cage import SLACK, leeway
-from services.safety.model import (
+from quadctl.schemas.messages import Position
+from quadctl.services.safety.cage import SLACK, leeway
+from quadctl.services.safety.model import (
     Ask,
     Booted,
     Check,

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from schemas.messages import CageSize, Position
-from services.safety.cage import bounds, why_outside
+from quadctl.schemas.messages import CageSize, Position
+from quadctl.services.safety.cage import bounds, why_outside
 
 CAGE = CageSize(5.0, 4.0, 2.0)
 MIDDLE = Position(0.0, 0.0, 1.0)

@@ -2,7 +2,7 @@
 
 from docs.diagram import diagram, table, words
 from docs.draw import PAGE, drawn
-from services.safety.automaton import RULES
+from quadctl.services.safety.automaton import RULES
 
 
 def test_the_page_is_the_tables():

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import pytest
 from msgspec.structs import replace
 
-from schemas.messages import CageSize, Position, Velocity
-from services.safety.automaton import RULES, Rule, step
-from services.safety.cage import why_outside
-from services.safety.model import (
+from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.services.safety.automaton import RULES, Rule, step
+from quadctl.services.safety.cage import why_outside
+from quadctl.services.safety.model import (
     Ask,
     Booted,
     Check,

@@ -4,8 +4,8 @@ from math import inf
 
 from msgspec.structs import replace
 
-from schemas.messages import Position, Velocity
-from services.safety.monitor import PATIENCE, STANDS, Following
+from quadctl.schemas.messages import Position, Velocity
+from quadctl.services.safety.monitor import PATIENCE, STANDS, Following
 from tests.safety.worlds import POSE
 
 LIMIT, PERIOD = 0.15, 0.05

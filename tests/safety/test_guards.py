@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import astuple, replace
 
-from schemas.messages import CageSize, Position, Velocity
-from services.safety.cage import beyond, soonest_stop, why_outside
+from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.services.safety.cage import beyond, soonest_stop, why_outside
 from tests.safety.rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
 from tests.safety.worlds import POSE
 

@@ -5,8 +5,8 @@ from math import inf, nan
 import pytest
 from msgspec.structs import replace
 
-from schemas.messages import Position
-from services.safety.model import State
+from quadctl.schemas.messages import Position
+from quadctl.services.safety.model import State
 from tests.safety.rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
 
 

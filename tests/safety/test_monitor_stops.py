@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from schemas.messages import CageSize, Position, Velocity
+from quadctl.schemas.messages import CageSize, Position, Velocity
 from tests.safety.rig import GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from services.safety import automaton
-from services.safety.automaton import RULES, Rule, step
-from services.safety.model import Event, Situation, State, World
+from quadctl.services.safety import automaton
+from quadctl.services.safety.automaton import RULES, Rule, step
+from quadctl.services.safety.model import Event, Situation, State, World
 from tests.safety.rows import CASES, Case
 from tests.safety.worlds import PLAIN, SEEING
 

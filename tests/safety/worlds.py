@@ -2,8 +2,8 @@
 
 from msgspec.structs import replace
 
-from schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
-from services.safety.model import Ask, Envelope, Situation, State, World
+from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
+from quadctl.services.safety.model import Ask, Envelope, Situation, State, World
 
 HOVERING, VERIFYING, MOVING = State
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import Struct, inspect, msgpack, to_builtins
 
-from schemas import barometer, messages, params, services, vehicle
+from quadctl.schemas import barometer, messages, params, services, vehicle
 
 
 def _declared(module: ModuleType) -> tuple[type[Struct], ...]:

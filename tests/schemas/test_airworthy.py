@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas import airworthy
-from schemas.params import MeanWindParams, WindParams
-from schemas.vehicle import ControlParams, VehicleParams
-from services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
+from quadctl.schemas import airworthy
+from quadctl.schemas.params import MeanWindParams, WindParams
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
 
 GAIN = st.floats(-2, 3).map(lambda power: 10**power)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from msgspec import Struct, inspect, to_builtins
 
-from schemas.params import FIXED_AT_LAUNCH, CageParams, Params, SafetyParams
-from services.runtime.params import catalogue
-from services.runtime.params.load import load
-from services.runtime.params.names import flatten
+from quadctl.schemas.params import FIXED_AT_LAUNCH, CageParams, Params, SafetyParams
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.load import load
+from quadctl.services.runtime.params.names import flatten
 from tests.schemas.declared import bare, fields
 
 FILE = Path(__file__).parents[2] / "quad.toml"

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
-from schemas.messages import Pose, SafetyState, Waypoint
-from schemas.services import (
+from quadctl.schemas.messages import Pose, SafetyState, Waypoint
+from quadctl.schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
     GetParamsRequest,
@@ -20,7 +20,13 @@ from schemas.services import (
     HoldRequest,
     HoldResponse,
 )
-from schemas.typeinfo import bounds_text, definition, schema_hash, service_definition, type_name
+from quadctl.schemas.typeinfo import (
+    bounds_text,
+    definition,
+    schema_hash,
+    service_definition,
+    type_name,
+)
 from tests.schemas.declared import ON_THE_WIRE
 
 BOUNDS = st.floats(-1e6, 1e6)
@@ -110,8 +116,8 @@ def test_types_with_different_fields_have_different_hashes():
 
 def test_the_hash_is_the_same_in_another_process():
     code = (
-        "from schemas.messages import *\n"
-        "from schemas.typeinfo import schema_hash\n"
+        "from quadctl.schemas.messages import *\n"
+        "from quadctl.schemas.typeinfo import schema_hash\n"
         "print(schema_hash(Pose), schema_hash(SafetyState))"
     )
     for seed in ("1", "2"):

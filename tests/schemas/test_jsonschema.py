@@ -3,9 +3,9 @@
 import msgspec
 import pytest
 
-from schemas.topics import GOTO, TOPICS, called
-from schemas.typeinfo import json_schema
-from services.recorder.foxglove import FrameTransform, SceneUpdate
+from quadctl.schemas.topics import GOTO, TOPICS, called
+from quadctl.schemas.typeinfo import json_schema
+from quadctl.services.recorder.foxglove import FrameTransform, SceneUpdate
 
 TYPES = [*(topic.type for topic in TOPICS), called(GOTO).type, FrameTransform, SceneUpdate]
 PLAIN = {"boolean", "string", "number", "integer"}

@@ -4,7 +4,7 @@ import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from schemas.keyexpr import includes
+from quadctl.schemas.keyexpr import includes
 
 CHUNKS = st.sampled_from(
     ["uav", "uav7", "pose", "*", "**", "@srv", "@node", "own-a", "own-$*", "$*7", "a$*b", "ab"]

@@ -3,9 +3,9 @@
 import msgspec
 import pytest
 
-from schemas.messages import Pose
-from schemas.topics import SERVICES, SETPOINT, TOPICS, Topic, get_params, set_params
-from services.runtime.process_table import NODES
+from quadctl.schemas.messages import Pose
+from quadctl.schemas.topics import SERVICES, SETPOINT, TOPICS, Topic, get_params, set_params
+from quadctl.services.runtime.process_table import NODES
 
 TOPIC_TABLE = {
     "uav/pose": ("Pose", "dynamics", 100, False),

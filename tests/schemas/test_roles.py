@@ -4,8 +4,8 @@ from typing import get_args
 
 import pytest
 
-from schemas.roles import ROLES, Right, Role, may
-from schemas.topics import SERVICES, TOPICS, get_params, set_params
+from quadctl.schemas.roles import ROLES, Right, Role, may
+from quadctl.schemas.topics import SERVICES, TOPICS, get_params, set_params
 
 NODES = ("dynamics", "pressure", "safety")
 PARAMS = [of(node).name for node in NODES for of in (get_params, set_params)]

@@ -10,12 +10,12 @@ ROOT = Path(__file__).parents[2]
 # Each line with what mypy must say of it: a revealed type, or an error's code; `misc` is that no
 # type fits both the service and the request.
 PROGRAM = """\
-from schemas.messages import Pose, Pressure
-from schemas.services import CalibrateRequest, CalibrateResponse, GotoRequest, HoldRequest
-from schemas.topics import CALIBRATE, GOTO, HOLD, POSE, PRESSURE, STATE, get_params
-from services.runtime.bus.client import Client
-from services.runtime.node import Node
-from services.runtime.bus import codec
+from quadctl.schemas.messages import Pose, Pressure
+from quadctl.schemas.services import CalibrateRequest, CalibrateResponse, GotoRequest, HoldRequest
+from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, POSE, PRESSURE, STATE, get_params
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.bus import codec
 
 def handler(request: CalibrateRequest) -> CalibrateResponse:
     return CalibrateResponse(0.0)
@@ -65,7 +65,7 @@ def test_the_checker_knows_messages_by_their_topics_and_services(tmp_path: Path)
             r'.*program\.py:(\d+): (?:note: Revealed type is "(.*)"|error: .*(\[.*\]))$', line
         )
         assert found, line
-        revealed = re.sub(r"\b(?:builtins|schemas\.\w+)\.", "", found[2] or "")
+        revealed = re.sub(r"\b(?:builtins|quadctl\.schemas\.\w+)\.", "", found[2] or "")
         said[int(found[1])] = revealed or found[3]
     expected = {
         number: line.partition("  # ")[2]

@@ -5,8 +5,8 @@ sharing the limits anew. Here such a period is only told from the others, which 
 to the bit. Straight-line text, as in rigidbody.py; SI units.
 """
 
-from services.dynamics.controller import PERIOD
-from services.dynamics.trajectory import (
+from quadctl.services.dynamics.controller import PERIOD
+from quadctl.services.dynamics.trajectory import (
     REDIVIDE,
     Axis,
     Limits,

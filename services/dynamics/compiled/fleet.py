@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from schemas.params import DynamicsParams
-from services.dynamics.compiled.kernel import ROWS, STORED, WIDTH
-from services.dynamics.vehicle import constants_of, initial
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.compiled.kernel import ROWS, STORED, WIDTH
+from quadctl.services.dynamics.vehicle import constants_of, initial
 
 LINE = 8
 """Numbers in a cache line, and in the longest vector."""

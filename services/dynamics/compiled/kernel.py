@@ -10,10 +10,10 @@ import ast
 from collections.abc import Mapping
 from functools import reduce
 
-from services.dynamics.compiled.branchless import PLAIN, RARE
-from services.dynamics.compiled.source import merged
-from services.dynamics.controller import STEPS
-from services.dynamics.flight_modes import PERIODS_TO_REST
+from quadctl.services.dynamics.compiled.branchless import PLAIN, RARE
+from quadctl.services.dynamics.compiled.source import merged
+from quadctl.services.dynamics.controller import STEPS
+from quadctl.services.dynamics.flight_modes import PERIODS_TO_REST
 
 COMMANDS = """
 @njit(error_model='numpy', cache=True)

@@ -5,13 +5,13 @@ from collections.abc import Callable
 from struct import Struct
 from typing import Any
 
-from services.dynamics.compiled.kernel import CONSTANTS, STORED
-from services.dynamics.compiled.source import merged
-from services.dynamics.flight_modes import PERIODS_TO_REST, Constants, FlightMode
-from services.dynamics.rigidbody import Motors, State
-from services.dynamics.trajectory import Plan
-from services.dynamics.vehicle import Lane
-from services.dynamics.wind import Air
+from quadctl.services.dynamics.compiled.kernel import CONSTANTS, STORED
+from quadctl.services.dynamics.compiled.source import merged
+from quadctl.services.dynamics.flight_modes import PERIODS_TO_REST, Constants, FlightMode
+from quadctl.services.dynamics.rigidbody import Motors, State
+from quadctl.services.dynamics.trajectory import Plan
+from quadctl.services.dynamics.vehicle import Lane
+from quadctl.services.dynamics.wind import Air
 
 Step = Callable[[int, int], object]
 """Runs the compiled text on the numbers: from this step since boot on, so many."""

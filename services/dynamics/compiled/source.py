@@ -15,9 +15,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
-from services.dynamics import controller, flight_modes, rigidbody, rotor, trajectory, wind
-from services.dynamics.compiled import branchless
-from services.runtime.realm import write_atomically
+from quadctl.services.dynamics import controller, flight_modes, rigidbody, rotor, trajectory, wind
+from quadctl.services.dynamics.compiled import branchless
+from quadctl.services.runtime.realm import write_atomically
 
 
 def load_module(name: str, source: str) -> ModuleType:

@@ -7,12 +7,12 @@ from typing import Generic, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas.services import Call
-from schemas.topics import Service
-from services.runtime.bus import codec
-from services.runtime.bus.codec import plain
-from services.runtime.bus.zenoh_events import Matching
-from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from quadctl.schemas.services import Call
+from quadctl.schemas.topics import Service
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.codec import plain
+from quadctl.services.runtime.bus.zenoh_events import Matching
+from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
 _LOST = 0.1
 """Seconds after which it is known of a server that it has ended, which gave no answer."""

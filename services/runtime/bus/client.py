@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Self, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas import keyexpr
-from schemas.topics import Service, Topic, topic_of
-from services.runtime.bus import codec, liveliness
-from services.runtime.bus.calls import Asker, Caller
-from services.runtime.bus.session import reach
-from services.runtime.bus.zenoh_events import Breaks, Matching
-from services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord
+from quadctl.schemas import keyexpr
+from quadctl.schemas.topics import Service, Topic, topic_of
+from quadctl.services.runtime.bus import codec, liveliness
+from quadctl.services.runtime.bus.calls import Asker, Caller
+from quadctl.services.runtime.bus.session import reach
+from quadctl.services.runtime.bus.zenoh_events import Breaks, Matching
+from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord
 
 if TYPE_CHECKING:
-    from schemas.roles import Right
-    from services.runtime.bus.raw import Stage
-    from services.runtime.bus.streams import Readings, Stream
+    from quadctl.schemas.roles import Right
+    from quadctl.services.runtime.bus.raw import Stage
+    from quadctl.services.runtime.bus.streams import Readings, Stream
 
 T = TypeVar("T")
 
@@ -74,7 +74,7 @@ class Contact:
         return {str(hub) for hub in self._session.info.routers_zid()}
 
     def _lost(self) -> QuadctlError:
-        from services.runtime.bus import diagnosis
+        from quadctl.services.runtime.bus import diagnosis
 
         return diagnosis.hub_lost(self._realm, self._since)
 
@@ -192,7 +192,7 @@ class Client:
     def permit(self, right: "Right", *keys: str) -> None:
         """Raise NotAllowed where the role that our certificate gives does not extend to a key."""
         if self._connect:
-            from services.runtime.security import permissions
+            from quadctl.services.runtime.security import permissions
 
             permissions.check(self._connect, right, *keys)
 
@@ -249,7 +249,7 @@ class Client:
 
     def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "Readings[M]":
         """Hear topics, decoded; up to `backlog` messages wait for their reader."""
-        from services.runtime.bus.streams import Readings
+        from quadctl.services.runtime.bus.streams import Readings
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return Readings(self.listen(*types, backlog=backlog), types)
@@ -259,7 +259,7 @@ class Client:
 
         With what latched topics `held` before, it comes first.
         """
-        from services.runtime.bus.streams import Stream
+        from quadctl.services.runtime.bus.streams import Stream
 
         self.permit("listen", *keys)
         stream = Stream(self.session, keys, backlog)
@@ -278,7 +278,7 @@ class Client:
         """
         if unread is not None:
             return self._only_unread(unread)
-        from services.runtime.bus import diagnosis
+        from quadctl.services.runtime.bus import diagnosis
 
         return diagnosis.silence(self, key, more=more)
 
@@ -290,7 +290,7 @@ class Client:
         NotAllowed where the hub keeps us from a `key` that is served. `live` are the ready nodes,
         where the hub has just told them: it is not asked again.
         """
-        from services.runtime.bus import diagnosis
+        from quadctl.services.runtime.bus import diagnosis
 
         return diagnosis.why(self, self._connect, problem, node, key, live)
 
@@ -298,7 +298,7 @@ class Client:
         self, timeout: float | None = None, live: list[str] | None = None
     ) -> list[ProcessRecord]:
         """Nodes of this machine's run that are there, and that the hub takes for gone."""
-        from services.runtime.bus import diagnosis
+        from quadctl.services.runtime.bus import diagnosis
 
         live = self.nodes(timeout) if live is None else live
         return [] if self._connect else diagnosis.silent_processes(self.realm, self.vehicle, live)
@@ -320,7 +320,7 @@ class Client:
 
         Raises AlreadyServed where somebody has one of them.
         """
-        from services.runtime.bus import raw
+        from quadctl.services.runtime.bus import raw
 
         self.permit("publish", *keys)
         self._hub.watch()

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from schemas.services import Call, Error
-from schemas.typeinfo import schema_hash
-from services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
+from quadctl.schemas.services import Call, Error
+from quadctl.schemas.typeinfo import schema_hash
+from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 
 _DEEPEST = 100
 """Levels of nesting that are shown; JSON readers take that many, and people do not."""

@@ -2,17 +2,17 @@
 
 from typing import TYPE_CHECKING
 
-from schemas.topics import TOPICS
-from services.runtime import procfs, run_files
-from services.runtime.bus import liveliness
-from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
-from services.runtime.params.names import nearest
-from services.runtime.process_table import NODES
-from services.runtime.realm import Realm, listed
-from services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.schemas.topics import TOPICS
+from quadctl.services.runtime import procfs, run_files
+from quadctl.services.runtime.bus import liveliness
+from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.realm import Realm, listed
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
 
 if TYPE_CHECKING:
-    from services.runtime.bus.client import Client
+    from quadctl.services.runtime.bus.client import Client
 
 _LOOK = 0.1
 """Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
@@ -63,7 +63,7 @@ def why(
     try:
         silent = client.silent_processes(_LOOK, live)
         if key and connect:
-            from services.runtime.security import permissions
+            from quadctl.services.runtime.security import permissions
 
             permissions.tell_apart(client.session, connect, key, client.offers(_LOOK))
     except NotAllowed as denied:

@@ -2,9 +2,9 @@
 
 import zenoh
 
-from schemas import keyexpr
-from services.runtime.errors import TimedOut
-from services.runtime.process_table import NODES
+from quadctl.schemas import keyexpr
+from quadctl.services.runtime.errors import TimedOut
+from quadctl.services.runtime.process_table import NODES
 
 _VEHICLES_OWN = frozenset(NODES) - {"hub"}
 """Nodes that there are where a vehicle is. A recorder or a user's node outlives it."""
@@ -31,7 +31,7 @@ def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
 
 def _flies(session: zenoh.Session, vehicle: str, timeout: float) -> bool:
     """Whether somebody offers what a vehicle is known by, whatever the node's name."""
-    from schemas.topics import GOTO, POSE
+    from quadctl.schemas.topics import GOTO, POSE
 
     known_by = {POSE.key(vehicle), GOTO.key(vehicle)}
     return any(offer.key in known_by for offer in offers(session, vehicle, timeout))

@@ -9,10 +9,10 @@ from typing import Generic, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas.topics import Topic
-from services.runtime.bus import codec, zenoh_events
-from services.runtime.bus.zenoh_events import Matching
-from services.runtime.errors import Invalid
+from quadctl.schemas.topics import Topic
+from quadctl.services.runtime.bus import codec, zenoh_events
+from quadctl.services.runtime.bus.zenoh_events import Matching
+from quadctl.services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
 

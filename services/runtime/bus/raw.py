@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from schemas import keyexpr
-from schemas.topics import topic_of
-from services.runtime.bus import codec, liveliness, zenoh_events
-from services.runtime.bus.zenoh_events import Breaks
-from services.runtime.errors import AlreadyServed, TimedOut
+from quadctl.schemas import keyexpr
+from quadctl.schemas.topics import topic_of
+from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
+from quadctl.services.runtime.bus.zenoh_events import Breaks
+from quadctl.services.runtime.errors import AlreadyServed, TimedOut
 
 NAME = "replay"
 

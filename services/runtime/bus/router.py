@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from services.runtime.bus.session import (
+from quadctl.services.runtime.bus.session import (
     INSECURE,
     JOIN_MS,
     LEASE_AFAR_MS,
@@ -18,12 +18,12 @@ from services.runtime.bus.session import (
     open_with,
     retry,
 )
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.realm import Realm, write_atomically
-from services.runtime.security import endpoints
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.realm import Realm, write_atomically
+from quadctl.services.runtime.security import endpoints
 
 if TYPE_CHECKING:
-    from schemas.params import Params
+    from quadctl.schemas.params import Params
 
 LOOKS = 2.0
 """Hz, at which a router looks for new links; none is given up within a second."""
@@ -83,7 +83,7 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     It lets through what the roles allow. Raises UsageError where no hub's identity is given, or the
     hub has no Unix socket.
     """
-    from services.runtime.security import access_control
+    from quadctl.services.runtime.security import access_control
 
     if address.user:
         raise UsageError(

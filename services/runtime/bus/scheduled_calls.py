@@ -8,11 +8,11 @@ from typing import Any, Generic, TypeVar
 import zenoh
 from msgspec import Struct
 
-from schemas.services import Call
-from schemas.topics import Service
-from services.runtime.bus import calls, codec, zenoh_events
-from services.runtime.bus.client import Client
-from services.runtime.errors import QuadctlError
+from quadctl.schemas.services import Call
+from quadctl.schemas.topics import Service
+from quadctl.services.runtime.bus import calls, codec, zenoh_events
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError
 
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)

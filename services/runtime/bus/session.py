@@ -13,11 +13,11 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
-from services.runtime.errors import NotAllowed, TimedOut, Unreachable
-from services.runtime.realm import ADDRESS, Realm
-from services.runtime.run_files import is_live, not_running
-from services.runtime.security import endpoints
-from services.runtime.security.endpoints import check, how_to_open, is_secure
+from quadctl.services.runtime.errors import NotAllowed, TimedOut, Unreachable
+from quadctl.services.runtime.realm import ADDRESS, Realm
+from quadctl.services.runtime.run_files import is_live, not_running
+from quadctl.services.runtime.security import endpoints
+from quadctl.services.runtime.security.endpoints import check, how_to_open, is_secure
 
 TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
@@ -79,7 +79,7 @@ def open_client(
     config, began = common_config(address), time.monotonic()
     secure = endpoints.is_secure(address.endpoint)
     if secure:
-        from services.runtime.security import identity
+        from quadctl.services.runtime.security import identity
 
         link = config["transport"]["link"]
         link["tls"] = identity.needed(address.endpoint).tls()
@@ -103,7 +103,7 @@ def open_client(
                 "is it a hub, is its process frozen, does the network let you through?",
             ) from error
         if secure:
-            from services.runtime.security.permissions import why
+            from quadctl.services.runtime.security.permissions import why
 
             raise why(address.endpoint, timeout) from error
         raise Unreachable(
@@ -190,7 +190,7 @@ def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
 def _through_gate(address: Address, timeout: float) -> zenoh.Session:
     # A gate opens anew for a new list of names, which may be the one that has ours: who was not let
     # in, or came to it before, comes again.
-    from services.runtime.security import permissions
+    from quadctl.services.runtime.security import permissions
 
     began = seen = time.monotonic()
     while True:

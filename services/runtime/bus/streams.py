@@ -8,8 +8,8 @@ from typing import Generic, NamedTuple, TypeVar
 import zenoh
 from msgspec import Struct
 
-from services.runtime.bus import codec, zenoh_events
-from services.runtime.errors import Invalid
+from quadctl.services.runtime.bus import codec, zenoh_events
+from quadctl.services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
 

@@ -17,13 +17,13 @@ import msgspec
 import zenoh
 from msgspec import Struct, field
 
-from schemas import keyexpr
-from schemas.services import Call, GetParamsRequest, GetParamsResponse
-from schemas.topics import SERVICES, get_params, set_params
-from services.runtime.bus import codec
-from services.runtime.bus.session import Address, open_client
-from services.runtime.errors import Invalid, TimedOut
-from services.runtime.security.endpoints import is_secure
+from quadctl.schemas import keyexpr
+from quadctl.schemas.services import Call, GetParamsRequest, GetParamsResponse
+from quadctl.schemas.topics import SERVICES, get_params, set_params
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.session import Address, open_client
+from quadctl.services.runtime.errors import Invalid, TimedOut
+from quadctl.services.runtime.security.endpoints import is_secure
 
 _KEPT = 32
 
@@ -150,7 +150,7 @@ def survey(address: Address, vehicle: str, timeout: float) -> Survey:
 
 
 def _allowed(endpoint: str, key: str) -> bool:
-    from services.runtime.security import permissions
+    from quadctl.services.runtime.security import permissions
 
     return permissions.allows(endpoint, "call", key)
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from msgspec import Struct, inspect, to_builtins
 
-from schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
-from schemas.typeinfo import bounds_text
-from services.runtime.params.names import put, value_of
-from services.runtime.run_files import UNSERVED
+from quadctl.schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
+from quadctl.schemas.typeinfo import bounds_text
+from quadctl.services.runtime.params.names import put, value_of
+from quadctl.services.runtime.run_files import UNSERVED
 
 
 class Entry(Struct, frozen=True):
@@ -203,7 +203,7 @@ def lab_params() -> Params:
     # Imported here: `param get` writes values in TOML, and reads none.
     import tomllib
 
-    from services.runtime.params.load import check
+    from quadctl.services.runtime.params.load import check
 
     return check(tomllib.loads(render()), "the lab's parameters")
 

@@ -10,18 +10,18 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.params import FIXED_AT_LAUNCH, FROM_STANDSTILL, LIVE_SWITCHES, Params
-from schemas.services import (
+from quadctl.schemas.params import FIXED_AT_LAUNCH, FROM_STANDSTILL, LIVE_SWITCHES, Params
+from quadctl.schemas.services import (
     GetParamsRequest,
     GetParamsResponse,
     SetParamsRequest,
     SetParamsResponse,
 )
-from services.runtime import run_files
-from services.runtime.errors import Invalid, QuadctlError
-from services.runtime.params.load import check
-from services.runtime.params.names import flatten, nearest, normal_name, put
-from services.runtime.realm import Realm, write_atomically
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.params.load import check
+from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put
+from quadctl.services.runtime.realm import Realm, write_atomically
 
 
 def save_all_values(realm: Realm, fleet: Mapping[str, Params]) -> None:

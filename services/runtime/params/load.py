@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas import airworthy
-from schemas.params import Params
-from services.runtime.errors import Invalid, UsageError
-from services.runtime.params.names import flatten, nearest, put, value_of
-from services.runtime.realm import DEFAULT, listed
+from quadctl.schemas import airworthy
+from quadctl.schemas.params import Params
+from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.params.names import flatten, nearest, put, value_of
+from quadctl.services.runtime.realm import DEFAULT, listed
 
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"

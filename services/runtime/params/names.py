@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from services.runtime.errors import Invalid
+from quadctl.services.runtime.errors import Invalid
 
 LAB_NODES = {
     "state_safety_node": "safety",

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import msgspec
 from msgspec import Struct, inspect
 
-from schemas.topics import TOPICS, topic_of
-from services.runtime.bus import codec
-from services.runtime.errors import Invalid
+from quadctl.schemas.topics import TOPICS, topic_of
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import Invalid
 
 JSON, MSGPACK = "json", "msgpack"
 _JSON_ENCODINGS = ("application/json", "text/json")

@@ -26,8 +26,8 @@ from mcap.writer import MCAP0_MAGIC
 from msgspec import Struct
 from zstandard import ZstdError
 
-from services.runtime.errors import Invalid
-from services.runtime.recording import mcap_format, writer
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.recording import mcap_format, writer
 
 _TORN = (McapError, ZstdError, struct.error, ValueError, LookupError, RuntimeError, MemoryError)
 """What the library raises where bytes are missing, or are not what was written."""

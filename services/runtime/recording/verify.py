@@ -8,10 +8,10 @@ import msgspec
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from schemas.topics import TOPICS
-from services.runtime.recording import mcap_format
-from services.runtime.recording.reader import Bag, Recorded
-from services.runtime.recording.writer import Outfile
+from quadctl.schemas.topics import TOPICS
+from quadctl.services.runtime.recording import mcap_format
+from quadctl.services.runtime.recording.reader import Bag, Recorded
+from quadctl.services.runtime.recording.writer import Outfile
 
 _TYPES = {f"quadctl.{topic.type.__name__}": topic.type for topic in TOPICS}
 _MOST = 20

@@ -9,9 +9,9 @@ import msgspec
 from mcap.writer import Writer
 from msgspec import Struct
 
-from schemas.typeinfo import json_schema
-from services.runtime.bus.raw import Taken
-from services.runtime.recording.mcap_format import JSON, Form, Stored
+from quadctl.schemas.typeinfo import json_schema
+from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.recording.mcap_format import JSON, Form, Stored
 
 
 class Outfile:

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from schemas.roles import EVERY, Right, Role, keys
-from services.runtime.errors import UsageError
-from services.runtime.security import registry
-from services.runtime.security.identity import Identity, Name, needed
-from services.runtime.security.registry import LIST
+from quadctl.schemas.roles import EVERY, Right, Role, keys
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.security import registry
+from quadctl.services.runtime.security.identity import Identity, Name, needed
+from quadctl.services.runtime.security.registry import LIST
 
 _FROM: dict[Right, list[str]] = {
     "publish": ["put"],

@@ -19,8 +19,8 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.security.identity import CERTIFICATE, FLEET, KEY, Name
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.security.identity import CERTIFICATE, FLEET, KEY, Name
 
 FLEET_KEY = "ca-key.pem"
 _YEARS = 10

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterable
 
-from schemas.params import LOCAL, PORTS, SECURE
-from services.runtime.errors import UsageError
+from quadctl.schemas.params import LOCAL, PORTS, SECURE
+from quadctl.services.runtime.errors import UsageError
 
 _FORM = rf"(?:{'|'.join(PORTS)})/[^/?#]+:\d{{1,5}}(?:[?#].*)?|(?:{'|'.join(LOCAL)})/.+"
 _LOOPBACK = ("127.", "localhost:", "[::1]:")

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from schemas.roles import Role
-from services.runtime.errors import NotAllowed, UsageError
+from quadctl.schemas.roles import Role
+from quadctl.services.runtime.errors import NotAllowed, UsageError
 
 
 class Name(Struct, frozen=True):

@@ -10,12 +10,19 @@ from collections.abc import Sequence
 
 import zenoh
 
-from schemas import keyexpr
-from schemas.roles import Right, keys, may
-from schemas.topics import INFO
-from services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
-from services.runtime.security.endpoints import how_to_open, is_secure
-from services.runtime.security.identity import CERTIFICATE, FLEET, KEY, Identity, Name, needed
+from quadctl.schemas import keyexpr
+from quadctl.schemas.roles import Right, keys, may
+from quadctl.schemas.topics import INFO
+from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.security.endpoints import how_to_open, is_secure
+from quadctl.services.runtime.security.identity import (
+    CERTIFICATE,
+    FLEET,
+    KEY,
+    Identity,
+    Name,
+    needed,
+)
 
 _ASK = "`quadctl keys list`, where the fleet's keys are, shows whose certificates are good"
 _WRONG_NAME = 62

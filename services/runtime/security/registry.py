@@ -9,13 +9,13 @@ from secrets import token_hex
 
 import msgspec
 
-from schemas.roles import Role
-from services.runtime.errors import Invalid, QuadctlError, UsageError
-from services.runtime.filelock import FileLock
-from services.runtime.params.names import nearest
-from services.runtime.realm import vehicle_name, write_atomically
-from services.runtime.security.authority import Authority, hosts_here
-from services.runtime.security.identity import ABOUT, Name
+from quadctl.schemas.roles import Role
+from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.realm import vehicle_name, write_atomically
+from quadctl.services.runtime.security.authority import Authority, hosts_here
+from quadctl.services.runtime.security.identity import ABOUT, Name
 
 LIST = "names.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")

@@ -8,10 +8,10 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-from services.runtime.errors import QuadctlError, UsageError
-from services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.supervisor.launch import Launch
 
-_PACE = (sys.executable, "-P", "-m", "services.dynamics.pace")
+_PACE = (sys.executable, "-P", "-m", "quadctl.services.dynamics.pace")
 _TIMEOUT = 20.0
 _STEPS_PER_SECOND = 1000
 _SETPOINTS = 200.0

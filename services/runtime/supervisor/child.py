@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from threading import Lock
 from typing import NamedTuple
 
-from services.runtime.process_table import Process
-from services.runtime.supervisor import descendants, fork
-from services.runtime.supervisor.fork import Forked
+from quadctl.services.runtime.process_table import Process
+from quadctl.services.runtime.supervisor import descendants, fork
+from quadctl.services.runtime.supervisor.fork import Forked
 
 LONGEST = 4000
 """Bytes of a line that are kept; what goes beyond, up to the line's end, is left out."""
@@ -127,7 +127,7 @@ class Child:
                 sys.executable,
                 "-P",
                 "-m",
-                "services.runtime.supervisor.descendants",
+                "quadctl.services.runtime.supervisor.descendants",
                 str(os.getpid()),
             )
             self._popen = subprocess.Popen(

@@ -6,11 +6,11 @@ import signal
 import time
 from pathlib import Path
 
-from services.runtime import procfs, run_files
-from services.runtime.errors import Invalid, QuadctlError, TimedOut
-from services.runtime.params.names import nearest
-from services.runtime.realm import Realm
-from services.runtime.run_files import ProcessRecord, RunRecord, is_live, read
+from quadctl.services.runtime import procfs, run_files
+from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut
+from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord, is_live, read
 
 _STOP_POLL = 0.005
 

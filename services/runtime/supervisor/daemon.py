@@ -15,15 +15,15 @@ from typing import IO, TYPE_CHECKING
 import msgspec
 from msgspec import Struct
 
-from services.runtime.errors import AlreadyServed, Invalid, QuadctlError
-from services.runtime.process_table import START_TIMEOUT
-from services.runtime.supervisor import fork
-from services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
+from quadctl.services.runtime.process_table import START_TIMEOUT
+from quadctl.services.runtime.supervisor import fork
+from quadctl.services.runtime.supervisor.launch import Launch
 
 if TYPE_CHECKING:
-    from services.runtime.supervisor.supervisor import Supervisor
+    from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
-_MODULE = "services.runtime.supervisor.daemon"
+_MODULE = "quadctl.services.runtime.supervisor.daemon"
 _KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
@@ -82,7 +82,7 @@ def _start() -> subprocess.Popen[bytes] | fork.Forked:
 
 def main() -> int:
     """Run a realm in the background."""
-    from services.runtime.supervisor.supervisor import run
+    from quadctl.services.runtime.supervisor.supervisor import run
 
     # Not sys.stdin, which is None where the shell had closed it (`quadctl up -d <&-`).
     with os.fdopen(0, "rb", closefd=False) as pipe:

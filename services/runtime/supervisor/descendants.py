@@ -21,8 +21,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from services.runtime.shutdown import die_with_parent
-from services.runtime.supervisor.fork import Forked
+from quadctl.services.runtime.shutdown import die_with_parent
+from quadctl.services.runtime.supervisor.fork import Forked
 
 MARK = "QUADCTL_LEASH"
 _PROC = Path("/proc")
@@ -84,7 +84,9 @@ _LEASH = f"{MARK}_WATCHED"
 
 def watch(leash: str) -> Forked:
     """Start a warden; it acts when our end of its stdin closes, however that comes."""
-    return Forked("services.runtime.supervisor.descendants", {_LEASH: leash}, "/", both=True)
+    return Forked(
+        "quadctl.services.runtime.supervisor.descendants", {_LEASH: leash}, "/", both=True
+    )
 
 
 def reap() -> None:

@@ -14,18 +14,18 @@ from typing import Self
 import msgspec
 from msgspec import Struct
 
-from schemas.params import Params
-from services.runtime import run_files
-from services.runtime.bus.session import Address
-from services.runtime.errors import AlreadyServed, Invalid, QuadctlError
-from services.runtime.filelock import FileLock
-from services.runtime.params import live
-from services.runtime.process_table import Process, table
-from services.runtime.realm import Realm, write_atomically
-from services.runtime.run_files import ProcessRecord, RunRecord
-from services.runtime.security import endpoints
-from services.runtime.shutdown import uninterrupted
-from services.runtime.supervisor import logs
+from quadctl.schemas.params import Params
+from quadctl.services.runtime import run_files
+from quadctl.services.runtime.bus.session import Address
+from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
+from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.params import live
+from quadctl.services.runtime.process_table import Process, table
+from quadctl.services.runtime.realm import Realm, write_atomically
+from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.security import endpoints
+from quadctl.services.runtime.shutdown import uninterrupted
+from quadctl.services.runtime.supervisor import logs
 
 _ATTEMPTS = 100
 
@@ -65,7 +65,7 @@ class Launch(Struct, frozen=True):
         reached = [*hub.listen, *hub.connect]
         gate = endpoints.secure(reached)
         if gate:
-            from services.runtime.security.access_control import identity_for
+            from quadctl.services.runtime.security.access_control import identity_for
 
             identity_for(gate)
         if not self.insecure:
@@ -89,7 +89,7 @@ class Launch(Struct, frozen=True):
         if needs and "hub" not in needs and not _answers(Realm(self.realm).socket):
             raise Invalid(
                 f"--without hub: {', '.join(needs)} meet at it, and the realm {self.realm} has none",
-                f"start one first: python -P -m services.hub --realm {self.realm}",
+                f"start one first: python -P -m quadctl.services.hub --realm {self.realm}",
             )
 
     def environment(self, restarts: int) -> dict[str, str]:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from schemas import keyexpr
-from schemas.services import GetParamsRequest
-from schemas.topics import TOPICS, get_params
-from services.runtime.bus import codec
-from services.runtime.bus.session import Address, address_of, open_client
-from services.runtime.errors import Unreachable
-from services.runtime.realm import Realm
+from quadctl.schemas import keyexpr
+from quadctl.schemas.services import GetParamsRequest
+from quadctl.schemas.topics import TOPICS, get_params
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.session import Address, address_of, open_client
+from quadctl.services.runtime.errors import Unreachable
+from quadctl.services.runtime.realm import Realm
 
 if TYPE_CHECKING:
     _Ring = zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Any, TextIO
 
-from services.runtime import (
+from quadctl.services.runtime import (
     entry,  # noqa: F401 - what every node begins with, loaded once for all that are forked
 )
-from services.runtime.errors import AlreadyServed
-from services.runtime.process_table import GRACE, QUICK, START_TIMEOUT, Life, Process
-from services.runtime.run_files import ProcessRecord
-from services.runtime.supervisor import control, descendants, fork
-from services.runtime.supervisor.child import MOST, Child, Said
-from services.runtime.supervisor.launch import Home, Launch
-from services.runtime.supervisor.logs import Emit, Logs, Printer
-from services.runtime.supervisor.probes import Health
+from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.process_table import GRACE, QUICK, START_TIMEOUT, Life, Process
+from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.supervisor import control, descendants, fork
+from quadctl.services.runtime.supervisor.child import MOST, Child, Said
+from quadctl.services.runtime.supervisor.launch import Home, Launch
+from quadctl.services.runtime.supervisor.logs import Emit, Logs, Printer
+from quadctl.services.runtime.supervisor.probes import Health
 
 
 class Row:

@@ -6,11 +6,11 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.keyexpr import includes
-from schemas.roles import ROLES, Right, Role, may
-from schemas.topics import SERVICES, TOPICS
-from services.runtime.security.access_control import access_control
-from services.runtime.security.identity import Name
+from quadctl.schemas.keyexpr import includes
+from quadctl.schemas.roles import ROLES, Right, Role, may
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.services.runtime.security.access_control import access_control
+from quadctl.services.runtime.security.identity import Name
 
 NOW = 1_000.0
 NAMES = [topic.name for topic in TOPICS] + [f"@srv/{service.name}" for service in SERVICES]

@@ -2,8 +2,8 @@
 
 import pytest
 
-from services.runtime.errors import UsageError
-from services.runtime.security.endpoints import (
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.security.endpoints import (
     check,
     how_to_open,
     is_secure,

@@ -10,11 +10,11 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from services.runtime.errors import Invalid, NotAllowed, UsageError
-from services.runtime.security import registry
-from services.runtime.security.access_control import Watch, identity_for, rules
-from services.runtime.security.identity import VARIABLE, Identity, current, needed
-from services.runtime.security.registry import Fleet
+from quadctl.services.runtime.errors import Invalid, NotAllowed, UsageError
+from quadctl.services.runtime.security import registry
+from quadctl.services.runtime.security.access_control import Watch, identity_for, rules
+from quadctl.services.runtime.security.identity import VARIABLE, Identity, current, needed
+from quadctl.services.runtime.security.registry import Fleet
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import msgspec
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.files import taken
 from quadctl.services.runtime.params.names import flatten
@@ -80,7 +80,7 @@ def repair(
     options: Options,
     file: Recording,
     target: Annotated[
-        Path | None, Opt("Write there, and leave FILE as it is.", ("-o", "--output"))
+        Path | None, Option("Write there, and leave FILE as it is.", ("-o", "--output"))
     ] = None,
 ) -> None:
     """Make a recording whole that was cut: by kill -9, a full disk, or half a copy.
@@ -118,9 +118,9 @@ _TIME = "unix_time"
 def export(
     options: Options,
     file: Recording,
-    csv: Annotated[bool, Opt("As CSV, a file for each key.")] = False,
+    csv: Annotated[bool, Option("As CSV, a file for each key.")] = False,
     folder: Annotated[
-        Path | None, Opt("Where to (default: FILE without its ending).", ("-o", "--output"))
+        Path | None, Option("Where to (default: FILE without its ending).", ("-o", "--output"))
     ] = None,
 ) -> None:
     """Write a recording as tables, with a column for each field, as position.x.

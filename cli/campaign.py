@@ -10,7 +10,7 @@ import msgspec
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.cli.progress import Progress
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 
@@ -18,7 +18,7 @@ _COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign")
 _END = 5.0
 
 
-class Running:
+class CampaignProcess:
     """A campaign under way; it ends where this does."""
 
     def __init__(self, order: dict[str, Any]) -> None:
@@ -95,16 +95,16 @@ _LARGEST = 2**53
 
 def campaign(
     options: Options,
-    flights: Annotated[int, Opt("How many flights.", min=1)] = 1000,
-    seed: Annotated[int, Opt("Of all random numbers.", min=0)] = 0,
-    seconds: Annotated[float, Opt("Simulated seconds of a flight.")] = 60.0,
-    faults: Annotated[bool, Opt("Poses and setpoints get lost, late and false.")] = False,
-    wind: Annotated[float, Opt("Mean wind, m/s, from anywhere, with gusts of a quarter.")] = 0.0,
+    flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
+    seed: Annotated[int, Option("Of all random numbers.", min=0)] = 0,
+    seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
+    faults: Annotated[bool, Option("Poses and setpoints get lost, late and false.")] = False,
+    wind: Annotated[float, Option("Mean wind, m/s, from anywhere, with gusts of a quarter.")] = 0.0,
     replay: Annotated[
-        int | None, Opt("Fly the flight of this seed again, with its log.", min=0)
+        int | None, Option("Fly the flight of this seed again, with its log.", min=0)
     ] = None,
     processes: Annotated[
-        int | None, Opt("How many to share the work (default: all cores).", min=1)
+        int | None, Option("How many to share the work (default: all cores).", min=1)
     ] = None,
 ) -> None:
     """Fly random missions faster than real time; exit 8 where one breaks a promise.
@@ -142,7 +142,7 @@ def campaign(
 
 
 def _fly(order: dict[str, Any], *, quiet: bool) -> dict[str, Any]:
-    with Running(order) as running, Progress("flying", quiet=quiet) as progress:
+    with CampaignProcess(order) as running, Progress("flying", quiet=quiet) as progress:
         for said in running:
             if "flown" in said:
                 done = said["flown"]

@@ -41,7 +41,7 @@ class Pace:
 T = TypeVar("T")
 
 
-class Heard(Struct, Generic[T], frozen=True):
+class Answers(Struct, Generic[T], frozen=True):
     """What came of each node: its answer, or why there is none."""
 
     answers: dict[str, T]
@@ -62,7 +62,7 @@ def ask_each(
     within: float | None = None,
     *,
     all_or_none: bool = False,
-) -> Heard[T]:
+) -> Answers[T]:
     """Call `ask` for every node, where there are several each on a thread of its own.
 
     With `within` (s), who takes longer is not waited for, and is told as TimedOut. With
@@ -105,7 +105,7 @@ def ask_each(
     if faults:
         raise faults[0]
     # In the order asked for, whoever was quicker; whoever answers from now on was too late.
-    return Heard(
+    return Answers(
         {node: answers[node] for node in nodes if node in answers and node not in problems},
         {node: problems[node] for node in nodes if node in problems},
     )

@@ -23,7 +23,7 @@ class Arg(Struct, frozen=True):
     complete: Names = ""
 
 
-class Opt(Struct, frozen=True):
+class Option(Struct, frozen=True):
     """A word by its name, which is the parameter's own where none is given."""
 
     about: str
@@ -33,7 +33,7 @@ class Opt(Struct, frozen=True):
     complete: Names = ""
 
 
-class Word(Struct, frozen=True):
+class Parameter(Struct, frozen=True):
     """A declared word, as either parser wants it."""
 
     name: str
@@ -41,16 +41,16 @@ class Word(Struct, frozen=True):
     many: bool
     default: Any
     required: bool
-    said: Arg | Opt
+    said: Arg | Option
 
     @property
     def names(self) -> tuple[str, ...]:
         """How it is written on the line, where it goes by a name."""
         own = f"--{self.name.replace('_', '-')}"
-        return (isinstance(self.said, Opt) and self.said.names) or (own,)
+        return (isinstance(self.said, Option) and self.said.names) or (own,)
 
 
-class Line(Struct, frozen=True):
+class ParsedCommand(Struct, frozen=True):
     """A command line understood: what to run, the common options, and the command's own words."""
 
     command: Callable[..., None]
@@ -58,7 +58,7 @@ class Line(Struct, frozen=True):
     values: dict[str, Any]
 
 
-def words_of(command: Callable[..., None]) -> list[Word]:
+def words_of(command: Callable[..., None]) -> list[Parameter]:
     """The words that a command declares, in their order."""
     annotations = {
         name: annotation
@@ -72,7 +72,7 @@ def words_of(command: Callable[..., None]) -> list[Word]:
     ]
 
 
-def takes_signed(words: list[Word]) -> bool:
+def takes_signed(words: list[Parameter]) -> bool:
     """Whether `-1` can be a word by its place, and so no option."""
     return any(isinstance(w.said, Arg) and (w.type is float or w.many) for w in words)
 
@@ -86,12 +86,12 @@ def is_number(text: str) -> bool:
     return True
 
 
-def _word(name: str, annotation: Any, required: bool, default: Any) -> Word:
+def _word(name: str, annotation: Any, required: bool, default: Any) -> Parameter:
     type_, said = annotation.__origin__, annotation.__metadata__[0]
     # Of `float | None` the float.
     type_ = next(iter(getattr(type_, "__args__", ())), type_) if not _is_list(type_) else type_
     many = _is_list(type_)
-    return Word(name, type_.__args__[0] if many else type_, many, default, required, said)
+    return Parameter(name, type_.__args__[0] if many else type_, many, default, required, said)
 
 
 def _is_list(type_: Any) -> bool:

@@ -9,7 +9,15 @@ from typing import Any
 
 from quadctl.cli import commands
 from quadctl.cli.context import COMMON
-from quadctl.cli.declarations import Arg, Line, Opt, Word, is_number, takes_signed, words_of
+from quadctl.cli.declarations import (
+    Arg,
+    Option,
+    Parameter,
+    ParsedCommand,
+    is_number,
+    takes_signed,
+    words_of,
+)
 from quadctl.services.runtime.errors import UsageError
 
 _ENDINGS = {"--record": ".mcap"}
@@ -32,7 +40,7 @@ class _Declined(Exception):
     """It is Typer's to read."""
 
 
-def read(words: list[str]) -> Line | None:
+def read(words: list[str]) -> ParsedCommand | None:
     """Understand a line, or leave it: None."""
     common: dict[str, Any] = {}
     try:
@@ -42,7 +50,7 @@ def read(words: list[str]) -> Line | None:
         command = commands.command(path)
         declared = words_of(command)
         values = _read(declared, iter(rest), common)
-        return Line(command, common, _completed(declared, values))
+        return ParsedCommand(command, common, _completed(declared, values))
     except (_Declined, ValueError):
         return None
 
@@ -58,9 +66,11 @@ def _after_common(words: list[str], common: dict[str, Any]) -> list[str]:
     return []
 
 
-def _read(declared: list[Word], line: Iterator[str], common: dict[str, Any]) -> dict[str, Any]:
+def _read(declared: list[Parameter], line: Iterator[str], common: dict[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    named = {name: word for word in declared if isinstance(word.said, Opt) for name in word.names}
+    named = {
+        name: word for word in declared if isinstance(word.said, Option) for name in word.names
+    }
     placed = iter(word for word in declared if isinstance(word.said, Arg))
     signed, place = takes_signed(declared), None
     for text in line:
@@ -82,7 +92,7 @@ def _read(declared: list[Word], line: Iterator[str], common: dict[str, Any]) -> 
     return values
 
 
-def _take(word: Word, value: str | None, line: Iterator[str], values: dict[str, Any]) -> None:
+def _take(word: Parameter, value: str | None, line: Iterator[str], values: dict[str, Any]) -> None:
     if word.type is bool:
         if value is not None:
             raise _Declined
@@ -91,13 +101,13 @@ def _take(word: Word, value: str | None, line: Iterator[str], values: dict[str, 
         _put(word, _value(line) if value is None else value, values)
 
 
-def _put(word: Word, text: str, values: dict[str, Any]) -> None:
+def _put(word: Parameter, text: str, values: dict[str, Any]) -> None:
     if word.type in {int, float} and "_" in text and is_number(text):
         raise UsageError(
             f"'{text}' is no number", "write it without the _"
         )  # Python reads 1_0 as ten
     value = word.type(text)
-    if isinstance(word.said, Opt) and word.said.min is not None and value < word.said.min:
+    if isinstance(word.said, Option) and word.said.min is not None and value < word.said.min:
         raise _Declined
     if word.many:
         values.setdefault(word.name, []).append(value)
@@ -126,7 +136,7 @@ def _value(line: Iterator[str]) -> str:
     return value
 
 
-def _completed(declared: list[Word], values: dict[str, Any]) -> dict[str, Any]:
+def _completed(declared: list[Parameter], values: dict[str, Any]) -> dict[str, Any]:
     for word in declared:
         if word.name not in values:
             if word.required:

@@ -16,7 +16,7 @@ from msgspec import Struct, inspect
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, here
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.cli.progress import Progress
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
@@ -39,7 +39,7 @@ _ENCODINGS = (
 )  # fmt: skip
 
 
-class Payload(NamedTuple):
+class HostilePayload(NamedTuple):
     """What is sent: bytes, the encoding that goes with them, and a call's attachment."""
 
     data: bytes
@@ -47,7 +47,9 @@ class Payload(NamedTuple):
     attachment: bytes | None = None
 
 
-def refused(type_: type[Struct], draw: random.Random, *, called: bool = True) -> Iterator[Payload]:
+def refused(
+    type_: type[Struct], draw: random.Random, *, called: bool = True
+) -> Iterator[HostilePayload]:
     """Payloads without end, none of which a reader of the type may take.
 
     Those of a service that is `called` may have an attachment, too.
@@ -60,7 +62,7 @@ def refused(type_: type[Struct], draw: random.Random, *, called: bool = True) ->
             yield payload
 
 
-def _is_valid(type_: type[Struct], payload: Payload) -> bool:
+def _is_valid(type_: type[Struct], payload: HostilePayload) -> bool:
     try:
         codec.decode(type_, payload.data, payload.encoding)
         codec.decode_call(payload.attachment)
@@ -69,25 +71,25 @@ def _is_valid(type_: type[Struct], payload: Payload) -> bool:
     return True
 
 
-def _noise(type_: type[Struct], _example: Any, draw: random.Random) -> Payload:
-    return Payload(draw.randbytes(draw.randrange(200)), codec.encoding(type_))
+def _noise(type_: type[Struct], _example: Any, draw: random.Random) -> HostilePayload:
+    return HostilePayload(draw.randbytes(draw.randrange(200)), codec.encoding(type_))
 
 
-def _flipped(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+def _flipped(type_: type[Struct], example: Any, draw: random.Random) -> HostilePayload:
     data = bytearray(codec.encode(example))
     for _ in range(draw.randint(1, 4)):
         data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
-    return Payload(bytes(data), codec.encoding(type_))
+    return HostilePayload(bytes(data), codec.encoding(type_))
 
 
-def _cut_or_longer(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+def _cut_or_longer(type_: type[Struct], example: Any, draw: random.Random) -> HostilePayload:
     data = codec.encode(example)
     data = data[: draw.randrange(len(data))] if draw.random() < 0.5 else data + draw.randbytes(3)
-    return Payload(data, codec.encoding(type_))
+    return HostilePayload(data, codec.encoding(type_))
 
 
-def _odd_field(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
-    return Payload(codec.encode(_with_odd(example, draw)), codec.encoding(type_))
+def _odd_field(type_: type[Struct], example: Any, draw: random.Random) -> HostilePayload:
+    return HostilePayload(codec.encode(_with_odd(example, draw)), codec.encoding(type_))
 
 
 def _with_odd(value: Any, draw: random.Random) -> Any:
@@ -104,23 +106,23 @@ def _with_odd(value: Any, draw: random.Random) -> Any:
             return value | {name: _with_odd(value[name], draw)}
 
 
-def _deep(type_: type[Struct], _example: Any, draw: random.Random) -> Payload:
-    return Payload(draw.choice((b"\x91", b"\x81\xa1x")) * _DEEP, codec.encoding(type_))
+def _deep(type_: type[Struct], _example: Any, draw: random.Random) -> HostilePayload:
+    return HostilePayload(draw.choice((b"\x91", b"\x81\xa1x")) * _DEEP, codec.encoding(type_))
 
 
-def _mislabelled(_type: type[Struct], example: Any, draw: random.Random) -> Payload:
-    return Payload(codec.encode(example), draw.choice(_ENCODINGS))
+def _mislabelled(_type: type[Struct], example: Any, draw: random.Random) -> HostilePayload:
+    return HostilePayload(codec.encode(example), draw.choice(_ENCODINGS))
 
 
-def _bad_attachment(type_: type[Struct], example: Any, draw: random.Random) -> Payload:
+def _bad_attachment(type_: type[Struct], example: Any, draw: random.Random) -> HostilePayload:
     call = {"id": "fuzz", "deadline": 4e9} | {draw.choice(("id", "deadline")): draw.choice(_ODD)}
     attachment = (
         codec.encode(call) if draw.random() < 0.5 else draw.randbytes(draw.randrange(1, 60))
     )
-    return Payload(codec.encode(example), codec.encoding(type_), attachment)
+    return HostilePayload(codec.encode(example), codec.encoding(type_), attachment)
 
 
-_WAYS: tuple[Callable[[type[Struct], Any, random.Random], Payload], ...] = (
+_WAYS: tuple[Callable[[type[Struct], Any, random.Random], HostilePayload], ...] = (
     _noise, _flipped, _cut_or_longer, _odd_field, _odd_field, _deep, _mislabelled, _bad_attachment,
 )  # fmt: skip
 
@@ -155,7 +157,7 @@ _MOST = 64
 """Queries that are under way at a time."""
 
 
-class Volley:
+class Burst:
     """Counts the replies: `taken` names the keys of those that are no errors."""
 
     def __init__(self, client: Client) -> None:
@@ -226,8 +228,8 @@ class _Target(NamedTuple):
 
 def fuzz(
     options: Options,
-    payloads: Annotated[int, Opt("How many to send, all told.", metavar="N", min=1)] = 2_000,
-    seed: Annotated[int, Opt("Of the random numbers that they are made from.", min=0)] = 0,
+    payloads: Annotated[int, Option("How many to send, all told.", metavar="N", min=1)] = 2_000,
+    seed: Annotated[int, Option("Of the random numbers that they are made from.", min=0)] = 0,
 ) -> None:
     """Throw payloads that nobody may take at every topic and service, and see that none is taken.
 
@@ -242,7 +244,7 @@ def fuzz(
         here(options, "fuzz")
     with context.connect(options) as client:
         before = _look(client, options)
-        volley = Volley(client)
+        volley = Burst(client)
         with Progress("throwing", quiet=options.json) as progress:
             for number, (target, payload) in enumerate(_plan(client.vehicle, payloads, seed)):
                 if not _throw(volley, target, payload):
@@ -265,7 +267,7 @@ def fuzz(
         sys.exit(_FAULT_FOUND)
 
 
-def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, Payload]]:
+def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, HostilePayload]]:
     topics = [_Target(topic.key(vehicle), topic.type, False) for topic in TOPICS]
     params = [make(node) for node in NODES for make in (get_params, set_params)]
     services = [_Target(s.key(vehicle), s.request, True) for s in (*SERVICES, *params)]
@@ -278,7 +280,7 @@ def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, Payloa
         yield target, next(stream)
 
 
-def _throw(volley: Volley, target: _Target, payload: Payload) -> bool:
+def _throw(volley: Burst, target: _Target, payload: HostilePayload) -> bool:
     if target.is_service:
         return volley.ask(target.key, payload.data, payload.encoding, payload.attachment)
     volley.publish(target.key, payload.data, payload.encoding)
@@ -299,7 +301,7 @@ def _look(client: Client, options: Options) -> dict[str, Any]:
     return found | {f"process of {node.name}": node.pid for node in (run.nodes if run else ())}
 
 
-def _faults(volley: Volley) -> Iterator[str]:
+def _faults(volley: Burst) -> Iterator[str]:
     for key in sorted(set(volley.taken)):
         yield f"{key} took {volley.taken.count(key)}"
     missing = volley.asked - volley.answered + volley.codes["no answer"]

@@ -8,7 +8,7 @@ import msgspec
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.schemas.roles import Role
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.params.load import names
@@ -22,29 +22,29 @@ FLEET = Path("keys")
 
 
 def init(
-    options: Options, fleet: Annotated[Path, Opt("The folder of the fleet's keys.")] = FLEET
+    options: Options, fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET
 ) -> None:
     """Make the keys of a fleet: who has the folder says who belongs to it.
 
     Example: quadctl keys init
     """
-    from quadctl.services.runtime.security.registry import Fleet
+    from quadctl.services.runtime.security.registry import Registry
 
-    Fleet(fleet).init()
+    Registry(fleet).init()
     text = f"a new fleet; keep {fleet} to yourself: who has it can be anybody"
     output.either(options, {"fleet": str(fleet)}, text)
 
 
 def list_(
-    options: Options, fleet: Annotated[Path, Opt("The folder of the fleet's keys.")] = FLEET
+    options: Options, fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET
 ) -> None:
     """List who belongs to the fleet, as what, for which vehicles, and until when.
 
     Example: quadctl keys list
     """
-    from quadctl.services.runtime.security.registry import Fleet
+    from quadctl.services.runtime.security.registry import Registry
 
-    known = sorted(Fleet(fleet).names(), key=lambda name: (name.role, name.name))
+    known = sorted(Registry(fleet).names(), key=lambda name: (name.role, name.name))
     if options.json:
         output.document([shown(name) for name in known])
         return
@@ -70,7 +70,7 @@ def day(stamp: float, *, expired: bool = False) -> str:
 def revoke(
     options: Options,
     name: Annotated[str, Arg("Whose.")],
-    fleet: Annotated[Path, Opt("The folder of the fleet's keys.")] = FLEET,
+    fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET,
 ) -> None:
     """Take somebody's certificate from the list that hubs go by; those that run know in 2 s.
 
@@ -78,9 +78,9 @@ def revoke(
 
     Example: quadctl keys revoke anna
     """
-    from quadctl.services.runtime.security.registry import Fleet
+    from quadctl.services.runtime.security.registry import Registry
 
-    gone = Fleet(fleet).revoke(name)
+    gone = Registry(fleet).revoke(name)
     output.either(options, shown(gone), f"{gone.common_name} is good no more")
 
 
@@ -92,14 +92,14 @@ def issue(
     role: Annotated[str, Arg("hub, vehicle, safety, operator, observer or student.")],
     name: Annotated[str | None, Arg("Whose it is (default: the vehicle's, or the role's).")] = None,
     vehicles: Annotated[
-        int | None, Opt("One for each of so many vehicles: uav0, uav1 ..", metavar="N")
+        int | None, Option("One for each of so many vehicles: uav0, uav1 ..", metavar="N")
     ] = None,
-    days: Annotated[float, Opt("How long it is good.")] = 30.0,
+    days: Annotated[float, Option("How long it is good.")] = 30.0,
     host: Annotated[
         list[str] | None,
-        Opt("A hub's address or name (default: this machine's).", metavar="HOST"),
+        Option("A hub's address or name (default: this machine's).", metavar="HOST"),
     ] = None,
-    fleet: Annotated[Path, Opt("The folder of the fleet's keys.")] = FLEET,
+    fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET,
 ) -> None:
     """Issue a certificate for one vehicle, for each of several, or for all where none is said.
 
@@ -107,7 +107,7 @@ def issue(
 
     Example: quadctl keys issue student anna --vehicle uav7
     """
-    from quadctl.services.runtime.security.registry import Fleet, checked, checked_vehicles
+    from quadctl.services.runtime.security.registry import Registry, checked, checked_vehicles
 
     known = _known(role)
     if not 0 < days <= _MOST_DAYS:
@@ -121,7 +121,7 @@ def issue(
     else:
         whose = checked(name or options.named or role)
         wanted = {whose: checked_vehicles([options.named] if options.named else [])}
-    keeper = Fleet(fleet)
+    keeper = Registry(fleet)
     made = keeper.issue(known, wanted, days, host or [])
     said = [shown(one) | {"folder": str(keeper.folder_of(one))} for one in made]
     if options.json:

@@ -40,7 +40,7 @@ class Progress:
             self._bar.update(self._task, completed=min(max(fraction, 0.0), 1.0), text=text)
 
 
-class Board:
+class FleetProgress:
     """Told of every vehicle's way by its own thread."""
 
     def __init__(self, title: str, names: Iterable[str], *, quiet: bool) -> None:

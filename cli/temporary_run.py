@@ -9,8 +9,8 @@ from typing import Any
 from msgspec.structs import replace
 
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.supervisor.control import halt
-from quadctl.services.runtime.supervisor.daemon import detach
+from quadctl.services.runtime.supervisor.control import stop_run
+from quadctl.services.runtime.supervisor.daemon import start_in_background
 from quadctl.services.runtime.supervisor.launch import Launch
 
 _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -25,13 +25,13 @@ def run_of_its_own(launch: Launch) -> Iterator[Realm]:
     heeded = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, _leave) for number in heeded}
     try:
-        leash = detach(replace(launch, owned=True))
+        leash = start_in_background(replace(launch, owned=True))
         try:
             yield realm
         finally:
             for number in heeded:
                 signal.signal(number, signal.SIG_IGN)
-            halt(realm)
+            stop_run(realm)
             leash.close()
     finally:
         for number, handler in before.items():

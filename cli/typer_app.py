@@ -17,7 +17,14 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from quadctl.cli import commands, output
 from quadctl.cli.completion.shells import SCRIPTS
 from quadctl.cli.context import COMMON, options_of
-from quadctl.cli.declarations import Arg, Line, Word, is_number, takes_signed, words_of
+from quadctl.cli.declarations import (
+    Arg,
+    Parameter,
+    ParsedCommand,
+    is_number,
+    takes_signed,
+    words_of,
+)
 from quadctl.services.runtime.errors import UsageError
 
 _KEY = "quadctl.options"
@@ -31,7 +38,7 @@ _EXITS = (
 _completion_shared._completion_scripts.update(SCRIPTS)  # noqa: SLF001
 
 
-def read(words: list[str]) -> Line:
+def read(words: list[str]) -> ParsedCommand:
     """Understand a line; raises UsageError, or SystemExit where help or completion was all."""
     plain = [word for word in words if not word.startswith("-")]
     if plain[:1] == ["help"]:
@@ -42,7 +49,7 @@ def read(words: list[str]) -> Line:
         found = app(args=words, standalone_mode=False, prog_name="quadctl")
     except typer.TyperException as problem:
         raise _usage(problem, commands.split(plain)[0]) from problem
-    if isinstance(found, Line):
+    if isinstance(found, ParsedCommand):
         return found
     raise SystemExit(found or 0)
 
@@ -93,8 +100,8 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
     command = commands.command(path)
     words = words_of(command)
 
-    def run(ctx: typer.Context, **values: Any) -> Line:
-        return Line(command, _said(ctx), values)
+    def run(ctx: typer.Context, **values: Any) -> ParsedCommand:
+        return ParsedCommand(command, _said(ctx), values)
 
     run.__doc__ = command.__doc__
     run.__annotations__ = {"ctx": typer.Context} | {w.name: _annotated(w) for w in words}
@@ -110,7 +117,7 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
     )(run)
 
 
-def _declared(word: Word) -> inspect.Parameter:
+def _declared(word: Parameter) -> inspect.Parameter:
     annotation = _annotated(word)
     if word.required:
         return _parameter(word.name, annotation)
@@ -124,7 +131,7 @@ def _parameter(
     return inspect.Parameter(name, kind, annotation=annotation, default=default)
 
 
-def _annotated(word: Word) -> Any:
+def _annotated(word: Parameter) -> Any:
     said = word.said
     facts: dict[str, Any] = {
         "help": said.about,

@@ -15,7 +15,7 @@ from msgspec import Struct
 Kind = Literal["@pub", "@srv"]
 
 
-class Offer(Struct, frozen=True):
+class EndpointInfo(Struct, frozen=True):
     """One topic or service that a live node offers, on a full Zenoh key."""
 
     kind: Kind
@@ -36,7 +36,7 @@ def node_key(vehicle: str, node: str) -> str:
     return f"{vehicle}/@node/{node}"
 
 
-def offer_key(vehicle: str, offer: Offer) -> str:
+def endpoint_key(vehicle: str, offer: EndpointInfo) -> str:
     """The liveliness key of an offer."""
     key = offer.key.replace("/", "%")
     offered = f"{offer.kind}/{offer.type}/{offer.hash}/{offer.hz:g}/{key}"
@@ -56,7 +56,7 @@ def node_of(key: str) -> str | None:
     return None
 
 
-def offer_of(key: str) -> Offer | None:
+def offer_of(key: str) -> EndpointInfo | None:
     """The offer that a liveliness key tells, None where it tells something else.
 
     Strangers may declare what they like, so a key outside the grammar is no error.
@@ -64,7 +64,7 @@ def offer_of(key: str) -> Offer | None:
     match key.split("/"):
         case [_, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, offered]:
             try:
-                return Offer(kind, node, type_, digest, float(hz), offered.replace("%", "/"))
+                return EndpointInfo(kind, node, type_, digest, float(hz), offered.replace("%", "/"))
             except ValueError:
                 return None
     return None

@@ -11,7 +11,7 @@ from benchmarks.worker import Arrivals, flood, paced, serve, timed
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
 from quadctl.schemas.services import ToggleCageRequest, ToggleCageResponse
 from quadctl.schemas.topics import POSE, TOGGLE_CAGE
-from quadctl.services.runtime.bus.calls import Caller
+from quadctl.services.runtime.bus.calls import ServiceClient
 from quadctl.services.runtime.bus.session import address_of, open_client
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.realm import Realm
@@ -33,7 +33,7 @@ def main(realm: str, name: str, role: str) -> None:
     """Be one end of a service or a topic."""
     session = open_client(address_of(Realm(realm)), wait=_WAIT)
     if role == "call":
-        caller = Caller(session, VEHICLE, TOGGLE_CAGE)
+        caller = ServiceClient(session, VEHICLE, TOGGLE_CAGE)
         request = ToggleCageRequest(True)
         serve(call=lambda count: timed(lambda: caller.call(request, 3.0), count))
     node = Node(name, VEHICLE, session)

@@ -15,9 +15,9 @@ import msgspec
 from quadctl.cli import commands, context
 from quadctl.cli import names as known
 from quadctl.cli.context import COMMON, Options, options_of
-from quadctl.cli.declarations import Arg, Names, Opt, Word, takes_signed, words_of
+from quadctl.cli.declarations import Arg, Names, Option, Parameter, takes_signed, words_of
 from quadctl.cli.param.running import nodes_with_params
-from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import SERVICES, TOPICS, get_params
@@ -35,7 +35,7 @@ def topic(key: str, begun: str, vehicle: str) -> Iterator[str]:
     return _spellings(key, name if ours else "", begun)
 
 
-def service(offer: Offer, begun: str, vehicle: str) -> Iterator[str]:
+def service(offer: EndpointInfo, begun: str, vehicle: str) -> Iterator[str]:
     """By its name, its full key, or one of ours as ROS has it: `/uav/goto`."""
     own, _, rest = offer.key.partition("/")
     key, named = offer.key, rest == f"@srv/{offer.name}"
@@ -197,9 +197,11 @@ def _commands(group: str, *, explain: bool) -> Iterator[Found]:
 
 def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) -> Iterable[Found]:
     declared = words_of(commands.command(path))
-    named = {name: word for word in declared if isinstance(word.said, Opt) for name in word.names}
+    named = {
+        name: word for word in declared if isinstance(word.said, Option) for name in word.names
+    }
     placed = [word for word in declared if isinstance(word.said, Arg)]
-    said: list[tuple[Word, str]] = []
+    said: list[tuple[Parameter, str]] = []
     line = iter(rest)
     for text in line:
         option = text.partition("=")[0]
@@ -224,7 +226,7 @@ def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) 
 
 
 def _words(
-    word: Word, begun: str, common: dict[str, str], said: list[tuple[Word, str]]
+    word: Parameter, begun: str, common: dict[str, str], said: list[tuple[Parameter, str]]
 ) -> Iterable[Found]:
     """What a declared word can be: a file, or one of the names that it says."""
     if word.type is Path:
@@ -259,9 +261,9 @@ def _files(begun: str) -> Iterator[str]:
         return
 
 
-def _options(declared: list[Word], *, at_first: bool = False) -> Iterator[Found]:
+def _options(declared: list[Parameter], *, at_first: bool = False) -> Iterator[Found]:
     for word in declared:
-        if isinstance(word.said, Opt):
+        if isinstance(word.said, Option):
             for name in word.names:
                 yield Found(name, word.said.about)
     for name, (_, about) in _COMMON.items():

@@ -20,7 +20,7 @@ from quadctl.schemas.services import (
 )
 from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
 from quadctl.services.runtime.errors import Invalid, Refused, Unreachable
-from quadctl.services.runtime.supervisor.control import ask_restart, wait_restarted
+from quadctl.services.runtime.supervisor.control import request_restart, wait_restarted
 
 Act = Callable[[], str]
 """Blocks until it is done, for no longer than the timeout; returns what to tell, or raises."""
@@ -98,7 +98,7 @@ class Acts:
                 "processes of another machine cannot be restarted from here",
                 f"there: `quadctl node restart {name}`",
             )
-        before = ask_restart(realm, name)
+        before = request_restart(realm, name)
         # The hub's takes every connection with it, so that only the folder can be asked.
         after = wait_restarted(realm, name, before, _PATIENCE)
         text = f"{name}: process {after.pid} in place of {before.pid or 'none'}"

@@ -15,7 +15,7 @@ from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import Readings
+from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.params.names import flatten
@@ -127,10 +127,10 @@ class Link:
 
     def _hear(
         self,
-        poses: Readings[Pose],
-        readings: Readings[Pressure],
-        states: Readings[SafetyState],
-        asked: Readings[Any],
+        poses: TypedSubscriber[Pose],
+        readings: TypedSubscriber[Pressure],
+        states: TypedSubscriber[SafetyState],
+        asked: TypedSubscriber[Any],
     ) -> None:
         pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
         said = list(iter(lambda: states.next(0), None))

@@ -13,7 +13,7 @@ from msgspec import structs
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.services.runtime import realm
 from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, Unreachable, UsageError
 
@@ -66,12 +66,12 @@ _PORT = 8470
 def console(
     options: Options,
     port: Annotated[
-        int | None, Opt(f"Where to serve (default: {_PORT}, or a free one where that is taken).")
+        int | None, Option(f"Where to serve (default: {_PORT}, or a free one where that is taken).")
     ] = None,
-    browse: Annotated[bool, Opt("Open the page in a browser.", ("--open",))] = False,
-    host: Annotated[str, Opt("The address to listen on.")] = "127.0.0.1",
+    browse: Annotated[bool, Option("Open the page in a browser.", ("--open",))] = False,
+    host: Annotated[str, Option("The address to listen on.")] = "127.0.0.1",
     insecure: Annotated[
-        bool, Opt("Let other machines in: what they send and see is not encrypted.")
+        bool, Option("Let other machines in: what they send and see is not encrypted.")
     ] = False,
 ) -> None:
     """Fly from a web page: the vehicle in its cage, its readings, processes and parameters.

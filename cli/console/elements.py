@@ -37,7 +37,9 @@ class Live(ui.element, component="assets/live.js"):
         return self.run_method("show", frame, timeout=timeout)
 
 
-class Scene(ui.element, component="assets/airspace.js", esm={"quadctl-shapes": "assets/shapes"}):
+class SceneView(
+    ui.element, component="assets/airspace.js", esm={"quadctl-shapes": "assets/shapes"}
+):
     """The vehicle in its cage. Events: `floor` with x and y, `step` with a key, `send`."""
 
     def __init__(self, height: float, *, control: bool) -> None:

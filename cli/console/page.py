@@ -13,8 +13,15 @@ from quadctl.cli.console.actions import Act, Acts, PageContext
 from quadctl.cli.console.bus_link import Link
 from quadctl.cli.console.elements import Live, read
 from quadctl.cli.console.model import TICK
-from quadctl.cli.console.panels import Faults, Flight, Journal, Processes, Safety, readings
-from quadctl.cli.console.parameters_panel import Parameters
+from quadctl.cli.console.panels import (
+    FaultsPanel,
+    FlightPanel,
+    ProcessesPanel,
+    SafetyPanel,
+    VerdictsPanel,
+    readings,
+)
+from quadctl.cli.console.parameters_panel import ParametersPanel
 from quadctl.schemas.messages import Position
 from quadctl.services.runtime.errors import QuadctlError
 
@@ -65,13 +72,13 @@ class Page:
         self._live = Live()
         top(self)
         with ui.element("main").classes("grid"):
-            flight = Flight(self)
+            flight = FlightPanel(self)
             with ui.element("div").classes("side"):
-                safety = Safety(self)
+                safety = SafetyPanel(self)
                 readings()
             with ui.element("div").classes("lower"):
-                journal, processes = Journal(), Processes(self)
-            faults, parameters = Faults(self), Parameters(self)
+                journal, processes = VerdictsPanel(), ProcessesPanel(self)
+            faults, parameters = FaultsPanel(self), ParametersPanel(self)
         self._panels = (flight, safety, journal, processes, faults, parameters)
 
     async def do(self, act: Act) -> bool:

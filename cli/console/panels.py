@@ -9,7 +9,7 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments, ValueChangeEventArguments
 
 from quadctl.cli.console.actions import PageContext
-from quadctl.cli.console.elements import Plot, Scene, card, floor_point, read
+from quadctl.cli.console.elements import Plot, SceneView, card, floor_point, read
 from quadctl.cli.console.model import Glance, Sample, Verdict, clicked, drawing, stepped
 from quadctl.cli.console.settings import tables
 from quadctl.cli.fault.catalogue import FAULTS, Fault, active
@@ -17,7 +17,7 @@ from quadctl.schemas.messages import Position
 from quadctl.services.runtime.run_files import ProcessRecord
 
 
-class Faults:
+class FaultsPanel:
     """Each is a parameter, as for `quadctl fault`: a click puts it in, or takes it out."""
 
     def __init__(self, page: PageContext) -> None:
@@ -49,7 +49,7 @@ class Faults:
 _NONE = '<li class="none">Nothing asked yet.</li>'
 
 
-class Journal:
+class VerdictsPanel:
     """Written anew when a line has come."""
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ def line(verdict: Verdict) -> str:
     )
 
 
-class Processes:
+class ProcessesPanel:
     """Written anew when one of them has changed."""
 
     def __init__(self, page: PageContext) -> None:
@@ -121,7 +121,7 @@ def readings() -> None:
             read("baseline", tag="dd")
 
 
-class Safety:
+class SafetyPanel:
     """The first thing to look at beside the vehicle."""
 
     def __init__(self, page: PageContext) -> None:
@@ -167,13 +167,13 @@ _KEYS = "Click the floor to go there, or arrow keys and <kbd>PgUp</kbd> <kbd>PgD
 _WATCHING = "Drag to turn the view, scroll to come nearer."
 
 
-class Flight:
+class FlightPanel:
     """The biggest part of the page."""
 
     def __init__(self, page: PageContext) -> None:
         self._page = page
         with ui.element("section").classes("card flight"):
-            self._scene = Scene(_HEIGHT, control=page.control)
+            self._scene = SceneView(_HEIGHT, control=page.control)
             with ui.element("div").classes("readout"):
                 for axis in "xyz":
                     with ui.element("div"):

@@ -15,7 +15,7 @@ Field = ui.switch | ui.select | ui.input
 _FIRST = "safety"
 
 
-class Parameters:
+class ParametersPanel:
     """Only the table chosen is on the page; a value changes as soon as it is entered."""
 
     def __init__(self, page: PageContext) -> None:

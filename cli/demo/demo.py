@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from quadctl.cli import output
 from quadctl.cli.context import Options, here
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.cli.demo.checkpoints import CHECKPOINTS, Lab
 from quadctl.cli.temporary_run import run_of_its_own
 from quadctl.services.runtime.bus.client import Client
@@ -20,9 +20,9 @@ _FAULT_FOUND = 8
 
 def demo(
     options: Options,
-    picture: Annotated[Path, Opt("Where to write the picture of the flight, PNG or SVG.")] = Path(
-        "demo.png"
-    ),
+    picture: Annotated[
+        Path, Option("Where to write the picture of the flight, PNG or SVG.")
+    ] = Path("demo.png"),
 ) -> None:
     """Fly the lab's four checkpoints, show the evidence, and draw the flight.
 
@@ -30,7 +30,7 @@ def demo(
     """
     here(options, "demo")
     from quadctl.cli.plot.figure import draw
-    from quadctl.cli.plot.track import Flight, wanted
+    from quadctl.cli.plot.track import RecordedFlight, wanted
 
     params = lab_params()
     vehicle = options.named or DEFAULT
@@ -45,7 +45,7 @@ def demo(
             _fly(number, title, list(checkpoint(lab)), quiet=options.json)
             for number, (title, checkpoint) in enumerate(CHECKPOINTS, start=1)
         ]
-        flight = Flight()
+        flight = RecordedFlight()
         while (message := heard.next(0)) is not None:
             flight.add(message.key, message.payload, message.encoding)
         draw(picture, flight, "quadctl demo: the lab's four checkpoints, flown")

@@ -5,10 +5,10 @@ from typing import Any
 
 from msgspec import Struct
 
-from quadctl.cli.doctor.check import Check, alone, failed, passed, warned
+from quadctl.cli.doctor.check import Finding, alone, failed, passed, warned
 from quadctl.cli.doctor.run import Settings, faults, parameters
 from quadctl.schemas.barometer import AIR
-from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.messages import Pressure
 from quadctl.schemas.topics import (
     POSE,
@@ -22,10 +22,10 @@ from quadctl.schemas.topics import (
 )
 from quadctl.schemas.typeinfo import schema_hash
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.survey import Heard, Survey
+from quadctl.services.runtime.bus.survey import Survey, TopicStats
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut
 from quadctl.services.runtime.process_table import NODES
-from quadctl.services.runtime.run_files import RunRecord
+from quadctl.services.runtime.run_files import RunState
 
 _ALIKE = 8
 """So many readings that are the same to the last bit come from no sensor: each has noise, and of the
@@ -33,14 +33,14 @@ coarsest they are the same once in ten thousand times."""
 _FIX = "`quadctl fault list`, `quadctl node restart pressure`; a real sensor: see to its wires"
 
 
-def barometer(found: Survey, vehicle: str) -> Iterator[Check]:
+def barometer(found: Survey, vehicle: str) -> Iterator[Finding]:
     """Its readings are the air's, and change; nothing where there is none."""
     heard = found.heard.get(PRESSURE.key(vehicle))
     if heard is not None:
         yield judged(_readings(heard.newest))
 
 
-def judged(readings: Sequence[float]) -> Check:
+def judged(readings: Sequence[float]) -> Finding:
     """Of readings, hPa, the oldest first."""
     if not readings:
         return warned("barometer", "not checked: no reading came")
@@ -74,7 +74,7 @@ _TYPES |= {service.type_name: service.request for service in _SERVED}
 _HASHES = {name: schema_hash(type_) for name, type_ in _TYPES.items()}
 
 
-def announced(found: Survey, run: RunRecord | None) -> Check:
+def announced(found: Survey, run: RunState | None) -> Finding:
     """Every node that is recorded as ready has announced itself, and offers what is its own."""
     due = [node.name for node in run.nodes if node.state == "ready"] if run else []
     missing = [name for name in due if name not in found.nodes and name in NODES]
@@ -102,7 +102,7 @@ def announced(found: Survey, run: RunRecord | None) -> Check:
     return passed("announced", ", ".join(found.nodes))
 
 
-def schemas(found: Survey) -> Check:
+def schemas(found: Survey) -> Finding:
     """Every type of ours that is offered has our fields."""
     others = sorted({
         f"{offer.node} has {offer.type}#{offer.hash}, here it is #{_HASHES[offer.type]}"
@@ -118,7 +118,7 @@ def schemas(found: Survey) -> Check:
     return passed("schemas", f"{len(found.offers)} topics and services have the fields known here")
 
 
-def servers(found: Survey) -> Check:
+def servers(found: Survey) -> Finding:
     """One server for each service: announced, and by who answers a call."""
     doubled: list[str] = []
     offers = [offer for offer in found.offers if offer.kind == "@srv"]
@@ -135,14 +135,14 @@ def servers(found: Survey) -> Check:
     return alone("servers", doubled, f"one for each of {len(keys)} services")
 
 
-def services(found: Survey) -> Iterator[Check]:
+def services(found: Survey) -> Iterator[Finding]:
     """The services of each node answer."""
     keys = {offer.key: offer for offer in found.offers if offer.key in found.answers}
     for node in sorted({offer.node for offer in keys.values()}):
         yield _services(node, [key for key, offer in keys.items() if offer.node == node], found)
 
 
-def _services(node: str, keys: list[str], found: Survey) -> Check:
+def _services(node: str, keys: list[str], found: Survey) -> Finding:
     title, names = f"services of {node}", {o.key: o.name for o in found.offers}
     silent = [
         names[key] for key in keys if not [a for a in found.answers[key] if a.code != TimedOut.code]
@@ -168,11 +168,11 @@ _CLOCKS = 0.5
 """Seconds that two clocks may differ."""
 
 
-def topics(found: Survey, vehicle: str) -> Iterator[Check]:
+def topics(found: Survey, vehicle: str) -> Iterator[Finding]:
     """Every topic with a declared rate."""
     speed = _speed(found)
     # Simulated seconds per second, as the vehicle's own stamps tell it.
-    pace = found.heard.get(POSE.key(vehicle), Heard()).pace
+    pace = found.heard.get(POSE.key(vehicle), TopicStats()).pace
     offers = {offer.key: offer for offer in found.offers if offer.kind == "@pub" and offer.hz}
     for key, offer in offers.items():
         # Safety's state comes on change too, and else by the wall clock.
@@ -182,8 +182,13 @@ def topics(found: Survey, vehicle: str) -> Iterator[Check]:
 
 
 def topic(
-    offer: Offer, heard: Heard, seconds: float, pace: float = 1.0, *, at_least: bool = False
-) -> Check:
+    offer: EndpointInfo,
+    heard: TopicStats,
+    seconds: float,
+    pace: float = 1.0,
+    *,
+    at_least: bool = False,
+) -> Finding:
     """One topic at its declared rate; a `pace` other than 1 makes it one of simulated time."""
     name, due = f"topic {offer.key}", seconds * offer.hz * pace
     if not heard.count and due >= _FEW:
@@ -216,7 +221,7 @@ def topic(
     return warned(name, said, f"`top` shows what else runs; `quadctl node logs {offer.node}`")
 
 
-def publishers(found: Survey) -> Check:
+def publishers(found: Survey) -> Finding:
     """One publisher on each topic: announced, and by who stamps the messages."""
     doubled: list[str] = []
     offers = [offer for offer in found.offers if offer.kind == "@pub"]
@@ -230,7 +235,7 @@ def publishers(found: Survey) -> Check:
     return alone("publishers", doubled, f"one on each of {len(found.heard)} topics")
 
 
-def clocks(found: Survey) -> Check:
+def clocks(found: Survey) -> Finding:
     """Messages are stamped by clocks that agree with ours."""
     if not found.heard:
         return warned("clocks", "not checked: nobody publishes anything", "`quadctl node list`")
@@ -257,8 +262,8 @@ _NEED_THE_HUB = (
 
 
 def bus(
-    found: Survey | QuadctlError, run: RunRecord | None, settings: Settings, vehicle: str
-) -> Iterator[Check]:
+    found: Survey | QuadctlError, run: RunState | None, settings: Settings, vehicle: str
+) -> Iterator[Finding]:
     """All checks of the bus; those that need a hub which does not answer are no PASS."""
     if isinstance(found, QuadctlError):
         fix = "`quadctl node logs hub`, `quadctl node restart hub`" if run else found.hint

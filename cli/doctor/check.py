@@ -10,7 +10,7 @@ from msgspec.structs import replace
 Verdict = Literal["PASS", "WARN", "FAIL"]
 
 
-class Check(Struct, frozen=True):
+class Finding(Struct, frozen=True):
     """One check; `fix` is empty where nothing is to be mended."""
 
     name: str
@@ -19,22 +19,22 @@ class Check(Struct, frozen=True):
     fix: str = ""
 
 
-def passed(name: str, evidence: str) -> Check:
+def passed(name: str, evidence: str) -> Finding:
     """It is as it should be."""
-    return Check(name, "PASS", evidence)
+    return Finding(name, "PASS", evidence)
 
 
-def warned(name: str, evidence: str, fix: str = "") -> Check:
+def warned(name: str, evidence: str, fix: str = "") -> Finding:
     """It works, and is not as it should be; or it could not be looked at."""
-    return Check(name, "WARN", evidence, fix)
+    return Finding(name, "WARN", evidence, fix)
 
 
-def failed(name: str, evidence: str, fix: str) -> Check:
+def failed(name: str, evidence: str, fix: str) -> Finding:
     """It does not work, or soon will not."""
-    return Check(name, "FAIL", evidence, fix)
+    return Finding(name, "FAIL", evidence, fix)
 
 
-def alone(name: str, doubled: list[str], evidence: str) -> Check:
+def alone(name: str, doubled: list[str], evidence: str) -> Finding:
     """That nobody does again what a node of ours does: who does, a line each, or that all is well."""
     if not doubled:
         return passed(name, evidence)
@@ -45,7 +45,7 @@ def alone(name: str, doubled: list[str], evidence: str) -> Check:
     )
 
 
-def with_options(checks: Iterable[Check], options: str) -> list[Check]:
+def with_options(checks: Iterable[Finding], options: str) -> list[Finding]:
     """The checks with common options, such as `--realm lab`, in every command of ours."""
 
     def complete(command: re.Match[str]) -> str:
@@ -57,7 +57,7 @@ def with_options(checks: Iterable[Check], options: str) -> list[Check]:
     ]
 
 
-def text_of(check: Check) -> str:
+def text_of(check: Finding) -> str:
     """A check as lines: what it found, and below it how to mend it."""
     first, *more = check.evidence.splitlines() or [""]
     lines = [f"{check.verdict}  {check.name}: {first}", *(f"      {line}" for line in more)]

@@ -9,7 +9,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.doctor import run
 from quadctl.cli.doctor.bus import bus
-from quadctl.cli.doctor.check import Check, failed, text_of, with_options
+from quadctl.cli.doctor.check import Finding, failed, text_of, with_options
 from quadctl.cli.doctor.gather import Facts, Place, gather
 from quadctl.cli.doctor.host import clock, disk, load
 from quadctl.cli.doctor.installation import environment, installation
@@ -40,7 +40,7 @@ def doctor(options: Options) -> None:
         sys.exit(_FAULT_FOUND)
 
 
-def _judged(facts: Facts, options: Options) -> Iterator[Check]:
+def _judged(facts: Facts, options: Options) -> Iterator[Finding]:
     yield from installation(facts.installed)
     yield environment(os.environ)
     yield clock(time.localtime().tm_year)
@@ -54,7 +54,7 @@ def _judged(facts: Facts, options: Options) -> Iterator[Check]:
         yield from bus(facts.found, facts.record, facts.settings, facts.vehicle)
 
 
-def _place(place: Place, realm: str, vehicle: str) -> Iterator[Check]:
+def _place(place: Place, realm: str, vehicle: str) -> Iterator[Finding]:
     yield run.realm(realm, place.folder, place.neighbours, vehicle, place.before.get("up"))
     yield run.leftovers(place.neighbours)
     yield from run.nodes(place.folder, place.before)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from quadctl.cli.context import Options, hub_alone
 from quadctl.cli.doctor.host import (
-    Disk,
+    DiskSpace,
     Folder,
     Neighbours,
-    Process,
+    ProcessFacts,
     folder,
     look_at_disk,
     neighbours,
@@ -23,13 +23,13 @@ from quadctl.services.runtime.bus.session import Address, address_of
 from quadctl.services.runtime.bus.survey import Survey, survey
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from quadctl.services.runtime.realm import DEFAULT, Realm
-from quadctl.services.runtime.run_files import RunRecord
+from quadctl.services.runtime.run_files import RunState
 
 _MARGIN = 0.1
 """Seconds of the timeout kept for what comes after: judging and printing."""
 
 
-class Watch:
+class TopicWatch:
     """A survey under way; ends by its timeout (s), come what may. Without an address, none."""
 
     def __init__(self, address: Address | None, vehicle: str, timeout: float) -> None:
@@ -66,8 +66,8 @@ class Place(NamedTuple):
 
     folder: Folder
     neighbours: Neighbours
-    before: dict[str, Process]
-    after: dict[str, Process]
+    before: dict[str, ProcessFacts]
+    after: dict[str, ProcessFacts]
     seconds: float
 
 
@@ -80,12 +80,12 @@ class Facts(NamedTuple):
     vehicle: str
     installed: Installed
     settings: Settings
-    disks: list[Disk]
+    disks: list[DiskSpace]
     place: Place | UsageError | None
     found: Survey | QuadctlError | None
 
     @property
-    def record(self) -> RunRecord | None:
+    def record(self) -> RunState | None:
         """The record of a live run."""
         if isinstance(self.place, Place) and self.place.folder.live:
             return self.place.folder.run
@@ -100,7 +100,7 @@ def gather(options: Options) -> Facts:
     address = Address(options.connect) if options.connect else None
     if realm and here and (here.live or here.by_hand):
         address = address_of(realm)
-    watch = Watch(address, vehicle, options.timeout)
+    watch = TopicWatch(address, vehicle, options.timeout)
     began, before = time.monotonic(), _processes(here)
     install, file, disks = installed(), settings(vehicle, vehicles), _disks(realm)
     around = neighbours(realm) if realm else None
@@ -133,7 +133,7 @@ def _realm(options: Options) -> tuple[Realm | None, UsageError | None]:
         return None, error
 
 
-def _processes(here: Folder | None) -> dict[str, Process]:
+def _processes(here: Folder | None) -> dict[str, ProcessFacts]:
     """The nodes by name, and the supervisor as `up`."""
     if here is None or here.run is None or not here.live:
         return {}
@@ -141,11 +141,11 @@ def _processes(here: Folder | None) -> dict[str, Process]:
     return {name: process(pid) for name, pid in pids.items()}
 
 
-def _disks(realm: Realm | None) -> list[Disk]:
+def _disks(realm: Realm | None) -> list[DiskSpace]:
     try:
         disks = [look_at_disk(Path.cwd(), writing=False)]
     except FileNotFoundError:
-        disks = [Disk(".", 0, "it has been removed")]
+        disks = [DiskSpace(".", 0, "it has been removed")]
     if realm and _is_there(realm.folder):
         disks.append(look_at_disk(realm.folder, writing=True))
     elif realm:

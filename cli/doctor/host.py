@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import msgspec
 
-from quadctl.cli.doctor.check import Check, failed, passed, warned
+from quadctl.cli.doctor.check import Finding, failed, passed, warned
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.procfs import pss_of, stats_of
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import RunRecord, is_live
+from quadctl.services.runtime.run_files import RunState, is_live
 
 
-class Process(NamedTuple):
+class ProcessFacts(NamedTuple):
     """A process: its state's letter as /proc says it, empty where it has ended, `?` unknown.
 
     `seconds` of processor time so far; `memory` is its share (PSS), bytes; both 0 where unknown.
@@ -29,7 +29,7 @@ class Process(NamedTuple):
     memory: int = 0
 
 
-class Disk(NamedTuple):
+class DiskSpace(NamedTuple):
     """A folder's disk: free bytes, and why nothing can be written there, empty where it can."""
 
     folder: str
@@ -37,24 +37,24 @@ class Disk(NamedTuple):
     refused: str = ""
 
 
-def process(pid: int) -> Process:
+def process(pid: int) -> ProcessFacts:
     """Look at a process of ours."""
     stats = stats_of(pid)
     if stats.state is not None:
-        return Process(stats.state, stats.cpu or 0.0, pss_of(pid) or 0)
+        return ProcessFacts(stats.state, stats.cpu or 0.0, pss_of(pid) or 0)
     if sys.platform == "win32":
         # Signal 0 would end it there.
-        return Process("?")
+        return ProcessFacts("?")
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
-        return Process("")
+        return ProcessFacts("")
     except PermissionError:
         pass
-    return Process("?")
+    return ProcessFacts("?")
 
 
-def look_at_disk(folder: Path, *, writing: bool) -> Disk:
+def look_at_disk(folder: Path, *, writing: bool) -> DiskSpace:
     """Look at a disk; with `writing`, write a small file there and remove it."""
     refused = ""
     if writing:
@@ -65,7 +65,7 @@ def look_at_disk(folder: Path, *, writing: bool) -> Disk:
             refused = error.strerror or str(error)
         with contextlib.suppress(OSError):
             trial.unlink()
-    return Disk(str(folder), shutil.disk_usage(folder).free, refused)
+    return DiskSpace(str(folder), shutil.disk_usage(folder).free, refused)
 
 
 MB = 1e6
@@ -76,7 +76,7 @@ _LARGE = 200 * MB
 _FIRST_YEAR = 2024
 
 
-def disk(disks: Sequence[Disk]) -> Check:
+def disk(disks: Sequence[DiskSpace]) -> Finding:
     """Room for logs, recordings and the run's files."""
     for found in disks:
         if found.refused:
@@ -93,14 +93,16 @@ def disk(disks: Sequence[Disk]) -> Check:
     return warned("disk", said, fix) if least.free < _SCARCE else passed("disk", said)
 
 
-def clock(year: int) -> Check:
+def clock(year: int) -> Finding:
     """The system's clock, by which calls have their deadline."""
     if year < _FIRST_YEAR:
         return failed("clock", f"it is the year {year}", "`timedatectl set-ntp true`")
     return passed("clock", f"it is the year {year}")
 
 
-def load(before: Mapping[str, Process], after: Mapping[str, Process], seconds: float) -> Check:
+def load(
+    before: Mapping[str, ProcessFacts], after: Mapping[str, ProcessFacts], seconds: float
+) -> Finding:
     """What the processes take of a core and of the memory; unknown where there is no /proc."""
     # A process that has been started again in between has begun to count anew.
     cores = {
@@ -144,7 +146,7 @@ class Folder(NamedTuple):
     holder: str
     by_hand: bool
     socket: bool
-    run: RunRecord | None
+    run: RunState | None
     last: dict[str, str]
 
 
@@ -203,9 +205,9 @@ def _is_held(path: Path) -> bool:
         return True
 
 
-def _record(realm: Realm) -> RunRecord | None:
+def _record(realm: Realm) -> RunState | None:
     try:
-        return msgspec.json.decode(realm.record.read_bytes(), type=RunRecord)
+        return msgspec.json.decode(realm.record.read_bytes(), type=RunState)
     except (OSError, msgspec.DecodeError):
         return None
 

@@ -15,7 +15,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
-from quadctl.cli.doctor.check import Check, failed, passed, warned
+from quadctl.cli.doctor.check import Finding, failed, passed, warned
 
 _REQUIREMENT = re.compile(r"\s*([A-Za-z0-9._-]+)\s*(?:\[[^\]]*\])?\s*\(?([^;)]*)\)?\s*(;.*)?")
 _BOUND = re.compile(r"(>=|<=|==|!=|~=|>|<)\s*v?([0-9.]+)")
@@ -150,14 +150,14 @@ _REINSTALL = "`python -m pip install --force-reinstall quadctl`, in an environme
 _SHOWN = ("QUADCTL_", "XDG_RUNTIME_DIR", "PYTHONPATH")
 
 
-def installation(facts: Installed) -> Iterator[Check]:
+def installation(facts: Installed) -> Iterator[Finding]:
     """All checks of the installation."""
     yield python(facts)
     yield packages(facts)
     yield imports(facts)
 
 
-def python(facts: Installed) -> Check:
+def python(facts: Installed) -> Finding:
     """The interpreter's version."""
     if not satisfies(facts.python, facts.needed_python):
         return failed(
@@ -168,7 +168,7 @@ def python(facts: Installed) -> Check:
     return passed("Python", facts.python)
 
 
-def packages(facts: Installed) -> Check:
+def packages(facts: Installed) -> Finding:
     """Every package that quadctl asks for, within its bounds."""
     wrong = [
         f"{name} {facts.versions[name] or 'is not installed'}, needed {bounds}"
@@ -182,7 +182,7 @@ def packages(facts: Installed) -> Check:
     return passed("packages", said)
 
 
-def imports(facts: Installed) -> Check:
+def imports(facts: Installed) -> Finding:
     """Our packages' names stand for our packages, whoever imports them."""
     name, ours = "imports", facts.folder
     if foreign := _foreign(facts.found, ours):
@@ -211,7 +211,7 @@ def imports(facts: Installed) -> Check:
     return passed(name, f"services, schemas and cli are those of {ours}")
 
 
-def environment(variables: Mapping[str, str]) -> Check:
+def environment(variables: Mapping[str, str]) -> Finding:
     """Variables that change what quadctl does."""
     shown = {name: value for name, value in variables.items() if name.startswith(_SHOWN)}
     said = ", ".join(f"{name}={value}" for name, value in sorted(shown.items()))

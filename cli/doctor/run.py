@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from quadctl.cli.doctor.check import Check, failed, passed, warned
-from quadctl.cli.doctor.host import Folder, Neighbours, Process
+from quadctl.cli.doctor.check import Finding, failed, passed, warned
+from quadctl.cli.doctor.host import Folder, Neighbours, ProcessFacts
 from quadctl.cli.fault.catalogue import active
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.load import load_vehicles
@@ -44,7 +44,7 @@ def settings(vehicle: str, vehicles: Sequence[str], file: Path = FILE) -> Settin
     return Settings(source, dict(flatten(msgspec.to_builtins(params))))
 
 
-def parameter_file(found: Settings) -> Check:
+def parameter_file(found: Settings) -> Finding:
     """The file here is one that `up` would take."""
     if found.error is not None:
         return failed("parameter file", found.error.message, found.error.hint)
@@ -53,7 +53,7 @@ def parameter_file(found: Settings) -> Check:
     return passed("parameter file", f"{found.source} is valid")
 
 
-def parameters(found: Settings, running: Mapping[str, Any]) -> Check:
+def parameters(found: Settings, running: Mapping[str, Any]) -> Finding:
     """The running nodes have the values of the file here."""
     if found.error is not None or not running:
         why = "the file is not valid" if found.error else "no node has told its parameters"
@@ -74,7 +74,7 @@ def parameters(found: Settings, running: Mapping[str, Any]) -> Check:
     return passed("parameters", f"{len(running)} values are those of {found.source}")
 
 
-def faults(running: Mapping[str, Any]) -> Check:
+def faults(running: Mapping[str, Any]) -> Finding:
     """No fault has been put in by name."""
     there = active(running)
     if there:
@@ -91,8 +91,8 @@ def realm(
     found: Folder,
     others: Neighbours,
     vehicle: str,
-    supervisor: Process | None = None,
-) -> Check:
+    supervisor: ProcessFacts | None = None,
+) -> Finding:
     """The realm's folder is private, and a supervisor that is awake holds it."""
     if not found.owned:
         return failed(
@@ -138,7 +138,7 @@ def realm(
     return passed("realm", f"{name}, supervised by process {found.run.pid}, in {found.path}")
 
 
-def _not_live(name: str, found: Folder, others: Neighbours) -> Check:
+def _not_live(name: str, found: Folder, others: Neighbours) -> Finding:
     if found.by_hand:
         return warned(
             "realm",
@@ -158,7 +158,7 @@ def _not_live(name: str, found: Folder, others: Neighbours) -> Check:
     return warned("realm", said, fix)
 
 
-def leftovers(others: Neighbours) -> Check:
+def leftovers(others: Neighbours) -> Finding:
     """Folders that runs have left which died."""
     if not others.dead:
         return passed("leftovers", f"none in {others.root}")
@@ -166,13 +166,15 @@ def leftovers(others: Neighbours) -> Check:
     return warned("leftovers", f"runs that died: {', '.join(others.dead)}", f"`rm -r {paths}`")
 
 
-def nodes(found: Folder, processes: Mapping[str, Process]) -> Iterator[Check]:
+def nodes(found: Folder, processes: Mapping[str, ProcessFacts]) -> Iterator[Finding]:
     """Each process of the run record."""
     for record in found.run.nodes if found.run and found.live else ():
-        yield node(record, processes.get(record.name, Process("")), found.last.get(record.name, ""))
+        yield node(
+            record, processes.get(record.name, ProcessFacts("")), found.last.get(record.name, "")
+        )
 
 
-def node(record: ProcessRecord, process: Process, last: str) -> Check:
+def node(record: ProcessRecord, process: ProcessFacts, last: str) -> Finding:
     """One process: ready, alive, not frozen, not restarted."""
     title, name, pid = f"node {record.name}", record.name, record.pid
     if record.state == "down":

@@ -17,7 +17,7 @@ from quadctl.services.runtime.errors import Invalid, Unreachable, UsageError
 from quadctl.services.runtime.params.names import flatten, nearest
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import RunRecord
+from quadctl.services.runtime.run_files import RunState
 
 
 def kept(options: Options) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def frozen(options: Options) -> list[str]:
     return frozen_of(run)
 
 
-def frozen_of(run: RunRecord) -> list[str]:
+def frozen_of(run: RunState) -> list[str]:
     """The same, of this run."""
     return [f"{node.name}-frozen" for node in run.nodes if node.pid and procfs.is_frozen(node.pid)]
 

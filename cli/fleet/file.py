@@ -39,7 +39,7 @@ class Member(Struct, frozen=True):
     vehicle: str
 
 
-class Fleet(Struct, frozen=True):
+class FleetFile(Struct, frozen=True):
     """Who flies, and the places of each in every formation, m, by the file of that name."""
 
     members: list[Member]
@@ -57,12 +57,12 @@ class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
     formations: dict[str, dict[str, Any]] = {}
 
 
-def read(file: Path, connect: str) -> Fleet:
+def read(file: Path, connect: str) -> FleetFile:
     """A fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
     return fleet_of(load.read(file, _WRITTEN), str(file), connect)
 
 
-def fleet_of(table: dict[str, Any], source: str, connect: str) -> Fleet:
+def fleet_of(table: dict[str, Any], source: str, connect: str) -> FleetFile:
     """The same, from its tables."""
     tables = _checked(table, _Tables, source, "the tables are [vehicles] and [formations.NAME]")
     members = [_member(name, said, source, connect) for name, said in tables.vehicles.items()]
@@ -81,7 +81,7 @@ def fleet_of(table: dict[str, Any], source: str, connect: str) -> Fleet:
             for name, said in places.items()
         }
         _check_apart(formations[title], f"{source}: formations.{title}")
-    return Fleet(members, formations, source)
+    return FleetFile(members, formations, source)
 
 
 def _member(name: str, said: Any, source: str, connect: str) -> Member:

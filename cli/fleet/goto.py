@@ -10,10 +10,10 @@ from msgspec import Struct
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Arg, Opt, is_number
-from quadctl.cli.fleet.file import Fleet, Member
+from quadctl.cli.declarations import Arg, Option, is_number
+from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, nobody_sent, row
-from quadctl.cli.progress import Board
+from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import Flight, check_arrive, patience, request_of
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GotoRequest, GotoResponse
@@ -25,7 +25,7 @@ from quadctl.services.runtime.params.names import nearest
 _HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet goto --help`"
 
 
-class Said(Struct, frozen=True):
+class FleetGoal(Struct, frozen=True):
     """Goals of vehicles by name, or a formation and where it is to be, or a centre alone; m."""
 
     own: dict[str, Position] = {}
@@ -33,14 +33,14 @@ class Said(Struct, frozen=True):
     at: Position = Position(0.0, 0.0, 0.0)
 
 
-def read(words: Sequence[str]) -> Said:
+def read(words: Sequence[str]) -> FleetGoal:
     """`uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raises UsageError, or Invalid for what is no place."""
     if all("=" in word for word in words):
-        return Said(own=_own(words))
+        return FleetGoal(own=_own(words))
     if is_number(words[0]):
-        return Said(at=_point(words))
+        return FleetGoal(at=_point(words))
     title, *rest = words
-    return Said(formation=title, at=_point(rest)) if rest else Said(formation=title)
+    return FleetGoal(formation=title, at=_point(rest)) if rest else FleetGoal(formation=title)
 
 
 def _own(words: Sequence[str]) -> dict[str, Position]:
@@ -66,7 +66,7 @@ Places = Mapping[str, Position]
 """A point for each vehicle, m."""
 
 
-def named_goals(said: Said, fleet: Fleet) -> dict[str, Position] | None:
+def named_goals(said: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None:
     """The goals of vehicles by name, or of a formation.
 
     None for a centre, which depends on where all are. Raises Invalid for a name that there is not.
@@ -95,7 +95,7 @@ def _moved(places: Places, by: Position) -> dict[str, Position]:
     return {name: Position(by.x + p.x, by.y + p.y, by.z + p.z) for name, p in places.items()}
 
 
-def _no_formation(title: str, fleet: Fleet) -> Invalid:
+def _no_formation(title: str, fleet: FleetFile) -> Invalid:
     source = fleet.source or "fleet.toml"
     table = f"write it in {source}: [formations.{title}], and below it, for each vehicle,"
     known = nearest(title, fleet.formations)
@@ -123,10 +123,10 @@ class _Asked(Struct, frozen=True):
 def goto(
     options: Options,
     goal: Annotated[list[str], Arg("Where to, m.", _GOAL)],
-    no_wait: Annotated[bool, Opt("Return with the verdicts.")] = False,
-    replace: Annotated[bool, Opt("Change course while flying to other goals.")] = False,
+    no_wait: Annotated[bool, Option("Return with the verdicts.")] = False,
+    replace: Annotated[bool, Option("Change course while flying to other goals.")] = False,
     arrive: Annotated[
-        float | None, Opt("Seconds to arrive in (default: twice the planned time and 5).")
+        float | None, Option("Seconds to arrive in (default: twice the planned time and 5).")
     ] = None,
     file: File = None,
 ) -> None:
@@ -163,7 +163,7 @@ def goto(
     fail({m.name: problems[m.name] for m in members if m.name in problems})
 
 
-def _goals(said: Said, fleet: Fleet, hubs: Hubs) -> dict[str, Position]:
+def _goals(said: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Position]:
     goals = named_goals(said, fleet)
     if goals is not None:
         return goals
@@ -177,7 +177,7 @@ def _goals(said: Said, fleet: Fleet, hubs: Hubs) -> dict[str, Position]:
     return about(heard.answers, said.at)
 
 
-def _request(name: str, place: Position, said: Said, *, replace: bool) -> GotoRequest:
+def _request(name: str, place: Position, said: FleetGoal, *, replace: bool) -> GotoRequest:
     try:
         return request_of(place.x, place.y, place.z, replace=replace)
     except Invalid as problem:
@@ -185,7 +185,7 @@ def _request(name: str, place: Position, said: Said, *, replace: bool) -> GotoRe
         raise Invalid(f"about {about_}, {name}'s {problem.message}", problem.hint) from problem
 
 
-def _tell_who_stays(title: str, fleet: Fleet, sent: Mapping[str, Any]) -> None:
+def _tell_who_stays(title: str, fleet: FleetFile, sent: Mapping[str, Any]) -> None:
     stay = [member.name for member in fleet.members if member.name not in sent]
     if stay:
         have, they = ("has", "it stays") if len(stay) == 1 else ("have", "they stay")
@@ -242,7 +242,7 @@ def _watch(
     quiet: bool,
 ) -> dict[str, QuadctlError]:
     """Show the flights until all have ended; returns what kept whom from its goal."""
-    with Board("flying", [member.name for member in members], quiet=quiet) as board:
+    with FleetProgress("flying", [member.name for member in members], quiet=quiet) as board:
 
         def watch(member: Member, _client: Client) -> None:
             client, flight = asked[member.name].client, asked[member.name].flight

@@ -12,11 +12,11 @@ from typing import Annotated, Any, Self, TypeVar
 from msgspec import structs
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Heard, ask_each
+from quadctl.cli.concurrent import Answers, ask_each
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.cli.fleet import file as fleet_file
-from quadctl.cli.fleet.file import Fleet, Member
+from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.services.runtime import realm
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
@@ -76,7 +76,7 @@ class Hubs:
         *,
         bounded: bool,
         all_or_none: bool = False,
-    ) -> Heard[T]:
+    ) -> Answers[T]:
         """Call `do` for all members at once, each on a thread of its own; by name what came of it.
 
         A client's timeout is what is left of --timeout. Where `bounded`, who has not answered
@@ -102,19 +102,19 @@ def late(connect: str, timeout: float) -> TimedOut:
 
 
 File = Annotated[
-    Path | None, Opt("The fleet's file (default: ./fleet.toml if it is there).", ("--fleet",))
+    Path | None, Option("The fleet's file (default: ./fleet.toml if it is there).", ("--fleet",))
 ]
 """The option that every command of the fleet has."""
 
 
-def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> Fleet:
+def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> FleetFile:
     """The fleet of a file; where there is none, all vehicles of the hub.
 
     Raises Invalid for what is wrong with the file, Unreachable where nobody is there.
     """
     _check_for_all(options)
     if file is None and not fleet_file.DEFAULT.exists():
-        return Fleet(_on_the_hub(options, hubs), {})
+        return FleetFile(_on_the_hub(options, hubs), {})
     fleet = fleet_file.read(file or fleet_file.DEFAULT, options.connect)
     if file is None and not options.json and (left := left_out(options, fleet)):
         be = "is" if len(left) == 1 else "are"
@@ -124,7 +124,7 @@ def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> Fleet:
     return fleet
 
 
-def left_out(options: Options, fleet: Fleet) -> list[str]:
+def left_out(options: Options, fleet: FleetFile) -> list[str]:
     """The vehicles of the realm's run, if it has one, that are not in the fleet."""
     if options.connect:
         return []

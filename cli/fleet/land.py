@@ -5,10 +5,10 @@ from typing import Annotated
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, row
-from quadctl.cli.progress import Board
+from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import Flight, check_arrive, distance, patience
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest, HoldRequest
@@ -60,7 +60,7 @@ hovering vehicle is never as still."""
 def land_all(
     options: Options,
     arrive: Annotated[
-        float | None, Opt("Seconds to land in (default: twice the planned time and 5).")
+        float | None, Option("Seconds to land in (default: twice the planned time and 5).")
     ] = None,
     file: File = None,
 ) -> None:
@@ -75,7 +75,9 @@ def land_all(
     check_arrive(arrive)
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        with Board("landing", [member.name for member in members], quiet=options.json) as board:
+        with FleetProgress(
+            "landing", [member.name for member in members], quiet=options.json
+        ) as board:
 
             def land(member: Member, client: Client) -> Position:
                 left, client.timeout = client.timeout, options.timeout
@@ -127,7 +129,7 @@ class _Descent(Flight):
 class _Landing:
     """One vehicle's way down, through the services that any other command calls."""
 
-    def __init__(self, client: Client, board: Board, name: str) -> None:
+    def __init__(self, client: Client, board: FleetProgress, name: str) -> None:
         self._client, self._board, self._name = client, board, name
 
     def run(self, left: float, arrive: float | None) -> Position:

@@ -12,7 +12,7 @@ from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.topics import POSE, STATE
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import Message, Stream
+from quadctl.services.runtime.bus.streams import Message, RawSubscriber
 from quadctl.services.runtime.errors import QuadctlError
 
 
@@ -20,7 +20,7 @@ class _Heard(Struct, frozen=True):
     """What a vehicle's thread has heard of it; poses go on coming."""
 
     state: SafetyState
-    poses: Stream
+    poses: RawSubscriber
     first: Message | None
     problem: QuadctlError | None
 

@@ -14,7 +14,7 @@ from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.cli.mission.digest import Record
-from quadctl.cli.mission.mission import Mission, Row, mission
+from quadctl.cli.mission.mission import MissionFile, Row, mission
 from quadctl.cli.progress import Progress
 from quadctl.schemas.services import (
     CalibrateRequest,
@@ -35,7 +35,7 @@ from quadctl.schemas.topics import (
     get_params,
 )
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.scheduled_calls import Ahead
+from quadctl.services.runtime.bus.scheduled_calls import FutureCall
 from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut
 from quadctl.services.runtime.params.load import read
 
@@ -49,10 +49,10 @@ _SLOWER = 20.0
 """A mission may take a minute and this many times as long as at the speed that is asked for."""
 
 
-class Flight:
+class MissionFlight:
     """One flight of a mission, from a new boot on."""
 
-    def __init__(self, client: Client, mission: Mission) -> None:
+    def __init__(self, client: Client, mission: MissionFile) -> None:
         """Raises Unreachable or TimedOut where a node does not answer."""
         self._client, self._mission = client, mission
         self.parameters = self._parameters()
@@ -63,8 +63,8 @@ class Flight:
         self._awaited, self._ended = len(NODES), threading.Event()
         topics: tuple[Topic[Any], ...] = (POSE, STATE, PRESSURE)
         self._readings = client.hear(*topics, backlog=_BACKLOG)
-        self.rows: list[tuple[Row, Ahead[Any, Any]]] = []
-        self._ends: list[Ahead[Any, Any]] = []
+        self.rows: list[tuple[Row, FutureCall[Any, Any]]] = []
+        self._ends: list[FutureCall[Any, Any]] = []
 
     def fly(self, on_progress: Callable[[float], None]) -> None:
         """Fly it to its end, telling `on_progress` the simulated time (s).
@@ -102,8 +102,8 @@ class Flight:
 
     def _ahead(
         self, service: Any, request: Any, at: float, settled: Callable[[], None]
-    ) -> Ahead[Any, Any]:
-        return Ahead(
+    ) -> FutureCall[Any, Any]:
+        return FutureCall(
             self._client,
             service,
             request,
@@ -172,7 +172,7 @@ def fly(
     """
     plan = mission(read(mission_file), str(mission_file))
     with context.connect(options) as client:
-        flight = Flight(client, plan)
+        flight = MissionFlight(client, plan)
         began = time.monotonic()
         try:
             with Progress("flying", quiet=options.json) as progress:
@@ -205,7 +205,7 @@ def fly(
     output.line(f"all three  {digests['hash']}")
 
 
-def _outcome(call: Ahead[Any, Any]) -> dict[str, Any]:
+def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:
     """Whether a row was done, and why not."""
     if call.problem is not None:
         return {"accepted": False, "reason": call.problem.message, "code": call.problem.code}

@@ -28,7 +28,7 @@ Time = Annotated[float, Meta(ge=0, le=86_400)]
 """Simulated s since the vehicle stood at its start."""
 
 
-class Goto(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="goto"):
+class GotoStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="goto"):
     """Ask for a goal, m; with `replace` also in the middle of a flight."""
 
     at: Time
@@ -45,7 +45,7 @@ class Goto(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag=
         return f"goto {self.x:g} {self.y:g} {self.z:g}{' --replace' if self.replace else ''}"
 
 
-class Cage(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="cage"):
+class CageStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="cage"):
     """Turn the cage on or off."""
 
     at: Time
@@ -59,7 +59,7 @@ class Cage(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag=
         return f"cage {'on' if self.on else 'off'}"
 
 
-class Hold(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="hold"):
+class HoldStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="hold"):
     """Stop at the stopping point."""
 
     at: Time
@@ -86,11 +86,11 @@ class Calibrate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do",
         return f"calibrate{' --unset' if self.unset else ''}"
 
 
-Row = Goto | Cage | Hold | Calibrate
-_KINDS = {"goto": Goto, "cage": Cage, "hold": Hold, "calibrate": Calibrate}
+Row = GotoStep | CageStep | HoldStep | Calibrate
+_KINDS = {"goto": GotoStep, "cage": CageStep, "hold": HoldStep, "calibrate": Calibrate}
 
 
-class Mission(Struct, frozen=True):
+class MissionFile(Struct, frozen=True):
     """Rows in the order of their times, equal ones as in the file, and the time (s) of its end."""
 
     rows: list[Row]
@@ -102,7 +102,7 @@ class _File(Struct, forbid_unknown_fields=True):
     end: Time | None = None
 
 
-def mission(tables: dict[str, Any], source: str) -> Mission:
+def mission(tables: dict[str, Any], source: str) -> MissionFile:
     """The mission that a file's tables describe; raises Invalid, which names the row."""
     try:
         file = msgspec.convert(tables, _File)
@@ -116,7 +116,7 @@ def mission(tables: dict[str, Any], source: str) -> Mission:
     if file.end is not None and file.end < last:
         raise Invalid(f"{source}: end = {file.end:g}: the last row is for {last:g} s", "end later")
     end = last + AFTER if file.end is None else file.end
-    return Mission(sorted(rows, key=lambda row: row.at), end)
+    return MissionFile(sorted(rows, key=lambda row: row.at), end)
 
 
 def _row(said: dict[str, Any], place: str) -> Row:

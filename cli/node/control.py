@@ -8,20 +8,20 @@ from typing import Annotated
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, here
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import TimedOut, Unreachable, UsageError
 from quadctl.services.runtime.params.names import nearest, normal_name
 from quadctl.services.runtime.procfs import is_frozen, parent_of
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
-from quadctl.services.runtime.supervisor.control import ask_restart, wait_restarted
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
+from quadctl.services.runtime.supervisor.control import request_restart, wait_restarted
 
 
 def restart(
     options: Options,
     names: Annotated[list[str] | None, Arg("Nodes.", complete="node")] = None,
-    everything: Annotated[bool, Opt("Every process of the run.", ("--all",))] = False,
+    everything: Annotated[bool, Option("Every process of the run.", ("--all",))] = False,
 ) -> None:
     """Start processes anew, also one that is left down, and wait until they are ready.
 
@@ -37,7 +37,7 @@ def restart(
         else [normal_name(context.about_node(options, name)[1]) for name in names or []]
     )
     deadline = time.monotonic() + options.timeout
-    asked = [ask_restart(realm, name) for name in wanted]
+    asked = [request_restart(realm, name) for name in wanted]
     for before in asked:
         left = max(deadline - time.monotonic(), 0.0)
         try:
@@ -76,7 +76,9 @@ _DONE = {
 def kill(
     options: Options,
     names: Annotated[list[str], Arg("Nodes.", complete="node")],
-    number: Annotated[str, Opt("KILL, TERM, INT, STOP or CONT.", ("--signal",), "SIGNAL")] = "TERM",
+    number: Annotated[
+        str, Option("KILL, TERM, INT, STOP or CONT.", ("--signal",), "SIGNAL")
+    ] = "TERM",
 ) -> None:
     """Send a signal to processes that `up` looks after, and which it restarts when that ends them.
 
@@ -109,12 +111,12 @@ def signalled(options: Options, name: str, signal_: str) -> None:
     _send(_process(_run(options), name), signal_)
 
 
-def _run(options: Options) -> RunRecord:
+def _run(options: Options) -> RunState:
     here(options, "node kill")
     return run_files.read(Realm(options.realm))
 
 
-def _process(run: RunRecord, name: str) -> ProcessRecord:
+def _process(run: RunState, name: str) -> ProcessRecord:
     by_name = {process.name: process for process in run.nodes}
     if name not in by_name:
         hint = "a node that was started by hand is ended where it was started"

@@ -8,7 +8,7 @@ import msgspec
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.node.lookup import Seen, answering, connected, params_of, run_of, see
+from quadctl.cli.node.lookup import NodesSeen, answering, connected, params_of, run_of, see
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.procfs import ProcessStats, pss_of, stats_of
@@ -81,7 +81,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
 
 
 def _params(
-    client: Client, seen: Seen, process: ProcessRecord, deadline: float
+    client: Client, seen: NodesSeen, process: ProcessRecord, deadline: float
 ) -> tuple[list[str], QuadctlError | None]:
     """The names of its parameters, or why they are not to be had."""
     if process.state != "ready" or process not in answering(seen):
@@ -94,7 +94,7 @@ def _params(
 
 
 def _document(
-    process: ProcessRecord, seen: Seen, params: list[str], stats: ProcessStats, pss: int | None
+    process: ProcessRecord, seen: NodesSeen, params: list[str], stats: ProcessStats, pss: int | None
 ) -> dict[str, Any]:
     return {
         "name": process.name,
@@ -120,7 +120,7 @@ def _document(
 
 
 def _print(
-    process: ProcessRecord, seen: Seen, params: list[str], stats: ProcessStats, pss: int | None
+    process: ProcessRecord, seen: NodesSeen, params: list[str], stats: ProcessStats, pss: int | None
 ) -> None:
     rows = [
         ("Node:", process.name),

@@ -8,7 +8,7 @@ from typing import Annotated, BinaryIO, Self
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, here
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.params.names import nearest, normal_name
@@ -95,9 +95,9 @@ _SUFFIX = ".log"
 def logs(
     options: Options,
     name: Annotated[str | None, Arg("A node (default: all).", complete="node")] = None,
-    count: Annotated[int | None, Opt("The last so many lines of each.", ("-n",), min=0)] = None,
+    count: Annotated[int | None, Option("The last so many lines of each.", ("-n",), min=0)] = None,
     follow: Annotated[
-        bool, Opt("Go on, until Ctrl-C or the run's end.", ("--follow", "-f"))
+        bool, Option("Go on, until Ctrl-C or the run's end.", ("--follow", "-f"))
     ] = False,
 ) -> None:
     """Print what nodes have printed; without a name that of all, one after the other.

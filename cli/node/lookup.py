@@ -6,7 +6,7 @@ from typing import Any
 from msgspec import Struct
 
 from quadctl.cli.context import Options
-from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import get_params
 from quadctl.services.runtime import run_files
@@ -16,15 +16,15 @@ from quadctl.services.runtime.params.names import nearest, normal_name
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.procfs import has_ended
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 
-class Seen(Struct, frozen=True):
+class NodesSeen(Struct, frozen=True):
     """The run, where it is on this machine, the live nodes and what they offer."""
 
-    run: RunRecord | None
+    run: RunState | None
     live: list[str]
-    offers: list[Offer]
+    offers: list[EndpointInfo]
 
     @property
     def processes(self) -> list[ProcessRecord]:
@@ -47,19 +47,19 @@ class Seen(Struct, frozen=True):
         """Whether a node says that it has parameters, and so answers for them."""
         return any(offer.type == "GetParams" for offer in self.offered(name, "@srv"))
 
-    def offered(self, name: str, kind: str) -> list[Offer]:
+    def offered(self, name: str, kind: str) -> list[EndpointInfo]:
         """The topics (`@pub`) or services (`@srv`) of a node."""
         return [offer for offer in self.offers if offer.node == name and offer.kind == kind]
 
 
-def run_of(options: Options) -> RunRecord | None:
+def run_of(options: Options) -> RunState | None:
     """The realm's run; None where there is none, and over --connect, where it is not ours."""
     with contextlib.suppress(Unreachable):
         return None if options.connect else run_files.read(Realm(options.realm))
     return None
 
 
-def connected(options: Options, run: RunRecord | None) -> Client | QuadctlError:
+def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
     """A connection; or why there is none, where the supervisor still knows of the run."""
     try:
         return Client(
@@ -71,12 +71,12 @@ def connected(options: Options, run: RunRecord | None) -> Client | QuadctlError:
         return problem
 
 
-def see(client: Client | None, run: RunRecord | None) -> Seen:
+def see(client: Client | None, run: RunState | None) -> NodesSeen:
     """Look around."""
-    return Seen(run, client.nodes(), client.offers()) if client else Seen(run, [], [])
+    return NodesSeen(run, client.nodes(), client.offers()) if client else NodesSeen(run, [], [])
 
 
-def answering(seen: Seen) -> list[ProcessRecord]:
+def answering(seen: NodesSeen) -> list[ProcessRecord]:
     """Who says that it answers, and our own that do not say so because they are away."""
     away = set(NODES) - set(seen.live)
     return [p for p in seen.processes if seen.answers(p.name) or p.name in away]

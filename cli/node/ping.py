@@ -5,9 +5,9 @@ import time
 from typing import Annotated
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Heard, ask_each
+from quadctl.cli.concurrent import Answers, ask_each
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.node.lookup import answering, params_of, run_of, see
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
@@ -19,9 +19,9 @@ _LONGEST_INTERVAL = 3600.0
 def ping(
     options: Options,
     name: Annotated[str | None, Arg("A node.", complete="node")] = None,
-    count: Annotated[int, Opt("So many pings.", ("-n", "-c"), min=1)] = 4,
-    interval: Annotated[float, Opt("Seconds between them.")] = 1.0,
-    every: Annotated[bool, Opt("Ping all nodes.", ("--all", "-a"))] = False,
+    count: Annotated[int, Option("So many pings.", ("-n", "-c"), min=1)] = 4,
+    interval: Annotated[float, Option("Seconds between them.")] = 1.0,
+    every: Annotated[bool, Option("Ping all nodes.", ("--all", "-a"))] = False,
 ) -> None:
     """Ask a node for an answer, several times, and tell how long each took.
 
@@ -80,9 +80,9 @@ class _Pings:
                 break
         for name, all_ in self._took.items():
             self._sum_up(name, all_)
-        Heard(self._took, self._problems).fail()
+        Answers(self._took, self._problems).fail()
 
-    def _round(self, asked: dict[str, ProcessRecord], until: float) -> Heard[float]:
+    def _round(self, asked: dict[str, ProcessRecord], until: float) -> Answers[float]:
         names = [name for name in asked if name not in self._problems]
         return ask_each(names, lambda name: self._once(asked[name], until))
 

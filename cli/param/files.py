@@ -9,8 +9,8 @@ from msgspec import Struct
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Arg, Opt
-from quadctl.cli.param.running import Running, Values, tables
+from quadctl.cli.declarations import Arg, Option
+from quadctl.cli.param.running import RunningParams, Values, tables
 from quadctl.cli.param.toml_edit import edited, replace
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.files import write_new
@@ -95,7 +95,7 @@ def diff(
     """
     source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
     said = file_values(source, options)
-    with Running(options) as running:
+    with RunningParams(options) as running:
         now = running.whole()
     found = changes(known_of(said, now), now)
     if options.json:
@@ -110,14 +110,14 @@ def dump(
         list[str] | None, Arg("Parameters, or whole tables (default: all).", complete="param")
     ] = None,
     file: Annotated[
-        Path | None, Opt("Write it there instead of to stdout.", ("--output", "-o"), "FILE")
+        Path | None, Option("Write it there instead of to stdout.", ("--output", "-o"), "FILE")
     ] = None,
 ) -> None:
     """Print the running system's parameters as TOML, for `up FILE` or `param load FILE`.
 
     Example: quadctl param dump -o tuned.toml
     """
-    with Running(options) as running:
+    with RunningParams(options) as running:
         values = running.get(names) if names else running.whole()
     if not names:
         known_of(file_values(None, options), values)
@@ -143,7 +143,7 @@ def save(
     Example: quadctl param save
     """
     said = file_values(file, options)
-    with Running(options) as running:
+    with RunningParams(options) as running:
         now = running.whole()
     known = known_of(said, now)
     # A command that the file names and the run does not have was added since: it stays.
@@ -177,7 +177,7 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
     Example: quadctl param load tuned.toml
     """
     said = _said(file, options)
-    with Running(options) as running:
+    with RunningParams(options) as running:
         now = running.whole()
         wanted = known_of(said, now)
         found = changes({name: now.get(name) for name in wanted}, wanted)
@@ -218,7 +218,7 @@ def _refuse_fixed(found: list[Change], file: Path) -> None:
         )
 
 
-def _set(running: Running, found: list[Change]) -> None:
+def _set(running: RunningParams, found: list[Change]) -> None:
     nodes: dict[str, list[Change]] = {}
     for change in found:
         nodes.setdefault(change.name.partition(".")[0], []).append(change)

@@ -3,10 +3,10 @@
 from typing import Annotated, Any
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Heard
+from quadctl.cli.concurrent import Answers
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.param.running import ALL, Running, Values
+from quadctl.cli.param.running import ALL, RunningParams, Values
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.schemas.typeinfo import bounds_text, type_name
 from quadctl.services.runtime.errors import Invalid, TimedOut, Unreachable
@@ -51,16 +51,16 @@ def _leaves(name: str) -> list[Entry]:
     return part
 
 
-def _present(options: Options, tables: set[str]) -> Heard[Values]:
+def _present(options: Options, tables: set[str]) -> Answers[Values]:
     try:
-        with Running(options) as running:
+        with RunningParams(options) as running:
             return running.declared(sorted(tables))
     except Unreachable:
         if options.connect:
             raise
-        return Heard({}, {})
+        return Answers({}, {})
     except TimedOut as problem:
-        return Heard({}, {"hub": problem})
+        return Answers({}, {"hub": problem})
 
 
 def _print(found: dict[str, list[Entry]], values: Values) -> None:
@@ -127,9 +127,9 @@ def list_(
     Example: quadctl param list safety
     """
     options, tables = context.about_parameters(options, tables or ["/"])
-    with Running(options) as running:
+    with RunningParams(options) as running:
         everything = ALL in map(normal_name, tables)
-        heard = running.every() if everything else Heard({"": running.get(tables)}, {})
+        heard = running.every() if everything else Answers({"": running.get(tables)}, {})
     names = sorted(name for answer in heard.answers.values() for name in answer)
     if options.json:
         output.document(names)
@@ -150,7 +150,7 @@ def get(
     Example: quadctl param get safety.virtual_cage.x
     """
     options, names = context.about_parameters(options, names)
-    with Running(options) as running:
+    with RunningParams(options) as running:
         found = running.get(names)
     for name, value in running.in_force.items():
         output.note(f"{name}: {catalogue.word(value)} is in force until the next standstill")

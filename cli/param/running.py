@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable
 from typing import Any, Self
 
 from quadctl.cli import context
-from quadctl.cli.concurrent import Heard, ask_each
+from quadctl.cli.concurrent import Answers, ask_each
 from quadctl.cli.context import Options
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from quadctl.schemas.topics import get_params, set_params
@@ -48,7 +48,7 @@ def tables() -> tuple[str, ...]:
     return Params.__struct_fields__
 
 
-class Running:
+class RunningParams:
     """Asks within a `with` block. All of it together takes no longer than --timeout."""
 
     def __init__(self, options: Options) -> None:
@@ -84,7 +84,7 @@ class Running:
             found |= self._kept(UNSERVED)
         return {leaf: found[leaf] for name in names for leaf in _leaves(found, name)}
 
-    def every(self) -> Heard[Values]:
+    def every(self) -> Answers[Values]:
         """What each node answers, users' own among them, and the supervisor's own tables."""
         live = self.nodes()
         # Looked for last: one that the hub loses between the two is then in both, not in neither.
@@ -93,7 +93,7 @@ class Running:
         heard.answers[""] = self._kept(UNSERVED)
         return heard
 
-    def declared(self, wanted: Collection[str]) -> Heard[Values]:
+    def declared(self, wanted: Collection[str]) -> Answers[Values]:
         """What each node answers for tables of the file.
 
         Of a node that does not run it is what it would start with. Nothing is known of those,
@@ -121,7 +121,7 @@ class Running:
         )
         return self._client.explained(problem, node)
 
-    def _ask(self, wanted: dict[str, list[str]]) -> Heard[Values]:
+    def _ask(self, wanted: dict[str, list[str]]) -> Answers[Values]:
         def ask(node: str) -> Values:
             request = GetParamsRequest(wanted[node])
             reply = self._client.call(get_params(node), request, self._left())
@@ -146,7 +146,7 @@ class Running:
         return max(self._deadline - time.monotonic(), 0.001)
 
 
-def _all_of(heard: Heard[Values]) -> Values:
+def _all_of(heard: Answers[Values]) -> Values:
     heard.fail()
     return {name: value for answer in heard.answers.values() for name, value in answer.items()}
 

@@ -5,7 +5,7 @@ from typing import Annotated
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.param.running import Running, Values, node_of, tables
+from quadctl.cli.param.running import RunningParams, Values, node_of, tables
 from quadctl.cli.values import parameter
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params import catalogue
@@ -42,7 +42,7 @@ def set_(
             f"these belong to different nodes: {', '.join(sorted(nodes))}",
             "set one node's parameters at a time, so that all are taken or none",
         )
-    with Running(options) as running:
+    with RunningParams(options) as running:
         if nodes <= set(UNSERVED):
             names = ", ".join(values)
             raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")

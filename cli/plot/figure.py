@@ -5,7 +5,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
-from quadctl.cli.plot.track import Flight, Phase, Spot, Track
+from quadctl.cli.plot.track import Phase, RecordedFlight, Spot, Track
 from quadctl.schemas.messages import CageSize
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 
@@ -125,7 +125,7 @@ _LAST: dict[str, Any] = {"marker": "D", "markersize": 5, "markevery": [-1]}
 """The mark where a vehicle was at the end, of each boot."""
 
 
-def draw(file: Path, flight: Flight, title: str) -> None:
+def draw(file: Path, flight: RecordedFlight, title: str) -> None:
     """Write the picture; the ending says whether PNG or SVG.
 
     Raises Invalid for another ending, or where nothing was flown.

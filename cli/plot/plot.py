@@ -6,8 +6,8 @@ from typing import Annotated
 
 from quadctl.cli import context, output
 from quadctl.cli.context import LONGEST_TIMEOUT, Options
-from quadctl.cli.declarations import Arg, Opt
-from quadctl.cli.plot.track import Flight, wanted
+from quadctl.cli.declarations import Arg, Option
+from quadctl.cli.plot.track import RecordedFlight, wanted
 from quadctl.cli.progress import Progress
 from quadctl.schemas.topics import POSE
 from quadctl.services.runtime.errors import Invalid, UsageError
@@ -17,13 +17,13 @@ def plot(
     options: Options,
     file: Annotated[Path | None, Arg("A recording, MCAP.", "FILE")] = None,
     live: Annotated[
-        bool, Opt("Draw what is flown from now on, until Ctrl-C or --duration.")
+        bool, Option("Draw what is flown from now on, until Ctrl-C or --duration.")
     ] = False,
     picture: Annotated[
-        Path | None, Opt("PNG or SVG (default: FILE.png, or live.png).", ("-o", "--output"))
+        Path | None, Option("PNG or SVG (default: FILE.png, or live.png).", ("-o", "--output"))
     ] = None,
     duration: Annotated[
-        float, Opt("Seconds to draw of a live flight.", ("-d", "--duration"))
+        float, Option("Seconds to draw of a live flight.", ("-d", "--duration"))
     ] = 10.0,
 ) -> None:
     """Draw a flight: path in the cage from above and the side, height, pressure, safety's states.
@@ -51,10 +51,10 @@ def plot(
     output.either(options, document, f"drew {document['seconds']:.1f} s of flight: {target}")
 
 
-def _recorded(file: Path) -> Flight:
+def _recorded(file: Path) -> RecordedFlight:
     from quadctl.services.runtime.recording.reader import Bag
 
-    flight, bag = Flight(), Bag(file)
+    flight, bag = RecordedFlight(), Bag(file)
     for message in bag.messages():
         if not message.derived:
             flight.add(message.key, message.payload, message.encoding)
@@ -63,8 +63,8 @@ def _recorded(file: Path) -> Flight:
     return flight
 
 
-def _live(options: Options, duration: float) -> Flight:
-    flight = Flight()
+def _live(options: Options, duration: float) -> RecordedFlight:
+    flight = RecordedFlight()
     with context.connect(options) as client, Progress("listening", quiet=options.json) as progress:
         stream = client.listen(*wanted(["*"]), backlog=1_000_000)
         if not options.json:

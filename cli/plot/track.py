@@ -111,7 +111,7 @@ class Track:
             self.refused.append(Spot(self._now, x, y, z))
 
 
-class Flight:
+class RecordedFlight:
     """The tracks of all vehicles, by name."""
 
     def __init__(self) -> None:

@@ -14,7 +14,7 @@ import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.context import LONGEST_TIMEOUT, Options, about_topic, anyone
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
 from quadctl.services.runtime.files import taken
@@ -103,10 +103,10 @@ def record(
         Arg("Topics, Zenoh keys or expressions (default: everything).", complete="topic"),
     ] = None,
     file: Annotated[
-        Path | None, Opt("Where to (default: quadctl_DATE_TIME.mcap).", ("-o", "--output"))
+        Path | None, Option("Where to (default: quadctl_DATE_TIME.mcap).", ("-o", "--output"))
     ] = None,
     duration: Annotated[
-        float | None, Opt("End after so many seconds.", ("-d", "--duration"))
+        float | None, Option("End after so many seconds.", ("-d", "--duration"))
     ] = None,
 ) -> None:
     """Record what is said on the bus, until Ctrl-C: exit 0, and the file is whole.

@@ -9,7 +9,7 @@ from typing import Annotated
 from quadctl.cli import context, output
 from quadctl.cli.concurrent import Pace
 from quadctl.cli.context import Options, about_topic, anyone
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import run_of_its_own
@@ -30,9 +30,9 @@ def replay(
     options: Options,
     file: Annotated[Path, Arg("A recording, MCAP.", "FILE")],
     keys: Annotated[list[str] | None, Arg("Only these keys or expressions.")] = None,
-    speed: Annotated[float, Opt("Recorded seconds per second; 0 as fast as it goes.")] = 1.0,
+    speed: Annotated[float, Option("Recorded seconds per second; 0 as fast as it goes.")] = 1.0,
     start: Annotated[
-        float, Opt("Begin so many seconds after the recording did.", ("--from",))
+        float, Option("Begin so many seconds after the recording did.", ("--from",))
     ] = 0.0,
 ) -> None:
     """Say on the bus again what was recorded there, with the same bytes, in the same rhythm.

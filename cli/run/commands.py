@@ -16,8 +16,8 @@ from quadctl.services.runtime import run_files
 from quadctl.services.runtime.files import write_new
 from quadctl.services.runtime.procfs import stats_of
 from quadctl.services.runtime.realm import Realm, listed
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
-from quadctl.services.runtime.supervisor.control import halt
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
+from quadctl.services.runtime.supervisor.control import stop_run
 
 
 def down(options: Options) -> None:
@@ -26,7 +26,7 @@ def down(options: Options) -> None:
     Example: quadctl down
     """
     here(options, "down")
-    run = halt(Realm(options.realm), options.timeout)
+    run = stop_run(Realm(options.realm), options.timeout)
     said = {"realm": options.realm, "pid": run.pid}
     output.either(options, said, f"realm {options.realm} is down")
 
@@ -69,7 +69,7 @@ def status(options: Options) -> None:
         output.line(f"fault: {fault}; `quadctl fault clear` takes it out")
 
 
-def _faults(realm: Realm, run: RunRecord) -> list[str]:
+def _faults(realm: Realm, run: RunState) -> list[str]:
     """The faults put in by name, as `uav pose-frozen`; of a process, as `safety-frozen`."""
     of_vehicles = (
         f"{vehicle} {fault}"

@@ -20,7 +20,7 @@ from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor.launch import Launch
 from quadctl.services.runtime.supervisor.logs import Printer
-from quadctl.services.runtime.supervisor.probes import Rates
+from quadctl.services.runtime.supervisor.probes import RateProbe
 from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 _ESCAPES = re.compile(r"\033\[[0-9;]*m")
@@ -66,7 +66,7 @@ _FEWEST = 2
 """Columns that stay however narrow the terminal is: the name and the state."""
 
 
-class Taken(NamedTuple):
+class Measurements(NamedTuple):
     """What is known of processes beside their records.
 
     Messages per second by node; megabytes and per cent of a core by pid.
@@ -80,7 +80,7 @@ class Taken(NamedTuple):
 def lines(
     head: str,
     rows: Sequence[ProcessRecord],
-    taken: Taken,
+    taken: Measurements,
     columns: int,
     height: int,
     *,
@@ -109,7 +109,7 @@ def lines(
     return found
 
 
-def _texts(row: ProcessRecord, taken: Taken) -> tuple[str, ...]:
+def _texts(row: ProcessRecord, taken: Measurements) -> tuple[str, ...]:
     return (
         row.name,
         row.state,
@@ -202,9 +202,9 @@ class Screen:
         self._panel = Panel(sys.stdout)
         self._waiting = _Sheet(self._colour)
         self._printer = Printer(self._waiting)
-        self._rates: Rates | None = None
+        self._rates: RateProbe | None = None
         self._shares = Shares()
-        self._taken = Taken({}, {}, {})
+        self._taken = Measurements({}, {}, {})
         self._began = self._looked = time.monotonic()
         self._measured = 0.0
         self._drawn: tuple[list[ProcessRecord], os.terminal_size] | None = None
@@ -251,11 +251,11 @@ class Screen:
     def _measure(self, rows: list[ProcessRecord], now: float) -> None:
         if self._rates is None:
             # Not before now: what has threads cannot fork, and the processes are forked.
-            self._rates = Rates(Realm(self._launch.realm), self._launch.vehicles)
+            self._rates = RateProbe(Realm(self._launch.realm), self._launch.vehicles)
         stats = {row.pid: stats_of(row.pid) for row in rows if row.pid}
         memory = {pid: each.rss / 1e6 for pid, each in stats.items() if each.rss is not None}
         busy = {pid: each.cpu for pid, each in stats.items() if each.cpu is not None}
-        self._taken = Taken(self._rates.look(), memory, self._shares.look(busy, now))
+        self._taken = Measurements(self._rates.look(), memory, self._shares.look(busy, now))
 
     def _table(self, rows: list[ProcessRecord], now: float, size: os.terminal_size) -> list[str]:
         ready = sum(row.state == "ready" for row in rows)

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from quadctl.cli import output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import status
 from quadctl.cli.run.screen import Screen, for_lines, is_live
 from quadctl.services.runtime.params import load
@@ -19,18 +19,18 @@ from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
 from quadctl.services.runtime.supervisor import capacity
 from quadctl.services.runtime.supervisor import supervisor as running
-from quadctl.services.runtime.supervisor.daemon import detach as in_background
+from quadctl.services.runtime.supervisor.daemon import start_in_background as in_background
 from quadctl.services.runtime.supervisor.launch import Launch
 from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 _DEFAULT_FILE = Path("quad.toml")
-Detach = Annotated[bool, Opt("Return when all processes are ready.", ("--detach", "-d"))]
+Detach = Annotated[bool, Option("Return when all processes are ready.", ("--detach", "-d"))]
 Listen = Annotated[
     list[str] | None,
-    Opt("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
+    Option("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
 ]
 Insecure = Annotated[
-    bool, Opt("Let listeners that are not encrypted be reached from other machines.")
+    bool, Option("Let listeners that are not encrypted be reached from other machines.")
 ]
 
 
@@ -41,18 +41,18 @@ def up(
     ] = None,
     detach: Detach = False,
     vehicles: Annotated[
-        int | None, Opt("Fly so many vehicles: uav0, uav1 .. (default: one, uav).", metavar="N")
+        int | None, Option("Fly so many vehicles: uav0, uav1 .. (default: one, uav).", metavar="N")
     ] = None,
-    without: Annotated[list[str] | None, Opt("Leave a process out.", metavar="NODE")] = None,
+    without: Annotated[list[str] | None, Option("Leave a process out.", metavar="NODE")] = None,
     settings: Annotated[
         list[str] | None,
-        Opt("Override a parameter of the file.", ("--set",), "NAME=VALUE", complete="setting"),
+        Option("Override a parameter of the file.", ("--set",), "NAME=VALUE", complete="setting"),
     ] = None,
     listen: Listen = None,
     insecure: Insecure = False,
     record: Annotated[
         str | None,
-        Opt("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
+        Option("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
     ] = None,
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.

@@ -6,13 +6,13 @@ import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_service
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key, find_service
 from quadctl.cli.values import is_type, message_of, table_of
-from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import SERVICES, STATE, Service
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.codec import plain
+from quadctl.services.runtime.bus.codec import to_jsonable
 from quadctl.services.runtime.errors import Invalid, Refused, Unreachable, UsageError
 from quadctl.services.runtime.params.names import nearest
 
@@ -37,7 +37,7 @@ def connect(options: Options, name: str) -> Client:
         raise
 
 
-def offered(client: Client, name: str) -> Offer | None:
+def offered(client: Client, name: str) -> EndpointInfo | None:
     """A live service by name or key."""
     bare = name.strip("/")
     spellings = {bare, bare.removeprefix(_MARK)}
@@ -65,7 +65,7 @@ def key_of(client: Client, name: str) -> tuple[str, str]:
     return key, ""
 
 
-def services(client: Client) -> list[Offer]:
+def services(client: Client) -> list[EndpointInfo]:
     """The live services."""
     return [offer for offer in client.offers() if offer.kind == "@srv"]
 
@@ -102,7 +102,7 @@ def call(
         ),
     ] = None,
     form: Annotated[
-        str, Opt("How to write to a service that is none of ours: msgpack or json.", ("--as",))
+        str, Option("How to write to a service that is none of ours: msgpack or json.", ("--as",))
     ] = "msgpack",
 ) -> None:
     """Call a service and print its reply; one of your own by its name or key too.
@@ -144,7 +144,7 @@ def _theirs(options: Options, name: str, words: list[str], form: str) -> Any:
         words = _without_type(words, type_)
         payload = encode(table_of(words) if words else {})
         try:
-            return plain(*client.ask(key, payload, encoding))
+            return to_jsonable(*client.ask(key, payload, encoding))
         except Unreachable as problem:
             hint = nearest_live(client, name) or problem.hint
             raise Unreachable(problem.message, hint) from problem

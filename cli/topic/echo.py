@@ -7,12 +7,12 @@ import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.schemas.topics import TOPICS, topic_of
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.codec import plain, unreadable
+from quadctl.services.runtime.bus.codec import to_jsonable, unreadable
 from quadctl.services.runtime.bus.streams import Message
 from quadctl.services.runtime.errors import Invalid, UsageError
 
@@ -43,7 +43,7 @@ def shown(message: Message, key: str, vehicle: str) -> Any:
     declared = topic_of(of)
     ours = of.startswith(f"{vehicle}/") or codec.is_typed(message.encoding)
     if declared is None or not ours:
-        return plain(message.payload, message.encoding)
+        return to_jsonable(message.payload, message.encoding)
     return msgspec.to_builtins(codec.decode(declared.type, message.payload, message.encoding))
 
 
@@ -81,9 +81,11 @@ def _has(value: Any) -> str:
 def echo(
     options: Options,
     topic: Annotated[str, Arg("A topic, or any Zenoh key or key expression.", complete="topic")],
-    count: Annotated[int | None, Opt("End after so many messages.", ("-n",), min=1)] = None,
-    once: Annotated[bool, Opt("End after one message.", ("-1", "--once"))] = False,
-    field: Annotated[str, Opt("Show one field of each message, as position.z or values.0.")] = "",
+    count: Annotated[int | None, Option("End after so many messages.", ("-n",), min=1)] = None,
+    once: Annotated[bool, Option("End after one message.", ("-1", "--once"))] = False,
+    field: Annotated[
+        str, Option("Show one field of each message, as position.z or values.0.")
+    ] = "",
 ) -> None:
     """Print messages as they come; ends when none comes within the timeout.
 

@@ -6,7 +6,7 @@ from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
 from quadctl.cli.declarations import Arg
 from quadctl.cli.names import single_key
-from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import TOPICS, Topic, topic_of
 from quadctl.schemas.typeinfo import definition, schema_hash
 from quadctl.services.runtime.errors import Unreachable
@@ -73,7 +73,7 @@ def _may_publish(options: Options, key: str) -> bool:
     return permissions.allows(options.connect, "publish", key)
 
 
-def _described(key: str, found: list[Offer], declared: Topic[Any] | None) -> dict[str, Any]:
+def _described(key: str, found: list[EndpointInfo], declared: Topic[Any] | None) -> dict[str, Any]:
     """What its publishers say of a topic, or without any what our contract says."""
     type_: Any
     if found:
@@ -106,7 +106,7 @@ def _rows(said: dict[str, Any], about: str) -> list[tuple[str, str]]:
     return [*rows, ("About:", about)] if about else rows
 
 
-def _nobody(key: str, offers: list[Offer], *, heard: bool) -> Unreachable:
+def _nobody(key: str, offers: list[EndpointInfo], *, heard: bool) -> Unreachable:
     return Unreachable(
         f"nobody offers {key} now" + (", though somebody listens to it" if heard else ""),
         nearest(key, {offer.key for offer in offers}) or "`quadctl topic list` shows what there is",

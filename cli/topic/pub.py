@@ -8,7 +8,7 @@ import msgspec
 from quadctl.cli import context, output
 from quadctl.cli.concurrent import Pace
 from quadctl.cli.context import Options, about_topic
-from quadctl.cli.declarations import Arg, Opt, is_number
+from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.names import single_key
 from quadctl.cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
 from quadctl.schemas.topics import TOPICS, Topic, topic_of
@@ -139,14 +139,14 @@ def pub(
         ),
     ] = None,
     rate: Annotated[
-        float | None, Opt("Messages a second, until -n of them or Ctrl-C.", ("-r", "--rate"))
+        float | None, Option("Messages a second, until -n of them or Ctrl-C.", ("-r", "--rate"))
     ] = None,
-    count: Annotated[int | None, Opt("End after so many messages.", ("-n",), min=1)] = None,
-    once: Annotated[bool, Opt("Send one message: so it is without -r and -n.")] = False,
+    count: Annotated[int | None, Option("End after so many messages.", ("-n",), min=1)] = None,
+    once: Annotated[bool, Option("Send one message: so it is without -r and -n.")] = False,
     form: Annotated[
-        str, Opt("What a key of no known type gets: json, msgpack, text or hex.", ("--as",))
+        str, Option("What a key of no known type gets: json, msgpack, text or hex.", ("--as",))
     ] = "",
-    no_wait: Annotated[bool, Opt("Send at once, whether anybody listens or not.")] = False,
+    no_wait: Annotated[bool, Option("Send at once, whether anybody listens or not.")] = False,
 ) -> None:
     """Publish one message, or with -r many, as soon as somebody listens.
 

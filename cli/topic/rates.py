@@ -9,13 +9,13 @@ from typing import Annotated, Any, NamedTuple
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.services.runtime.bus.streams import Message
 from quadctl.services.runtime.errors import Invalid
 
 
-class Heard(NamedTuple):
+class Arrival(NamedTuple):
     """Of one message: its arrival (s, monotonic), its size (bytes) and its age (s) then."""
 
     received: float
@@ -30,10 +30,10 @@ class Figures(NamedTuple):
     text: str
 
 
-Measure = Callable[[Sequence[Heard]], Figures]
+Measure = Callable[[Sequence[Arrival]], Figures]
 
 
-def rate(heard: Sequence[Heard]) -> Figures:
+def rate(heard: Sequence[Arrival]) -> Figures:
     """Messages a second, and how their gaps (s) vary; of two messages or more."""
     times = [message.received for message in heard]
     gaps = [b - a for a, b in pairwise(times)]
@@ -44,7 +44,7 @@ def rate(heard: Sequence[Heard]) -> Figures:
     )
 
 
-def bandwidth(heard: Sequence[Heard]) -> Figures:
+def bandwidth(heard: Sequence[Arrival]) -> Figures:
     """Bytes a second, and how the sizes vary; of two messages or more.
 
     The first message was sent before the time that is counted, so its bytes are not.
@@ -60,7 +60,7 @@ def bandwidth(heard: Sequence[Heard]) -> Figures:
     )
 
 
-def delay_figures(heard: Sequence[Heard]) -> Figures:
+def delay_figures(heard: Sequence[Arrival]) -> Figures:
     """The mean age on arrival (s), and how it varies; of one message or more."""
     ages = [message.age for message in heard]
     mean = math.fsum(ages) / len(ages)
@@ -103,8 +103,10 @@ _LONGEST = 50_000
 Topic = Annotated[
     str, Arg("A topic, any Zenoh key, or an expression: all its keys together.", complete="topic")
 ]
-Window = Annotated[int | None, Opt("Count the last so many messages.", ("-w", "--window"), min=2)]
-Count = Annotated[int | None, Opt("End after so many messages.", ("-n",), min=2)]
+Window = Annotated[
+    int | None, Option("Count the last so many messages.", ("-w", "--window"), min=2)
+]
+Count = Annotated[int | None, Option("End after so many messages.", ("-n",), min=2)]
 
 
 def hz(options: Options, topic: Topic, window: Window = None, count: Count = None) -> None:
@@ -139,7 +141,7 @@ def _measure(
 ) -> None:
     options = about_topic(options, topic)
     key = checked_key(topic, options.vehicle)
-    heard: deque[Heard] = deque(maxlen=window)
+    heard: deque[Arrival] = deque(maxlen=window)
     seen, told, due = 0, 0, time.monotonic() + _PERIOD
 
     def tell() -> None:
@@ -167,10 +169,10 @@ def _measure(
         tell()
 
 
-def _heard(message: Message, *, aged: bool) -> Heard:
+def _heard(message: Message, *, aged: bool) -> Arrival:
     if aged and message.age is None:
         raise Invalid(
             f"a message on {message.key} bears no time, so its age cannot be told",
             "let its publisher open its session with timestamping enabled",
         )
-    return Heard(message.received, len(message.payload), message.age or 0.0)
+    return Arrival(message.received, len(message.payload), message.age or 0.0)

@@ -5,16 +5,18 @@ from typing import Annotated
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.schemas.messages import Pressure, SafetyState
 from quadctl.schemas.services import CalibrateRequest, HoldRequest, ResetRequest, ToggleCageRequest
 from quadctl.schemas.topics import CALIBRATE, HOLD, PRESSURE, RESET, STATE, TOGGLE_CAGE
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import Readings
+from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError
 
 
-def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")] = False) -> None:
+def calibrate(
+    options: Options, unset: Annotated[bool, Option("Drop the baseline.")] = False
+) -> None:
     """Zero the barometer at the mean of its last second.
 
     Example: quadctl calibrate
@@ -34,7 +36,7 @@ def calibrate(options: Options, unset: Annotated[bool, Opt("Drop the baseline.")
             output.line(f"the mean of {samples} samples, spread {spread:.1g} hPa")
 
 
-def _reading_with(client: Client, readings: Readings[Pressure], baseline: float) -> Pressure:
+def _reading_with(client: Client, readings: TypedSubscriber[Pressure], baseline: float) -> Pressure:
     """The topic tells how good a baseline is, from its next message on."""
     deadline = time.monotonic() + client.timeout
     while (reading := readings.next(deadline - time.monotonic())) is not None:

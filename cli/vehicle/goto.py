@@ -8,7 +8,7 @@ import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.context import LONGEST_TIMEOUT, Options
-from quadctl.cli.declarations import Arg, Opt
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.progress import Progress
 from quadctl.schemas.messages import PAUSED, Pose, Position, SafetyState
 from quadctl.schemas.services import GetParamsRequest, GotoRequest
@@ -124,10 +124,10 @@ def goto(
     x: Annotated[float, Arg("East, m.")],
     y: Annotated[float, Arg("North, m.")],
     z: Annotated[float, Arg("Up, m.")],
-    no_wait: Annotated[bool, Opt("Return with safety's verdict.")] = False,
-    replace: Annotated[bool, Opt("Change course while flying to another goal.")] = False,
+    no_wait: Annotated[bool, Option("Return with safety's verdict.")] = False,
+    replace: Annotated[bool, Option("Change course while flying to another goal.")] = False,
     arrive: Annotated[
-        float | None, Opt("Seconds to arrive in (default: twice the planned time and 5).")
+        float | None, Option("Seconds to arrive in (default: twice the planned time and 5).")
     ] = None,
 ) -> None:
     """Fly to a point, if safety permits, and wait for the arrival.

@@ -7,7 +7,7 @@ import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
-from quadctl.cli.declarations import Opt
+from quadctl.cli.declarations import Option
 from quadctl.schemas.messages import Pose, SafetyState
 from quadctl.schemas.topics import POSE, STATE
 from quadctl.services.runtime.bus.client import Client
@@ -15,7 +15,7 @@ from quadctl.services.runtime.bus.client import Client
 
 def state(
     options: Options,
-    watch: Annotated[bool, Opt("Print each change as it comes, until Ctrl-C.")] = False,
+    watch: Annotated[bool, Option("Print each change as it comes, until Ctrl-C.")] = False,
 ) -> None:
     """Show what the automaton is doing, and where the vehicle is.
 

@@ -13,7 +13,7 @@ import msgspec
 
 from quadctl.services.campaign.score import Flown, document, seeds
 from quadctl.services.campaign.vehicles import Plain
-from quadctl.services.campaign.workers import Crew, Job, Order, Worker, batch, say
+from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, batch, say
 from quadctl.services.runtime.errors import QuadctlError
 
 BATCH = 500
@@ -61,7 +61,7 @@ def _campaign(order: Order) -> None:
     first.fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()
     workers = [first, *(Worker() for _ in range(min(order.processes, len(jobs)) - 1))]
-    Crew(jobs, on_flown).fly(workers)
+    WorkerPool(jobs, on_flown).fly(workers)
     say({"report": document(order.seed, flown)})
 
 

@@ -16,7 +16,7 @@ from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.flight import SimulatedFlight
 from quadctl.services.campaign.mission import Mission
 from quadctl.services.campaign.score import Floats, Flown, Score, farthest
-from quadctl.services.campaign.vehicles import Fleet
+from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.dynamics.simulation import GoalLatch
 from quadctl.services.safety.cage import AT_REST
 from quadctl.services.safety.model import State
@@ -28,7 +28,7 @@ settling and returning, its range, how far it takes to stop, how far it comes in
 _GOAL, _LOW, _HIGH = slice(8, 11), slice(11, 14), slice(14, 17)
 
 
-class Watch:
+class MonitorFilter:
     """What the monitors of a batch wait for."""
 
     def __init__(self, count: int) -> None:
@@ -92,7 +92,7 @@ _SLOW = 0.3
 GUST = 0.25
 """RMS of the gusts on each axis, in mean winds."""
 
-MakeFleet = Callable[[Sequence[DynamicsParams]], Fleet]
+MakeFleet = Callable[[Sequence[DynamicsParams]], VehicleBatch]
 
 
 class Batch:
@@ -106,7 +106,7 @@ class Batch:
         self._fleet = make(params)
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
         count = len(missions)
-        self._score, self._watch = Score(count), Watch(count)
+        self._score, self._watch = Score(count), MonitorFilter(count)
         self._told: list[object] = [None] * count
         self._latches = [GoalLatch() for _ in missions]
         self._unscored = [True] * count

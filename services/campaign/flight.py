@@ -16,10 +16,10 @@ from quadctl.schemas.messages import (
 from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.mission import (
-    Cage,
+    CageEvent,
     Deaf,
-    Goto,
-    Hold,
+    GotoEvent,
+    HoldEvent,
     Jump,
     Late,
     Mission,
@@ -31,7 +31,7 @@ from quadctl.services.campaign.mission import (
 )
 from quadctl.services.campaign.score import FlightLog, Point, inside
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STANDS, Following, Monitor
+from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
 
 REACTION = 0.3
 """A flight of which no pose is seen must have been stopped after this, s."""
@@ -57,7 +57,7 @@ class SimulatedFlight:
         self.monitor = Monitor(
             self.params, self._told, restarted=False, grace=DynamicsParams().grace
         )
-        self._following = Following()
+        self._following = TrackingMonitor()
         self._rows, self._next = mission.rows, 0
         self._deaf_until = self._lied_to = self._heard = 0.0
         self.seen = -1
@@ -114,14 +114,14 @@ class SimulatedFlight:
 
     def _do(self, row: Row, period: int, motion: Motion) -> None:
         match row:
-            case Goto(_, x, y, z, change):
+            case GotoEvent(_, x, y, z, change):
                 reason = self.monitor.ask(Position(x, y, z), replace=change)
                 self.diary.asked((x, y, z), reason)
                 if not reason and self.diary.now - self._heard > REACTION:
                     self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
-            case Hold():
+            case HoldEvent():
                 self.monitor.hold()
-            case Cage(_, on):
+            case CageEvent(_, on):
                 self.cage_on = on
                 self.monitor.toggle(cage_on=on)
             case Resize(_, x, y, z):

@@ -9,7 +9,7 @@ from msgspec import Struct, structs
 from quadctl.schemas.params import CageParams, SafetyParams
 
 
-class Goto(Struct, frozen=True, tag=True):
+class GotoEvent(Struct, frozen=True, tag=True):
     """A goal is asked for, m; it may be no place at all."""
 
     at: float
@@ -19,13 +19,13 @@ class Goto(Struct, frozen=True, tag=True):
     replace: bool
 
 
-class Hold(Struct, frozen=True, tag=True):
+class HoldEvent(Struct, frozen=True, tag=True):
     """A stop is asked for."""
 
     at: float
 
 
-class Cage(Struct, frozen=True, tag=True):
+class CageEvent(Struct, frozen=True, tag=True):
     """The cage is turned on or off."""
 
     at: float
@@ -78,7 +78,7 @@ class Late(Struct, frozen=True, tag=True):
     age: float
 
 
-Row = Goto | Hold | Cage | Resize | Range | Deaf | Mute | Jump | Late
+Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Deaf | Mute | Jump | Late
 
 
 class Mission(Struct, frozen=True):
@@ -114,7 +114,7 @@ FAR = 10_000.0
 """The farthest coordinate that a message may have, m."""
 
 
-class Draws(Protocol):
+class RandomSource(Protocol):
     """A stream of random numbers, such as a seeded `random.Random`."""
 
     def random(self) -> float:
@@ -125,7 +125,7 @@ class Draws(Protocol):
 
 
 def mission(
-    seed: int, draws: Draws, seconds: float, *, wind: float = 0.0, faults: bool = False
+    seed: int, draws: RandomSource, seconds: float, *, wind: float = 0.0, faults: bool = False
 ) -> Mission:
     """A mission of so many simulated seconds, in wind of a speed, m/s, from anywhere.
 
@@ -146,28 +146,28 @@ def mission(
     return Mission(seed, seconds, safety, start, (wind * east, wind * north), rows)
 
 
-def _rows(draws: Draws, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:
+def _rows(draws: RandomSource, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:
     at, on = _gap(draws), True
     while at < seconds:
         kind = draws.random() * (1.15 if faults else 1.0)
         if kind < 0.62:
-            yield Goto(at, *_point(draws, size), replace=draws.random() < 0.5)
+            yield GotoEvent(at, *_point(draws, size), replace=draws.random() < 0.5)
         elif kind < 0.78:
             on = draws.random() < 0.3 if on else draws.random() < 0.9
-            yield Cage(at, on)
+            yield CageEvent(at, on)
         elif kind < 0.86:
             size = _size(draws)
             yield Resize(at, *size)
         elif kind < 0.91:
             yield Range(at, _range(draws))
         elif kind < 1.0:
-            yield Hold(at)
+            yield HoldEvent(at)
         else:
             yield _fault(draws, at)
         at += _gap(draws)
 
 
-def _fault(draws: Draws, at: float) -> Row:
+def _fault(draws: RandomSource, at: float) -> Row:
     kind = draws.random()
     if kind < 0.3:
         return Deaf(at, draws.uniform(0.05, 2.0))
@@ -178,22 +178,22 @@ def _fault(draws: Draws, at: float) -> Row:
     return Late(at, draws.uniform(0.05, 1.0))
 
 
-def _gap(draws: Draws) -> float:
+def _gap(draws: RandomSource) -> float:
     """Time to the next row: often so short that the flight is still under way, or no time."""
     return _one(draws, (0.0, draws.uniform(0.0, 0.5), draws.uniform(0.5, 3.0), draws.uniform(2, 8)))
 
 
-def _range(draws: Draws) -> float:
+def _range(draws: RandomSource) -> float:
     return _one(draws, (0.5, 0.5, draws.uniform(0.02, 0.5), draws.uniform(0.5, 5.0)))
 
 
-def _size(draws: Draws) -> Point:
+def _size(draws: RandomSource) -> Point:
     small = draws.random() < 0.1
     most = 1.0 if small else 8.0
     return draws.uniform(0.2, most), draws.uniform(0.2, most), draws.uniform(0.2, 0.75 * most)
 
 
-def _point(draws: Draws, size: Point) -> Point:
+def _point(draws: RandomSource, size: Point) -> Point:
     """A goal: inside, on a wall, a hair's breadth beyond, outside, far away, or no place."""
     cx, cy, cz = size
     place = [draws.uniform(-cx, cx), draws.uniform(-cy, cy), draws.uniform(0.0, cz)]
@@ -216,5 +216,5 @@ def _point(draws: Draws, size: Point) -> Point:
     return x, y, z
 
 
-def _one(draws: Draws, choices: Sequence[T]) -> T:
+def _one(draws: RandomSource, choices: Sequence[T]) -> T:
     return choices[int(len(choices) * draws.random())]

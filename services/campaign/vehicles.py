@@ -19,7 +19,7 @@ Box = tuple[Point, Point]
 """Its lowest and its highest corner, m."""
 
 
-class Fleet(Protocol):
+class VehicleBatch(Protocol):
     """What a campaign wants of its vehicles."""
 
     def goto(self, number: int, x: float, y: float, z: float) -> None:

@@ -20,7 +20,7 @@ from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign.batch import Batch, MakeFleet
 from quadctl.services.campaign.mission import mission
 from quadctl.services.campaign.score import Flown
-from quadctl.services.campaign.vehicles import Compiled, Fleet, Plain
+from quadctl.services.campaign.vehicles import Compiled, Plain, VehicleBatch
 from quadctl.services.dynamics.compiled import kernel, source
 from quadctl.services.runtime.errors import QuadctlError
 
@@ -88,7 +88,7 @@ class Worker:
         self._popen.communicate()
 
 
-class Crew:
+class WorkerPool:
     """Workers that take the next job as soon as they are done with one."""
 
     def __init__(self, jobs: list[Job], on_flown: Callable[[list[Flown]], None]) -> None:
@@ -134,7 +134,7 @@ def compiled() -> MakeFleet | None:
     except ImportError:
         return None
 
-    def make(params: Sequence[DynamicsParams]) -> Fleet:
+    def make(params: Sequence[DynamicsParams]) -> VehicleBatch:
         return Compiled(params, module)
 
     return make
@@ -163,7 +163,7 @@ def main() -> None:
         say(Done(batch(job, make).fly() if job.count else []))
 
 
-def _warm(fleet: Fleet) -> None:
+def _warm(fleet: VehicleBatch) -> None:
     """Where it must be compiled first, now."""
     fleet.goto(0, 1.0, 0.0, 1.0)
     fleet.advance(1)

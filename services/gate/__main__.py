@@ -7,9 +7,9 @@ and so that a revoked name costs a moment of the network and none of the flight.
 from quadctl.schemas.params import Params
 from quadctl.services.runtime.bus import router
 from quadctl.services.runtime.bus.router import open_gate
-from quadctl.services.runtime.entry import Reopen, start
+from quadctl.services.runtime.entry import ReopenSession, start
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.security.access_control import Watch, identity_for
+from quadctl.services.runtime.security.access_control import RevocationWatch, identity_for
 from quadctl.services.runtime.security.endpoints import secure
 
 _LOOKS = 5.0
@@ -27,12 +27,12 @@ def run(node: Node, params: Params) -> None:
         node.log.info("listening on %s as %s", endpoint, who.name.common_name)
     for endpoint in join:
         node.log.info("joining %s as %s", endpoint, who.name.common_name)
-    watch = Watch(who.folder)
+    watch = RevocationWatch(who.folder)
     for _ in node.ticks(_LOOKS):
-        router.let_go()
+        router.disable_tcp_linger()
         if watch.changed():
             node.log.info("the list of names has changed: everybody is let in anew")
-            raise Reopen
+            raise ReopenSession
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ def run(node: Node, params: Params) -> None:
         node.spin()
         return
     for _ in node.ticks(router.LOOKS):
-        router.let_go()
+        router.disable_tcp_linger()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
 from quadctl.schemas.topics import CALIBRATE, POSE, PRESSURE, period
 from quadctl.services.pressure import iio
-from quadctl.services.pressure.barometer import Barometer, Faults, NoSample
+from quadctl.services.pressure.barometer import Barometer, NoSample, SensorFaults
 from quadctl.services.pressure.iio import has_pressure, hectopascals
 from quadctl.services.pressure.simulated import Simulated
 from quadctl.services.runtime.entry import start
@@ -84,7 +84,7 @@ class Output:
     def begin(self) -> None:
         """Begin anew with all that is random, and with no reading yet; the baseline stays."""
         self._sense = switched_on(self._params)
-        self._faults = Faults(self._params.pressure.fault, stream(self._params, "faults"))
+        self._faults = SensorFaults(self._params.pressure.fault, stream(self._params, "faults"))
         self._barometer.forget()
 
     def tell_fault(self) -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from quadctl.schemas.barometer import FaultParams, PressureParams
 from quadctl.schemas.messages import Pressure
-from quadctl.services.pressure.simulated import Draws
+from quadctl.services.pressure.simulated import NoiseSource
 
 _LONGEST = 10.0
 """Seconds of readings that are kept; `pressure.fault.delay` asks for no more."""
@@ -16,10 +16,10 @@ _SLACK = 1e-6
 """What times that are multiples of a period may be off by rounding, s."""
 
 
-class Faults:
+class SensorFaults:
     """Hands readings on as the fault in force leaves them; a changed one counts at once."""
 
-    def __init__(self, params: FaultParams, draws: Draws) -> None:
+    def __init__(self, params: FaultParams, draws: NoiseSource) -> None:
         self._params, self._draws = params, draws
         self._past: deque[tuple[float, float]] = deque()
         self._given: float | None = None

@@ -29,7 +29,7 @@ def pressure_at(height: float) -> float:
     return float(_SEA_LEVEL * (1 - _LAPSE * height / _TEMPERATURE) ** _EXPONENT)
 
 
-class Draws(Protocol):
+class NoiseSource(Protocol):
     """A stream of random numbers, such as a seeded `random.Random`."""
 
     def uniform(self, a: float, b: float, /) -> float:
@@ -51,11 +51,11 @@ class Drift:
         self._time = time
         self._stamp = self._value = 0.0
 
-    def begin(self, stamp: float, draws: Draws) -> None:
+    def begin(self, stamp: float, draws: NoiseSource) -> None:
         """Start at a time (s) as if it had wandered for ever."""
         self._stamp, self._value = stamp, draws.gauss(0, 1)
 
-    def at(self, stamp: float, draws: Draws) -> float:
+    def at(self, stamp: float, draws: NoiseSource) -> float:
         """Where it is at a later time, s."""
         passed = (stamp - self._stamp) / self._time
         kept, new = math.exp(-passed), math.sqrt(-math.expm1(-2 * passed))
@@ -102,7 +102,9 @@ _PASCALS = 100.0
 class Simulated:
     """Raw readings, before any calibration."""
 
-    def __init__(self, params: PressureParams, lab: Draws, stream: Callable[[str], Draws]) -> None:
+    def __init__(
+        self, params: PressureParams, lab: NoiseSource, stream: Callable[[str], NoiseSource]
+    ) -> None:
         """`lab` is the noise of the profile lab; `stream` makes further streams, one by one name."""
         self._params, self._lab = params, lab
         # What a boot brings has a stream of its own: it does not hang on how long the last one was.

@@ -22,7 +22,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.topics import TOPICS
 from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime.bus import session
-from quadctl.services.runtime.bus.raw import Tap
+from quadctl.services.runtime.bus.raw import RecorderSubscriber
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 from quadctl.services.runtime.node import Node
@@ -147,7 +147,9 @@ def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> 
     tell(facts)
 
 
-def _record(node: Node, recording: Recording, tap: Tap, tell: Tell, end: float) -> None:
+def _record(
+    node: Node, recording: Recording, tap: RecorderSubscriber, tell: Tell, end: float
+) -> None:
     for count, now in enumerate(node.ticks(_FLUSHES)):
         _write(recording, tap)
         if tap.lost > recording.lost:
@@ -163,7 +165,7 @@ def _record(node: Node, recording: Recording, tap: Tap, tell: Tell, end: float) 
     recording.end()
 
 
-def _write(recording: Recording, tap: Tap) -> None:
+def _write(recording: Recording, tap: RecorderSubscriber) -> None:
     """Write what waits now, and no more than that: others want something, too."""
     left = tap.waiting
     while left > 0:

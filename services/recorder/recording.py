@@ -7,7 +7,7 @@ from typing import Any
 
 from quadctl.schemas.messages import Pose, SafetyState
 from quadctl.services.recorder.foxglove import SCENE, TRANSFORM, Scene
-from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.files import making
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
@@ -35,7 +35,7 @@ class Recording:
             path.unlink(missing_ok=True)
             raise QuadctlError(f"{path}: {error.strerror}", "make room on its disk") from error
 
-    def take(self, messages: Iterable[Taken]) -> None:
+    def take(self, messages: Iterable[RawMessage]) -> None:
         """Keep messages, until the next `flush`."""
         for message in messages:
             self._keep(message)
@@ -71,7 +71,7 @@ class Recording:
             "connected": self.connected,
         }
 
-    def _keep(self, message: Taken) -> None:
+    def _keep(self, message: RawMessage) -> None:
         said = self._bag.add(message).message
         if not isinstance(said, Pose | SafetyState):
             return

@@ -18,7 +18,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.topics import get_params, set_params
 from quadctl.services.runtime.bus import session
 from quadctl.services.runtime.errors import AlreadyServed, QuadctlError
-from quadctl.services.runtime.executor import Crew
+from quadctl.services.runtime.executor import MultiNodeExecutor
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params import live
@@ -27,12 +27,12 @@ from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import said_of
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
 from quadctl.services.runtime.security.endpoints import is_secure
-from quadctl.services.runtime.shutdown import Ending
+from quadctl.services.runtime.shutdown import ShutdownEvent
 
 Run = Callable[[Node, Params], None]
 
 
-class Reopen(Exception):
+class ReopenSession(Exception):
     """What a service raises to have the session opened anew, and itself run on it."""
 
 
@@ -77,12 +77,12 @@ def _run(
             held.enter_context(lock)
         address = session.address_of(realm, options.connect)
         _check_role(address.endpoint, name, list(fleet))
-        ending, again, patience = Ending(), True, 0.0
+        ending, again, patience = ShutdownEvent(), True, 0.0
         while again:
             with opening(address, next(iter(fleet.values())), realm) as opened:
                 _check_welcome(opened, options.connect)
                 try:
-                    crew = _crew(name, run, fleet, opened, realm)
+                    crew = _executor_of(name, run, fleet, opened, realm)
                 except AlreadyServed:
                     # Hubs further away may still hold our own last session for alive.
                     if time.monotonic() > patience:
@@ -111,22 +111,22 @@ def _check_welcome(opened: zenoh.Session, connect: str) -> None:
         permissions.welcome(opened, connect, _HUB_WAIT)
 
 
-def _again(crew: Crew) -> bool:
+def _again(crew: MultiNodeExecutor) -> bool:
     """Run the services to their end; whether they are to begin again."""
     try:
         crew.run()
-    except Reopen:
+    except ReopenSession:
         return True
     return False
 
 
-def _crew(
+def _executor_of(
     name: str, run: Run, fleet: dict[str, Params], opened: zenoh.Session, realm: Realm
-) -> Crew:
+) -> MultiNodeExecutor:
     """The service of every vehicle, about to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
     alone = len(fleet) == 1
-    crew, first = Crew(alone=alone), next(iter(fleet.values()))
+    crew, first = MultiNodeExecutor(alone=alone), next(iter(fleet.values()))
     for vehicle, params in fleet.items():
         like = None if params is first else first
         loop = crew.loop()

@@ -17,7 +17,7 @@ LOOK_UP = 0.5
 """An untimed wait can miss a signal, so even an endless one looks up now and then, s."""
 
 
-class Inbox:
+class CallbackQueue:
     """That of a loop which has its thread for itself."""
 
     def __init__(self) -> None:
@@ -52,20 +52,20 @@ _LATE = 0.1
 """A loop that is later than this (s) drops the ticks it missed instead of hurrying after them."""
 
 
-class Loop:
+class Executor:
     """Serves an inbox between ticks, so that a call is answered on arrival.
 
     A handler never runs beside another: it has the turn. The loop's own thread has it unless it
     sleeps; then one of Zenoh's may take it for what is done at once, which saves waking the loop.
     """
 
-    def __init__(self, inbox: Inbox | None = None, origin: float | None = None) -> None:
+    def __init__(self, inbox: CallbackQueue | None = None, origin: float | None = None) -> None:
         """With an inbox of its own, or this one.
 
         Loops with the same `origin` (monotonic s) tick together where their rates are equal: what
         they send then travels together.
         """
-        self._inbox, self._origin = Inbox() if inbox is None else inbox, origin
+        self._inbox, self._origin = CallbackQueue() if inbox is None else inbox, origin
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
         self.waits = 0
@@ -195,7 +195,7 @@ def _fail(error: BaseException) -> None:
     raise error
 
 
-class Crew:
+class MultiNodeExecutor:
     """They live and die together: when one ends, by itself or by an error, all do.
 
     Several take turns on one thread, each a greenlet that goes on where it waited. A thread for
@@ -206,23 +206,23 @@ class Crew:
     def __init__(self, *, alone: bool) -> None:
         """Of one service `alone`, which has the thread for itself, or of several."""
         self._alone = alone
-        self._runs: list[tuple[Loop, Callable[[], None]]] = []
-        self._berths: list[_Berth] = []
+        self._runs: list[tuple[Executor, Callable[[], None]]] = []
+        self._berths: list[_GreenletQueue] = []
         self._errors: list[BaseException] = []
-        self._roused: SimpleQueue[_Berth] = SimpleQueue()
-        self._alarms: list[tuple[float, int, _Berth]] = []
+        self._roused: SimpleQueue[_GreenletQueue] = SimpleQueue()
+        self._alarms: list[tuple[float, int, _GreenletQueue]] = []
         self._numbers = count()
         self._origin = time.monotonic()
 
-    def loop(self) -> Loop:
+    def loop(self) -> Executor:
         """A loop for one of them."""
         if self._alone:
-            return Loop()
-        berth = _Berth(self._roused.put, self._sleep)
+            return Executor()
+        berth = _GreenletQueue(self._roused.put, self._sleep)
         self._berths.append(berth)
-        return Loop(berth, self._origin)
+        return Executor(berth, self._origin)
 
-    def take(self, loop: Loop, run: Callable[[], None]) -> None:
+    def take(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add one; `run` is to return when its loop is stopped."""
         self._runs.append((loop, run))
 
@@ -271,18 +271,20 @@ class Crew:
             if berth.alarm == number:
                 berth.go_on()
 
-    def _sleep(self, berth: "_Berth", deadline: float) -> None:
+    def _sleep(self, berth: "_GreenletQueue", deadline: float) -> None:
         berth.alarm = next(self._numbers)
         if deadline < inf:
             heappush(self._alarms, (deadline, berth.alarm, berth))
         berth.task.parent.switch()
 
 
-class _Berth(Inbox):
+class _GreenletQueue(CallbackQueue):
     """The inbox of a loop that sleeps while others on its thread have their turns."""
 
     def __init__(
-        self, rouse: Callable[["_Berth"], None], sleep: Callable[["_Berth", float], None]
+        self,
+        rouse: Callable[["_GreenletQueue"], None],
+        sleep: Callable[["_GreenletQueue", float], None],
     ) -> None:
         super().__init__()
         self.task: Any = None

@@ -13,10 +13,10 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.topics import Service, Topic
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
-from quadctl.services.runtime.bus.raw import Tap
+from quadctl.services.runtime.bus.raw import RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed
-from quadctl.services.runtime.executor import Loop
-from quadctl.services.runtime.server import Schedule, Server, journal_of
+from quadctl.services.runtime.executor import Executor
+from quadctl.services.runtime.server import Schedule, Server, call_log_of
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -34,7 +34,7 @@ class Node:
         name: str,
         vehicle: str,
         session: zenoh.Session,
-        loop: Loop | None = None,
+        loop: Executor | None = None,
         *,
         restarted: bool = False,
         like: Params | None = None,
@@ -55,9 +55,9 @@ class Node:
         log = logging.getLogger(name)
         self.log = log if alone else _Of(vehicle, log)
         self._session = session
-        self.loop = loop or Loop()
+        self.loop = loop or Executor()
         self._declared: list[Any] = []
-        self._offers: list[Callable[[], keyexpr.Offer]] = []
+        self._offers: list[Callable[[], keyexpr.EndpointInfo]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._schedule = Schedule()
         self._ready = False
@@ -73,10 +73,10 @@ class Node:
         """
         key, digest = topic.key(self.vehicle), codec.digest(topic.type)
 
-        def offer() -> keyexpr.Offer:
+        def offer() -> keyexpr.EndpointInfo:
             rate = topic.hz if hz is None else hz()
             name = topic.type.__name__
-            return keyexpr.Offer("@pub", self.name, name, digest, rate, key)
+            return keyexpr.EndpointInfo("@pub", self.name, name, digest, rate, key)
 
         self._offers.append(offer)
         publisher = Publisher(self._session, key, topic, waits=waits)
@@ -112,9 +112,9 @@ class Node:
         )
         return subscription
 
-    def tap(self, keys: tuple[str, ...]) -> Tap:
+    def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
         """Hear all that comes on keys or key expressions, undecoded."""
-        return Tap(self._session, keys)
+        return RecorderSubscriber(self._session, keys)
 
     def serve(
         self, service: Service[Q, R], handler: Callable[[Q], R], *, at_once: bool = False
@@ -125,13 +125,13 @@ class Node:
 
         Raises AlreadyServed when another node answers it.
         """
-        journal = journal_of(self._session, self.vehicle, service, self._schedule)
+        journal = call_log_of(self._session, self.vehicle, service, self._schedule)
         server = Server(self.vehicle, service, handler, self._schedule, journal)
         for other in self._others:
             if other.key == server.key:
                 raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
         name, digest = service.type_name, codec.digest(service.request)
-        offer = keyexpr.Offer("@srv", self.name, name, digest, 0.0, server.key)
+        offer = keyexpr.EndpointInfo("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer, at_once=at_once)
         return server
@@ -199,7 +199,7 @@ class Node:
         take = self.loop.at_once if at_once else self.loop.post
 
         def on_query(query: zenoh.Query) -> None:
-            zenoh_events.stay()
+            zenoh_events.pin_thread_state()
             take(lambda: on_turn(query))
 
         def on_turn(query: zenoh.Query) -> None:
@@ -212,7 +212,7 @@ class Node:
 
     def _announce(self) -> None:
         # A token is replaced only where it says something new, so that nobody blinks.
-        keys = {keyexpr.offer_key(self.vehicle, offer()) for offer in self._offers}
+        keys = {keyexpr.endpoint_key(self.vehicle, offer()) for offer in self._offers}
         for key in self._tokens.keys() - keys:
             self._tokens.pop(key).undeclare()
         for key in keys - self._tokens.keys():

@@ -111,7 +111,7 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
     return tuple(words)
 
 
-class Life:
+class RestartPolicy:
     """One process's ups and downs; time (s) is passed in.
 
     The silence of one that `must_answer` counts from its readiness on, of another from its first

@@ -32,7 +32,7 @@ class ProcessRecord(Struct, frozen=True):
     started: float = 0.0
 
 
-class RunRecord(Struct, frozen=True):
+class RunState(Struct, frozen=True):
     """A live run: the supervisor's pid, its vehicles and its processes, the hub among them."""
 
     realm: str
@@ -41,7 +41,7 @@ class RunRecord(Struct, frozen=True):
     nodes: list[ProcessRecord]
 
 
-def write(realm: Realm, record: RunRecord) -> None:
+def write(realm: Realm, record: RunState) -> None:
     """Replace the record in the realm's folder."""
     write_atomically(realm.record, msgspec.json.encode(record))
 
@@ -51,12 +51,12 @@ def is_live(realm: Realm) -> bool:
     return FileLock(f"{realm.path}/{LOCK}", "").held()
 
 
-def read(realm: Realm) -> RunRecord:
+def read(realm: Realm) -> RunState:
     """The record of a live run; raises Unreachable where nothing runs in the realm."""
     try:
         if is_live(realm):
             with open(f"{realm.path}/{RECORD}", "rb") as file:  # noqa: PTH123 - pathlib takes 7 ms
-                return msgspec.json.decode(file.read(), type=RunRecord)
+                return msgspec.json.decode(file.read(), type=RunState)
     except FileNotFoundError:
         # It went down, or has not come up, between the two looks.
         pass

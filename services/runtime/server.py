@@ -26,7 +26,7 @@ MOST = 10_000
 """Calls that a node holds at a time."""
 
 
-class Held(NamedTuple):
+class ScheduledCall(NamedTuple):
     """A call that waits.
 
     `at` is in simulated s of `boot`, `deadline` in Unix s. `settle` is called once: with None to
@@ -44,7 +44,7 @@ class Schedule:
 
     def __init__(self) -> None:
         self._boot, self._stamp = "", 0.0
-        self._held: list[Held] = []
+        self._held: list[ScheduledCall] = []
         self._soonest = self._first_deadline = inf
         self.under_way = False
         """Whether a call waits for a time of the boot that is now."""
@@ -56,7 +56,7 @@ class Schedule:
         """The boot and the time in it (simulated s) last seen; "" and 0 before the first."""
         return self._boot, self._stamp
 
-    def hold(self, call: Held) -> None:
+    def hold(self, call: ScheduledCall) -> None:
         """Let a call wait; one for boot "" is for the boot that is now.
 
         Raises NotReady, Expired or Refused where it cannot.
@@ -82,9 +82,9 @@ class Schedule:
         # Told of every pose, and nearly always there is nothing to do.
         if boot == before and stamp < self._soonest and now <= self._first_deadline:
             return
-        due: list[Held] = []
-        late: list[tuple[Held, str]] = []
-        rest: list[Held] = []
+        due: list[ScheduledCall] = []
+        late: list[tuple[ScheduledCall, str]] = []
+        rest: list[ScheduledCall] = []
         for call in self._held:
             if call.boot == before != boot:
                 late.append((call, f"the call was for {call.at:g} s of a boot that is over"))
@@ -100,7 +100,7 @@ class Schedule:
         for call in sorted(due, key=lambda call: call.at):
             call.settle(None)
 
-    def _keep(self, calls: list[Held]) -> None:
+    def _keep(self, calls: list[ScheduledCall]) -> None:
         self._held, self.holding = calls, bool(calls)
         ours = [call.at for call in calls if call.boot == self._boot]
         self.under_way = bool(ours)
@@ -112,7 +112,7 @@ _LONGEST = 1_000
 """Characters of an error that are told."""
 
 
-class Journal:
+class CallLog:
     """Publishes each call on `VEHICLE/@call/SERVICE`, with the time that the schedule shows."""
 
     def __init__(
@@ -141,11 +141,11 @@ class Journal:
         )
 
 
-def journal_of(
+def call_log_of(
     session: zenoh.Session, vehicle: str, service: Service[Any, Any], schedule: Schedule
-) -> Journal | None:
+) -> CallLog | None:
     """The journal of a service, None of one that changes nothing."""
-    return None if service.reads else Journal(session, vehicle, service, schedule)
+    return None if service.reads else CallLog(session, vehicle, service, schedule)
 
 
 Q = TypeVar("Q", bound=Struct)
@@ -174,7 +174,7 @@ class Server(Generic[Q, R]):
         service: Service[Q, R],
         handler: Callable[[Q], R],
         schedule: Schedule | None = None,
-        journal: Journal | None = None,
+        journal: CallLog | None = None,
     ) -> None:
         self.key = service.key(vehicle)
         self.call: Call | None = None
@@ -226,7 +226,7 @@ class Server(Generic[Q, R]):
             for waiting in self._held.pop(call.id):
                 self._reply(waiting, answer)
 
-        self._schedule.hold(Held(call.boot, at, call.deadline, settle))
+        self._schedule.hold(ScheduledCall(call.boot, at, call.deadline, settle))
         self._held[call.id] = [query]
 
     def _reply(self, query: zenoh.Query, answer: Answer) -> None:

@@ -16,7 +16,7 @@ _LAST_WORDS = 1.0
 """How long (s) an orphan may take to end by itself before it is ended."""
 
 
-class Ending:
+class ShutdownEvent:
     """Whether this process is to end, whatever it is doing at the moment."""
 
     def __init__(self) -> None:

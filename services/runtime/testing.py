@@ -22,7 +22,7 @@ from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.live import LiveParams
 
 
-class Said(NamedTuple):
+class Published(NamedTuple):
     """A message that the node has published, on the topic of that name."""
 
     topic: str
@@ -35,19 +35,19 @@ def play(
     params: Params,
     heard: Iterable[tuple[Topic[Any], Struct]],
     calls: Iterable[Called] = (),
-) -> list[Said]:
+) -> list[Published]:
     """Run a service on what it once heard and was asked; returns what it says to that.
 
     A call is executed when its simulated time has come: one that was held for it within the
     message of that time, any other after it.
     """
-    script = Script(name, params, heard, calls)
+    script = FakeNode(name, params, heard, calls)
     # Node's shape, as far as a service uses it.
     run(cast("Node", script), params)
     return script.said
 
 
-class Script:
+class FakeNode:
     """Stands in for a Node. What it is told to publish is in `said`."""
 
     def __init__(
@@ -64,29 +64,29 @@ class Script:
         self.stopping, self.in_mission, self.like = False, False, None
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
-        self.said: list[Said] = []
+        self.said: list[Published] = []
         self._heard, self._calls = deque(heard), deque(calls)
         self._boots: set[str] = {""}
         self._now = ("", 0.0)
-        self._listeners: dict[str, Heard] = {}
+        self._listeners: dict[str, FakeSubscription] = {}
         self._services: dict[str, tuple[Service[Any, Any], Callable[[Any], Any]]] = {}
         live = LiveParams(name, params, lambda _table: None, self._changed)
         self.serve(set_params(name), live.set)
 
-    def publisher(self, topic: Topic[Any], *_: Any, **__: Any) -> "Outlet":
+    def publisher(self, topic: Topic[Any], *_: Any, **__: Any) -> "FakePublisher":
         """What is put there is kept."""
-        return Outlet(topic.name, self.said)
+        return FakePublisher(topic.name, self.said)
 
     def listen(
         self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, *_: int, **__: bool
-    ) -> "Heard":
+    ) -> "FakeSubscription":
         """Hear what the list has of a topic."""
-        self._listeners[topic.name] = Heard(handler)
+        self._listeners[topic.name] = FakeSubscription(handler)
         return self._listeners[topic.name]
 
     def serve(
         self, service: Service[Any, Any], handler: Callable[[Any], Any], **_: bool
-    ) -> "Script":
+    ) -> "FakeNode":
         """Have the calls of a service executed."""
         self._services[service.name] = (service, handler)
         return self
@@ -148,18 +148,18 @@ class Script:
             self.on_params()
 
 
-class Outlet:
+class FakePublisher:
     """A publisher whose messages are kept in a list."""
 
-    def __init__(self, topic: str, said: list[Said]) -> None:
+    def __init__(self, topic: str, said: list[Published]) -> None:
         self._topic, self._said = topic, said
 
     def put(self, message: Struct) -> None:
         """Keep a message, as it is now."""
-        self._said.append(Said(self._topic, message))
+        self._said.append(Published(self._topic, message))
 
 
-class Heard:
+class FakeSubscription:
     """A subscription that is fed by hand; `received` is then, monotonic s."""
 
     def __init__(self, handler: Callable[[Any], None] | None) -> None:

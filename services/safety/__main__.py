@@ -32,7 +32,7 @@ from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STANDS, Following, Monitor
+from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
 
 _FIRST_POSE = 1.0
 """How long (s) readiness waits for a first pose, so that who sees us ready can fly."""
@@ -56,7 +56,7 @@ class Safety:
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._stall = time.monotonic(), 0.0
         self._newest, self._deciding = self.monitor.pose, False
-        self._following = Following()
+        self._following = TrackingMonitor()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
         self._poses = node.listen(POSE, self._on_pose, at_once=True)
         node.listen(REQUEST, self._on_waypoint, at_once=True)

@@ -17,7 +17,7 @@ from quadctl.services.safety.cage import (
     at_rest,
     caged,
     leeway,
-    reach,
+    stopping_excess,
     why_below,
     why_outside,
 )
@@ -129,7 +129,7 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
         case Hold():
             reason = "hold: stopped on request"
         case Seen():
-            reason = f"stopped, the way led out of the cage by {reach(w):.2g} m"
+            reason = f"stopped, the way led out of the cage by {stopping_excess(w):.2g} m"
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
             reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
@@ -138,7 +138,7 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
     return replace(after, beyond=inf) if isinstance(e, Seen) else after
 
 
-def stop_astonished(s: Situation, _e: Event, w: World) -> Situation:
+def stop_pose_jump(s: Situation, _e: Event, w: World) -> Situation:
     """Brake to the stopping point: the vehicle is not where it can be."""
     way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
@@ -273,7 +273,7 @@ def jumped(_s: Situation, _e: Event, w: World) -> bool:
 
 def straying(s: Situation, _e: Event, w: World) -> bool:
     """With the cage on, it can no longer stop inside, or where it may if it was put outside."""
-    return s.cage_on and reach(w) > s.beyond + w.envelope.margin
+    return s.cage_on and stopping_excess(w) > s.beyond + w.envelope.margin
 
 
 class Rule(NamedTuple):
@@ -295,7 +295,7 @@ RULES = (
     Rule(HOVERING,  Ask,     blind,       HOVERING,  refuse_blind),
     Rule(HOVERING,  Ask,     always,      VERIFYING, consider),
     Rule(HOVERING,  Check,   always,      HOVERING,  keep),
-    Rule(HOVERING,  Seen,    jumped,      HOVERING,  stop_astonished),
+    Rule(HOVERING,  Seen,    jumped,      HOVERING,  stop_pose_jump),
     Rule(HOVERING,  Seen,    straying,    HOVERING,  stop),
     Rule(HOVERING,  Seen,    paused,      MOVING,    resume),
     Rule(HOVERING,  Seen,    settled,     HOVERING,  settle),
@@ -329,7 +329,7 @@ RULES = (
     Rule(MOVING,    Ask,     may_replace, VERIFYING, consider),
     Rule(MOVING,    Ask,     always,      MOVING,    refuse_busy),
     Rule(MOVING,    Check,   always,      MOVING,    keep),
-    Rule(MOVING,    Seen,    jumped,      HOVERING,  stop_astonished),
+    Rule(MOVING,    Seen,    jumped,      HOVERING,  stop_pose_jump),
     Rule(MOVING,    Seen,    straying,    HOVERING,  stop),
     Rule(MOVING,    Seen,    arrived,     HOVERING,  arrive),
     Rule(MOVING,    Seen,    always,      MOVING,    follow),

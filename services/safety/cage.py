@@ -89,7 +89,7 @@ def soonest_stop(pose: Pose, deceleration: float) -> Position:
     return Position(p.x + k * v.x * abs(v.x), p.y + k * v.y * abs(v.y), p.z + k * v.z * abs(v.z))
 
 
-def reach(w: World) -> float:
+def stopping_excess(w: World) -> float:
     """How far out of the cage (m) the vehicle can soonest come to rest."""
     return beyond(soonest_stop(w.pose, w.envelope.deceleration), w.cage)
 

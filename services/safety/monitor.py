@@ -44,7 +44,7 @@ PATIENCE = 1.0
 STANDS = f"the vehicle stood still for {PATIENCE:g} s on its way"
 
 
-class Following:
+class TrackingMonitor:
     """Looks at the newest pose at least once in a period of the setpoint.
 
     A setpoint answers a pose. Poses that come only after a while, because this process or the bus

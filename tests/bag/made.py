@@ -17,7 +17,7 @@ from quadctl.schemas.messages import (
     Velocity,
 )
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 
 SECOND = 1_000_000_000
@@ -48,16 +48,16 @@ def pressure(stamp: float, baseline: float = 0.0) -> Pressure:
     return Pressure(stamp, 1013.0 - baseline, baseline, 0, 0.0)
 
 
-def taken(key: str, message: Any, at: float, said: str | None = None) -> Taken:
+def taken(key: str, message: Any, at: float, said: str | None = None) -> RawMessage:
     """A message as it comes from the bus, so many seconds after the recording began."""
     payload = message if isinstance(message, bytes) else codec.encode(message)
     type_: Any = type(message)
     encoding = codec.encoding(type_) if said is None else said
     came = BEGAN + round(at * SECOND)
-    return Taken(key, payload, encoding, came, came - 1000)
+    return RawMessage(key, payload, encoding, came, came - 1000)
 
 
-def flight(poses: int = 100) -> list[Taken]:
+def flight(poses: int = 100) -> list[RawMessage]:
     """Some seconds of a system as it is, and a stranger's messages among them."""
     found = [taken("uav/safety/state", state(0.0), 0.0)]
     for seq in range(poses):
@@ -68,7 +68,7 @@ def flight(poses: int = 100) -> list[Taken]:
     return found
 
 
-def write(path: Path, messages: list[Taken], every: int = 25, *, whole: bool = True) -> Path:
+def write(path: Path, messages: list[RawMessage], every: int = 25, *, whole: bool = True) -> Path:
     """A recording of these, a chunk of each so many, with or without its index."""
     bag = BagWriter(Outfile.create(path))
     bag.note("quadctl", {"vehicle": "uav"})

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import Position
 from quadctl.schemas.params import SafetyParams
 from quadctl.services.campaign.batch import Batch
-from quadctl.services.campaign.mission import Cage, Deaf, Goto, Mute, Resize
+from quadctl.services.campaign.mission import CageEvent, Deaf, GotoEvent, Mute, Resize
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain
 from quadctl.services.safety.automaton import Rule, always
@@ -34,7 +34,7 @@ def test_a_cage_that_comes_on_or_shrinks_is_no_alarm():
     module = compiled_kernel()
     some = missions(range(100, 400), 20.0)
     flights = Batch(some, lambda params: Compiled(params, module)).fly()
-    assert {row for each in some for row in map(type, each.rows)} > {Cage, Resize}
+    assert {row for each in some for row in map(type, each.rows)} > {CageEvent, Resize}
     assert sum(each.stops.get("stopped, the goal is now outside the cage", 0) for each in flights)
     assert sum(each.stops.get("stopped, the way led out of the cage", 0) for each in flights) == 0
 
@@ -54,7 +54,11 @@ def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
     [(0.9, {}, 2), (1.5, {"stopped, the vehicle stood still": 1}, 1)],
 )
 def test_a_vehicle_that_heard_nothing_goes_on_within_the_grace_alone(seconds, stops, arrivals):
-    rows = (Goto(1.0, 4.0, 0.0, 1.0, False), Mute(1.6, seconds), Goto(9.0, 4.0, 0.0, 1.0, False))
+    rows = (
+        GotoEvent(1.0, 4.0, 0.0, 1.0, False),
+        Mute(1.6, seconds),
+        GotoEvent(9.0, 4.0, 0.0, 1.0, False),
+    )
     calm = replace(missions([0], 15.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
     assert flight.violations == []
@@ -64,7 +68,7 @@ def test_a_vehicle_that_heard_nothing_goes_on_within_the_grace_alone(seconds, st
 
 @pytest.mark.parametrize(("seconds", "stops", "arrivals"), [(0.9, {}, 1), (1.5, {"no pose": 1}, 0)])
 def test_a_safety_without_poses_goes_on_within_the_grace_alone(seconds, stops, arrivals):
-    rows = (Goto(1.0, 4.0, 0.0, 1.0, False), Deaf(1.6, seconds))
+    rows = (GotoEvent(1.0, 4.0, 0.0, 1.0, False), Deaf(1.6, seconds))
     calm = replace(missions([0], 9.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
     assert (flight.violations, flight.stops) == ([], stops)

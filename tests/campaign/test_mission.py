@@ -8,7 +8,7 @@ import pytest
 
 from quadctl.services.campaign.mission import (
     Deaf,
-    Goto,
+    GotoEvent,
     Jump,
     Late,
     Mission,
@@ -57,7 +57,7 @@ def test_goals_lie_inside_on_the_walls_beyond_and_nowhere(made: list[Mission]):
         for row in one.rows:
             if isinstance(row, Resize):
                 size = (row.x, row.y, row.z)
-            elif isinstance(row, Goto):
+            elif isinstance(row, GotoEvent):
                 place = (row.x, row.y, row.z)
                 walls = (
                     row.x in {-size[0], size[0]},
@@ -75,4 +75,7 @@ def test_goals_lie_inside_on_the_walls_beyond_and_nowhere(made: list[Mission]):
 
 
 def test_a_row_reads_well():
-    assert text(Goto(1.0, 2.0, -3.5, 0.1234567, True)) == "goto x=2 y=-3.5 z=0.123457 replace=True"
+    assert (
+        text(GotoEvent(1.0, 2.0, -3.5, 0.1234567, True))
+        == "goto x=2 y=-3.5 z=0.123457 replace=True"
+    )

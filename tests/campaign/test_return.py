@@ -7,7 +7,7 @@ import pytest
 
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.services.campaign.batch import Batch
-from quadctl.services.campaign.mission import Cage, Goto, Mission
+from quadctl.services.campaign.mission import CageEvent, GotoEvent, Mission
 from quadctl.services.campaign.vehicles import Plain
 
 HALF, TOP = 2.0, 1.5
@@ -23,10 +23,10 @@ def mission(side: tuple[float, float, float], distance: float) -> Mission:
     x, y, z = (m + s * (1 + distance / length) for m, s in zip(MIDDLE, side, strict=True))
     safety = SafetyParams(cage_on=False, takeoff=0.0, virtual_cage=CageParams(HALF, HALF, TOP))
     rows = (
-        Goto(0.0, x, y, z, replace=False),
-        Cage(ON, on=True),
-        Goto(ON, x, y, z, replace=False),
-        Goto(BACK, 0.5, -0.5, 0.5, replace=False),
+        GotoEvent(0.0, x, y, z, replace=False),
+        CageEvent(ON, on=True),
+        GotoEvent(ON, x, y, z, replace=False),
+        GotoEvent(BACK, 0.5, -0.5, 0.5, replace=False),
     )
     return Mission(0, END, safety, MIDDLE, (0.0, 0.0), rows)
 

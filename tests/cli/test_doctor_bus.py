@@ -9,12 +9,12 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from quadctl.cli.doctor import bus
-from quadctl.cli.doctor.check import Check
-from quadctl.schemas.keyexpr import Offer
+from quadctl.cli.doctor.check import Finding
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import GOTO, SERVICES, TOPICS
 from quadctl.schemas.typeinfo import schema_hash
-from quadctl.services.runtime.bus.survey import Answer, Heard, Survey
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.bus.survey import Answer, Survey, TopicStats
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 
 def digest(type_: type[Struct]) -> str:
@@ -22,21 +22,24 @@ def digest(type_: type[Struct]) -> str:
 
 
 TOPIC = [
-    Offer("@pub", t.node, t.type.__name__, digest(t.type), t.hz, t.key("uav"))
+    EndpointInfo("@pub", t.node, t.type.__name__, digest(t.type), t.hz, t.key("uav"))
     for t in TOPICS
     if t.node
 ]
 SERVICE = [
-    Offer("@srv", s.node, s.type_name, digest(s.request), 0.0, s.key("uav")) for s in SERVICES
+    EndpointInfo("@srv", s.node, s.type_name, digest(s.request), 0.0, s.key("uav"))
+    for s in SERVICES
 ]
 NODES = ["dynamics", "hub", "pressure", "safety"]
 POSE = next(offer for offer in TOPIC if offer.type == "Pose")
-RUN = RunRecord("lab", 5, ["uav"], [ProcessRecord(name, 9, "ready", 0) for name in NODES])
+RUN = RunState("lab", 5, ["uav"], [ProcessRecord(name, 9, "ready", 0) for name in NODES])
 
 
-def heard(count: int, hz: float, pace: float = 1.0, source: str = "a", age: float = 0.001) -> Heard:
+def heard(
+    count: int, hz: float, pace: float = 1.0, source: str = "a", age: float = 0.001
+) -> TopicStats:
     """So many messages at a rate, stamped by a clock that runs at a pace."""
-    found = Heard()
+    found = TopicStats()
     for number in range(count):
         stamp = pace * number / hz
         found.take(100 + number / hz, msgspec.msgpack.encode({"stamp": stamp}), source, age)
@@ -51,7 +54,7 @@ def survey(**changes: Any) -> Survey:
     return replace(well, **changes)
 
 
-def verdict(check: Check) -> str:
+def verdict(check: Finding) -> str:
     assert check.evidence
     assert check.fix or check.verdict == "PASS"
     return check.verdict
@@ -114,7 +117,7 @@ def test_a_publisher_that_takes_anothers_place_is_no_second_one():
     for number in range(20):
         found.take(103 + number / 10, b"", "b", 0.0)
     assert found.publishers == 1
-    assert Heard().publishers == 0
+    assert TopicStats().publishers == 0
 
 
 def test_clocks():
@@ -143,7 +146,7 @@ def test_the_barometer(expected: str, said: str, readings: list[float]):
 
 
 def test_its_readings_are_those_before_the_baseline_is_taken_off():
-    found = Heard()
+    found = TopicStats()
     found.take(100.0, b"garbage", "a", 0.0)
     for number in range(8):
         said = {"stamp": 0.1 * number, "pressure": 0.5, "baseline": 1012.0}
@@ -155,7 +158,7 @@ def test_its_readings_are_those_before_the_baseline_is_taken_off():
 
 
 def test_what_a_stranger_publishes_has_no_pace():
-    found = Heard()
+    found = TopicStats()
     for number, payload in enumerate((b"\xc1", b"text", msgspec.msgpack.encode([1]))):
         found.take(number, payload, "", 0.0)
     assert (found.count, found.hz, found.pace, found.publishers) == (3, 1.0, 0.0, 0)

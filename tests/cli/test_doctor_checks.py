@@ -6,12 +6,12 @@ import pytest
 from msgspec.structs import replace
 
 from quadctl.cli.doctor import bus, host, installation, run
-from quadctl.cli.doctor.check import Check, failed, passed, text_of, warned, with_options
-from quadctl.cli.doctor.host import MB, Disk, Folder, Neighbours, Process
+from quadctl.cli.doctor.check import Finding, failed, passed, text_of, warned, with_options
+from quadctl.cli.doctor.host import MB, DiskSpace, Folder, Neighbours, ProcessFacts
 from quadctl.cli.doctor.installation import PACKAGES, Installed, Requirement
 from quadctl.cli.doctor.run import Settings
 from quadctl.services.runtime.errors import Invalid, Unreachable
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 OURS = dict.fromkeys(PACKAGES, "/ours")
 INSTALLED = Installed(
@@ -19,14 +19,14 @@ INSTALLED = Installed(
     OURS, OURS, {}, [],
 )  # fmt: skip
 READY = ProcessRecord("pressure", 7, "ready", 0)
-RUN = RunRecord("lab", 5, ["uav"], [READY])
+RUN = RunState("lab", 5, ["uav"], [READY])
 LIVE = Folder("/run/lab", 0o700, True, True, "5", False, True, RUN, {})
 GONE = LIVE._replace(live=False, run=None, mode=None, holder="", socket=False)
 ALONE = Neighbours("/run", [], [])
 FINE = Settings("./quad.toml", {"safety.takeoff": 1.0, "safety.cage_on": True})
 
 
-def verdict(check: Check) -> str:
+def verdict(check: Finding) -> str:
     """What everybody may rely on: whatever is no PASS by its own fault says how to mend it."""
     assert check.name
     assert check.evidence
@@ -64,13 +64,13 @@ def test_the_environment():
 @pytest.mark.parametrize(
     ("expected", "disks"),
     [
-        ("PASS", [Disk("/a", int(300 * MB)), Disk("/b", int(900 * MB))]),
-        ("WARN", [Disk("/a", int(300 * MB)), Disk("/b", int(199 * MB))]),
-        ("FAIL", [Disk("/a", int(9 * MB)), Disk("/b", int(900 * MB))]),
-        ("FAIL", [Disk("/a", int(900 * MB)), Disk("/b", int(900 * MB), "read-only")]),
+        ("PASS", [DiskSpace("/a", int(300 * MB)), DiskSpace("/b", int(900 * MB))]),
+        ("WARN", [DiskSpace("/a", int(300 * MB)), DiskSpace("/b", int(199 * MB))]),
+        ("FAIL", [DiskSpace("/a", int(9 * MB)), DiskSpace("/b", int(900 * MB))]),
+        ("FAIL", [DiskSpace("/a", int(900 * MB)), DiskSpace("/b", int(900 * MB), "read-only")]),
     ],
 )
-def test_disks(expected: str, disks: list[Disk]):
+def test_disks(expected: str, disks: list[DiskSpace]):
     assert verdict(host.disk(disks)) == expected
 
 
@@ -88,7 +88,7 @@ def test_the_clock():
     ],
 )
 def test_processor_and_memory(expected: str, said: str, seconds: float, memory: float):
-    before, after = Process("S", 3.0), Process("S", 3.0 + seconds, int(memory))
+    before, after = ProcessFacts("S", 3.0), ProcessFacts("S", 3.0 + seconds, int(memory))
     found = host.load({"safety": before}, {"safety": after}, 2.0)
     assert verdict(found) == expected
     assert said in found.evidence
@@ -110,13 +110,13 @@ def test_processor_and_memory(expected: str, said: str, seconds: float, memory: 
     ],
 )
 def test_the_realm(expected: str, said: str, found: Folder):
-    check = run.realm("lab", found, ALONE, "uav", Process("S"))
+    check = run.realm("lab", found, ALONE, "uav", ProcessFacts("S"))
     assert verdict(check) == expected
     assert said in check.evidence
 
 
 def test_a_frozen_supervisor():
-    check = run.realm("lab", LIVE, ALONE, "uav", Process("T"))
+    check = run.realm("lab", LIVE, ALONE, "uav", ProcessFacts("T"))
     assert (verdict(check), check.fix.split("`")[1]) == ("FAIL", "kill -CONT 5")
 
 
@@ -149,7 +149,7 @@ def test_leftovers():
 )
 def test_a_node(expected: str, said: str, state: Any, restarts: int, process: str):
     record = replace(READY, state=state, restarts=restarts)
-    check = run.node(record, Process(process), "no wings")
+    check = run.node(record, ProcessFacts(process), "no wings")
     assert verdict(check) == expected
     assert said in check.evidence
     assert expected == "PASS" or "pressure" in check.fix

@@ -6,13 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.cli.topic.rates import Heard, _heard, bandwidth, delay_figures, rate
+from quadctl.cli.topic.rates import Arrival, _heard, bandwidth, delay_figures, rate
 from quadctl.services.runtime.bus.streams import Message
 from quadctl.services.runtime.errors import Invalid
 
 TIMES = (10.0, 10.1, 10.2, 10.4)
 HEARD = [
-    Heard(at, size, age) for at, size, age in zip(TIMES, (8, 10, 20, 30), (1, 2, 3, 2), strict=True)
+    Arrival(at, size, age)
+    for at, size, age in zip(TIMES, (8, 10, 20, 30), (1, 2, 3, 2), strict=True)
 ]
 
 
@@ -32,7 +33,7 @@ def test_the_bytes_of_the_time_that_is_counted():
     assert found.document["bytes_per_second"] == pytest.approx(60 / 0.4)
     assert (found.document["mean"], found.document["min"], found.document["max"]) == (17, 8, 30)
     assert found.text == "average: 150.00B/s\n\tmean: 17.00B min: 8.00B max: 30.00B window: 4"
-    many = [Heard(received=at / 1000, size=2_500, age=0) for at in range(1001)]
+    many = [Arrival(received=at / 1000, size=2_500, age=0) for at in range(1001)]
     assert bandwidth(many).text.startswith("average: 2.50MB/s\n\tmean: 2.50KB")
 
 
@@ -45,7 +46,8 @@ def test_the_age():
 @given(st.lists(st.floats(0, 1e6), min_size=2, max_size=50).map(sorted))
 def test_any_times_have_a_rate(times: list[float]):
     figures = [
-        measure([Heard(at, 5, at) for at in times]) for measure in (rate, bandwidth, delay_figures)
+        measure([Arrival(at, 5, at) for at in times])
+        for measure in (rate, bandwidth, delay_figures)
     ]
     for found in figures:
         assert all(math.isfinite(value) for value in found.document.values())
@@ -54,6 +56,6 @@ def test_any_times_have_a_rate(times: list[float]):
 
 def test_a_message_without_a_time_has_no_age():
     message = Message("a/b", b"xyz", "", 1.5, None)
-    assert _heard(message, aged=False) == Heard(1.5, 3, 0.0)
+    assert _heard(message, aged=False) == Arrival(1.5, 3, 0.0)
     with pytest.raises(Invalid, match="bears no time"):
         _heard(message, aged=True)

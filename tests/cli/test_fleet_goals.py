@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.cli.fleet.file import Fleet, Member
+from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.goto import about, named_goals, read
 from quadctl.cli.fleet.hubs import fail, nobody_sent
 from quadctl.cli.fleet.land import ground_below
@@ -20,7 +20,7 @@ from quadctl.services.runtime.errors import (
 
 LINE = {"line": {"uav0": Position(-1.0, 0.0, 0.0), "uav1": Position(1.0, 0.0, 0.5)}}
 MEMBERS = [Member("uav0", "", "uav0"), Member("uav1", "", "uav1")]
-FLEET = Fleet(MEMBERS, LINE, "f.toml")
+FLEET = FleetFile(MEMBERS, LINE, "f.toml")
 metres = st.floats(-1000, 1000)
 points = st.builds(Position, metres, metres, metres)
 
@@ -87,7 +87,7 @@ def test_a_name_that_is_not_there_is_told_with_the_nearest(words: list[str], hin
 @pytest.mark.parametrize("source", ["", "f.toml"])
 def test_where_no_formation_is_written_the_file_and_the_table_are_named(source: str):
     with pytest.raises(Invalid) as raised:
-        named_goals(read(["circle"]), Fleet(MEMBERS, {}, source))
+        named_goals(read(["circle"]), FleetFile(MEMBERS, {}, source))
     assert f"in {source or 'fleet.toml'}: [formations.circle]" in raised.value.hint
     assert "uav0 = [" in raised.value.hint
 

@@ -7,13 +7,13 @@ import pytest
 
 from quadctl.cli.plot import figure
 from quadctl.cli.plot.figure import draw
-from quadctl.cli.plot.track import Flight, Spot
+from quadctl.cli.plot.track import RecordedFlight, Spot
 from quadctl.schemas.messages import Position, Waypoint
 from tests.bag.made import pose, pressure, refused, state, taken
 
 
-def gathered(*said) -> Flight:
-    flight = Flight()
+def gathered(*said) -> RecordedFlight:
+    flight = RecordedFlight()
     for key, message in said:
         one = taken(key, message, 0)
         flight.add(one.key, one.payload, one.encoding)

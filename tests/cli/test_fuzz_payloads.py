@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec import Struct
 
-from quadctl.cli.fuzz import Payload, refused
+from quadctl.cli.fuzz import HostilePayload, refused
 from quadctl.schemas.services import GotoRequest, HoldRequest, SetParamsRequest
 from quadctl.schemas.topics import SERVICES, TOPICS, get_params, set_params
 from quadctl.services.runtime.bus import codec
@@ -58,7 +58,7 @@ def test_of_a_type_with_nothing_in_it_there_are_some_too():
     assert len(list(islice(refused(SetParamsRequest, random.Random(0)), 100))) == 100
 
 
-def _read(type_: type[Struct], payload: Payload) -> None:
+def _read(type_: type[Struct], payload: HostilePayload) -> None:
     codec.decode(type_, payload.data, payload.encoding)
     codec.decode_call(payload.attachment)
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.cli.mission.mission import AFTER, Cage, Calibrate, Goto, Hold, mission
+from quadctl.cli.mission.mission import AFTER, CageStep, Calibrate, GotoStep, HoldStep, mission
 from quadctl.schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
 from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE
 from quadctl.services.runtime.errors import Invalid
@@ -60,7 +60,7 @@ def test_it_ends_a_while_after_its_last_row_unless_it_says_when():
 @given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from(["hold", "calibrate"])), min_size=1))
 def test_rows_come_in_the_order_of_their_times_equal_ones_as_in_the_file(said):
     rows = mission({"rows": [{"at": at, "do": do} for at, do in said]}, "m").rows
-    kinds = {"hold": Hold, "calibrate": Calibrate}
+    kinds = {"hold": HoldStep, "calibrate": Calibrate}
     expected = sorted(said, key=lambda row: row[0])
     assert [(row.at, type(row)) for row in rows] == [(at, kinds[do]) for at, do in expected]
 
@@ -121,5 +121,5 @@ def test_what_is_wrong_with_the_file_is_told(tables: dict, told: str):
 def test_the_example_is_a_mission_with_all_there_is(request: pytest.FixtureRequest):
     file = request.config.rootpath / "examples" / "mission.toml"
     rows = mission(parse(file.read_text(encoding="utf-8"), str(file)), str(file)).rows
-    assert {type(row) for row in rows} == {Goto, Cage, Hold, Calibrate}
-    assert any(isinstance(row, Goto) and row.replace for row in rows)
+    assert {type(row) for row in rows} == {GotoStep, CageStep, HoldStep, Calibrate}
+    assert any(isinstance(row, GotoStep) and row.replace for row in rows)

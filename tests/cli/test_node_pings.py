@@ -8,7 +8,7 @@ import pytest
 from quadctl.cli import context
 from quadctl.cli.context import Options
 from quadctl.cli.node import lookup, ping
-from quadctl.cli.node.lookup import Seen
+from quadctl.cli.node.lookup import NodesSeen
 from quadctl.services.runtime.bus.calls import gone
 from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -103,7 +103,7 @@ def test_the_first_pings_have_what_connecting_has_left_them(monkeypatch: pytest.
     monkeypatch.setattr(ping, "run_of", lambda _options: None)
     processes = [ProcessRecord(name, 0, "ready", 0) for name in ("pressure", "safety")]
     monkeypatch.setattr(ping, "answering", lambda _seen: processes)
-    monkeypatch.setattr(ping, "see", lambda *_: Seen(None, [], []))
+    monkeypatch.setattr(ping, "see", lambda *_: NodesSeen(None, [], []))
     with pytest.raises(Unreachable):
         ping.ping(Options("r", "", "uav", json=True, timeout=1.0), every=True)
     assert deaf.given == pytest.approx([0.4, 0.4])

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadctl.cli.output import duration
-from quadctl.cli.run.screen import Panel, Taken, lines
+from quadctl.cli.run.screen import Measurements, Panel, lines
 from quadctl.cli.run.usage import Shares
 from quadctl.services.runtime.run_files import ProcessRecord
 from tests.processes.screen import Glass
@@ -17,8 +17,8 @@ ROWS = [
     ProcessRecord("dynamics", 0, "restarting", 3),
     ProcessRecord("a-helper-of-mine", 7, "down", 5),
 ]
-TAKEN = Taken({"hub": 12.4, "dynamics": 100.0}, {12345: 27.3}, {12345: 3.2})
-NONE = Taken({}, {}, {})
+TAKEN = Measurements({"hub": 12.4, "dynamics": 100.0}, {12345: 27.3}, {12345: 3.2})
+NONE = Measurements({}, {}, {})
 TEXT = st.text("abc xyz", max_size=12).map(str.rstrip)
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from quadctl.cli.completion import engine
 from quadctl.cli.names import find_service, key_of
-from quadctl.schemas.keyexpr import Offer
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import SERVICES, TOPICS
 from quadctl.services.runtime.params.names import normal_name
 
@@ -14,8 +14,8 @@ def going_on(found, begun: str) -> list[str]:
     return sorted(word for word in found if word.startswith(begun))
 
 
-def served(key: str, type_: str = "Calibrate") -> Offer:
-    return Offer("@srv", "somebody", type_, "00000000", 0, key)
+def served(key: str, type_: str = "Calibrate") -> EndpointInfo:
+    return EndpointInfo("@srv", "somebody", type_, "00000000", 0, key)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from quadctl.cli import fast_parser, typer_app
 from quadctl.cli.commands import COMMANDS, command
 from quadctl.cli.context import COMMON
-from quadctl.cli.declarations import Line, Opt, words_of
+from quadctl.cli.declarations import Option, ParsedCommand, words_of
 from quadctl.services.runtime.errors import UsageError
 
 OWN = sorted(
@@ -15,7 +15,7 @@ OWN = sorted(
         name
         for path in COMMANDS
         for word in words_of(command(path))
-        if isinstance(word.said, Opt)
+        if isinstance(word.said, Option)
         for name in word.names
     }
 )
@@ -23,7 +23,7 @@ VALUES = ["1", "-2", "0", "1.5", "nan", "-inf", "pose", "a=1", "a=-1", "{}", "",
 WORDS = [*OWN, *(f"--{name}" for name in COMMON), *(f"{name}=3" for name in OWN), "--help", "-x"]
 
 
-def by_typer(words: list[str]) -> Line | None:
+def by_typer(words: list[str]) -> ParsedCommand | None:
     try:
         return typer_app.read(words)
     except (UsageError, SystemExit):

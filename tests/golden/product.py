@@ -14,7 +14,7 @@ from quadctl import cli, schemas, services
 from quadctl.cli.context import COMMON
 from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
 from quadctl.cli.typer_app import build
-from quadctl.schemas.keyexpr import Offer, node_key, offer_key
+from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key
 from quadctl.schemas.services import Call, Error
 from quadctl.schemas.topics import (
     GOTO,
@@ -35,11 +35,39 @@ from quadctl.services.runtime.params.names import LAB_NODES
 from quadctl.services.runtime.process_table import NODES
 
 __all__ = [
-    "BUS_CUT", "FAULTS", "LAB_NODES", "NODES", "OF_PROCESSES", "Call", "Error",
-    "Offer", "QuadctlError", "all_services", "all_topics", "bounds_text",
-    "command_line", "common_options", "console_scripts", "decode", "decode_call", "decode_error", "default_file", "encode", "encode_error",
-    "encoding", "error_encoding", "node_key", "offer_key", "parameters", "request_type", "schema_hash",
-    "source_files", "tables", "type_name", "wire_errors", "wire_types",
+    "BUS_CUT",
+    "FAULTS",
+    "LAB_NODES",
+    "NODES",
+    "OF_PROCESSES",
+    "Call",
+    "EndpointInfo",
+    "Error",
+    "QuadctlError",
+    "all_services",
+    "all_topics",
+    "bounds_text",
+    "command_line",
+    "common_options",
+    "console_scripts",
+    "decode",
+    "decode_call",
+    "decode_error",
+    "default_file",
+    "encode",
+    "encode_error",
+    "encoding",
+    "endpoint_key",
+    "error_encoding",
+    "node_key",
+    "parameters",
+    "request_type",
+    "schema_hash",
+    "source_files",
+    "tables",
+    "type_name",
+    "wire_errors",
+    "wire_types",
 ]  # fmt: skip
 
 encode, encode_error, encoding = wire.encode, wire.encode_error, wire.encoding

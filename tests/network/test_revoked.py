@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from quadctl.services.runtime.security.registry import Fleet
+from quadctl.services.runtime.security.registry import Registry
 from tests.network.intruder import session
 from tests.processes.lab import Lab
 from tests.processes.running import eventually
@@ -17,7 +17,7 @@ MOST = 2.0
 ROUNDS = 20
 
 
-def last_heard_after_revoked(fleet: Fleet, folder: Path) -> float:
+def last_heard_after_revoked(fleet: Registry, folder: Path) -> float:
     """Seconds from `revoke` until the last message came."""
     fleet.issue("operator", {"rob": ["*"]}, 1, [])
     came: list[float] = []
@@ -52,7 +52,7 @@ def test_a_revoked_certificate_gets_nothing_after_two_seconds(lab: Lab, proofs: 
     assert lab.quadctl("keys", "issue", "hub").code == 0
     lab.start("--listen", AT, "--identity", "keys/hub")
     keys = lab.folder / "keys"
-    took = sorted(last_heard_after_revoked(Fleet(keys), keys) for _ in range(ROUNDS))
+    took = sorted(last_heard_after_revoked(Registry(keys), keys) for _ in range(ROUNDS))
     proofs.add(
         "a revoked certificate: until its last message",
         f"{took[len(took) // 2] * 1000:.0f} ms, at most {took[-1] * 1000:.0f} ms (n {len(took)})",

@@ -8,17 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadctl.schemas.barometer import FaultParams
-from quadctl.services.pressure.barometer import Faults
+from quadctl.services.pressure.barometer import SensorFaults
 
 READINGS = st.lists(st.floats(900, 1100), min_size=1, max_size=50)
 
 
-def faults(seed: int = 0, **params: object) -> tuple[Faults, FaultParams]:
+def faults(seed: int = 0, **params: object) -> tuple[SensorFaults, FaultParams]:
     made = FaultParams(**params)  # type: ignore[arg-type]  # its fields, by name
-    return Faults(made, random.Random(seed)), made
+    return SensorFaults(made, random.Random(seed)), made
 
 
-def given_by(layer: Faults, raw: list[float], begin: float = 0.0) -> list[float | None]:
+def given_by(layer: SensorFaults, raw: list[float], begin: float = 0.0) -> list[float | None]:
     """What comes of readings at 10 Hz."""
     return [layer.through(begin + n / 10, value) for n, value in enumerate(raw)]
 

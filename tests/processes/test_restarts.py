@@ -156,7 +156,7 @@ def test_a_restart_is_done_when_it_is_asked_for_whatever_state_the_process_is_in
         eventually(roomy.is_ready)
         if prepare is not None:
             roomy.signal(node, prepare)
-        before = control.ask_restart(realm, node)
+        before = control.request_restart(realm, node)
         after = control.wait_restarted(realm, node, before, 10.0)
         assert after.restarts == before.restarts + 1
         assert after.started > before.started > 1e9
@@ -178,9 +178,9 @@ def test_one_that_is_left_down_is_started_anew_when_that_is_asked_for(lab: Lab):
     eventually(lambda: lab.nodes().get("shy", {"state": ""})["state"] == "down")
     realm = realm_of(lab)
     with pytest.raises(QuadctlError, match="does not stay up"):
-        control.wait_restarted(realm, "shy", control.ask_restart(realm, "shy"), 10.0)
+        control.wait_restarted(realm, "shy", control.request_restart(realm, "shy"), 10.0)
     (lab.folder / "here").touch()
-    before = control.ask_restart(realm, "shy")
+    before = control.request_restart(realm, "shy")
     after = control.wait_restarted(realm, "shy", before, 10.0)
     assert (before.pid, before.state, after.state) == (0, "down", "ready")
     assert after.restarts == before.restarts + 1

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from quadctl.schemas.topics import POSE
-from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 from tests.processes.lab import Lab, private_lab
@@ -53,7 +53,9 @@ def trim(raw: Path, target: Path) -> None:
             if message.derived or (seen <= first - _BEFORE and "/@call/" not in message.key):
                 continue
             writer.add(
-                Taken(message.key, message.payload, message.encoding, message.at, message.published)
+                RawMessage(
+                    message.key, message.payload, message.encoding, message.at, message.published
+                )
             )
         writer.note("quadctl", bag.notes["quadctl"])
         writer.finish()

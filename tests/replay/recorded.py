@@ -10,7 +10,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, topic_of
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.recording.reader import Bag
-from quadctl.services.runtime.testing import Said
+from quadctl.services.runtime.testing import Published
 
 _INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
 
@@ -25,7 +25,7 @@ class Recorded:
         bag = Bag(path)
         self.heard: list[tuple[Any, Any]] = []
         self.calls: list[Called] = []
-        self.said: list[Said] = []
+        self.said: list[Published] = []
         for message in bag.messages():
             topic: Any = topic_of(message.key)
             if topic is None or message.derived:
@@ -36,12 +36,12 @@ class Recorded:
             elif topic.name in _INPUTS:
                 self.heard.append((_INPUTS[topic.name], value))
             else:
-                self.said.append(Said(topic.name, value))
+                self.said.append(Published(topic.name, value))
         assert not bag.cut
         self.params = msgspec.json.decode(bag.notes["quadctl"]["params"], type=Params)
         self.boot = [value.boot for _, value in self.heard if isinstance(value, Pose)][-1]
 
-    def transitions(self, said: list[Said]) -> list[SafetyState]:
+    def transitions(self, said: list[Published]) -> list[SafetyState]:
         """Safety's states in this flight, those left out that only repeat the last one.
 
         Requests are counted from the flight's first.
@@ -55,13 +55,13 @@ class Recorded:
                     found.append(state)
         return [replace(state, request=state.request - found[0].request) for state in found]
 
-    def setpoints(self, said: list[Said]) -> list[Setpoint]:
+    def setpoints(self, said: list[Published]) -> list[Setpoint]:
         """What safety wanted in this flight."""
         of_boot = [s for _, s in said if isinstance(s, Setpoint) and s.boot == self.boot]
         # One that was lost on its way is sent again, which says nothing new.
         return [s for before, s in zip([None, *of_boot], of_boot, strict=False) if s != before]
 
-    def readings(self, said: list[Said]) -> list[Pressure]:
+    def readings(self, said: list[Published]) -> list[Pressure]:
         """The barometer's readings in this flight, which begin at 0 s."""
         found: list[Pressure] = []
         for name, reading in said:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from quadctl.services.pressure.__main__ import run as run_pressure
-from quadctl.services.runtime.testing import Said, play
+from quadctl.services.runtime.testing import Published, play
 from quadctl.services.safety import automaton
 from quadctl.services.safety.__main__ import run as run_safety
 from tests.replay.recorded import Recorded
@@ -23,7 +23,7 @@ def recorded(request) -> Recorded:
     return Recorded(request.param)
 
 
-def safety(recorded: Recorded) -> list[Said]:
+def safety(recorded: Recorded) -> list[Published]:
     return play("safety", run_safety, recorded.params, recorded.heard, recorded.calls)
 
 

@@ -10,7 +10,7 @@ from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord, State
+from quadctl.services.runtime.run_files import ProcessRecord, RunState, State
 from quadctl.services.runtime.supervisor import control
 
 
@@ -29,36 +29,36 @@ def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Realm]:
 def write(realm: Realm, pid: int, state: State, restarts: int) -> ProcessRecord:
     pressure = ProcessRecord("pressure", pid, state, restarts)
     hub = ProcessRecord("hub", 11, "ready", 0)
-    run_files.write(realm, RunRecord("lab", 10, ["uav"], [hub, pressure]))
+    run_files.write(realm, RunState("lab", 10, ["uav"], [hub, pressure]))
     return pressure
 
 
 def test_what_was_asked_is_taken_once(realm: Realm):
-    assert control.take(realm) == []
-    assert control.ask_restart(realm, "pressure") == ProcessRecord("pressure", 12, "ready", 0)
-    control.ask_restart(realm, "pressure")
-    control.ask_restart(realm, "hub")
-    assert sorted(control.take(realm)) == ["hub", "pressure"]
-    assert control.take(realm) == []
+    assert control.pending_restarts(realm) == []
+    assert control.request_restart(realm, "pressure") == ProcessRecord("pressure", 12, "ready", 0)
+    control.request_restart(realm, "pressure")
+    control.request_restart(realm, "hub")
+    assert sorted(control.pending_restarts(realm)) == ["hub", "pressure"]
+    assert control.pending_restarts(realm) == []
 
 
 def test_an_unknown_name_is_refused_with_the_nearest(realm: Realm):
     with pytest.raises(Invalid, match="presure: there is no such process") as caught:
-        control.ask_restart(realm, "presure")
+        control.request_restart(realm, "presure")
     assert caught.value.hint == "did you mean pressure?"
     with pytest.raises(Invalid) as caught:
-        control.ask_restart(realm, "../../x")
+        control.request_restart(realm, "../../x")
     assert caught.value.hint == "there are hub, pressure"
-    assert control.take(realm) == []
+    assert control.pending_restarts(realm) == []
 
 
 def test_where_nothing_runs_nobody_is_asked(realm: Realm):
     with pytest.raises(Unreachable, match="nothing is running in the realm other"):
-        control.ask_restart(Realm("other"), "hub")
+        control.request_restart(Realm("other"), "hub")
 
 
 def test_it_is_back_when_it_is_ready_as_another_process(realm: Realm):
-    before = control.ask_restart(realm, "pressure")
+    before = control.request_restart(realm, "pressure")
     with pytest.raises(TimedOut, match=r"pressure is not ready again within 0\.03 s"):
         control.wait_restarted(realm, "pressure", before, 0.03)
     write(realm, 12, "restarting", 1)

@@ -7,14 +7,14 @@ from functools import partial
 
 import pytest
 
-from quadctl.services.runtime.executor import Crew, Loop
+from quadctl.services.runtime.executor import Executor, MultiNodeExecutor
 
 
 class Few:
     """A crew of several whose services are written down as functions of their loop."""
 
-    def __init__(self, *runs: Callable[[Loop], None]) -> None:
-        self.crew = Crew(alone=False)
+    def __init__(self, *runs: Callable[[Executor], None]) -> None:
+        self.crew = MultiNodeExecutor(alone=False)
         self.loops = [self.crew.loop() for _ in runs]
         for loop, run in zip(self.loops, runs, strict=True):
             self.crew.take(loop, partial(run, loop))
@@ -37,8 +37,8 @@ def later() -> Iterator[Callable[[Callable[[], None]], None]]:
 def test_each_ticks_at_its_own_rate_whatever_the_others_do():
     ticks = [0, 0]
 
-    def ticking(number: int, hz: float) -> Callable[[Loop], None]:
-        def run(loop: Loop) -> None:
+    def ticking(number: int, hz: float) -> Callable[[Executor], None]:
+        def run(loop: Executor) -> None:
             for _ in loop.ticks(hz):
                 ticks[number] += 1
                 if min(ticks) > 2:
@@ -53,10 +53,10 @@ def test_each_ticks_at_its_own_rate_whatever_the_others_do():
 def test_what_is_posted_is_done_in_the_turn_of_its_own_loop(later):
     done: list[str] = []
 
-    def waits(loop: Loop) -> None:
+    def waits(loop: Executor) -> None:
         assert loop.wait_for(lambda: len(done) == 2, 5.0)
 
-    def spins(loop: Loop) -> None:
+    def spins(loop: Executor) -> None:
         loop.spin()
 
     few = Few(waits, spins)
@@ -70,7 +70,7 @@ def test_what_is_posted_is_done_in_the_turn_of_its_own_loop(later):
 def test_a_flood_for_one_holds_up_nobody_else():
     ticks: list[float] = []
 
-    def flooded(loop: Loop) -> None:
+    def flooded(loop: Executor) -> None:
         def again() -> None:
             time.sleep(0.0005)
             loop.post(again)
@@ -78,7 +78,7 @@ def test_a_flood_for_one_holds_up_nobody_else():
         loop.post(again)
         loop.spin()
 
-    def ticking(loop: Loop) -> None:
+    def ticking(loop: Executor) -> None:
         for now in loop.ticks(100):
             ticks.append(now)
             if len(ticks) == 30:
@@ -91,7 +91,7 @@ def test_a_flood_for_one_holds_up_nobody_else():
 def test_one_that_waits_within_a_call_lets_the_others_go_on():
     order: list[str] = []
 
-    def asks(loop: Loop) -> None:
+    def asks(loop: Executor) -> None:
         def call() -> None:
             order.append("asked")
             loop.wait_for(lambda: "answered" in order, 5.0)
@@ -100,7 +100,7 @@ def test_one_that_waits_within_a_call_lets_the_others_go_on():
         loop.post(call)
         loop.wait_for(lambda: "told" in order, 5.0)
 
-    def answers(loop: Loop) -> None:
+    def answers(loop: Executor) -> None:
         loop.wait_for(lambda: "asked" in order, 5.0)
         order.append("answered")
         few.loops[0].post(lambda: None)
@@ -114,11 +114,11 @@ def test_one_that_waits_within_a_call_lets_the_others_go_on():
 def test_an_error_of_one_ends_all_and_is_raised():
     ended: list[str] = []
 
-    def fails(loop: Loop) -> None:
+    def fails(loop: Executor) -> None:
         loop.wait_for(lambda: False, 0.05)
         raise ValueError("broken")
 
-    def spins(loop: Loop) -> None:
+    def spins(loop: Executor) -> None:
         loop.spin()
         ended.append("other")
 
@@ -135,7 +135,7 @@ def test_stopped_from_another_thread_all_end(later):
 
 
 def test_one_alone_has_the_thread_for_itself():
-    crew, ran = Crew(alone=True), list[str]()
+    crew, ran = MultiNodeExecutor(alone=True), list[str]()
     loop = crew.loop()
     crew.take(loop, lambda: ran.append(threading.current_thread().name))
     crew.run()

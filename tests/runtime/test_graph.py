@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadctl.schemas.keyexpr import Offer, node_key, node_of, offer_key, offer_of
+from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key, node_of, offer_of
 
 CHUNK = st.text("abcXYZ019_-.", min_size=1, max_size=12)
 NAME = st.lists(CHUNK, min_size=1, max_size=4).map("/".join)
@@ -18,8 +18,8 @@ OFFER = offer_of("uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state"
 def test_a_topic_comes_back_as_it_was(
     vehicle: str, node: str, type_: str, digest: str, hz: float, name: str
 ):
-    offer = Offer("@pub", node, type_, digest, hz, f"{vehicle}/{name}")
-    key = offer_key(vehicle, offer)
+    offer = EndpointInfo("@pub", node, type_, digest, hz, f"{vehicle}/{name}")
+    key = endpoint_key(vehicle, offer)
     assert offer_of(key) == offer
     assert key.count("/") == 7
     assert node_of(key) is None
@@ -30,8 +30,8 @@ def test_a_topic_comes_back_as_it_was(
 def test_a_service_comes_back_as_it_was(
     vehicle: str, node: str, type_: str, digest: str, name: str
 ):
-    offer = Offer("@srv", node, type_, digest, 0.0, f"{vehicle}/@srv/{name}")
-    assert offer_of(offer_key(vehicle, offer)) == offer
+    offer = EndpointInfo("@srv", node, type_, digest, 0.0, f"{vehicle}/@srv/{name}")
+    assert offer_of(endpoint_key(vehicle, offer)) == offer
 
 
 @settings(max_examples=40)
@@ -43,9 +43,11 @@ def test_a_node_comes_back_as_it_was(vehicle: str, node: str):
 
 def test_the_keys_are_those_of_the_contract():
     assert node_key("uav", "safety") == "uav/@node/safety"
-    assert Offer("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state") == OFFER
-    goto = Offer("@srv", "safety", "Goto", "1a2b3c4d", 0.0, "uav/@srv/goto")
-    assert offer_key("uav", goto) == "uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto"
+    assert (
+        EndpointInfo("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state") == OFFER
+    )
+    goto = EndpointInfo("@srv", "safety", "Goto", "1a2b3c4d", 0.0, "uav/@srv/goto")
+    assert endpoint_key("uav", goto) == "uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto"
 
 
 @pytest.mark.parametrize(

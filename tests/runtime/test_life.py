@@ -10,7 +10,7 @@ from quadctl.services.runtime.process_table import (
     QUICK,
     SETTLED,
     START_TIMEOUT,
-    Life,
+    RestartPolicy,
 )
 
 TIMEOUT = 2.0
@@ -20,7 +20,7 @@ class Child:
     """A process that is started, lives for so long and dies."""
 
     def __init__(self) -> None:
-        self.life, self.now = Life(), 100.0
+        self.life, self.now = RestartPolicy(), 100.0
 
     def lives(self, ready_for: float | None) -> float | None:
         """Die so long after readiness, before it with None; returns the delay."""
@@ -83,7 +83,7 @@ def test_it_is_down_after_five_quick_deaths_without_ten_good_seconds_between(
 
 
 def test_it_is_starting_then_ready_then_restarting():
-    life = Life()
+    life = RestartPolicy()
     assert life.state == "starting"
     life.started(0.0)
     life.ready(1.0)
@@ -96,7 +96,7 @@ def test_it_is_starting_then_ready_then_restarting():
 
 
 def test_readiness_said_twice_counts_from_the_first():
-    life = Life()
+    life = RestartPolicy()
     life.started(0.0)
     life.ready(1.0)
     life.ready(11.5)
@@ -107,7 +107,7 @@ def test_readiness_said_twice_counts_from_the_first():
 
 
 def test_one_that_does_not_become_ready_is_complained_of():
-    life = Life()
+    life = RestartPolicy()
     life.started(5.0)
     assert life.complaint(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
     assert life.complaint(5.0 + START_TIMEOUT, TIMEOUT) == "not ready in 10 s"
@@ -116,7 +116,7 @@ def test_one_that_does_not_become_ready_is_complained_of():
 
 
 def test_silence_counts_from_the_first_answer_on():
-    life = Life()
+    life = RestartPolicy()
     life.started(0.0)
     life.ready(1.0)
     assert life.complaint(100.0, TIMEOUT) == ""
@@ -133,7 +133,7 @@ def test_silence_counts_from_the_first_answer_on():
 
 
 def test_the_silence_of_one_that_must_answer_counts_from_its_readiness_on():
-    life = Life(must_answer=True)
+    life = RestartPolicy(must_answer=True)
     life.started(0.0)
     assert life.complaint(9.0, TIMEOUT) == ""
     life.ready(9.0)
@@ -145,7 +145,7 @@ def test_the_silence_of_one_that_must_answer_counts_from_its_readiness_on():
 
 
 def test_who_could_not_be_heard_is_excused():
-    life = Life()
+    life = RestartPolicy()
     life.started(0.0)
     life.excuse(9.0)
     assert life.complaint(15.0, TIMEOUT) == ""
@@ -160,7 +160,7 @@ def test_who_could_not_be_heard_is_excused():
 
 
 def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_delay():
-    life = Life()
+    life = RestartPolicy()
     for _ in range(4):
         life.died(1.0)
     for number in range(50):
@@ -174,13 +174,13 @@ def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_del
 
 
 def test_the_code_of_a_command_that_has_no_name_on_the_bus_means_nothing():
-    life = Life(must_announce=False)
+    life = RestartPolicy(must_announce=False)
     assert [life.died(1.0, 7) for _ in range(5)][-1] is None
     assert not life.taken
 
 
 def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment():
-    life, node = Life(must_announce=False), Life()
+    life, node = RestartPolicy(must_announce=False), RestartPolicy()
     for one in (life, node):
         one.started(1.0)
         one.runs(1.0 + SETTLED / 2)

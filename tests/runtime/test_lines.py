@@ -6,10 +6,10 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.services.runtime.supervisor.child import FEW, LONGEST, MOST, Lines
+from quadctl.services.runtime.supervisor.child import FEW, LONGEST, MOST, LineBuffer
 
 
-def texts(lines: Lines) -> list[str]:
+def texts(lines: LineBuffer) -> list[str]:
     return [said.line for said in lines.take()]
 
 
@@ -21,7 +21,7 @@ def texts(lines: Lines) -> list[str]:
 )
 def test_however_it_is_cut_into_chunks_the_lines_are_the_same(written: list[str], sizes: list[int]):
     pipe = io.BytesIO("".join(f"{line}\r\n" for line in written).encode())
-    lines = Lines("x")
+    lines = LineBuffer("x")
     for size in itertools.cycle(sizes):
         if not (chunk := pipe.read(size)):
             break
@@ -32,7 +32,7 @@ def test_however_it_is_cut_into_chunks_the_lines_are_the_same(written: list[str]
 
 
 def test_a_line_says_who_and_when_and_the_last_one_needs_no_newline():
-    lines = Lines("camera")
+    lines = LineBuffer("camera")
     lines.feed(b"one\ntw")
     lines.feed(b"o")
     first, *more = lines.take()
@@ -44,7 +44,7 @@ def test_a_line_says_who_and_when_and_the_last_one_needs_no_newline():
 
 
 def test_bytes_without_a_newline_are_shown_once_and_not_kept():
-    lines = Lines("x")
+    lines = LineBuffer("x")
     assert lines.feed(b"z" * 65536)
     for _ in range(1000):
         assert not lines.feed(b"z" * 65536)
@@ -56,13 +56,13 @@ def test_bytes_without_a_newline_are_shown_once_and_not_kept():
 
 
 def test_a_long_line_is_cut_and_the_longest_is_not():
-    lines = Lines("x")
+    lines = LineBuffer("x")
     lines.feed(b"a" * LONGEST + b"\n" + b"b" * (LONGEST + 1) + b"\nc\n")
     assert texts(lines) == ["a" * LONGEST, "b" * LONGEST + " ... (cut)", "c"]
 
 
 def test_more_lines_than_may_wait_are_counted_and_the_reader_is_told_to_pause():
-    lines = Lines("yes")
+    lines = LineBuffer("yes")
     assert lines.feed(b"y\n" * FEW)
     assert not lines.feed(b"y\n" * (MOST - FEW))
     for _ in range(100):
@@ -74,6 +74,6 @@ def test_more_lines_than_may_wait_are_counted_and_the_reader_is_told_to_pause():
 
 
 def test_what_is_no_text_is_a_line_all_the_same():
-    lines = Lines("x")
+    lines = LineBuffer("x")
     lines.feed(b"\xff\x00\n\n")
     assert texts(lines) == ["�\x00", ""]

@@ -3,7 +3,7 @@
 import socket
 import struct
 
-from quadctl.services.runtime.bus.router import let_go
+from quadctl.services.runtime.bus.router import disable_tcp_linger
 
 
 def test_what_zenoh_has_set_is_taken_back_from_tcp_links_alone():
@@ -15,7 +15,7 @@ def test_what_zenoh_has_set_is_taken_back_from_tcp_links_alone():
     ):
         for each in (link, other):
             each.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 10))
-        let_go()
+        disable_tcp_linger()
         lingers = [
             struct.unpack("ii", each.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8))
             for each in (link, other)

@@ -12,7 +12,7 @@ import pytest
 
 from quadctl.services.runtime.supervisor import logs as disk
 from quadctl.services.runtime.supervisor import logs as logfile
-from quadctl.services.runtime.supervisor.logs import Disk, LogFile, Logs, Printer
+from quadctl.services.runtime.supervisor.logs import DiskFault, LogFile, Logs, Printer
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_a_fault_is_told_once_lines_are_still_shown_and_its_end_is_told(tmp_path
 def test_a_fault_is_not_looked_at_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     probed: list[Path] = []
     monkeypatch.setattr(disk, "probe", probed.append)
-    broken = Disk(tmp_path, lambda line: None)
+    broken = DiskFault(tmp_path, lambda line: None)
     assert broken.look(1.0) == ""
     assert broken.attempt(lambda: None)
     (tmp_path / "file").touch()
@@ -109,7 +109,7 @@ def test_a_fault_is_not_looked_at_all_the_time(tmp_path: Path, monkeypatch: pyte
 
 def test_a_folder_that_was_removed_is_no_fault_of_the_disk(tmp_path: Path):
     told: list[str] = []
-    assert not Disk(tmp_path, told.append).keep((tmp_path / "no" / "folder").touch)
+    assert not DiskFault(tmp_path, told.append).keep((tmp_path / "no" / "folder").touch)
     assert told == []
 
 

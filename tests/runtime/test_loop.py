@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from quadctl.services.runtime.executor import Inbox, Item, Loop
+from quadctl.services.runtime.executor import CallbackQueue, Executor, Item
 
 SOON = 10.0
 
@@ -18,7 +18,7 @@ class Asleep:
     """A loop whose thread has nothing to do."""
 
     def __init__(self) -> None:
-        self.loop = Loop()
+        self.loop = Executor()
         self.raised: list[ValueError] = []
         self.thread = threading.Thread(target=self._run)
         self.thread.start()
@@ -88,7 +88,7 @@ def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
 
 
 def test_before_its_first_sleep_a_loop_has_the_turn():
-    loop, done = Loop(), list[int]()
+    loop, done = Executor(), list[int]()
     loop.at_once(lambda: done.append(1))
     assert done == []
     loop.post(loop.stop)
@@ -117,7 +117,7 @@ def test_what_fails_at_once_ends_the_loop_as_if_it_had_been_posted():
     assert [str(error) for error in made.raised] == ["wrong"]
 
 
-class Still(Inbox):
+class Still(CallbackQueue):
     """Nothing ever comes; a clock that shows each time that is waited for."""
 
     now = 103.017
@@ -131,11 +131,11 @@ class Still(Inbox):
 def test_loops_of_one_origin_tick_together(monkeypatch, origin: float | None, first: float):
     inbox = Still()
     monkeypatch.setattr(time, "monotonic", lambda: inbox.now)
-    ticks = list(islice(Loop(inbox, origin).ticks(50.0), 4))
+    ticks = list(islice(Executor(inbox, origin).ticks(50.0), 4))
     assert ticks == pytest.approx([103.017, first + 0.02, first + 0.04, first + 0.06])
 
 
 def test_ticks_without_pause_have_no_beat(monkeypatch):
     inbox = Still()
     monkeypatch.setattr(time, "monotonic", lambda: inbox.now)
-    assert list(islice(Loop(inbox, 100.0).ticks(math.inf), 3)) == [103.017] * 3
+    assert list(islice(Executor(inbox, 100.0).ticks(math.inf), 3)) == [103.017] * 3

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import zenoh
 
-from quadctl.services.runtime.bus.zenoh_events import Matching
+from quadctl.services.runtime.bus.zenoh_events import MatchingListener
 
 
 class End:
@@ -27,8 +27,8 @@ class End:
             callback(self.matching_status)
 
 
-def matching(end: End) -> Matching:
-    return Matching(cast("zenoh.Publisher", end))
+def matching(end: End) -> MatchingListener:
+    return MatchingListener(cast("zenoh.Publisher", end))
 
 
 def test_it_is_told_of_changes_once_somebody_looks():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.services.runtime.bus.codec import plain
+from quadctl.services.runtime.bus.codec import to_jsonable
 
 PACKED = msgspec.msgpack.encode({"a": [1, 2.5]})
 
@@ -30,7 +30,7 @@ PACKED = msgspec.msgpack.encode({"a": [1, 2.5]})
     ],
 )
 def test_it_is_shown_as_what_it_is(payload: bytes, said: str, shown: object):
-    assert plain(payload, said) == shown
+    assert to_jsonable(payload, said) == shown
 
 
 SAID = st.sampled_from(["", "zenoh/bytes", "application/msgpack", "application/json", "text/plain"])
@@ -38,10 +38,10 @@ SAID = st.sampled_from(["", "zenoh/bytes", "application/msgpack", "application/j
 
 @given(st.binary(max_size=64), SAID)
 def test_anything_can_be_shown(payload: bytes, said: str):
-    plain(payload, said)
+    to_jsonable(payload, said)
 
 
 @pytest.mark.parametrize("payload", [b"\x91" * 100_000, b"[" * 100_000])
 @pytest.mark.parametrize("said", ["", "application/msgpack", "application/json"])
 def test_so_can_what_is_nested_beyond_reason(payload: bytes, said: str):
-    assert isinstance(plain(payload, said), str)
+    assert isinstance(to_jsonable(payload, said), str)

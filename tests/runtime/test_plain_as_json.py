@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadctl.cli import output
-from quadctl.services.runtime.bus.codec import plain
+from quadctl.services.runtime.bus.codec import to_jsonable
 
 Ext = msgspec.msgpack.Ext
 pack = msgspec.msgpack.encode
@@ -34,13 +34,13 @@ pack = msgspec.msgpack.encode
     ],
 )
 def test_it_is_shown_as_text_where_json_has_no_word_for_it(payload: bytes, shown: Any):
-    found = plain(payload, "application/msgpack")
+    found = to_jsonable(payload, "application/msgpack")
     assert found == shown or shown is None
     assert json.loads(msgspec.json.encode(found)) == found
 
 
 def test_huge_whole_numbers_are_shown_whole():
-    assert plain(b"[1%s]" % (b"0" * 40), "application/json") == [10**40]
+    assert to_jsonable(b"[1%s]" % (b"0" * 40), "application/json") == [10**40]
 
 
 def strict(text: str) -> Any:
@@ -65,7 +65,7 @@ SAID = st.sampled_from(["", "zenoh/bytes", "application/msgpack", "application/j
 @settings(max_examples=150)
 @given(st.binary(max_size=40) | VALUES.map(pack), SAID)
 def test_any_payload_can_be_printed_as_text_and_as_json(payload: bytes, said: str):
-    value = plain(payload, said)
+    value = to_jsonable(payload, said)
     kept, sys.stdout = sys.stdout, io.StringIO()
     try:
         output.document(value)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from quadctl.schemas.keyexpr import Offer, node_key, offer_key
+from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key
 from quadctl.schemas.topics import GOTO, POSE
 from quadctl.services.runtime.bus import liveliness as roster
 
@@ -31,7 +31,7 @@ def there(*keys: str) -> list[str]:
 
 
 def offered(vehicle: str, node: str, kind: Any, key: str) -> str:
-    return offer_key(vehicle, Offer(kind, node, "T", "1a2b3c4d", 1.0, key))
+    return endpoint_key(vehicle, EndpointInfo(kind, node, "T", "1a2b3c4d", 1.0, key))
 
 
 @pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])

@@ -3,8 +3,8 @@
 from typing import cast
 
 from quadctl.services.runtime.process_table import GRACE, SETTLED, Process
-from quadctl.services.runtime.supervisor.child import Child, Said
-from quadctl.services.runtime.supervisor.supervisor import Row
+from quadctl.services.runtime.supervisor.child import Child, LogLine
+from quadctl.services.runtime.supervisor.supervisor import ManagedProcess
 
 
 class Fake:
@@ -32,9 +32,9 @@ class Fake:
     def last_words(self) -> str:
         return f"exit {self.code}"
 
-    def take_lines(self) -> list[Said]:
+    def take_lines(self) -> list[LogLine]:
         said, self.said = self.said, []
-        return [Said(0.0, "x", line) for line in said]
+        return [LogLine(0.0, "x", line) for line in said]
 
 
 class Rig:
@@ -42,7 +42,7 @@ class Rig:
 
     def __init__(self, *, must_announce: bool, patience: float = 0.0) -> None:
         self.children: list[Fake] = []
-        self.row = Row(
+        self.row = ManagedProcess(
             Process("x", ("x",), must_announce, not must_announce, patience=patience), self.spawn
         )
 

@@ -16,10 +16,10 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unr
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
-from quadctl.services.runtime.supervisor.control import halt
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
+from quadctl.services.runtime.supervisor.control import stop_run
 
-RUN = RunRecord("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
+RUN = RunState("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
 
 
 @pytest.fixture
@@ -99,15 +99,15 @@ def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm
     other = Realm("other")
     assert not run_files.is_live(other)
     with pytest.raises(Unreachable):
-        halt(other)
+        stop_run(other)
     assert not other.folder.exists()
 
 
 def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
     with subprocess.Popen(["sleep", "99"]) as deaf, FileLock(realm.lock, "the realm"):
-        run_files.write(realm, RunRecord("lab", deaf.pid, ["uav"], []))
+        run_files.write(realm, RunState("lab", deaf.pid, ["uav"], []))
         with pytest.raises(TimedOut, match=rf"process {deaf.pid} has not ended within 0.05 s"):
-            halt(realm, 0.05)
+            stop_run(realm, 0.05)
         assert deaf.wait() == -signal.SIGTERM
 
 
@@ -120,7 +120,7 @@ def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyP
             raise ProcessLookupError
 
         monkeypatch.setattr(os, "kill", kill)
-        assert halt(realm) == RUN
+        assert stop_run(realm) == RUN
 
 
 def test_the_record_is_the_document_of_status(realm: Realm):

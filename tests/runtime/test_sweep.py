@@ -13,7 +13,7 @@ from quadctl.services.runtime.supervisor import descendants
 
 @pytest.fixture
 def leash() -> str:
-    return descendants.new_leash()
+    return descendants.new_mark()
 
 
 @pytest.fixture
@@ -35,14 +35,14 @@ def marked(stack: ExitStack, mark: str) -> "subprocess.Popen[bytes]":
 def test_a_command_is_found_by_its_own_mark_and_with_the_whole_run(leash: str, stack: ExitStack):
     one, other = marked(stack, f"{leash}one/"), marked(stack, f"{leash}one-more/")
     stranger = marked(stack, "4711.1/one/")
-    assert descendants.sweep(f"{leash}one/", signal.SIGTERM) == 1
+    assert descendants.signal_all(f"{leash}one/", signal.SIGTERM) == 1
     assert one.wait() == -signal.SIGTERM
     assert other.poll() is None
-    descendants.sweep_away(leash)
+    descendants.kill_all(leash)
     assert other.wait() == -signal.SIGKILL
-    assert descendants.sweep(leash, signal.SIGKILL) == 0
+    assert descendants.signal_all(leash, signal.SIGKILL) == 0
     assert stranger.poll() is None
 
 
 def test_two_runs_of_one_supervisor_have_different_marks(leash: str):
-    assert descendants.new_leash() != leash
+    assert descendants.new_mark() != leash

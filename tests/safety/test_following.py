@@ -5,7 +5,7 @@ from math import inf
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position, Velocity
-from quadctl.services.safety.monitor import PATIENCE, STANDS, Following
+from quadctl.services.safety.monitor import PATIENCE, STANDS, TrackingMonitor
 from tests.safety.worlds import POSE
 
 LIMIT, PERIOD = 0.15, 0.05
@@ -14,7 +14,7 @@ STILL = Velocity(0.0, 0.0, 0.0)
 
 
 def look(
-    following: Following,
+    following: TrackingMonitor,
     stamp: float,
     goal: Position | None = GOAL,
     *,
@@ -28,12 +28,12 @@ def look(
 
 
 def test_poses_that_come_in_time_are_no_trouble():
-    following = Following()
+    following = TrackingMonitor()
     assert [look(following, count * PERIOD) for count in range(100)] == [""] * 100
 
 
 def test_poses_that_come_late_show_a_vehicle_that_heard_nothing():
-    following = Following()
+    following = TrackingMonitor()
     look(following, 1.0)
     assert look(following, 1.0 + LIMIT - 0.01) == ""
     assert look(following, 1.5) == "0.36 s"
@@ -41,7 +41,7 @@ def test_poses_that_come_late_show_a_vehicle_that_heard_nothing():
 
 
 def test_a_goal_that_is_new_since_was_not_stopped_on_the_way_to():
-    following = Following()
+    following = TrackingMonitor()
     look(following, 1.0, None)
     assert look(following, 2.0) == ""
     assert look(following, 3.0, OTHER) == ""
@@ -50,34 +50,34 @@ def test_a_goal_that_is_new_since_was_not_stopped_on_the_way_to():
 
 
 def test_another_boot_is_another_time():
-    following = Following()
+    following = TrackingMonitor()
     look(following, 1.0)
     assert look(following, 9.0, boot="b2") == ""
 
 
 def test_a_simulation_that_was_held_up_itself_has_not_flown_on():
-    following = Following()
+    following = TrackingMonitor()
     look(following, 1.0)
     assert [look(following, 1.0) for _ in range(20)] == [""] * 20
     assert look(following, 1.05) == ""
 
 
 def test_a_vehicle_that_stands_still_on_its_way_does_not_follow():
-    following = Following()
+    following = TrackingMonitor()
     at = [count * PERIOD for count in range(round(PATIENCE / PERIOD) + 3)]
     said = [look(following, stamp, velocity=STILL) for stamp in at]
     assert said == [*[""] * (len(at) - 1), "the vehicle stood still for 1 s on its way"]
 
 
 def test_a_goal_that_is_new_is_given_its_time():
-    following = Following()
+    following = TrackingMonitor()
     for count in range(100):
         goal = Position(1.0, 0.0, count // 19)
         assert look(following, count * PERIOD, goal, velocity=STILL) == ""
 
 
 def test_standing_still_is_counted_anew_after_each_move_and_only_on_the_way():
-    following = Following()
+    following = TrackingMonitor()
     for count in range(200):
         still = STILL if count % 20 else POSE.velocity
         assert look(following, count * PERIOD, velocity=still) == ""

@@ -10,8 +10,8 @@ from msgspec import Struct
 from quadctl.schemas.services import Call
 from quadctl.schemas.topics import Service
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.codec import plain
-from quadctl.services.runtime.bus.zenoh_events import Matching
+from quadctl.services.runtime.bus.codec import to_jsonable
+from quadctl.services.runtime.bus.zenoh_events import MatchingListener
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
 _LOST = 0.1
@@ -21,12 +21,12 @@ Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 
-class Caller(Generic[Q, R]):
+class ServiceClient(Generic[Q, R]):
     """Calls one service, as often as wanted."""
 
     def __init__(self, session: zenoh.Session, vehicle: str, service: Service[Q, R]) -> None:
         self._service = service
-        self._asker = Asker(session, service.key(vehicle))
+        self._asker = RawServiceClient(session, service.key(vehicle))
         self._encoding = codec.encoding(service.request)
 
     def call(self, request: Q, timeout: float, boot: str = "", *, again: bool = False) -> R:
@@ -39,7 +39,7 @@ class Caller(Generic[Q, R]):
         return codec.decode(self._service.response, *answer)
 
 
-class Asker:
+class RawServiceClient:
     """Sends bytes to whoever serves a key."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
@@ -49,7 +49,7 @@ class Asker:
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
         )
-        self._server = Matching(self._querier)
+        self._server = MatchingListener(self._querier)
 
     def ask(
         self, payload: bytes, encoding: str, timeout: float, boot: str = "", *, again: bool = False
@@ -114,7 +114,9 @@ def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
             f"{key} did not answer within {round(timeout, 2):g} s",
             "its process is busy or frozen: `quadctl status` shows which",
         )
-    raise QuadctlError(f"{key} failed: {plain(payload, said)}", "the log of its node may say more")
+    raise QuadctlError(
+        f"{key} failed: {to_jsonable(payload, said)}", "the log of its node may say more"
+    )
 
 
 def gone(key: str, *, still_there: bool = False) -> Unreachable:

@@ -9,17 +9,17 @@ from msgspec import Struct
 from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import Service, Topic, topic_of
 from quadctl.services.runtime.bus import codec, liveliness
-from quadctl.services.runtime.bus.calls import Asker, Caller
-from quadctl.services.runtime.bus.session import reach
-from quadctl.services.runtime.bus.zenoh_events import Breaks, Matching
+from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
+from quadctl.services.runtime.bus.session import connect_to_hub
+from quadctl.services.runtime.bus.zenoh_events import DisconnectListener, MatchingListener
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
 
 if TYPE_CHECKING:
     from quadctl.schemas.roles import Right
-    from quadctl.services.runtime.bus.raw import Stage
-    from quadctl.services.runtime.bus.streams import Readings, Stream
+    from quadctl.services.runtime.bus.raw import ReplayPublisher
+    from quadctl.services.runtime.bus.streams import RawSubscriber, TypedSubscriber
 
 T = TypeVar("T")
 
@@ -27,18 +27,18 @@ _LOSING = 0.05
 """Seconds in which it is known that a connection is lost, at most."""
 
 
-class Contact:
+class HubConnection:
     """Whether the hub is there, and whether it is the one that was there at first."""
 
     def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
         """`realm` is the hub's, where it is one of this machine."""
         self._session, self._realm = session, realm
         self._since, self._first = time.time(), self._hubs()
-        self._breaks: Breaks | None = None
+        self._breaks: DisconnectListener | None = None
 
     def watch(self) -> None:
         """From now on see that the connection is lost, though it come back; for who sends."""
-        self._breaks = self._breaks or Breaks(self._session)
+        self._breaks = self._breaks or DisconnectListener(self._session)
 
     @property
     def is_there(self) -> bool:
@@ -122,7 +122,7 @@ def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) ->
     raise why
 
 
-class Outlet:
+class RawPublisher:
     """Publishes bytes on a key, for as long as its client's `with` block lasts."""
 
     def __init__(self, session: zenoh.Session, key: str, encoding: str) -> None:
@@ -132,7 +132,7 @@ class Outlet:
             encoding=encoding or zenoh.Encoding.ZENOH_BYTES,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-        self._listeners = Matching(self._publisher)
+        self._listeners = MatchingListener(self._publisher)
 
     def put(self, payload: bytes) -> None:
         """Publish one message."""
@@ -167,8 +167,8 @@ class Client:
         """
         self.vehicle, self.timeout = vehicle, timeout
         self.realm, self._connect = Realm(realm), connect
-        self.session = reach(self.realm, connect, timeout)
-        self._hub = Contact(self.session, None if connect else self.realm)
+        self.session = connect_to_hub(self.realm, connect, timeout)
+        self._hub = HubConnection(self.session, None if connect else self.realm)
         self._held: list[object] = []
         self._own: set[str] = set()
 
@@ -206,7 +206,7 @@ class Client:
         """
         self.permit("call", service.key(self.vehicle))
         try:
-            caller = Caller(self.session, self.vehicle, service)
+            caller = ServiceClient(self.session, self.vehicle, service)
             return caller.call(request, self._within(timeout), boot, again=bool(self._connect))
         except Unreachable as problem:
             raise self.explained(problem, service.node, service.key(self.vehicle)) from problem
@@ -216,7 +216,7 @@ class Client:
         key = service.key(self.vehicle)
         self.permit("call", key)
         try:
-            Asker(self.session, key).wait_for_server(self.timeout)
+            RawServiceClient(self.session, key).wait_for_server(self.timeout)
         except Unreachable as problem:
             raise self.explained(problem, service.node, key) from problem
 
@@ -224,7 +224,7 @@ class Client:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
         self.permit("call", key)
         try:
-            return Asker(self.session, key).ask(payload, encoding, self.timeout)
+            return RawServiceClient(self.session, key).ask(payload, encoding, self.timeout)
         except Unreachable as problem:
             raise self.explained(problem) from problem
 
@@ -247,22 +247,22 @@ class Client:
             raise self.silent(topic.key(self.vehicle), readings.unread)
         return message
 
-    def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "Readings[M]":
+    def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
         """Hear topics, decoded; up to `backlog` messages wait for their reader."""
-        from quadctl.services.runtime.bus.streams import Readings
+        from quadctl.services.runtime.bus.streams import TypedSubscriber
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
-        return Readings(self.listen(*types, backlog=backlog), types)
+        return TypedSubscriber(self.listen(*types, backlog=backlog), types)
 
-    def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "Stream":
+    def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "RawSubscriber":
         """Hear keys or key expressions; up to `backlog` messages wait for their reader.
 
         With what latched topics `held` before, it comes first.
         """
-        from quadctl.services.runtime.bus.streams import Stream
+        from quadctl.services.runtime.bus.streams import RawSubscriber
 
         self.permit("listen", *keys)
-        stream = Stream(self.session, keys, backlog)
+        stream = RawSubscriber(self.session, keys, backlog)
         for key in keys if held else ():
             if (topic := topic_of(key)) is not None and topic.latched:
                 stream.ask(self.session, key, self.timeout)
@@ -280,7 +280,7 @@ class Client:
             return self._only_unread(unread)
         from quadctl.services.runtime.bus import diagnosis
 
-        return diagnosis.silence(self, key, more=more)
+        return diagnosis.explain_silence(self, key, more=more)
 
     def explained(
         self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
@@ -292,7 +292,7 @@ class Client:
         """
         from quadctl.services.runtime.bus import diagnosis
 
-        return diagnosis.why(self, self._connect, problem, node, key, live)
+        return diagnosis.explain_unreachable(self, self._connect, problem, node, key, live)
 
     def silent_processes(
         self, timeout: float | None = None, live: list[str] | None = None
@@ -307,15 +307,15 @@ class Client:
         said = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
         return Invalid(said, unread.hint)
 
-    def outlet(self, key: str, encoding: str = "") -> Outlet:
+    def outlet(self, key: str, encoding: str = "") -> RawPublisher:
         """Publish on a key."""
         self.permit("publish", key)
         self._hub.watch()
-        outlet = Outlet(self.session, key, encoding)
+        outlet = RawPublisher(self.session, key, encoding)
         self._held.append(outlet)
         return outlet
 
-    def stage(self, keys: dict[str, str]) -> "Stage":
+    def stage(self, keys: dict[str, str]) -> "ReplayPublisher":
         """Play the part of all who once published on keys, each with its encoding.
 
         Raises AlreadyServed where somebody has one of them.
@@ -325,7 +325,7 @@ class Client:
         self.permit("publish", *keys)
         self._hub.watch()
         self._own.add(raw.NAME)
-        return raw.Stage(self.session, keys)
+        return raw.ReplayPublisher(self.session, keys)
 
     def flush(self, timeout: float | None = None) -> None:
         """Return once the hub has read all that was sent before; raises as `nodes`.
@@ -350,7 +350,7 @@ class Client:
         """The vehicles that have a ready node; raises as `nodes`."""
         return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
-    def offers(self, timeout: float | None = None) -> list[keyexpr.Offer]:
+    def offers(self, timeout: float | None = None) -> list[keyexpr.EndpointInfo]:
         """The topics and services of the ready nodes; raises as `nodes`."""
         return self._hub.answered(
             liveliness.offers(self.session, self.vehicle, self._within(timeout))

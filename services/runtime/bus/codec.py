@@ -17,7 +17,7 @@ _DEEPEST = 100
 """Levels of nesting that are shown; JSON readers take that many, and people do not."""
 
 
-def plain(payload: bytes, said: str) -> Any:
+def to_jsonable(payload: bytes, said: str) -> Any:
     """MessagePack and JSON as data, text as text, anything else as hex.
 
     The encoding `said` tells which; where it tells nothing, what can be read is taken. What JSON

@@ -9,7 +9,7 @@ from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, 
 from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import Realm, listed
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 if TYPE_CHECKING:
     from quadctl.services.runtime.bus.client import Client
@@ -32,7 +32,7 @@ def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[Proces
     ]
 
 
-def explained(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> QuadctlError:
+def explain_frozen(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> QuadctlError:
     """The problem with what is known of silent processes.
 
     It is a TimedOut where `node`, whom it is about, is one of them.
@@ -48,7 +48,7 @@ def explained(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> Q
     )
 
 
-def why(
+def explain_unreachable(
     client: "Client",
     connect: str,
     problem: Unreachable,
@@ -71,10 +71,10 @@ def why(
     except QuadctlError as other:
         return type(other)(f"{problem.message}: {other.message}", other.hint)
     stranger = None if connect else _stranger(client, problem)
-    return stranger or explained(problem, node, silent)
+    return stranger or explain_frozen(problem, node, silent)
 
 
-def silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
+def explain_silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
     """Why nothing came on a key or key expression: its publisher is quiet, or there is none.
 
     `more` says that something had come before.
@@ -112,7 +112,7 @@ def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:
     return Unreachable(f"{problem.message}: this run has no vehicle {client.vehicle}", hint)
 
 
-def _meets_others(realm: Realm, run: RunRecord) -> bool:
+def _meets_others(realm: Realm, run: RunState) -> bool:
     hub = run_files.tables(realm, run.vehicles[0]).get("hub", {})
     return bool(hub.get("listen") or hub.get("connect"))
 
@@ -135,7 +135,7 @@ def hub_lost(realm: Realm | None, since: float) -> QuadctlError:
     )
 
 
-def _run(realm: Realm) -> RunRecord | None:
+def _run(realm: Realm) -> RunState | None:
     try:
         return run_files.read(realm)
     except Unreachable:

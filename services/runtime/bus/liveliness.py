@@ -37,7 +37,9 @@ def _flies(session: zenoh.Session, vehicle: str, timeout: float) -> bool:
     return any(offer.key in known_by for offer in offers(session, vehicle, timeout))
 
 
-def offers(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[keyexpr.Offer]:
+def offers(
+    session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT
+) -> list[keyexpr.EndpointInfo]:
     """Every topic and service that live nodes offer; raises as `nodes`."""
     keys = [
         key

@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from quadctl.schemas.topics import Topic
 from quadctl.services.runtime.bus import codec, zenoh_events
-from quadctl.services.runtime.bus.zenoh_events import Matching
+from quadctl.services.runtime.bus.zenoh_events import MatchingListener
 from quadctl.services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
@@ -34,7 +34,7 @@ class Publisher(Generic[M]):
             encoding=self._encoding,
             congestion_control=control.BLOCK if waits else control.DROP,
         )
-        self._listeners = Matching(self._publisher)
+        self._listeners = MatchingListener(self._publisher)
         self._last = b""
 
     @property
@@ -121,7 +121,7 @@ class Subscription(Generic[M]):
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         """Zenoh's thread leaves a sample here, and posts to the inbox once until it is read."""
-        zenoh_events.stay()
+        zenoh_events.pin_thread_state()
         now, encoding = time.monotonic(), sample.encoding
         # As a rule it is ours, and to see that takes half the time of writing it out.
         said = self._ours if encoding == self._expected else str(encoding)

@@ -11,13 +11,13 @@ import zenoh
 from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import topic_of
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
-from quadctl.services.runtime.bus.zenoh_events import Breaks
+from quadctl.services.runtime.bus.zenoh_events import DisconnectListener
 from quadctl.services.runtime.errors import AlreadyServed, TimedOut
 
 NAME = "replay"
 
 
-class Stage:
+class ReplayPublisher:
     """Plays the part of all who once published on some keys.
 
     The keys are listed as theirs were, and those of latched topics answer.
@@ -32,7 +32,9 @@ class Stage:
         for vehicle in sorted(vehicles):
             _refuse_beside_the_living(session, vehicle, keys)
         self._outlets = {key: _Outlet(session, key) for key in keys}
-        tokens = [keyexpr.offer_key(key.partition("/")[0], offer) for key, offer in _offers(keys)]
+        tokens = [
+            keyexpr.endpoint_key(key.partition("/")[0], offer) for key, offer in _offers(keys)
+        ]
         # Last, as ever: who sees a node may already ask it.
         tokens += [keyexpr.node_key(vehicle, NAME) for vehicle in vehicles]
         self._tokens = [session.liveliness().declare_token(token) for token in tokens]
@@ -62,22 +64,22 @@ class _Outlet:
         self._publisher.put(payload, encoding=encoding)
 
     def _on_query(self, query: zenoh.Query) -> None:
-        zenoh_events.stay()
+        zenoh_events.pin_thread_state()
         with query:
             if self._last is not None:
                 payload, encoding = self._last
                 query.reply(self._key, payload, encoding=encoding)
 
 
-def _offers(keys: dict[str, str]) -> list[tuple[str, keyexpr.Offer]]:
+def _offers(keys: dict[str, str]) -> list[tuple[str, keyexpr.EndpointInfo]]:
     """What listings shall show: the keys whose types are known."""
-    found: list[tuple[str, keyexpr.Offer]] = []
+    found: list[tuple[str, keyexpr.EndpointInfo]] = []
     for key, said in keys.items():
         topic: Any = topic_of(key)
         name, _, digest = said.removeprefix(codec.PREFIX).partition("#")
         if codec.is_typed(said) and name and digest and "/@" not in key:
             hz = topic.hz if topic else 0.0
-            found.append((key, keyexpr.Offer("@pub", NAME, name, digest, hz, key)))
+            found.append((key, keyexpr.EndpointInfo("@pub", NAME, name, digest, hz, key)))
     return found
 
 
@@ -101,7 +103,7 @@ _SETTLE = 0.5
 """Seconds that the hub has for that."""
 
 
-class Taken(NamedTuple):
+class RawMessage(NamedTuple):
     """A message as it came: `at` that Unix time, and `published` at that one by its sender, ns."""
 
     key: str
@@ -111,7 +113,7 @@ class Taken(NamedTuple):
     published: int
 
 
-class Tap:
+class RecorderSubscriber:
     """Hears keys or key expressions from when it is made; a message once, however many match it.
 
     Zenoh's thread does no more than copy a message. `lost` counts those for which there was
@@ -121,9 +123,9 @@ class Tap:
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
         """Returns once the hub knows of it; raises TimedOut where that does not answer."""
         self.lost = 0
-        self._session, self._breaks = session, Breaks(session)
+        self._session, self._breaks = session, DisconnectListener(session)
         self._epoch = time.time_ns() - time.monotonic_ns()
-        self._waiting: deque[Taken] = deque()
+        self._waiting: deque[RawMessage] = deque()
         # Each counted by one thread alone, so that nothing need be locked.
         self._came = self._went = 0
         self._patterns = [zenoh.KeyExpr(key) for key in keys]
@@ -159,7 +161,7 @@ class Tap:
         with contextlib.suppress(TimedOut):
             liveliness.nodes(self._session, "*", _SETTLE)
 
-    def take(self, most: int) -> list[Taken]:
+    def take(self, most: int) -> list[RawMessage]:
         """The messages that wait, in the order in which they came, up to so many."""
         taken = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
         self._went += sum(len(message.payload) for message in taken)
@@ -169,14 +171,14 @@ class Tap:
         """What takes a message, unless one of the other patterns brings it too."""
 
         def on_sample(sample: zenoh.Sample) -> None:
-            zenoh_events.stay()
+            zenoh_events.pin_thread_state()
             if not any(other.intersects(sample.key_expr) for other in others):
                 self._put(sample)
 
         return on_sample
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        zenoh_events.stay()
+        zenoh_events.pin_thread_state()
         sample = reply.ok
         if sample and any(pattern.intersects(sample.key_expr) for pattern in self._patterns):
             self._put(sample)
@@ -191,5 +193,5 @@ class Tap:
         at = self._epoch + time.monotonic_ns()
         published = at if stamp is None else round(stamp.get_time().timestamp() * 1e9)
         self._waiting.append(
-            Taken(str(sample.key_expr), payload, str(sample.encoding), at, published)
+            RawMessage(str(sample.key_expr), payload, str(sample.encoding), at, published)
         )

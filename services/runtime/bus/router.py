@@ -30,7 +30,7 @@ LOOKS = 2.0
 _OFF = struct.pack("ii", 0, 0)
 
 
-def let_go() -> None:
+def disable_tcp_linger() -> None:
     """Have every TCP link of this process closed without waiting for what is under way on it.
 
     Zenoh asks the kernel to wait, up to 10 s, and offers no setting: so long a link to a machine that

@@ -18,7 +18,7 @@ Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 
-class Ahead(Generic[Q, R]):
+class FutureCall(Generic[Q, R]):
     """One call, for a time (simulated s) of a boot that may be yet to begin.
 
     `reply` is what the server answered, or `problem` why it did not; both are None until then.
@@ -59,7 +59,7 @@ class Ahead(Generic[Q, R]):
         )
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        zenoh_events.stay()
+        zenoh_events.pin_thread_state()
         try:
             payload, said = calls.read(reply, self._key, self._patience)
             self.reply = codec.decode(self._service.response, payload, said)

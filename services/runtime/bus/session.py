@@ -150,7 +150,7 @@ _REOPENING = 1.0
 _POLL = 0.05
 
 
-def reach(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
+def connect_to_hub(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
     """Connect at once, or fail at once; only a hub or gate that is just being restarted is waited for.
 
     `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub is

@@ -28,7 +28,7 @@ class Message(NamedTuple):
     age: float | None
 
 
-class Stream:
+class RawSubscriber:
     """Messages as they come, of one key or several; of more than `backlog` the oldest go first."""
 
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
@@ -61,7 +61,7 @@ class Stream:
             self._on_sample(reply.ok)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        zenoh_events.stay()
+        zenoh_events.pin_thread_state()
         self._has_come = True
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
@@ -79,13 +79,13 @@ class Stream:
         )
 
 
-class Readings(Generic[M]):
+class TypedSubscriber(Generic[M]):
     """The messages of topics. What cannot be read is passed over, as the nodes do.
 
     `unread` says what is wrong with the last message, where that could not be read.
     """
 
-    def __init__(self, stream: Stream, types: dict[str, type[M]]) -> None:
+    def __init__(self, stream: RawSubscriber, types: dict[str, type[M]]) -> None:
         """`types` has the type of each key that the stream hears."""
         self.unread: Invalid | None = None
         self._stream, self._types = stream, types

@@ -28,7 +28,7 @@ from quadctl.services.runtime.security.endpoints import is_secure
 _KEPT = 32
 
 
-class Heard:
+class TopicStats:
     """The messages of a key, counted; `now` is monotonic, `age` by the sender's own stamp, both s."""
 
     def __init__(self) -> None:
@@ -102,8 +102,8 @@ class Survey(Struct):
     connected: float = 0.0
     listened: float = 0.0
     nodes: list[str] = field(default_factory=list)
-    offers: list[keyexpr.Offer] = field(default_factory=list)
-    heard: dict[str, Heard] = field(default_factory=dict)
+    offers: list[keyexpr.EndpointInfo] = field(default_factory=list)
+    heard: dict[str, TopicStats] = field(default_factory=dict)
     answers: dict[str, list[Answer]] = field(default_factory=dict)
 
 
@@ -184,7 +184,7 @@ class _Surveyor:
     def listen(self) -> None:
         """Hear every topic that is offered."""
         for key in {offer.key for offer in self.found.offers if offer.kind == "@pub"}:
-            self.found.heard[key] = Heard()
+            self.found.heard[key] = TopicStats()
             handler = zenoh.handlers.Callback(self._samples(key), indirect=False)
             # A stranger may announce what is no key: nothing will have come on it.
             with contextlib.suppress(zenoh.ZError):

@@ -11,7 +11,7 @@ _KEPT = 16
 """Changes that are kept until somebody asks; the oldest go first, and one that is left says enough."""
 
 
-class Breaks:
+class DisconnectListener:
     """Counted from now on, by Zenoh: no thread of its wakes Python for it."""
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -30,7 +30,7 @@ class Breaks:
 _known = threading.local()
 
 
-def stay() -> None:
+def pin_thread_state() -> None:
     """Let this thread of Zenoh's keep its place in the interpreter; first thing in a callback.
 
     The binding makes a thread state for each callback and drops it afterwards: with the memory
@@ -43,7 +43,7 @@ def stay() -> None:
         ctypes.pythonapi.PyGILState_Ensure()
 
 
-class Matching:
+class MatchingListener:
     """Of a querier or a publisher, as the hub tells."""
 
     def __init__(self, end: zenoh.Querier | zenoh.Publisher) -> None:
@@ -88,7 +88,7 @@ class Matching:
                 self._there.set()
 
     def _on_change(self, status: zenoh.MatchingStatus) -> None:
-        stay()
+        pin_thread_state()
         self._changes += 1
         if status.matching:
             self._there.set()

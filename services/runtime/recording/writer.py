@@ -10,7 +10,7 @@ from mcap.writer import Writer
 from msgspec import Struct
 
 from quadctl.schemas.typeinfo import json_schema
-from quadctl.services.runtime.bus.raw import Taken
+from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.recording.mcap_format import JSON, Form, Stored
 
 
@@ -90,7 +90,7 @@ class BagWriter:
         """Keep facts about the recording as a whole."""
         self._mcap.add_metadata(name, values)
 
-    def add(self, taken: Taken) -> Stored:
+    def add(self, taken: RawMessage) -> Stored:
         """Keep a message of the bus; returns how it stands there."""
         key, said = taken.key, taken.encoding
         form = self._forms.get((key, said))

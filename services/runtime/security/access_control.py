@@ -130,7 +130,7 @@ def rules(who: Identity, link: str) -> dict[str, Any]:
     return access_control(registry.load(Path(who.folder)), time.time(), link)
 
 
-class Watch:
+class RevocationWatch:
     """Tells when the list of names is another one than it was."""
 
     def __init__(self, folder: str) -> None:

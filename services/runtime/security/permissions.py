@@ -151,7 +151,7 @@ def kept_out(connect: str) -> NotAllowed:
 
 
 def tell_apart(
-    session: zenoh.Session, connect: str, key: str, offers: Sequence[keyexpr.Offer]
+    session: zenoh.Session, connect: str, key: str, offers: Sequence[keyexpr.EndpointInfo]
 ) -> None:
     """Raise NotAllowed where a key is served that nobody answered: the hub has kept us from it.
 

@@ -61,7 +61,7 @@ def save(folder: Path, names: list[Name]) -> None:
 _DAY = 86_400
 
 
-class Fleet:
+class Registry:
     """The folder with the fleet's keys, its list of names, and a folder for each of them."""
 
     def __init__(self, folder: Path) -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from quadctl.services.runtime.process_table import Process
 from quadctl.services.runtime.supervisor import descendants, fork
-from quadctl.services.runtime.supervisor.fork import Forked
+from quadctl.services.runtime.supervisor.fork import ForkedProcess
 
 LONGEST = 4000
 """Bytes of a line that are kept; what goes beyond, up to the line's end, is left out."""
@@ -22,7 +22,7 @@ FEW = 50
 """Lines at once that are nothing unusual; the reader pauses after more."""
 
 
-class Said(NamedTuple):
+class LogLine(NamedTuple):
     """A line, when it was read (Unix time, s), and by whom it was said."""
 
     at: float
@@ -30,14 +30,14 @@ class Said(NamedTuple):
     line: str
 
 
-class Lines:
+class LineBuffer:
     """Filled by the thread that reads a child's pipe, emptied by the supervisor's loop."""
 
     def __init__(self, name: str) -> None:
         """`name` is the child's."""
         self._name = name
         self._lock = Lock()
-        self._waiting: list[Said] = []
+        self._waiting: list[LogLine] = []
         self._dropped = 0
         self._part = b""
         self._cutting = False
@@ -65,7 +65,7 @@ class Lines:
             self._add([self._part])
             self._part = b""
 
-    def take(self) -> list[Said]:
+    def take(self) -> list[LogLine]:
         """The lines that wait; where some were dropped, the last one says how many."""
         # Most looks find none, and spare the lock; what comes just now is the next one's.
         if not self._waiting:
@@ -74,14 +74,14 @@ class Lines:
             taken, self._waiting = self._waiting, []
             dropped, self._dropped = self._dropped, 0
         if dropped:
-            taken.append(Said(time.time(), self._name, f"... {dropped} lines dropped"))
+            taken.append(LogLine(time.time(), self._name, f"... {dropped} lines dropped"))
         return taken
 
     def _add(self, pieces: list[bytes]) -> None:
         now = time.time()
         with self._lock:
             room = MOST - len(self._waiting)
-            self._waiting += [Said(now, self._name, _text(piece)) for piece in pieces[:room]]
+            self._waiting += [LogLine(now, self._name, _text(piece)) for piece in pieces[:room]]
             self._dropped += max(len(pieces) - room, 0)
 
 
@@ -115,13 +115,13 @@ class Child:
         """Start it; by the leash, all that a user's command starts can be found."""
         self._on_lines, self._on_end = on_lines, on_end
         self._leash = f"{leash}{process.name}/" if process.stranger else ""
-        self._lines = Lines(process.name)
+        self._lines = LineBuffer(process.name)
         self._group_is_gone = False
         # In a session of its own: Ctrl-C is the supervisor's to hear, and to pass on in order.
         # Our nodes watch their stdin: they end when we do, however we do.
-        self._popen: subprocess.Popen[bytes] | Forked
+        self._popen: subprocess.Popen[bytes] | ForkedProcess
         if not process.stranger and fork.possible():
-            self._popen = Forked(process.command[-1], environment, folder, both=True)
+            self._popen = ForkedProcess(process.command[-1], environment, folder, both=True)
         else:
             holder = (
                 sys.executable,
@@ -145,7 +145,7 @@ class Child:
         """Hear what it says, from now on; a thread more, after which nothing can be forked."""
         self._reader.start()
 
-    def take_lines(self) -> list[Said]:
+    def take_lines(self) -> list[LogLine]:
         """What it has said since the last look."""
         return self._lines.take()
 
@@ -162,13 +162,13 @@ class Child:
         """Ask it, and what it started, to end."""
         self._signal(signal.SIGTERM)
         if self._leash:
-            descendants.sweep(self._leash, signal.SIGTERM)
+            descendants.signal_all(self._leash, signal.SIGTERM)
 
     def kill(self) -> None:
         """End it, and what it started, at once; also when it has ended by itself."""
         self._signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
         if self._leash:
-            descendants.sweep_away(self._leash)
+            descendants.kill_all(self._leash)
 
     def wait(self, timeout: float) -> bool:
         """Whether it, and its process group, have ended within so many seconds."""

@@ -10,12 +10,12 @@ from quadctl.services.runtime import procfs, run_files
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut
 from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord, is_live, read
+from quadctl.services.runtime.run_files import ProcessRecord, RunState, is_live, read
 
 _STOP_POLL = 0.005
 
 
-def halt(realm: Realm, timeout: float = 5.0) -> RunRecord:
+def stop_run(realm: Realm, timeout: float = 5.0) -> RunState:
     """End a run and wait (s) until it has ended; raises Unreachable where nothing runs."""
     run = read(realm)
     # It may be ending by itself just now.
@@ -40,7 +40,7 @@ def _is_there(pid: int) -> bool:
 _POLL = 0.01
 
 
-def ask_restart(realm: Realm, name: str) -> ProcessRecord:
+def request_restart(realm: Realm, name: str) -> ProcessRecord:
     """Leave a request for the supervisor, which looks ten times a second.
 
     Returns the process as it was before. Raises Unreachable where nothing runs, and Invalid for
@@ -60,7 +60,7 @@ def ask_restart(realm: Realm, name: str) -> ProcessRecord:
     return before
 
 
-def take(realm: Realm) -> list[str]:
+def pending_restarts(realm: Realm) -> list[str]:
     """The names that a restart was asked for since the last look; the supervisor's side."""
     # Nearly always nobody has, and this is looked at many times a second.
     if not realm.asked.exists():

@@ -27,7 +27,7 @@ _MODULE = "quadctl.services.runtime.supervisor.daemon"
 _KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
-class Settled(Struct, frozen=True):
+class StartupResult(Struct, frozen=True):
     """What a background supervisor says once: ready when `failed` is empty."""
 
     failed: str = ""
@@ -35,7 +35,7 @@ class Settled(Struct, frozen=True):
     hint: str = ""
 
 
-def detach(launch: Launch) -> IO[bytes]:
+def start_in_background(launch: Launch) -> IO[bytes]:
     """Start a supervisor in the background, and return when it says that all are ready.
 
     What is returned holds a run that is `owned`: it ends when that is closed, as with this process.
@@ -59,7 +59,7 @@ def detach(launch: Launch) -> IO[bytes]:
         raise
     finally:
         patience.cancel()
-    settled = msgspec.json.decode(said or b"{}", type=Settled)
+    settled = msgspec.json.decode(said or b"{}", type=StartupResult)
     for kind in (AlreadyServed, Invalid):
         if settled.code == kind.code:
             raise kind(settled.failed, settled.hint)
@@ -69,9 +69,9 @@ def detach(launch: Launch) -> IO[bytes]:
     return supervisor.stdin
 
 
-def _start() -> subprocess.Popen[bytes] | fork.Forked:
+def _start() -> subprocess.Popen[bytes] | fork.ForkedProcess:
     if fork.possible():
-        return fork.Forked(_MODULE, {}, ".", both=False)
+        return fork.ForkedProcess(_MODULE, {}, ".", both=False)
     return subprocess.Popen(
         (sys.executable, "-P", "-m", _MODULE),
         stdin=subprocess.PIPE,
@@ -92,7 +92,7 @@ def main() -> int:
     launch = msgspec.json.decode(asked, type=Launch)
 
     def on_settled(supervisor: "Supervisor", failed: str) -> None:
-        if not _say(Settled(failed)) or failed:
+        if not _say(StartupResult(failed)) or failed:
             supervisor.stop()
         elif launch.owned:
             # Not before: a process with threads cannot fork its nodes.
@@ -102,7 +102,7 @@ def main() -> int:
         with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
             run(launch, nowhere, on_settled)
     except QuadctlError as error:
-        _say(Settled(error.message, error.code, error.hint))
+        _say(StartupResult(error.message, error.code, error.hint))
         return error.exit_code
     return 0
 
@@ -112,7 +112,7 @@ def _end_with_owner(supervisor: "Supervisor") -> None:
     supervisor.stop()
 
 
-def _say(settled: Settled) -> bool:
+def _say(settled: StartupResult) -> bool:
     """Whether who waits for it is still there to hear it."""
     try:
         os.write(1, msgspec.json.encode(settled))

@@ -22,19 +22,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from quadctl.services.runtime.shutdown import die_with_parent
-from quadctl.services.runtime.supervisor.fork import Forked
+from quadctl.services.runtime.supervisor.fork import ForkedProcess
 
 MARK = "QUADCTL_LEASH"
 _PROC = Path("/proc")
 _MOST_SWEEPS = 20
 
 
-def new_leash() -> str:
+def new_mark() -> str:
     """A mark that no other run has; a command's own adds its name."""
     return f"{os.getpid()}.{time.time_ns()}/"
 
 
-def sweep(leash: str, number: int) -> int:
+def signal_all(leash: str, number: int) -> int:
     """Send a signal to every other process whose mark begins with the leash; how many."""
     if sys.platform != "linux":
         return 0
@@ -48,10 +48,10 @@ def sweep(leash: str, number: int) -> int:
     return count
 
 
-def sweep_away(leash: str) -> None:
+def kill_all(leash: str) -> None:
     """Kill all of them, those too that are being started meanwhile."""
     for _ in range(_MOST_SWEEPS):
-        if not sweep(leash, signal.SIGKILL):
+        if not signal_all(leash, signal.SIGKILL):
             return
 
 
@@ -79,13 +79,13 @@ def _mark(pid: int) -> str:
     return ""
 
 
-_LEASH = f"{MARK}_WATCHED"
+_WATCHED = f"{MARK}_WATCHED"
 
 
-def watch(leash: str) -> Forked:
+def watch(leash: str) -> ForkedProcess:
     """Start a warden; it acts when our end of its stdin closes, however that comes."""
-    return Forked(
-        "quadctl.services.runtime.supervisor.descendants", {_LEASH: leash}, "/", both=True
+    return ForkedProcess(
+        "quadctl.services.runtime.supervisor.descendants", {_WATCHED: leash}, "/", both=True
     )
 
 
@@ -93,7 +93,7 @@ def reap() -> None:
     """Wait for the supervisor's end."""
     while os.read(0, 1):
         pass
-    sweep_away(os.environ[_LEASH])
+    kill_all(os.environ[_WATCHED])
 
 
 def exec_bound(supervisor: int, command: list[str]) -> None:

@@ -27,7 +27,7 @@ def possible() -> bool:
     return sys.platform == "linux" and len(os.listdir(_THREADS)) == 1  # noqa: PTH208 - pathlib is slow
 
 
-class Forked:
+class ForkedProcess:
     """A forked module in a session of its own: what is used of subprocess.Popen.
 
     Its stdin and stdout are pipes; with `both`, stderr goes into stdout's pipe as well.

@@ -22,7 +22,7 @@ from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.process_table import Process, table
 from quadctl.services.runtime.realm import Realm, write_atomically
-from quadctl.services.runtime.run_files import ProcessRecord, RunRecord
+from quadctl.services.runtime.run_files import ProcessRecord, RunState
 from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.shutdown import uninterrupted
 from quadctl.services.runtime.supervisor import logs
@@ -143,7 +143,7 @@ def choose_address(realm: Realm, transport: str) -> Address:
     return Address(f"tcp/127.0.0.1:{port}", secrets.token_hex(8), secrets.token_hex(16))
 
 
-class Home:
+class RunDirectory:
     """Holds the realm within a `with` block, and leaves nothing of the run behind."""
 
     def __init__(self, launch: Launch) -> None:
@@ -154,7 +154,7 @@ class Home:
 
     def write(self, rows: list[ProcessRecord]) -> None:
         """Write the record; raises OSError."""
-        run = RunRecord(self.realm.name, os.getpid(), self._launch.vehicles, rows)
+        run = RunState(self.realm.name, os.getpid(), self._launch.vehicles, rows)
         run_files.write(self.realm, run)
 
     def mend(self, tell: Callable[[str], None]) -> bool:

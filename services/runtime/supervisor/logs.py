@@ -14,7 +14,7 @@ _ROOM = 1 << 16
 """Bytes that must fit before the fault counts as over, so that it does not come and go."""
 
 
-class Disk:
+class DiskFault:
     """Where a run writes: `folder`'s disk. `tell` shows a line without writing it anywhere."""
 
     def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
@@ -153,7 +153,7 @@ class Logs:
         self._folder, self._emit = folder, emit
         self._files: dict[str, LogFile] = {}
         self._last: dict[str, deque[str]] = {}
-        self.disk = Disk(folder.parent, lambda line: emit("up", line, time.time()))
+        self.disk = DiskFault(folder.parent, lambda line: emit("up", line, time.time()))
 
     def show(self, name: str, line: str, at: float | None = None) -> None:
         """Log one line of a process, read now or at `at` (Unix time, s)."""

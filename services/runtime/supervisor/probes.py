@@ -26,7 +26,7 @@ _COUNT_EVERY = 15.0
 and no Python runs for each: they wait in a ring until looked at."""
 
 
-class Rates:
+class RateProbe:
     """Connects on a thread of its own, because the hub may be long in coming."""
 
     def __init__(self, realm: Realm, vehicles: Sequence[str]) -> None:
@@ -85,7 +85,7 @@ class Rates:
 Post = Callable[[Callable[[], None]], None]
 
 
-class Health:
+class LivenessProbe:
     """Connects on a thread of its own, because the hub may be long in coming.
 
     A process is there when its node of every vehicle is; since these live and die together, the

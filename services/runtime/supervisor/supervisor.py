@@ -11,28 +11,36 @@ from quadctl.services.runtime import (
     entry,  # noqa: F401 - what every node begins with, loaded once for all that are forked
 )
 from quadctl.services.runtime.errors import AlreadyServed
-from quadctl.services.runtime.process_table import GRACE, QUICK, START_TIMEOUT, Life, Process
+from quadctl.services.runtime.process_table import (
+    GRACE,
+    QUICK,
+    START_TIMEOUT,
+    Process,
+    RestartPolicy,
+)
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor import control, descendants, fork
-from quadctl.services.runtime.supervisor.child import MOST, Child, Said
-from quadctl.services.runtime.supervisor.launch import Home, Launch
+from quadctl.services.runtime.supervisor.child import MOST, Child, LogLine
+from quadctl.services.runtime.supervisor.launch import Launch, RunDirectory
 from quadctl.services.runtime.supervisor.logs import Emit, Logs, Printer
-from quadctl.services.runtime.supervisor.probes import Health
+from quadctl.services.runtime.supervisor.probes import LivenessProbe
 
 
-class Row:
+class ManagedProcess:
     """A process, its life, and the child that is running it now, if any; time (s) is passed in."""
 
     def __init__(self, process: Process, spawn: Callable[[Process, int], Child]) -> None:
         """`spawn` starts the process, after so many restarts."""
         self.process, self._spawn = process, spawn
-        self.life = Life(must_announce=process.must_announce, must_answer=not process.stranger)
+        self.life = RestartPolicy(
+            must_announce=process.must_announce, must_answer=not process.stranger
+        )
         self.child: Child | None = None
         self._due: float | None = 0.0
         self._started = 0.0
         self._kill_at: float | None = None
-        self._said: list[Said] = []
-        self._held: deque[Said] = deque(maxlen=MOST)
+        self._said: list[LogLine] = []
+        self._held: deque[LogLine] = deque(maxlen=MOST)
 
     def record(self) -> ProcessRecord:
         """The row of the run record."""
@@ -86,7 +94,7 @@ class Row:
         if self.child is not None:
             self.life.answered(now)
 
-    def take_said(self) -> list[Said]:
+    def take_said(self) -> list[LogLine]:
         """What is to be shown of it. The tries while another has its name are not."""
         fresh = self.child.take_lines() if self.child else []
         if self.life.taken:
@@ -125,7 +133,7 @@ class Row:
         self._tell(f"{self.process.name} ended ({how}): {then}")
 
     def _tell(self, line: str) -> None:
-        self._said.append(Said(time.time(), "up", line))
+        self._said.append(LogLine(time.time(), "up", line))
 
 
 _PING_EVERY = 0.5
@@ -136,13 +144,15 @@ _LOOK_EVERY = 0.1
 class Supervisor:
     """Keeps the table of processes running. One loop; threads only post to its inbox."""
 
-    def __init__(self, launch: Launch, home: Home, logs: Logs) -> None:
+    def __init__(self, launch: Launch, home: RunDirectory, logs: Logs) -> None:
         self._launch, self._home, self._logs = launch, home, logs
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._rows = {process.name: Row(process, self._spawn) for process in launch.processes()}
-        self._leash = descendants.new_leash()
-        self._warden: fork.Forked | None = None
-        self._health: Health | None = None
+        self._rows = {
+            process.name: ManagedProcess(process, self._spawn) for process in launch.processes()
+        }
+        self._leash = descendants.new_mark()
+        self._warden: fork.ForkedProcess | None = None
+        self._health: LivenessProbe | None = None
         self._launched = time.monotonic()
         self._stopped_by = 0
         self._woken = False
@@ -202,7 +212,7 @@ class Supervisor:
         for row in self._rows.values():
             if row.child is not None:
                 row.child.listen()
-        self._health = Health(
+        self._health = LivenessProbe(
             self._home.address,
             self._launch.vehicles,
             self._inbox.put,
@@ -232,7 +242,7 @@ class Supervisor:
         return "" if ready else None
 
     def _look(self, now: float) -> None:
-        for name in control.take(self._home.realm):
+        for name in control.pending_restarts(self._home.realm):
             if name in self._rows:
                 self._rows[name].restart(now, "restart asked for")
         # Asleep ourselves, or behind a hub that is not there, nobody could have been heard.
@@ -341,7 +351,7 @@ def run(
     Lines go to a text stream, or to a function. `on_look` is called ten times a second.
     Raises AlreadyServed when the realm is live.
     """
-    with Home(launch) as home:
+    with RunDirectory(launch) as home:
         logs = Logs(home.realm.logs, stream if callable(stream) else Printer(stream))
         supervisor = Supervisor(launch, home, logs)
         return supervisor.run(

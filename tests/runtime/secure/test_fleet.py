@@ -12,14 +12,14 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from quadctl.services.runtime.errors import Invalid, NotAllowed, UsageError
 from quadctl.services.runtime.security import registry
-from quadctl.services.runtime.security.access_control import Watch, identity_for, rules
+from quadctl.services.runtime.security.access_control import RevocationWatch, identity_for, rules
 from quadctl.services.runtime.security.identity import VARIABLE, Identity, current, needed
-from quadctl.services.runtime.security.registry import Fleet
+from quadctl.services.runtime.security.registry import Registry
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    Fleet(tmp_path / "keys").init()
+    Registry(tmp_path / "keys").init()
     return tmp_path / "keys"
 
 
@@ -32,7 +32,7 @@ def usages(made: x509.Certificate) -> list[x509.ObjectIdentifier]:
 
 
 def test_a_certificate_says_who_it_is_and_ends_in_days(folder: Path):
-    (anna,) = Fleet(folder).issue("operator", {"anna": ["uav7"]}, 2.0, [])
+    (anna,) = Registry(folder).issue("operator", {"anna": ["uav7"]}, 2.0, [])
     made = certificate(folder / "anna")
     (said,) = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     assert said.value == anna.common_name == f"operator.anna.{anna.serial}"
@@ -45,8 +45,8 @@ def test_a_certificate_says_who_it_is_and_ends_in_days(folder: Path):
 
 
 def test_only_a_hub_may_be_connected_to_and_at_its_own_addresses(folder: Path):
-    Fleet(folder).issue("hub", {"field": ["*"]}, 1, ["10.7.1.1", "field.local"])
-    Fleet(folder).issue("student", {"bob": ["uav"]}, 1, [])
+    Registry(folder).issue("hub", {"field": ["*"]}, 1, ["10.7.1.1", "field.local"])
+    Registry(folder).issue("student", {"bob": ["uav"]}, 1, [])
     hub, student = certificate(folder / "field"), certificate(folder / "bob")
     assert ExtendedKeyUsageOID.SERVER_AUTH in usages(hub)
     assert usages(student) == [ExtendedKeyUsageOID.CLIENT_AUTH]
@@ -57,7 +57,7 @@ def test_only_a_hub_may_be_connected_to_and_at_its_own_addresses(folder: Path):
 
 
 def test_no_key_can_be_read_by_others(folder: Path):
-    Fleet(folder).issue("operator", {"anna": ["*"]}, 1, [])
+    Registry(folder).issue("operator", {"anna": ["*"]}, 1, [])
     for key in (folder / "ca-key.pem", folder / "anna" / "key.pem"):
         assert stat.S_IMODE(key.stat().st_mode) == 0o600
     for place in (folder, folder / "anna"):
@@ -69,10 +69,10 @@ def test_no_key_can_be_read_by_others(folder: Path):
 
 
 def test_the_list_is_in_the_folder_of_every_hub(folder: Path):
-    fleet = Fleet(folder)
+    fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
     fleet.issue("hub", {"field": ["*"], "uav7": ["uav7"]}, 1, [])
-    watch = Watch(str(folder / "field"))
+    watch = RevocationWatch(str(folder / "field"))
     assert not watch.changed()
     for place in (folder, folder / "field", folder / "uav7"):
         assert [name.name for name in registry.load(place)] == ["anna", "field", "uav7"]
@@ -83,7 +83,7 @@ def test_the_list_is_in_the_folder_of_every_hub(folder: Path):
 
 
 def test_issued_anew_the_old_one_is_good_no_more(folder: Path):
-    fleet = Fleet(folder)
+    fleet = Registry(folder)
     (old,) = fleet.issue("operator", {"anna": ["*"]}, 1, [])
     (new,) = fleet.issue("student", {"anna": ["uav7"]}, 1, [])
     assert fleet.names() == [new]
@@ -92,7 +92,7 @@ def test_issued_anew_the_old_one_is_good_no_more(folder: Path):
 
 
 def test_what_cannot_be(folder: Path, tmp_path: Path):
-    fleet = Fleet(folder)
+    fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
     with pytest.raises(Invalid, match="nobody is called ana") as caught:
         fleet.revoke("ana")
@@ -100,9 +100,9 @@ def test_what_cannot_be(folder: Path, tmp_path: Path):
     with pytest.raises(UsageError, match="has a fleet's keys already"):
         fleet.init()
     with pytest.raises(UsageError, match=r"names\.json is not there"):
-        Fleet(tmp_path / "nowhere").names()
+        Registry(tmp_path / "nowhere").names()
     with pytest.raises(UsageError, match="has no fleet's keys"):
-        Fleet(tmp_path / "nowhere").issue("hub", {"x": ["*"]}, 1, [])
+        Registry(tmp_path / "nowhere").issue("hub", {"x": ["*"]}, 1, [])
     with pytest.raises(UsageError, match="neither a name nor an address"):
         fleet.issue("hub", {"x": ["*"]}, 1, ["käse"])
     (folder / "names.json").write_text("[{]", encoding="utf-8")
@@ -115,7 +115,7 @@ def test_who_we_are_is_what_the_environment_says(folder: Path, monkeypatch: pyte
     assert current() is None
     with pytest.raises(UsageError, match="tls/x:1 asks who you are"):
         needed("tls/x:1")
-    fleet = Fleet(folder)
+    fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
     fleet.issue("hub", {"field": ["*"]}, 1, [])
     monkeypatch.setenv(VARIABLE, str(folder / "anna"))
@@ -130,7 +130,7 @@ def test_who_we_are_is_what_the_environment_says(folder: Path, monkeypatch: pyte
 def test_a_folder_that_is_no_identity(folder: Path, tmp_path: Path):
     with pytest.raises(UsageError, match=r"has no ca\.pem that can be read"):
         Identity(str(tmp_path))
-    Fleet(folder).issue("operator", {"anna": ["*"]}, 1e-9, [])
+    Registry(folder).issue("operator", {"anna": ["*"]}, 1e-9, [])
     time.sleep(0.001)
     with pytest.raises(NotAllowed, match="expired on") as caught:
         Identity(str(folder / "anna"))

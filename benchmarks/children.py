@@ -10,9 +10,12 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Self
 
 PYTHON = (sys.executable, "-P", "-m")
+_TOP = {"PYTHONPATH": str(Path(__file__).parents[1])}
+"""Where a measuring process finds the package `benchmarks`, which is not installed."""
 _GRACE = 5.0
 
 
@@ -26,7 +29,7 @@ def process(
 ) -> Iterator[subprocess.Popen[bytes]]:
     """A process in a group of its own; what is left of the group is killed in the end."""
     started = subprocess.Popen(
-        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        command, env=_TOP | dict(environment), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     try:
@@ -53,7 +56,7 @@ class Worker:
         self._name = " ".join(command)
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in __exit__
         self._process = subprocess.Popen(
-            command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            command, env=_TOP | dict(environment), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=self._log, start_new_session=True,
         )  # fmt: skip
 

@@ -46,9 +46,9 @@ def main(realm: str, name: str, role: str) -> None:
         )
     arrivals = Arrivals()
     if role == "serve":
-        node.serve(TOGGLE_CAGE, lambda request: ToggleCageResponse(request.cage_on), at_once=True)
+        node.serve(TOGGLE_CAGE, lambda request: ToggleCageResponse(request.cage_on), inline=True)
     else:
-        node.listen(POSE, lambda message: arrivals.add(message.stamp), at_once=True)
+        node.listen(POSE, lambda message: arrivals.add(message.stamp), inline=True)
     node.ready()
     # The loop is the main thread's, as in every node; what the benchmark asks comes beside it.
     asked = {"take": arrivals.take, "rate": arrivals.rate}

@@ -131,7 +131,7 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
                 for name in client.call(get_params(each), GetParamsRequest([])).values:
                     yield from parameter(name, begun, vehicle)
     elif kind == "service":
-        for offer in client.offers():
+        for offer in client.endpoints():
             if offer.kind == "@srv":
                 yield from service(offer, begun, vehicle)
     else:
@@ -141,7 +141,7 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
 
 def _topics(client: Client) -> Iterator[str]:
     """The keys of those that are published, and of those that wait for whoever wants to publish."""
-    yield from (offer.key for offer in client.offers() if offer.kind == "@pub")
+    yield from (offer.key for offer in client.endpoints() if offer.kind == "@pub")
     for vehicle in client.vehicles() if client.vehicle == _ALL else [client.vehicle]:
         yield from (topic.key(vehicle) for topic in TOPICS if not topic.node)
 

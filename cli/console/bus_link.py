@@ -63,7 +63,7 @@ class Link:
     def look_around(self) -> None:
         """Read the processes and parameters now; raises where somebody does not answer."""
         client = self.client
-        nodes = sorted({offer.node for offer in client.offers() if offer.type == "GetParams"})
+        nodes = sorted({offer.node for offer in client.endpoints() if offer.type == "GetParams"})
         values: dict[str, Any] = {}
         problem: QuadctlError | None = None
         for node in nodes:
@@ -107,9 +107,12 @@ class Link:
 
     def _listen(self, client: Client) -> None:
         """Follow the vehicle; raises once the hub is gone."""
-        poses = client.hear(POSE, backlog=1)
-        readings = client.hear(PRESSURE, backlog=1)
-        states, asked = client.hear(STATE, backlog=_BACKLOG), client.hear(REQUEST, backlog=1)
+        poses = client.subscribe(POSE, backlog=1)
+        readings = client.subscribe(PRESSURE, backlog=1)
+        states, asked = (
+            client.subscribe(STATE, backlog=_BACKLOG),
+            client.subscribe(REQUEST, backlog=1),
+        )
         looked, self._client = 0.0, client
         with self._lock:
             self._board.problem = ""

@@ -151,7 +151,7 @@ class _Landing:
         return flight.pose.position if flight.pose else goal
 
     def _at_rest(self) -> Position:
-        poses = self._client.hear(POSE)
+        poses = self._client.subscribe(POSE)
         ends = time.monotonic() + _STOPPING
         while True:
             pose = poses.next(self._client.timeout)

@@ -62,7 +62,7 @@ class MissionFlight:
         self.record = Record(self._boot, mission.end, self.parameters["pressure.rate"])
         self._awaited, self._ended = len(NODES), threading.Event()
         topics: tuple[Topic[Any], ...] = (POSE, STATE, PRESSURE)
-        self._readings = client.hear(*topics, backlog=_BACKLOG)
+        self._readings = client.subscribe(*topics, backlog=_BACKLOG)
         self.rows: list[tuple[Row, FutureCall[Any, Any]]] = []
         self._ends: list[FutureCall[Any, Any]] = []
 

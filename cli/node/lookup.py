@@ -73,7 +73,7 @@ def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
 
 def see(client: Client | None, run: RunState | None) -> NodesSeen:
     """Look around."""
-    return NodesSeen(run, client.nodes(), client.offers()) if client else NodesSeen(run, [], [])
+    return NodesSeen(run, client.nodes(), client.endpoints()) if client else NodesSeen(run, [], [])
 
 
 def answering(seen: NodesSeen) -> list[ProcessRecord]:

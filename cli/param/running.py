@@ -20,7 +20,7 @@ from quadctl.services.runtime.run_files import UNSERVED, not_running
 
 def nodes_with_params(client: Client) -> list[str]:
     """The live nodes that have parameters."""
-    return sorted({offer.node for offer in client.offers() if offer.type == "GetParams"})
+    return sorted({offer.node for offer in client.endpoints() if offer.type == "GetParams"})
 
 
 def node_of(name: str, live: list[str]) -> str:

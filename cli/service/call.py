@@ -67,7 +67,7 @@ def key_of(client: Client, name: str) -> tuple[str, str]:
 
 def services(client: Client) -> list[EndpointInfo]:
     """The live services."""
-    return [offer for offer in client.offers() if offer.kind == "@srv"]
+    return [offer for offer in client.endpoints() if offer.kind == "@srv"]
 
 
 def unknown(client: Client, name: str) -> Invalid:

@@ -122,7 +122,7 @@ def echo(
 def _is_field(client: Client, key: str, topic: str) -> bool:
     """Whether a key means a field behind a topic of the vehicle: it may be somebody's own topic."""
     ours = checked_key(topic, client.vehicle).startswith(f"{client.vehicle}/")
-    return ours and all(offer.key != key for offer in client.offers())
+    return ours and all(offer.key != key for offer in client.endpoints())
 
 
 class _Echo:

@@ -19,7 +19,7 @@ def list_(options: Options) -> None:
     Example: quadctl topic list
     """
     with context.connect(options) as client:
-        offers = [offer for offer in client.offers() if offer.kind == "@pub"]
+        offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
     if options.json:
         output.document(
             [
@@ -45,9 +45,9 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
     options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
     with context.connect(options) as client:
-        outlet = client.outlet(key) if _may_publish(options, key) else None
+        outlet = client.raw_publisher(key) if _may_publish(options, key) else None
         # A round trip to the hub, which by its end has told of listeners too.
-        offers = [offer for offer in client.offers() if offer.kind == "@pub"]
+        offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
         # Over a network a hub tells of listeners those alone who may publish.
         heard = outlet.is_heard() if outlet else None
         declared = topic_of(key)

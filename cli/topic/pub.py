@@ -195,7 +195,7 @@ def _nobody(client: Client, key: str) -> QuadctlError:
     """That nobody listens, with the nearest name that there is."""
     nobody = f"nobody listened on {key} within {client.timeout:g} s: nothing was sent"
     try:
-        offers = client.offers(_LOOK)
+        offers = client.endpoints(_LOOK)
     except QuadctlError as other:
         return type(other)(f"{nobody}: {other.message}", other.hint)
     # Who listens is not announced: what is ours, or published, is likelier than another name.
@@ -211,7 +211,7 @@ def _send(
 ) -> int:
     """Send so many messages and return how many; they have reached the hub by then."""
     sent = 0
-    outlet = client.outlet(key, payload.encoding)
+    outlet = client.raw_publisher(key, payload.encoding)
     if wait and not outlet.wait_for_listener(client.timeout):
         if wanted is not None:
             raise _nobody(client, key)

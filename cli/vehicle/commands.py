@@ -23,7 +23,7 @@ def calibrate(
     """
     samples, spread = 0, 0.0
     with context.connect(options) as client:
-        readings = client.hear(PRESSURE) if not unset else None
+        readings = client.subscribe(PRESSURE) if not unset else None
         baseline = client.call(CALIBRATE, CalibrateRequest(zero=not unset)).baseline
         if readings is not None:
             reading = _reading_with(client, readings, baseline)

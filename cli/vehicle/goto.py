@@ -47,7 +47,7 @@ class Flight:
         self.distance, self.seconds = math.inf, 0.0
         self.goal, self._client = goal, client
         topics: tuple[Topic[Any], ...] = (STATE, POSE)
-        self._readings = client.hear(*topics)
+        self._readings = client.subscribe(*topics)
         self._began: float | None = None
         self._moving = False
 

@@ -43,7 +43,7 @@ def _watch(client: Client, *, as_json: bool) -> None:
 
 def _changes(client: Client) -> Iterator[SafetyState]:
     """The state now, and each other one; raises what Client.silent says where none comes."""
-    states = client.hear(STATE)
+    states = client.subscribe(STATE)
     now, told = client.latest(STATE), None
     waiting = list(iter(lambda: states.next(0), None))
     if now not in waiting:
@@ -65,7 +65,7 @@ def _changes(client: Client) -> Iterator[SafetyState]:
 
 def _with_poses(client: Client) -> Iterator[tuple[SafetyState, Pose]]:
     """Each of the changes with the newest pose."""
-    poses = client.hear(POSE)
+    poses = client.subscribe(POSE)
     pose = poses.next(client.timeout)
     if pose is None:
         raise client.silent(POSE.key(client.vehicle), poses.unread)

@@ -159,7 +159,7 @@ class SimulatedFlight:
         # A monitor that was let sleep has seen no pose meanwhile: here a gap says nothing.
         s = self.monitor.situation
         moving = s.state is State.MOVING
-        if self._following.look(self.monitor.pose, s.goal, moving=moving)[1]:
+        if self._following.observe(self.monitor.pose, s.goal, moving=moving)[1]:
             self.monitor.halted(STANDS)
 
     def _show(self, pose: Pose) -> None:

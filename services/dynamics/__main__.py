@@ -17,10 +17,12 @@ _compiler = BackgroundCompiler()
 
 def run(node: Node, params: Params) -> None:
     """Publish the pose at its rate; in missions and at speeds other than 1, in lock-step."""
-    for line in launch_lines(params.dynamics, node.like and node.like.dynamics):
+    for line in launch_lines(
+        params.dynamics, node.reference_params and node.reference_params.dynamics
+    ):
         node.log.info(line)
     # One vehicle in real time is no work, and the code would take more memory than all the rest.
-    if many := not node.alone or params.dynamics.speed != 1:
+    if many := not node.single or params.dynamics.speed != 1:
         _compiler.start()
     simulation = Simulation(node, params, _compiler.single if many else None)
 

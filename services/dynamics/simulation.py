@@ -115,7 +115,7 @@ class Simulation:
         )
         self._setpoints = node.listen(SETPOINT, self._follow)
         # They are followed from the next tick on, so they need not wake us before it.
-        self._setpoints.rest(math.inf)
+        self._setpoints.defer_wakeups(math.inf)
 
     def reset(self, name: str) -> None:
         """Begin anew, by a given name or one of its own, and show it."""
@@ -161,7 +161,7 @@ class Simulation:
 
     def tell_time(self) -> None:
         """Have the calls executed that were held for this pose."""
-        self._node.clock(self._boot, self._stamp)
+        self._node.advance_sim_time(self._boot, self._stamp)
 
     def publish(self) -> None:
         """Publish the pose as it is.

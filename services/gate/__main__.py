@@ -18,7 +18,7 @@ _LOOKS = 5.0
 
 def run(node: Node, params: Params) -> None:
     """Route until stopped, or until the list of names is another one."""
-    if not node.first:
+    if not node.is_first:
         node.spin()
         return
     listen, join = secure(params.hub.listen), secure(params.hub.connect)

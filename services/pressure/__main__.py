@@ -79,7 +79,7 @@ class Output:
         )
         self._begun = time.monotonic()
         node.on_params = self.tell_fault
-        node.serve(CALIBRATE, self._calibrate, at_once=True)
+        node.serve(CALIBRATE, self._calibrate, inline=True)
 
     def begin(self) -> None:
         """Begin anew with all that is random, and with no reading yet; the baseline stays."""
@@ -134,7 +134,7 @@ class Rhythm:
         self._poses = node.listen(POSE, self._on_pose, _DEPTH)
         if self._in_real_time:
             # The poses that come between two readings need wake nobody.
-            self._poses.rest(math.inf)
+            self._poses.defer_wakeups(math.inf)
         self._output.tell_fault()
 
     def run(self) -> None:
@@ -157,7 +157,7 @@ class Rhythm:
     def _on_pose(self, pose: Pose) -> None:
         if pose.boot != self._boot:
             self._boot, self._last = pose.boot, -1
-            self._node.clock(pose.boot, 0.0)
+            self._node.advance_sim_time(pose.boot, 0.0)
             if not self._in_real_time:
                 # Equal flights read alike.
                 self._output.begin()
@@ -165,12 +165,14 @@ class Rhythm:
         if now != self._last and not self._in_real_time:
             self._last, self._by_poses = now, True
             self._output.read(pose.stamp, pose)
-        self._node.clock(pose.boot, pose.stamp)
+        self._node.advance_sim_time(pose.boot, pose.stamp)
 
 
 def run(node: Node, params: Params) -> None:
     """Publish readings: at the vehicle's height from the first pose on, or of a real sensor."""
-    for line in launch_lines(params.pressure, node.like and node.like.pressure):
+    for line in launch_lines(
+        params.pressure, node.reference_params and node.reference_params.pressure
+    ):
         node.log.info(line)
     if node.restarted:
         node.log.warning("restarted: the baseline is 0 again")

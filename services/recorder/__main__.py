@@ -53,7 +53,7 @@ class Attendant:
         # The attendant holds the other end: it is closed however that one ends.
         while os.read(0, 1 << 10):
             pass
-        self._node.loop.stop()
+        self._node.executor.stop()
 
 
 _FLUSHES = 4.0
@@ -124,7 +124,7 @@ def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> 
 
     Of several vehicles' nodes the first one records, for all.
     """
-    if not node.first:
+    if not node.is_first:
         node.spin()
         return
     if not options.output:
@@ -159,7 +159,7 @@ def _record(
         if count % _FLUSHES == 0 or recording.connected is not before:
             tell(recording.facts("recording"))
         if now >= end:
-            node.loop.stop()
+            node.executor.stop()
     tap.settle()
     _write(recording, tap)
     recording.end()

@@ -88,10 +88,10 @@ def _run(
                     if time.monotonic() > patience:
                         raise
                 else:
-                    ending.end_with(crew.stop)
+                    ending.on_shutdown(crew.stop)
                     again = _again(crew)
                     patience = time.monotonic() + _FORGOTTEN
-            again = again and not ending.came_within(_REST)
+            again = again and not ending.wait(_REST)
     return 0
 
 
@@ -125,14 +125,16 @@ def _executor_of(
 ) -> MultiNodeExecutor:
     """The service of every vehicle, about to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
-    alone = len(fleet) == 1
-    crew, first = MultiNodeExecutor(alone=alone), next(iter(fleet.values()))
+    single = len(fleet) == 1
+    crew, first = MultiNodeExecutor(single=single), next(iter(fleet.values()))
     for vehicle, params in fleet.items():
         like = None if params is first else first
-        loop = crew.loop()
-        node = Node(name, vehicle, opened, loop, restarted=restarted, like=like, alone=alone)
+        loop = crew.new_executor()
+        node = Node(
+            name, vehicle, opened, loop, restarted=restarted, reference_params=like, single=single
+        )
         _serve_params(node, params, realm)
-        crew.take(loop, partial(run, node, params))
+        crew.add_node(loop, partial(run, node, params))
     return crew
 
 

@@ -74,7 +74,7 @@ class Executor:
         self._turn.acquire()
         self.stopping = False
 
-    def at_once(self, item: Item) -> None:
+    def run_inline(self, item: Item) -> None:
         """Have something done on this thread while the loop sleeps, else soon, in its order.
 
         It must not wait for anything: this may be the thread by which that would come.
@@ -107,11 +107,11 @@ class Executor:
         self._retimed = True
         self.post(lambda: None)
 
-    def attend(self, source: Callable[[], None]) -> None:
+    def add_poller(self, source: Callable[[], None]) -> None:
         """Call this before every tick and call: it takes in what has come without waking us."""
         self._sources.append(source)
 
-    def catch_up(self) -> None:
+    def poll(self) -> None:
         """Take in what has come."""
         for source in self._sources:
             source()
@@ -130,7 +130,7 @@ class Executor:
             if rate_now() != rate:
                 rate, start, count = rate_now(), last, 1
             elif now >= start + count / rate:
-                self.catch_up()
+                self.poll()
                 last = now
                 yield now
                 count += 1
@@ -147,7 +147,7 @@ class Executor:
         deadline = time.monotonic() + timeout
         # Counted first: what comes between the two would wake nobody and not be seen.
         self.waits += 1
-        self.catch_up()
+        self.poll()
         try:
             while not condition():
                 if self.stopping or not self._serve_one(deadline):
@@ -203,9 +203,9 @@ class MultiNodeExecutor:
     they do in it.
     """
 
-    def __init__(self, *, alone: bool) -> None:
-        """Of one service `alone`, which has the thread for itself, or of several."""
-        self._alone = alone
+    def __init__(self, *, single: bool) -> None:
+        """Of a `single` service, which has the thread for itself, or of several."""
+        self._single = single
         self._runs: list[tuple[Executor, Callable[[], None]]] = []
         self._berths: list[_GreenletQueue] = []
         self._errors: list[BaseException] = []
@@ -214,15 +214,15 @@ class MultiNodeExecutor:
         self._numbers = count()
         self._origin = time.monotonic()
 
-    def loop(self) -> Executor:
+    def new_executor(self) -> Executor:
         """A loop for one of them."""
-        if self._alone:
+        if self._single:
             return Executor()
         berth = _GreenletQueue(self._roused.put, self._sleep)
         self._berths.append(berth)
         return Executor(berth, self._origin)
 
-    def take(self, loop: Executor, run: Callable[[], None]) -> None:
+    def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add one; `run` is to return when its loop is stopped."""
         self._runs.append((loop, run))
 
@@ -233,7 +233,7 @@ class MultiNodeExecutor:
 
     def run(self) -> None:
         """Run all until they have ended; raises what one of them raised."""
-        if self._alone:
+        if self._single:
             self._runs[0][1]()
             return
         from greenlet import greenlet

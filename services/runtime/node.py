@@ -34,28 +34,28 @@ class Node:
         name: str,
         vehicle: str,
         session: zenoh.Session,
-        loop: Executor | None = None,
+        executor: Executor | None = None,
         *,
         restarted: bool = False,
-        like: Params | None = None,
-        alone: bool = True,
+        reference_params: Params | None = None,
+        single: bool = True,
     ) -> None:
         """`restarted` says that the supervisor started this process in a dead one's place.
 
-        `like` are the parameters of a process's first vehicle, where this is another; `alone` is the
-        node of its only one.
+        `reference_params` are those of a process's first vehicle, where this is another; `single` says
+        that it has no other.
 
         Raises AlreadyServed when another process is this node.
         """
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
-        self.like, self.alone = like, alone
+        self.reference_params, self.single = reference_params, single
         self._others = liveliness.offers(session, vehicle)
         if name in liveliness.nodes(session, vehicle):
             raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
         log = logging.getLogger(name)
-        self.log = log if alone else _Of(vehicle, log)
+        self.log = log if single else _Of(vehicle, log)
         self._session = session
-        self.loop = loop or Executor()
+        self.executor = executor or Executor()
         self._declared: list[Any] = []
         self._offers: list[Callable[[], keyexpr.EndpointInfo]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -90,20 +90,20 @@ class Node:
         handler: Callable[[M], None] | None = None,
         depth: int = _DEPTH,
         *,
-        at_once: bool = False,
+        inline: bool = False,
     ) -> Subscription[M]:
         """Hear a topic; the handler, where there is one, is called on the loop's turn.
 
-        With `at_once` it is called sooner, as it may be that waits for nothing.
+        With `inline` it is called sooner, as it may be that waits for nothing.
         """
 
         def awaited() -> bool:
-            return self.loop.waits > 0 or self._schedule.holding
+            return self.executor.waits > 0 or self._schedule.holding
 
-        post = self.loop.post
-        now = self.loop.at_once if at_once else post
+        post = self.executor.post
+        now = self.executor.run_inline if inline else post
         subscription = Subscription(topic, post, now, awaited, handler, depth)
-        self.loop.attend(subscription.catch_up)
+        self.executor.add_poller(subscription.poll)
         self._declared.append(
             self._session.declare_subscriber(
                 topic.key(self.vehicle),
@@ -117,11 +117,11 @@ class Node:
         return RecorderSubscriber(self._session, keys)
 
     def serve(
-        self, service: Service[Q, R], handler: Callable[[Q], R], *, at_once: bool = False
+        self, service: Service[Q, R], handler: Callable[[Q], R], *, inline: bool = False
     ) -> Server[Q, R]:
         """Answer a service; the handler is called on the loop's turn and may raise a QuadctlError.
 
-        With `at_once` it is called sooner, as it may be that waits for nothing.
+        With `inline` it is called sooner, as it may be that waits for nothing.
 
         Raises AlreadyServed when another node answers it.
         """
@@ -133,17 +133,17 @@ class Node:
         name, digest = service.type_name, codec.digest(service.request)
         offer = keyexpr.EndpointInfo("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
-        self._answer_queries(server.key, server.answer, at_once=at_once)
+        self._answer_queries(server.key, server.answer, inline=inline)
         return server
 
-    def clock(self, boot: str, stamp: float) -> None:
+    def advance_sim_time(self, boot: str, stamp: float) -> None:
         """It is `stamp` (simulated s) of `boot`: the calls held for that time are executed now."""
         self._schedule.advance(boot, stamp, time.time())
 
     @property
-    def first(self) -> bool:
+    def is_first(self) -> bool:
         """Whether this is the node of its process's first vehicle."""
-        return self.like is None
+        return self.reference_params is None
 
     @property
     def in_mission(self) -> bool:
@@ -157,7 +157,7 @@ class Node:
         """Tell the service, where it wants to know, that its parameters have new values."""
         if self.on_params is not None:
             self.on_params()
-        self.loop.retime()
+        self.executor.retime()
         if self._ready:
             self._announce()
 
@@ -177,26 +177,26 @@ class Node:
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
         """Announce the node; then as Loop.ticks, at a rate that parameters may change."""
         self.ready()
-        return self.loop.ticks(hz)
+        return self.executor.ticks(hz)
 
     def spin(self) -> None:
         """Serve the inbox until stopped, for a node with no rhythm of its own."""
         self.ready()
-        self.loop.spin()
+        self.executor.spin()
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
-        return self.loop.wait_for(condition, timeout)
+        return self.executor.wait_for(condition, timeout)
 
     @property
     def stopping(self) -> bool:
         """Whether the loop is to end."""
-        return self.loop.stopping
+        return self.executor.stopping
 
     def _answer_queries(
-        self, key: str, answer: Callable[[zenoh.Query], None], *, at_once: bool = False
+        self, key: str, answer: Callable[[zenoh.Query], None], *, inline: bool = False
     ) -> None:
-        take = self.loop.at_once if at_once else self.loop.post
+        take = self.executor.run_inline if inline else self.executor.post
 
         def on_query(query: zenoh.Query) -> None:
             zenoh_events.pin_thread_state()
@@ -204,7 +204,7 @@ class Node:
 
         def on_turn(query: zenoh.Query) -> None:
             # What was said before the question counts in the answer.
-            self.loop.catch_up()
+            self.executor.poll()
             answer(query)
 
         callback = zenoh.handlers.Callback(on_query, indirect=False)

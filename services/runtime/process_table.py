@@ -148,14 +148,14 @@ class RestartPolicy:
         """It replied to a ping."""
         self._answered = now
 
-    def excuse(self, now: float) -> None:
+    def reset_watchdog(self, now: float) -> None:
         """It could not have been heard until now."""
         if self._answered is not None:
             self._answered = now
         if self.state != "ready" and self._must_announce:
             self._started = now
 
-    def complaint(self, now: float, answer_timeout: float) -> str:
+    def timed_out(self, now: float, answer_timeout: float) -> str:
         """Why a running process has to be ended, empty when it does not."""
         if self.state != "ready":
             return (
@@ -164,7 +164,7 @@ class RestartPolicy:
         silent = self._answered is not None and now - self._answered > answer_timeout
         return f"no answer for {answer_timeout:g} s" if silent else ""
 
-    def died(self, now: float, code: int | None = None) -> float | None:
+    def on_exit(self, now: float, code: int | None = None) -> float | None:
         """It ended; returns after how many seconds to start it again, None to leave it down.
 
         With the exit code that says that another process has its name, it comes back whenever
@@ -188,7 +188,7 @@ class RestartPolicy:
         self.restarts += 1
         return _DELAYS[max(self._deaths - 1, 0)]
 
-    def asked(self) -> None:
+    def on_restart_request(self) -> None:
         """A restart was asked for: no death to be counted, and those before are forgotten."""
         self.state, self._deaths, self.taken = "restarting", 0, False
         self._ready_since = self._answered = None

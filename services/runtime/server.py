@@ -56,7 +56,7 @@ class Schedule:
         """The boot and the time in it (simulated s) last seen; "" and 0 before the first."""
         return self._boot, self._stamp
 
-    def hold(self, call: ScheduledCall) -> None:
+    def schedule(self, call: ScheduledCall) -> None:
         """Let a call wait; one for boot "" is for the boot that is now.
 
         Raises NotReady, Expired or Refused where it cannot.
@@ -122,7 +122,7 @@ class CallLog:
         self._service, self._schedule = service, schedule
         self._calls = Publisher(session, topic.key(vehicle), topic)
 
-    def tell(self, request: Struct, answer: tuple[bool, bytes], *, held: bool) -> None:
+    def publish(self, request: Struct, answer: tuple[bool, bytes], *, held: bool) -> None:
         """Tell of a request, and of the reply or error reply that it got, where anybody listens."""
         if not self._calls.is_heard:
             return
@@ -226,7 +226,7 @@ class Server(Generic[Q, R]):
             for waiting in self._held.pop(call.id):
                 self._reply(waiting, answer)
 
-        self._schedule.hold(ScheduledCall(call.boot, at, call.deadline, settle))
+        self._schedule.schedule(ScheduledCall(call.boot, at, call.deadline, settle))
         self._held[call.id] = [query]
 
     def _reply(self, query: zenoh.Query, answer: Answer) -> None:
@@ -248,7 +248,7 @@ class Server(Generic[Q, R]):
             return False, codec.encode_error(error)
         answer = self._handle(request)
         if self._journal is not None:
-            self._journal.tell(request, answer, held=call is not None and call.at is not None)
+            self._journal.publish(request, answer, held=call is not None and call.at is not None)
         return answer
 
     def _handle(self, request: Q) -> Answer:

@@ -23,7 +23,7 @@ class ShutdownEvent:
         self._came = threading.Event()
         self._stop: Callable[[], None] | None = None
 
-    def end_with(self, stop: Callable[[], None]) -> None:
+    def on_shutdown(self, stop: Callable[[], None]) -> None:
         """Have `stop` called when the process is to end, in place of what was said before."""
         first, self._stop = self._stop is None, stop
         if first:
@@ -31,7 +31,7 @@ class ShutdownEvent:
         elif self._came.is_set():
             stop()
 
-    def came_within(self, seconds: float) -> bool:
+    def wait(self, seconds: float) -> bool:
         """Wait for it that long; whether it has come."""
         return self._came.wait(seconds)
 

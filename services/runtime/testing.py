@@ -61,7 +61,7 @@ class FakeNode:
     ) -> None:
         self.name, self.vehicle, self.restarted = name, vehicle, False
         self.log = logging.getLogger(f"script.{name}")
-        self.stopping, self.in_mission, self.like = False, False, None
+        self.stopping, self.in_mission, self.reference_params = False, False, None
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
         self.said: list[Published] = []
@@ -94,7 +94,7 @@ class FakeNode:
     def ready(self) -> None:
         """Nobody looks."""
 
-    def clock(self, boot: str, stamp: float) -> None:
+    def advance_sim_time(self, boot: str, stamp: float) -> None:
         """It is that simulated time (s): what was called ahead for it is executed now."""
         self._now = (boot, stamp)
         self._boots.add(boot)
@@ -172,7 +172,7 @@ class FakeSubscription:
         """Seconds since the newest message; infinite before the first."""
         return time.monotonic() - self.received if self.value is not None else float("inf")
 
-    def rest(self, _seconds: float) -> None:
+    def defer_wakeups(self, _seconds: float) -> None:
         """There is nothing to rest from."""
 
     def take(self, message: Any) -> None:

@@ -58,16 +58,16 @@ class Safety:
         self._newest, self._deciding = self.monitor.pose, False
         self._following = TrackingMonitor()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
-        self._poses = node.listen(POSE, self._on_pose, at_once=True)
-        node.listen(REQUEST, self._on_waypoint, at_once=True)
+        self._poses = node.listen(POSE, self._on_pose, inline=True)
+        node.listen(REQUEST, self._on_waypoint, inline=True)
         node.on_params = self.monitor.resize
         self.publish()
 
     def serve(self) -> None:
         """Offer the services."""
         self._node.serve(GOTO, self._goto)
-        self._node.serve(HOLD, self._hold, at_once=True)
-        self._node.serve(TOGGLE_CAGE, self._toggle_cage, at_once=True)
+        self._node.serve(HOLD, self._hold, inline=True)
+        self._node.serve(TOGGLE_CAGE, self._toggle_cage, inline=True)
 
     def publish(self) -> None:
         """Publish the state as it is."""
@@ -89,7 +89,7 @@ class Safety:
             self._send_setpoint()
         s, limit = self.monitor.situation, self._params.dynamics.setpoint_timeout
         goal, moving = None if s.brake else s.goal, s.state is State.MOVING
-        gap, stands = self._following.look(self._newest, goal, moving=moving)
+        gap, stands = self._following.observe(self._newest, goal, moving=moving)
         if stands:
             self.monitor.halted(STANDS)
         elif gap > limit:
@@ -143,10 +143,10 @@ class Safety:
         self.monitor.see(pose)
         # The flight goes on with the first answer: it must say what all that was held decided.
         self._deciding = True
-        self._node.clock(pose.boot, pose.stamp)
+        self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
         self._send_setpoint()
-        self._poses.rest(self._rest)
+        self._poses.defer_wakeups(self._rest)
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self.monitor.ask(Position(waypoint.x, waypoint.y, waypoint.z))
@@ -194,7 +194,7 @@ def _log_launch(node: Node, params: Params) -> None:
     """The lab's lines: the cage as intervals, the rest as it is."""
     size = params.safety.virtual_cage
     intervals = bounds(CageSize(size.x, size.y, size.z))
-    for line in launch_lines(params.safety, node.like and node.like.safety):
+    for line in launch_lines(params.safety, node.reference_params and node.reference_params.safety):
         axis = line.removeprefix("Param: virtual cage ")[:1]
         if line.startswith("Param: virtual cage "):
             low, high = intervals[axis]

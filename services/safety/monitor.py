@@ -62,7 +62,7 @@ class TrackingMonitor:
         """The stamp (s) beyond which a vehicle that now stands still on its way is in trouble, else inf."""
         return inf if self._still_since is None else self._still_since + PATIENCE
 
-    def look(self, pose: Pose, goal: Position | None, *, moving: bool) -> tuple[float, bool]:
+    def observe(self, pose: Pose, goal: Position | None, *, moving: bool) -> tuple[float, bool]:
         """Return for how long (s) the vehicle has heard nothing, and whether it does not follow.
 
         `goal` is what it is told, None to brake; `moving` says that it is on its way. A goal that is

@@ -67,6 +67,7 @@ def test_a_bad_pose_stops_a_flight_with_its_reason(taught: Lab, sound: Bare, fau
     states, poses = sound.watch("uav/safety/state"), sound.watch("uav/pose")
     setpoints = sound.watch("uav/input/position")
     assert sound.call("goto", **FAR).value["accepted"]
+    states.until(lambda s: s["state"] == "MOVING")
     poses.until(lambda p: speed(p) > 1)
     assert taught.quadctl("fault", "inject", fault).code == 0
     stopped = states.until(

@@ -20,22 +20,22 @@ HERE = Path(__file__).parent
 HOUR = 3600
 TIME_OF_DAY = {"time", "time_ns", "datetime", "localtime", "gmtime", "ctime", "strftime"}
 MAY_ASK = {
-    "bus/ahead.py": "a call's deadline, which the contract has as Unix time",
     "bus/calls.py": "a call's deadline",
-    "bus/contact.py": "since when a command runs, to be compared with a process's start",
-    "bus/hearing.py": "the age of messages, which is only told",
-    "bus/surveyor.py": "the age of messages, and a call's deadline",
-    "bus/tap.py": "when a recording begins",
+    "bus/client.py": "since when a command runs, to be compared with a process's start",
+    "bus/raw.py": "when a recording begins",
+    "bus/scheduled_calls.py": "a call's deadline, which the contract has as Unix time",
+    "bus/streams.py": "the age of messages, which is only told",
+    "bus/survey.py": "the age of messages, and a call's deadline",
     "node.py": "the deadlines of calls that are held",
-    "serving.py": "a call's deadline",
-    "run/lines.py": "when a line was logged",
-    "run/logs.py": "when a line was logged",
-    "run/row.py": "when a process was started, which is only told",
-    "run/sweep.py": "a name that no other run has",
-    "secure/authority.py": "until when a certificate holds",
-    "secure/fleet.py": "until when a certificate holds",
-    "secure/gate.py": "until when a certificate holds",
-    "secure/identity.py": "until when a certificate holds",
+    "security/access_control.py": "until when a certificate holds",
+    "security/authority.py": "until when a certificate holds",
+    "security/identity.py": "until when a certificate holds",
+    "security/registry.py": "until when a certificate holds",
+    "server.py": "a call's deadline",
+    "supervisor/child.py": "when a line was logged",
+    "supervisor/descendants.py": "a name that no other run has",
+    "supervisor/logs.py": "when a line was logged",
+    "supervisor/supervisor.py": "when a process was started, which is only told",
 }
 
 

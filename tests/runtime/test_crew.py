@@ -14,10 +14,10 @@ class Few:
     """A crew of several whose services are written down as functions of their loop."""
 
     def __init__(self, *runs: Callable[[Executor], None]) -> None:
-        self.crew = MultiNodeExecutor(alone=False)
-        self.loops = [self.crew.loop() for _ in runs]
+        self.crew = MultiNodeExecutor(single=False)
+        self.loops = [self.crew.new_executor() for _ in runs]
         for loop, run in zip(self.loops, runs, strict=True):
-            self.crew.take(loop, partial(run, loop))
+            self.crew.add_node(loop, partial(run, loop))
 
 
 @pytest.fixture
@@ -135,8 +135,8 @@ def test_stopped_from_another_thread_all_end(later):
 
 
 def test_one_alone_has_the_thread_for_itself():
-    crew, ran = MultiNodeExecutor(alone=True), list[str]()
-    loop = crew.loop()
-    crew.take(loop, lambda: ran.append(threading.current_thread().name))
+    crew, ran = MultiNodeExecutor(single=True), list[str]()
+    loop = crew.new_executor()
+    crew.add_node(loop, lambda: ran.append(threading.current_thread().name))
     crew.run()
     assert ran == [threading.main_thread().name]

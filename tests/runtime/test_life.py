@@ -29,7 +29,7 @@ class Child:
         if ready_for is not None:
             self.life.ready(self.now)
             self.now += ready_for
-        return self.life.died(self.now)
+        return self.life.on_exit(self.now)
 
 
 @pytest.mark.parametrize("ready_for", [None, 0.0, 1.99])
@@ -88,7 +88,7 @@ def test_it_is_starting_then_ready_then_restarting():
     life.started(0.0)
     life.ready(1.0)
     assert life.state == "ready"
-    life.died(5.0)
+    life.on_exit(5.0)
     assert life.state == "restarting"
     life.started(5.0)
     life.ready(6.0)
@@ -100,82 +100,82 @@ def test_readiness_said_twice_counts_from_the_first():
     life.started(0.0)
     life.ready(1.0)
     life.ready(11.5)
-    life.died(11.5)
+    life.on_exit(11.5)
     for _ in range(4):
-        assert life.died(12.0) is not None
-    assert life.died(12.0) is None
+        assert life.on_exit(12.0) is not None
+    assert life.on_exit(12.0) is None
 
 
 def test_one_that_does_not_become_ready_is_complained_of():
     life = RestartPolicy()
     life.started(5.0)
-    assert life.complaint(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
-    assert life.complaint(5.0 + START_TIMEOUT, TIMEOUT) == "not ready in 10 s"
+    assert life.timed_out(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
+    assert life.timed_out(5.0 + START_TIMEOUT, TIMEOUT) == "not ready in 10 s"
     life.started(20.0)
-    assert life.complaint(21.0, TIMEOUT) == ""
+    assert life.timed_out(21.0, TIMEOUT) == ""
 
 
 def test_silence_counts_from_the_first_answer_on():
     life = RestartPolicy()
     life.started(0.0)
     life.ready(1.0)
-    assert life.complaint(100.0, TIMEOUT) == ""
+    assert life.timed_out(100.0, TIMEOUT) == ""
     life.answered(100.0)
-    assert life.complaint(102.0, TIMEOUT) == ""
-    assert life.complaint(102.01, TIMEOUT) == "no answer for 2 s"
+    assert life.timed_out(102.0, TIMEOUT) == ""
+    assert life.timed_out(102.01, TIMEOUT) == "no answer for 2 s"
     life.answered(102.01)
-    assert life.complaint(103.0, TIMEOUT) == ""
+    assert life.timed_out(103.0, TIMEOUT) == ""
     # The next process of that name has not answered yet, so is not silent either.
-    life.died(103.0)
+    life.on_exit(103.0)
     life.started(103.0)
     life.ready(104.0)
-    assert life.complaint(200.0, TIMEOUT) == ""
+    assert life.timed_out(200.0, TIMEOUT) == ""
 
 
 def test_the_silence_of_one_that_must_answer_counts_from_its_readiness_on():
     life = RestartPolicy(must_answer=True)
     life.started(0.0)
-    assert life.complaint(9.0, TIMEOUT) == ""
+    assert life.timed_out(9.0, TIMEOUT) == ""
     life.ready(9.0)
-    assert life.complaint(11.0, TIMEOUT) == ""
-    assert life.complaint(11.01, TIMEOUT) == "no answer for 2 s"
-    life.died(11.01)
+    assert life.timed_out(11.0, TIMEOUT) == ""
+    assert life.timed_out(11.01, TIMEOUT) == "no answer for 2 s"
+    life.on_exit(11.01)
     life.started(11.01)
-    assert life.complaint(20.0, TIMEOUT) == ""
+    assert life.timed_out(20.0, TIMEOUT) == ""
 
 
 def test_who_could_not_be_heard_is_excused():
     life = RestartPolicy()
     life.started(0.0)
-    life.excuse(9.0)
-    assert life.complaint(15.0, TIMEOUT) == ""
-    assert life.complaint(19.0, TIMEOUT) == "not ready in 10 s"
+    life.reset_watchdog(9.0)
+    assert life.timed_out(15.0, TIMEOUT) == ""
+    assert life.timed_out(19.0, TIMEOUT) == "not ready in 10 s"
     life.ready(19.0)
-    life.excuse(30.0)
-    assert life.complaint(300.0, TIMEOUT) == ""
+    life.reset_watchdog(30.0)
+    assert life.timed_out(300.0, TIMEOUT) == ""
     life.answered(300.0)
-    life.excuse(310.0)
-    assert life.complaint(311.0, TIMEOUT) == ""
-    assert life.complaint(312.5, TIMEOUT) == "no answer for 2 s"
+    life.reset_watchdog(310.0)
+    assert life.timed_out(311.0, TIMEOUT) == ""
+    assert life.timed_out(312.5, TIMEOUT) == "no answer for 2 s"
 
 
 def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_delay():
     life = RestartPolicy()
     for _ in range(4):
-        life.died(1.0)
+        life.on_exit(1.0)
     for number in range(50):
         life.started(float(number))
-        assert life.died(float(number), 7) == 0.8
+        assert life.on_exit(float(number), 7) == 0.8
         assert (life.state, life.taken) == ("restarting", True)
     life.started(60.0)
     life.ready(60.0)
     assert not life.taken
-    assert life.died(60.0, 1) is None, "the deaths before still count"
+    assert life.on_exit(60.0, 1) is None, "the deaths before still count"
 
 
 def test_the_code_of_a_command_that_has_no_name_on_the_bus_means_nothing():
     life = RestartPolicy(must_announce=False)
-    assert [life.died(1.0, 7) for _ in range(5)][-1] is None
+    assert [life.on_exit(1.0, 7) for _ in range(5)][-1] is None
     assert not life.taken
 
 
@@ -185,7 +185,7 @@ def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment(
         one.started(1.0)
         one.runs(1.0 + SETTLED / 2)
         assert one.state == "starting"
-        one.excuse(1.0 + SETTLED / 2)
+        one.reset_watchdog(1.0 + SETTLED / 2)
         one.runs(1.0 + SETTLED)
     assert (life.state, node.state) == ("ready", "starting")
 
@@ -193,6 +193,6 @@ def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment(
 def test_a_restart_that_was_asked_for_is_no_death_and_clears_them():
     child = Child()
     assert [child.lives(None) for _ in range(5)][-1] is None
-    child.life.asked()
+    child.life.on_restart_request()
     assert (child.life.state, child.life.restarts) == ("restarting", 5)
     assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]

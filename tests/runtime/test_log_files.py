@@ -97,19 +97,19 @@ def test_a_fault_is_not_looked_at_all_the_time(tmp_path: Path, monkeypatch: pyte
     probed: list[Path] = []
     monkeypatch.setattr(disk, "probe", probed.append)
     broken = DiskFault(tmp_path, lambda line: None)
-    assert broken.look(1.0) == ""
-    assert broken.attempt(lambda: None)
+    assert broken.probe(1.0) == ""
+    assert broken.try_write(lambda: None)
     (tmp_path / "file").touch()
-    assert not broken.attempt((tmp_path / "file" / "in it").touch)
-    assert broken.look(0.0) == ""
+    assert not broken.try_write((tmp_path / "file" / "in it").touch)
+    assert broken.probe(0.0) == ""
     assert probed == []
-    assert "can be written again; 0 lines" in broken.look(1e12)
+    assert "can be written again; 0 lines" in broken.probe(1e12)
     assert probed == [tmp_path]
 
 
 def test_a_folder_that_was_removed_is_no_fault_of_the_disk(tmp_path: Path):
     told: list[str] = []
-    assert not DiskFault(tmp_path, told.append).keep((tmp_path / "no" / "folder").touch)
+    assert not DiskFault(tmp_path, told.append).write((tmp_path / "no" / "folder").touch)
     assert told == []
 
 

@@ -37,7 +37,7 @@ class Asleep:
         assert done.wait(SOON)
         asleep = threading.Event()
         while not asleep.is_set():
-            self.loop.at_once(asleep.set)
+            self.loop.run_inline(asleep.set)
 
     def does(self, item: Callable[[Callable[[], None]], None]) -> int:
         """On which thread something is done that is handed to the loop so."""
@@ -66,7 +66,7 @@ def test_what_is_posted_is_done_by_the_loops_thread(asleep: Asleep):
 
 
 def test_while_the_loop_sleeps_what_is_at_once_is_done_by_who_brings_it(asleep: Asleep):
-    assert asleep.does(asleep.loop.at_once) == threading.get_ident()
+    assert asleep.does(asleep.loop.run_inline) == threading.get_ident()
 
 
 def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
@@ -79,9 +79,9 @@ def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
     asleep.loop.post(handler)
     assert busy.wait(SOON)
     done = list[int]()
-    asleep.loop.at_once(lambda: done.append(1))
+    asleep.loop.run_inline(lambda: done.append(1))
     assert done == []
-    asleep.loop.at_once(lambda: done.append(2))
+    asleep.loop.run_inline(lambda: done.append(2))
     end.set()
     asleep.settle()
     assert done == [1, 2]
@@ -89,7 +89,7 @@ def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
 
 def test_before_its_first_sleep_a_loop_has_the_turn():
     loop, done = Executor(), list[int]()
-    loop.at_once(lambda: done.append(1))
+    loop.run_inline(lambda: done.append(1))
     assert done == []
     loop.post(loop.stop)
     loop.spin()
@@ -101,7 +101,7 @@ def test_a_loop_that_waits_for_a_condition_sees_what_is_brought_at_once(asleep: 
     asleep.loop.post(lambda: seen.append(asleep.loop.wait_for(lambda: bool(brought), SOON)))
     while not asleep.loop.waits:
         pass
-    asleep.loop.at_once(lambda: brought.append(1))
+    asleep.loop.run_inline(lambda: brought.append(1))
     asleep.settle()
     assert seen == [True]
 
@@ -112,7 +112,7 @@ def test_what_fails_at_once_ends_the_loop_as_if_it_had_been_posted():
     def fail() -> None:
         raise ValueError("wrong")
 
-    made.loop.at_once(fail)
+    made.loop.run_inline(fail)
     made.thread.join(SOON)
     assert [str(error) for error in made.raised] == ["wrong"]
 

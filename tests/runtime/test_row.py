@@ -52,7 +52,7 @@ class Rig:
 
     def turn(self, now: float, *, deaf: bool = False) -> str:
         """Look at it; its state then."""
-        self.row.turn(now, deaf=deaf, answer_timeout=2.0)
+        self.row.update(now, deaf=deaf, answer_timeout=2.0)
         return self.row.life.state
 
     def said(self) -> list[str]:

@@ -36,7 +36,7 @@ class Clock:
         def settle(problem: QuadctlError | None) -> None:
             self.outcomes.append(Outcome(name, self.boot, self.stamp, problem))
 
-        self.schedule.hold(ScheduledCall(boot, at, deadline, settle))
+        self.schedule.schedule(ScheduledCall(boot, at, deadline, settle))
 
     @property
     def executed(self) -> list[tuple[int, float]]:
@@ -108,7 +108,7 @@ def test_after_its_deadline_a_call_is_dropped_whatever_it_waits_for():
 def test_a_call_that_holds_another_is_not_lost():
     clock = Clock()
     clock.to("a", 0.0)
-    clock.schedule.hold(ScheduledCall("a", 1.0, NEVER, lambda _: clock.hold(2, "a", 2.0)))
+    clock.schedule.schedule(ScheduledCall("a", 1.0, NEVER, lambda _: clock.hold(2, "a", 2.0)))
     clock.to("a", 1.0)
     clock.to("a", 2.0)
     assert clock.executed == [(2, 2.0)]

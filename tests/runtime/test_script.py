@@ -23,7 +23,7 @@ def diary(calls: list[Called], poses: int = 5, **params: float) -> list[str]:
 
         def on_pose(pose: Pose) -> None:
             lines.append(f"pose {pose.seq}")
-            node.clock(pose.boot, pose.stamp)
+            node.advance_sim_time(pose.boot, pose.stamp)
             out.put(Setpoint(pose.boot, pose.seq, pose.position, False))
 
         def on_hold(_request: HoldRequest) -> HoldResponse:

@@ -23,7 +23,7 @@ def look(
     moving: bool = True,
 ) -> str:
     pose = replace(POSE, boot=boot, stamp=stamp, velocity=velocity)
-    gap, stands = following.look(pose, goal, moving=moving)
+    gap, stands = following.observe(pose, goal, moving=moving)
     return STANDS if stands else f"{gap:.2g} s" if gap > LIMIT else ""
 
 

@@ -35,7 +35,7 @@ class ServiceClient(Generic[Q, R]):
             payload = codec.encode(request)
         except (OverflowError, TypeError) as error:
             raise Invalid(f"the request cannot be sent: {error}") from error
-        answer = self._asker.ask(payload, self._encoding, timeout, boot, again=again)
+        answer = self._asker.call(payload, self._encoding, timeout, boot, again=again)
         return codec.decode(self._service.response, *answer)
 
 
@@ -51,7 +51,7 @@ class RawServiceClient:
         )
         self._server = MatchingListener(self._querier)
 
-    def ask(
+    def call(
         self, payload: bytes, encoding: str, timeout: float, boot: str = "", *, again: bool = False
     ) -> tuple[bytes, str]:
         """Send one request; returns the reply and its encoding.

@@ -64,7 +64,7 @@ class HubConnection:
         """
         if not self._first & self._hubs():
             raise self._lost()
-        if self._breaks and self._breaks.any():
+        if self._breaks and self._breaks.fired():
             raise Unreachable(
                 "the connection to the hub was lost for a moment: what was sent then has not come",
                 "send it again; the hub was busy or frozen for longer than a second",
@@ -224,7 +224,7 @@ class Client:
         """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
         self.permit("call", key)
         try:
-            return RawServiceClient(self.session, key).ask(payload, encoding, self.timeout)
+            return RawServiceClient(self.session, key).call(payload, encoding, self.timeout)
         except Unreachable as problem:
             raise self.explained(problem) from problem
 
@@ -241,13 +241,13 @@ class Client:
 
     def first(self, topic: Topic[M]) -> M:
         """The next message of a topic."""
-        readings = self.hear(topic)
+        readings = self.subscribe(topic)
         message = readings.next(self.timeout)
         if message is None:
             raise self.silent(topic.key(self.vehicle), readings.unread)
         return message
 
-    def hear(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
+    def subscribe(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
         """Hear topics, decoded; up to `backlog` messages wait for their reader."""
         from quadctl.services.runtime.bus.streams import TypedSubscriber
 
@@ -307,7 +307,7 @@ class Client:
         said = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
         return Invalid(said, unread.hint)
 
-    def outlet(self, key: str, encoding: str = "") -> RawPublisher:
+    def raw_publisher(self, key: str, encoding: str = "") -> RawPublisher:
         """Publish on a key."""
         self.permit("publish", key)
         self._hub.watch()
@@ -350,7 +350,7 @@ class Client:
         """The vehicles that have a ready node; raises as `nodes`."""
         return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
-    def offers(self, timeout: float | None = None) -> list[keyexpr.EndpointInfo]:
+    def endpoints(self, timeout: float | None = None) -> list[keyexpr.EndpointInfo]:
         """The topics and services of the ready nodes; raises as `nodes`."""
         return self._hub.answered(
             liveliness.offers(self.session, self.vehicle, self._within(timeout))

@@ -65,7 +65,7 @@ def explain_unreachable(
         if key and connect:
             from quadctl.services.runtime.security import permissions
 
-            permissions.tell_apart(client.session, connect, key, client.offers(_LOOK))
+            permissions.tell_apart(client.session, connect, key, client.endpoints(_LOOK))
     except NotAllowed as denied:
         return denied
     except QuadctlError as other:
@@ -81,7 +81,7 @@ def explain_silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
     """
     came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
     try:
-        told = client.offers(_LOOK)
+        told = client.endpoints(_LOOK)
     except QuadctlError as other:
         return type(other)(f"{came}: {other.message}", other.hint)
     offers = [offer for offer in told if offer.kind == "@pub"]

@@ -78,19 +78,19 @@ class Subscription(Generic[M]):
         self,
         topic: Topic[M],
         post: Callable[[Callable[[], None]], None],
-        at_once: Callable[[Callable[[], None]], None],
+        run_inline: Callable[[Callable[[], None]], None],
         awaited: Callable[[], bool],
         handler: Callable[[M], None] | None,
         depth: int,
     ) -> None:
-        """`post` puts into the loop's inbox, and `at_once` does so where it must.
+        """`post` puts into the loop's inbox, and `run_inline` does so where it must.
 
         `awaited` says that the loop waits for a change.
         """
         self._value: M | None = None
         self._received = 0.0
         self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
-        self._at_once = at_once
+        self._run_inline = run_inline
         self._waiting: deque[tuple[float, bytes, str]] = deque(
             maxlen=_NEWEST if handler is None else depth
         )
@@ -134,13 +134,13 @@ class Subscription(Generic[M]):
             self._since, self._count = now, 0
         if not self._posted and (now >= self._rests_until or self._awaited()):
             self._posted = True
-            (self._post if self._flood else self._at_once)(self.catch_up)
+            (self._post if self._flood else self._run_inline)(self.poll)
 
-    def rest(self, seconds: float) -> None:
+    def defer_wakeups(self, seconds: float) -> None:
         """Let what comes within so many seconds wait for what comes next, a call or a tick."""
         self._rests_until = time.monotonic() + seconds
 
-    def catch_up(self) -> None:
+    def poll(self) -> None:
         """Hand what waits to the handler, and no more than that: a flood must not hold the loop."""
         self._posted = False
         if self._handler is None:
@@ -159,7 +159,7 @@ class Subscription(Generic[M]):
 
     def _gather(self) -> None:
         time.sleep(_GATHER)
-        self.catch_up()
+        self.poll()
 
     def _look(self) -> None:
         if self._handler is None and self._waiting:

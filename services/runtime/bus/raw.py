@@ -149,7 +149,7 @@ class RecorderSubscriber:
 
         One that is gone is waited for, and one that is back heard.
         """
-        return not self._breaks.any() and bool(self._session.info.routers_zid())
+        return not self._breaks.fired() and bool(self._session.info.routers_zid())
 
     @property
     def waiting(self) -> int:

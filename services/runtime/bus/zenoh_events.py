@@ -19,7 +19,7 @@ class DisconnectListener:
         channel: Any = zenoh.handlers.RingChannel(_KEPT)
         self._changes = session.info.declare_transport_events_listener(channel)
 
-    def any(self) -> bool:
+    def fired(self) -> bool:
         """Whether there was one since this was asked last."""
         found = False
         while (change := self._changes.try_recv()) is not None:

@@ -157,7 +157,7 @@ class RunDirectory:
         run = RunState(self.realm.name, os.getpid(), self._launch.vehicles, rows)
         run_files.write(self.realm, run)
 
-    def mend(self, tell: Callable[[str], None]) -> bool:
+    def repair(self, tell: Callable[[str], None]) -> bool:
         """Make the folder anew where somebody has removed it; whether it was made.
 
         Raises AlreadyServed where another run has taken the realm meanwhile.
@@ -170,7 +170,7 @@ class RunDirectory:
         try:
             self._lock.release()
             self._lock = hold(self.realm)
-            self._furnish()
+            self._write_files()
         except AlreadyServed:
             raise
         except (OSError, QuadctlError):
@@ -180,7 +180,7 @@ class RunDirectory:
         tell(f"{self.realm.folder} was made anew, with the parameters of the launch")
         return True
 
-    def leave(self) -> None:
+    def remove(self) -> None:
         """Remove the folder, unless it is another run's by now."""
         if not self._is_held:
             return
@@ -194,14 +194,14 @@ class RunDirectory:
             self.realm.clear()
             self.address = choose_address(self.realm, self._launch.params.hub.transport)
             logs.probe(self.realm.folder)
-            self._furnish()
+            self._write_files()
         except OSError as error:
             raise QuadctlError(
                 f"{self.realm.folder} cannot be written: {error.strerror}",
                 "make room on its disk, or set XDG_RUNTIME_DIR to a folder on another",
             ) from error
 
-    def _furnish(self) -> None:
+    def _write_files(self) -> None:
         live.save_all_values(self.realm, self._launch.fleet)
         write_atomically(self.realm.address, msgspec.json.encode(self.address))
 
@@ -210,9 +210,9 @@ class RunDirectory:
             with uninterrupted():
                 self._take()
         except BaseException:
-            self.leave()
+            self.remove()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.leave()
+        self.remove()

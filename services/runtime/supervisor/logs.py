@@ -23,14 +23,14 @@ class DiskFault:
         self._lost = 0
         self._next_probe = 0.0
 
-    def keep(self, write: Callable[[], object]) -> bool:
+    def write(self, write: Callable[[], object]) -> bool:
         """Write, unless the disk has a fault; counts what could not be written."""
-        if not self._fault and self.attempt(write):
+        if not self._fault and self.try_write(write):
             return True
         self._lost += 1
         return False
 
-    def attempt(self, write: Callable[[], object]) -> bool:
+    def try_write(self, write: Callable[[], object]) -> bool:
         """Write, even to a disk with a fault; whether it went well."""
         try:
             write()
@@ -47,12 +47,12 @@ class DiskFault:
             return False
         return True
 
-    def look(self, now: float) -> str:
+    def probe(self, now: float) -> str:
         """Once in a while, see whether the fault is over; what is then to be said, else empty."""
         if not self._fault or now < self._next_probe:
             return ""
         self._next_probe = now + _PROBE_EVERY
-        if not self.attempt(lambda: probe(self._folder)):
+        if not self.try_write(lambda: probe(self._folder)):
             return ""
         lost, self._fault, self._lost = self._lost, False, 0
         return f"{self._folder} can be written again; {lost} lines are not there"
@@ -161,13 +161,13 @@ class Logs:
             self._files[name] = LogFile(self._folder / f"{name}.log")
             self._last[name] = deque(maxlen=_LAST_LINES)
         file = self._files[name]
-        self.disk.keep(lambda: file.write(line))
+        self.disk.write(lambda: file.write(line))
         self._last[name].append(line)
         self._emit(name, line, time.time() if at is None else at)
 
     def look(self, now: float) -> None:
         """Once in a while, see whether the disk has room again."""
-        if said := self.disk.look(now):
+        if said := self.disk.probe(now):
             self.show("up", said)
 
     def last(self, name: str) -> str:

@@ -48,7 +48,7 @@ class ManagedProcess:
         life = self.life
         return ProcessRecord(self.process.name, pid, life.state, life.restarts, started)
 
-    def turn(self, now: float, *, deaf: bool, answer_timeout: float) -> None:
+    def update(self, now: float, *, deaf: bool, answer_timeout: float) -> None:
         """Start it when that is due, see whether it has ended, end it when it must be.
 
         `deaf` says that it could not have been heard lately.
@@ -58,7 +58,7 @@ class ManagedProcess:
                 self._start(now)
             return
         if self.child.exit_code() is not None:
-            self._bury(now)
+            self._reap(now)
             return
         if self._kill_at is not None:
             if now >= self._kill_at:
@@ -66,19 +66,19 @@ class ManagedProcess:
             return
         self.life.runs(now)
         if deaf:
-            self.life.excuse(now)
-        elif why := self.life.complaint(now, max(answer_timeout, self.process.patience)):
-            self._tell(f"{self.process.name}: {why}: killed")
+            self.life.reset_watchdog(now)
+        elif why := self.life.timed_out(now, max(answer_timeout, self.process.patience)):
+            self._log(f"{self.process.name}: {why}: killed")
             self.child.kill()
             self.child.wait(GRACE)
-            self._bury(now)
+            self._reap(now)
 
     def restart(self, now: float, why: str) -> None:
         """End it, where it runs, and start it anew at once."""
         if self._kill_at is not None:
             return
-        self._tell(f"{self.process.name}: {why}")
-        self.life.asked()
+        self._log(f"{self.process.name}: {why}")
+        self.life.on_restart_request()
         self._due = now
         if self.child is not None:
             self.child.terminate()
@@ -110,7 +110,7 @@ class ManagedProcess:
         self.life.started(now)
         self.child = self._spawn(self.process, self.life.restarts)
 
-    def _bury(self, now: float) -> None:
+    def _reap(self, now: float) -> None:
         child, asked, was_taken = self.child, self._kill_at is not None, self.life.taken
         if child is None:
             return
@@ -118,7 +118,7 @@ class ManagedProcess:
         child.kill()
         how = child.last_words()
         self.child = self._kill_at = None
-        delay = 0.0 if asked else self.life.died(now, child.exit_code())
+        delay = 0.0 if asked else self.life.on_exit(now, child.exit_code())
         self._due = None if delay is None else now + delay
         if was_taken and self.life.taken:
             self._held.clear()
@@ -130,9 +130,9 @@ class ManagedProcess:
         then = "left down" if delay is None else f"restarting in {delay:g} s"
         if self.life.taken:
             then = f"another process has its name; tried again every {delay:g} s"
-        self._tell(f"{self.process.name} ended ({how}): {then}")
+        self._log(f"{self.process.name} ended ({how}): {then}")
 
-    def _tell(self, line: str) -> None:
+    def _log(self, line: str) -> None:
         self._said.append(LogLine(time.time(), "up", line))
 
 
@@ -251,7 +251,7 @@ class Supervisor:
         for row in self._rows.values():
             # Behind a frozen hub all are silent; it comes first in the table, and is killed.
             deaf = asleep or (row.process.name != "hub" and not self._hub_is_ready())
-            row.turn(now, deaf=deaf, answer_timeout=self._launch.params.supervise.answer_timeout)
+            row.update(now, deaf=deaf, answer_timeout=self._launch.params.supervise.answer_timeout)
         self._show()
         self._write_record()
         self._logs.look(now)
@@ -263,7 +263,7 @@ class Supervisor:
     def _mend_home(self, now: float) -> None:
         hub = self._rows.get("hub")
         try:
-            made = self._home.mend(lambda line: self._logs.show("up", line))
+            made = self._home.repair(lambda line: self._logs.show("up", line))
         except AlreadyServed:
             # Asked to end, our hub would remove its socket, which is the other run's by now.
             if hub is not None and hub.child is not None:
@@ -314,7 +314,7 @@ class Supervisor:
     def _write_record(self) -> None:
         rows = self.rows()
         # Where the disk did not take it, the next look tries again.
-        if rows != self._written and self._logs.disk.attempt(lambda: self._home.write(rows)):
+        if rows != self._written and self._logs.disk.try_write(lambda: self._home.write(rows)):
             self._written = rows
 
     def _stop_all(self) -> None:

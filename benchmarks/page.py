@@ -9,8 +9,8 @@ from benchmarks.children import Failed
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, running
-from tests.console import chromium
-from tests.console.browser import Browser, Tab, browser
+from tests.support import chromium
+from tests.support.browser import Browser, Tab, browser
 
 _LIVE = "document.body?.dataset.link === 'live'"
 _SETTLED = 3.0

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import hypothesis
 import pytest
 
-from tests.console import chromium
-from tests.processes.bare import Bare
-from tests.processes.lab import PATIENT, Lab, private_lab
-from tests.proofs import Proofs
+from tests.support import chromium
+from tests.support.bare import Bare
+from tests.support.lab import PATIENT, Lab, private_lab
+from tests.support.proofs import Proofs
 
 PROOFS = pytest.StashKey[Proofs]()
 

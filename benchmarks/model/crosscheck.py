@@ -3,7 +3,7 @@
     python -m benchmarks.model.crosscheck [--write]
 
 Each peer flies in an environment of its own, below .cache, which is made when first needed. With
---write their flights are kept in tests/dynamics/data. Exit 1 where one of ours differs too much.
+--write their flights are kept in tests/unit/dynamics/data. Exit 1 where one of ours differs too much.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from benchmarks.model import environments
 from benchmarks.model.flown import fly
 from benchmarks.model.scenario import FLIGHTS, digest, peer
 
-DATA = environments.ROOT / "tests" / "dynamics" / "data"
+DATA = environments.ROOT / "tests" / "unit" / "dynamics" / "data"
 
 
 def main() -> int:

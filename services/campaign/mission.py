@@ -100,7 +100,7 @@ def text(row: Row) -> str:
         f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
         for name, value in values.items()
     )
-    return f"{type(row).__name__.removesuffix("Event").lower()} {said}".rstrip()
+    return f"{type(row).__name__.removesuffix('Event').lower()} {said}".rstrip()
 
 
 T = TypeVar("T")

@@ -5,8 +5,8 @@ import math
 import struct
 from typing import Any
 
-from tests.processes.lab import Lab
-from tests.processes.missions import fly, start
+from tests.support.lab import Lab
+from tests.support.missions import fly, start
 
 CAMPAIGN = ("campaign", "--flights", 1, "--seconds", 4, "--seed", 3)
 FAULTS = (*CAMPAIGN, "--faults", "--wind", 3)

@@ -5,10 +5,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tests.processes.bare import Bare
-from tests.processes.lab import PATIENT, Lab
+from tests.support.bare import Bare
+from tests.support.lab import PATIENT, Lab
 
-RECORDING = Path(__file__).parents[1] / "replay" / "cage.mcap"
+RECORDING = Path(__file__).parents[1] / "recording" / "data" / "cage.mcap"
 MISSION = """
 end = 0.5
 rows = [

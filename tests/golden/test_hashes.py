@@ -4,7 +4,7 @@ import pytest
 
 from tests.golden import data, hashes
 from tests.golden.differences import differences
-from tests.processes.lab import private_lab
+from tests.support.lab import private_lab
 
 RECORDED = data.read("hashes")
 

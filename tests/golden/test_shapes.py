@@ -4,7 +4,7 @@ import pytest
 
 from tests.golden import data, shapes
 from tests.golden.differences import differences
-from tests.processes.lab import private_lab
+from tests.support.lab import private_lab
 
 
 @pytest.mark.timeout(90)

@@ -11,8 +11,8 @@ import pytest
 from tests.golden import data
 from tests.golden.differences import differences
 from tests.golden.traffic import Nodes, ask, shape
-from tests.processes.bare import Bare, unpack
-from tests.processes.lab import NODES, PATIENT, Lab, private_lab
+from tests.support.bare import Bare, unpack
+from tests.support.lab import NODES, PATIENT, Lab, private_lab
 
 RECORDED = data.read("traffic")
 VOLATILE = ("payload",)

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 
 from tests.golden import data
-from tests.processes.bare import Bare
-from tests.processes.lab import PATIENT, private_lab
+from tests.support.bare import Bare
+from tests.support.lab import PATIENT, private_lab
 
 KEY = "uav/input/position_request"
 WAYPOINT = data.read("encoded")["types"]["Waypoint"]

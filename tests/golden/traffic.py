@@ -8,9 +8,9 @@ from typing import Any, Self
 import zenoh
 
 from tests.golden.shapes import tokens
-from tests.processes.bare import Bare, pack, unpack
-from tests.processes.lab import PATIENT, Lab
-from tests.processes.running import eventually
+from tests.support.bare import Bare, pack, unpack
+from tests.support.lab import PATIENT, Lab
+from tests.support.running import eventually
 
 TOPICS = ("uav/pose", "uav/sensors/pressure", "uav/safety/state", "uav/input/position", "uav/info")
 _PERIOD = 0.02

@@ -9,7 +9,7 @@ from typing import Any
 
 from tests.golden import contract, data, hashes, shapes, traffic
 from tests.golden.requests import requests
-from tests.processes.lab import private_lab
+from tests.support.lab import private_lab
 
 
 def main() -> None:

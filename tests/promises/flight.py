@@ -8,10 +8,10 @@ FLIGHT = (
         "refused by the command, at decoding and in the automaton; nothing changes, no process ends,"
         " the next sound call is answered",
         (
-            "tests/processes/test_exit_codes.py::test_commands_that_cannot_be_fail_by_their_codes",
-            "tests/safety/test_monitor.py::test_no_place_is_refused_even_with_the_cage_off",
-            "tests/processes/test_fuzz.py::test_nothing_wrong_is_taken_and_nothing_ends",
-            "tests/processes/test_fuzz.py::test_nor_in_a_hundred_thousand",
+            "tests/cli/test_exit_codes.py::test_commands_that_cannot_be_fail_by_their_codes",
+            "tests/unit/safety/test_monitor.py::test_no_place_is_refused_even_with_the_cage_off",
+            "tests/bus/test_fuzz.py::test_nothing_wrong_is_taken_and_nothing_ends",
+            "tests/bus/test_fuzz.py::test_nor_in_a_hundred_thousand",
         ),
         (Last("fuzzed payloads on every service and topic"),),
     ),
@@ -19,9 +19,9 @@ FLIGHT = (
         "a goal while another is being flown to",
         "answered as busy, exit 5; with `--replace` verified and flown",
         (
-            "tests/safety/test_rules.py::test_a_row_does_this",
-            "tests/safety/test_rules.py::test_no_mutant_of_the_table_survives",
-            "tests/processes/test_checkpoint_2.py::test_a_goal_while_moving_is_busy_until_replaced",
+            "tests/unit/safety/test_automaton.py::test_a_row_does_this",
+            "tests/unit/safety/test_automaton.py::test_no_mutant_of_the_table_survives",
+            "tests/flight/test_checkpoint_2.py::test_a_goal_while_moving_is_busy_until_replaced",
         ),
     ),
     Promise(
@@ -29,9 +29,9 @@ FLIGHT = (
         "the goal is verified again, and with it outside the vehicle stops and hovers; the reply comes"
         " after that",
         (
-            "tests/safety/test_exploration.py::test_never_moving_with_the_cage_on_and_the_goal_outside",
-            "tests/processes/test_checkpoint_4.py::test_turned_on_in_flight_to_a_goal_outside_the_vehicle_stops",
-            "tests/processes/test_checkpoint_4.py::test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on",
+            "tests/unit/safety/test_automaton.py::test_never_moving_with_the_cage_on_and_the_goal_outside",
+            "tests/flight/test_checkpoint_4.py::test_turned_on_in_flight_to_a_goal_outside_the_vehicle_stops",
+            "tests/flight/test_checkpoint_4.py::test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on",
         ),
     ),
     Promise(
@@ -39,26 +39,26 @@ FLIGHT = (
         "it comes on; the vehicle hovers where it is, takes goals inside alone, and comes nearer at"
         " every step",
         (
-            "tests/safety/test_guards.py::test_beyond_any_face_it_hovers_and_comes_back_by_goals_inside_alone",
-            "tests/campaign/test_return.py::test_it_hovers_in_place_takes_only_goals_inside_and_comes_nearer_at_every_step",
-            "tests/processes/test_checkpoint_4.py::test_refused_outside_then_reached_with_the_cage_off",
+            "tests/unit/safety/test_monitor_guards.py::test_beyond_any_face_it_hovers_and_comes_back_by_goals_inside_alone",
+            "tests/unit/campaign/test_batch.py::test_it_hovers_in_place_takes_only_goals_inside_and_comes_nearer_at_every_step",
+            "tests/flight/test_checkpoint_4.py::test_refused_outside_then_reached_with_the_cage_off",
         ),
     ),
     Promise(
         "the cage shrinks at run time",
         "as if it came on: goal outside, stop; vehicle outside, hover, and goals inside alone",
         (
-            "tests/processes/test_parameters_live.py::test_a_smaller_cage_holds_at_once",
-            "tests/processes/test_parameters_live.py::test_a_cage_that_shrinks_past_the_vehicle_lets_it_come_back_alone",
-            "tests/safety/test_monitor_stops.py::test_a_cage_that_shuts_the_goal_out_under_way_stops",
+            "tests/flight/test_parameters.py::test_a_smaller_cage_holds_at_once",
+            "tests/flight/test_parameters.py::test_a_cage_that_shrinks_past_the_vehicle_lets_it_come_back_alone",
+            "tests/unit/safety/test_monitor.py::test_a_cage_that_shuts_the_goal_out_under_way_stops",
         ),
     ),
     Promise(
         "a cage that comes on or shrinks around a sound vehicle",
         "the guard of the way does not stop it, in flight or hovering: it does what can be done",
         (
-            "tests/campaign/test_batch.py::test_a_cage_that_comes_on_or_shrinks_is_no_alarm",
-            "tests/processes/test_campaign.py::test_ten_thousand_flights",
+            "tests/unit/campaign/test_batch.py::test_a_cage_that_comes_on_or_shrinks_is_no_alarm",
+            "tests/flight/test_campaign.py::test_ten_thousand_flights",
         ),
         (Last("false alarms of the guard of the way in 10 000 flights"),),
     ),
@@ -67,9 +67,9 @@ FLIGHT = (
         "at most 10 mm out of the cage in still air, whatever is replaced when; the vector of"
         " acceleration keeps its limit, so a goal moved nearer may be passed, an older one is not",
         (
-            "tests/dynamics/test_replaced_goals.py::test_2000_flights_of_replaced_goals",
-            "tests/dynamics/test_setpoint.py::test_goals_moved_in_flight_are_not_passed_beyond_the_farthest",
-            "tests/dynamics/test_replaced_goals.py::test_50_000_flights_of_replaced_goals",
+            "tests/unit/dynamics/test_vehicle_goals.py::test_2000_flights_of_replaced_goals",
+            "tests/unit/dynamics/test_trajectory.py::test_goals_moved_in_flight_are_not_passed_beyond_the_farthest",
+            "tests/unit/dynamics/test_vehicle_goals.py::test_50_000_flights_of_replaced_goals",
         ),
         (Last("50 000 flights of replaced goals"),),
     ),
@@ -78,18 +78,18 @@ FLIGHT = (
         "they hold from the next standstill, and `param set` says so; at most 10 mm out of the cage."
         " What is unstable or cannot hold itself is refused, at launch and live, exit 6",
         (
-            "tests/processes/test_params_in_flight.py::test_no_value_takes_it_out_of_the_cage",
-            "tests/processes/test_parameters_live.py::test_what_is_set_in_flight_is_told_to_wait",
-            "tests/processes/test_parameters_live.py::test_a_vehicle_that_would_not_fly_is_refused",
+            "tests/flight/test_parameters.py::test_no_value_takes_it_out_of_the_cage",
+            "tests/flight/test_parameters.py::test_what_is_set_in_flight_is_told_to_wait",
+            "tests/flight/test_parameters.py::test_a_vehicle_that_would_not_fly_is_refused",
         ),
     ),
     Promise(
         "the way there leaves the cage",
         "the whole way is inside, of the setpoint too; from outside it leads towards the cage alone",
         (
-            "tests/safety/test_exploration.py::test_never_moving_with_the_cage_on_and_the_way_outside",
-            "tests/dynamics/test_moved_goals.py::test_the_setpoint_stays_inside_wherever_the_goal_moves",
-            "tests/safety/test_guards.py::test_the_way_back_comes_nearer_at_every_step",
+            "tests/unit/safety/test_automaton.py::test_never_moving_with_the_cage_on_and_the_way_outside",
+            "tests/unit/dynamics/test_trajectory.py::test_the_setpoint_stays_inside_wherever_the_goal_moves",
+            "tests/unit/safety/test_monitor_guards.py::test_the_way_back_comes_nearer_at_every_step",
         ),
     ),
     Promise(
@@ -97,9 +97,9 @@ FLIGHT = (
         "never more than 1 cm beyond the cage in still air, in wind within the declared margin; put"
         " outside by command, never beyond its stopping point of that instant",
         (
-            "tests/campaign/test_batch.py::test_no_flight_breaks_a_promise",
-            "tests/campaign/test_batch.py::test_a_broken_automaton_is_found",
-            "tests/processes/test_campaign.py::test_ten_thousand_flights",
+            "tests/unit/campaign/test_batch.py::test_no_flight_breaks_a_promise",
+            "tests/unit/campaign/test_batch.py::test_a_broken_automaton_is_found",
+            "tests/flight/test_campaign.py::test_ten_thousand_flights",
         ),
         (
             Last("10 000 flights of 60 s in still air", "still air"),
@@ -110,24 +110,24 @@ FLIGHT = (
         "a goal on the wall itself",
         "the wall belongs to the cage, decided to the last bit",
         (
-            "tests/safety/test_cage.py::test_a_face_belongs_to_the_cage_to_the_last_bit",
-            "tests/processes/test_checkpoint_2.py::test_the_boundary_belongs_to_the_cage",
+            "tests/unit/safety/test_cage.py::test_a_face_belongs_to_the_cage_to_the_last_bit",
+            "tests/flight/test_checkpoint_2.py::test_the_boundary_belongs_to_the_cage",
         ),
     ),
     Promise(
         "a cage too small to hold the vehicle",
         "less than 0.2 m is refused: in a file, on the command line, in flight",
         (
-            "tests/processes/test_bad_files.py::test_a_faulty_file_starts_nothing_and_says_where_it_is_wrong",
-            "tests/processes/test_parameters_live.py::test_a_bad_value_changes_nothing_even_beside_good_ones",
+            "tests/supervisor/test_bad_files.py::test_a_faulty_file_starts_nothing_and_says_where_it_is_wrong",
+            "tests/flight/test_parameters.py::test_a_bad_value_changes_nothing_even_beside_good_ones",
         ),
     ),
     Promise(
         "the first goal, or the start, lies outside the cage",
         "verified like any other: the vehicle stays on the ground, and safety says why",
         (
-            "tests/safety/test_monitor.py::test_a_take_off_out_of_the_cage_stays_on_the_ground_and_says_why",
-            "tests/processes/test_checkpoint_4.py::test_a_first_goal_outside_the_cage_leaves_the_vehicle_on_the_ground",
+            "tests/unit/safety/test_monitor.py::test_a_take_off_out_of_the_cage_stays_on_the_ground_and_says_why",
+            "tests/flight/test_checkpoint_4.py::test_a_first_goal_outside_the_cage_leaves_the_vehicle_on_the_ground",
         ),
     ),
     Promise(
@@ -135,18 +135,18 @@ FLIGHT = (
         "old ones are ignored by their stamp; one that would have taken more than the top speed stops"
         " the flight",
         (
-            "tests/safety/test_monitor_stops.py::test_an_old_or_reordered_pose_is_ignored",
-            "tests/safety/test_guards.py::test_a_pose_that_jumps_stops_the_vehicle",
-            "tests/processes/test_faults.py::test_a_bad_pose_stops_a_flight_with_its_reason",
+            "tests/unit/safety/test_monitor.py::test_an_old_or_reordered_pose_is_ignored",
+            "tests/unit/safety/test_monitor_guards.py::test_a_pose_that_jumps_stops_the_vehicle",
+            "tests/flight/test_faults.py::test_a_bad_pose_stops_a_flight_with_its_reason",
         ),
     ),
     Promise(
         "the wall clock jumps",
         "nothing in flight goes by it: an hour on or back, and the flight goes on, calls are answered",
         (
-            "tests/processes/test_wall_clock.py::test_an_hour_on_and_back_in_flight",
-            "tests/processes/test_wall_clock.py::test_what_flies_never_asks_for_the_time_of_day",
-            "tests/processes/test_wall_clock.py::test_of_all_that_runs_zenoh_too",
+            "tests/flight/test_wall_clock.py::test_an_hour_on_and_back_in_flight",
+            "tests/flight/test_wall_clock.py::test_what_flies_never_asks_for_the_time_of_day",
+            "tests/flight/test_wall_clock.py::test_of_all_that_runs_zenoh_too",
         ),
         (Last("the wall clock set an hour on and back"),),
     ),

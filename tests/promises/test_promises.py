@@ -5,7 +5,7 @@ import pytest
 from benchmarks import readme
 from tests.promises.entry import Promise
 from tests.promises.table import PROMISES, ROOT, is_long, owners, table
-from tests.proofs import read
+from tests.support.proofs import read
 
 
 def test_every_hazard_stands_there_once():
@@ -35,4 +35,4 @@ def test_every_figure_is_of_one_promise():
 def test_the_readme_has_the_table_that_is_made_from_all_this():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     made = readme.between(text, "proofs", table(read()))
-    assert text == made, "`python -m tests.proofs` makes it anew"
+    assert text == made, "`python -m tests.support.proofs` makes it anew"

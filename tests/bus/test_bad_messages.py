@@ -1,0 +1,213 @@
+"""Whatever a stranger sends, every service answers it, nothing changes, and nothing ends."""
+
+import itertools
+import math
+import random
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+import zenoh
+
+from tests.support.bare import Bare, pack
+from tests.support.lab import Lab
+
+KEYS = ("pose", "sensors/pressure", "safety/state")
+JUNK = (b"junk", b"", b"\xc1" * 30, pack({"stamp": 1.0}))
+FOREIGN = "application/msgpack;quadctl.Pose#ffffffff"
+
+
+@contextmanager
+def nonsense(bare: Bare, vehicle: str) -> Iterator[None]:
+    """A stranger who does not stop sending what nobody can read."""
+    enough = threading.Event()
+
+    def send() -> None:
+        # Not more than a node's own rate: a flood of it would stop a flight, and rightly so.
+        for name, payload in itertools.cycle(itertools.product(KEYS, JUNK)):
+            if enough.wait(0.005):
+                return
+            bare.session.put(f"{vehicle}/{name}", payload)
+            if payload == JUNK[0]:
+                bare.session.put(f"{vehicle}/pose", JUNK[-1], encoding=FOREIGN)
+                bare.session.put(f"{vehicle}/**", b"for all")
+
+    stranger = threading.Thread(target=send)
+    stranger.start()
+    try:
+        yield
+    finally:
+        enough.set()
+        stranger.join()
+
+
+@pytest.mark.parametrize(
+    "line", ["goto 1 -1 1", "calibrate", "state", "state --json", "goto -1 0.5 1 --replace"]
+)
+def test_a_command_waits_for_what_can_be_read(shared_lab: Lab, hover: Bare, line: str):
+    with nonsense(hover, "uav"):
+        done = shared_lab.quadctl(*line.split(), "--timeout", 10)
+    assert done == (0, done.out, "")
+
+
+def test_echo_says_so_once_and_goes_on(shared_lab: Lab, bare: Bare):
+    with nonsense(bare, "uav"):
+        done = shared_lab.quadctl("topic", "echo", "pose", "-n", 100, "--json", "--timeout", 10)
+    assert done.code == 0
+    assert len([row["seq"] for row in done.rows]) == 100
+    said = done.err.splitlines()
+    assert all(line.startswith("passed over a message on uav/pose: ") for line in said)
+    assert len(said) == 2, "one of a kind: no Pose at all, and one of another version"
+    assert any("schema mismatch" in line for line in said)
+
+
+def test_where_nothing_else_comes_the_error_says_what_came(shared_lab: Lab, bare: Bare):
+    lines = ["topic echo pose", "topic echo pose -n 1 --json"]
+    with nonsense(bare, "drone"):
+        done = shared_lab.each(lines, "--vehicle", "drone", "--timeout", "0.5")
+    for ended in done.values():
+        assert (ended.code, ended.out) == (6, "")
+        assert "nothing that can be read came within 0.5 s: drone/pose: " in ended.err
+
+
+def reply_with(query: zenoh.Query, payload: bytes) -> None:
+    with query:
+        query.reply(query.key_expr, payload)
+
+
+def test_a_strangers_reply_does_not_hide_the_state(shared_lab: Lab, bare: Bare):
+    liar = bare.session.declare_queryable(
+        "uav/safety/state", lambda query: reply_with(query, b"junk"), complete=True
+    )
+    for _ in range(3):
+        done = shared_lab.quadctl("cage", "show", "--json")
+        assert (done.code, done.json["on"]) == (0, True)
+    liar.undeclare()
+    alone = bare.session.declare_queryable(
+        "drone/safety/state", lambda query: reply_with(query, b"junk"), complete=True
+    )
+    said = shared_lab.quadctl("cage", "show", "--vehicle", "drone", "--timeout", 0.3, "--json")
+    assert (said.code, said.error["code"]) == (6, "invalid")
+    assert "drone/safety/state: not a valid SafetyState" in said.error["message"]
+    alone.undeclare()
+
+
+ERROR = "application/json;quadctl.Error"
+BAD: dict[str, list[Any]] = {
+    "goto": [
+        *({"x": bad, "y": 0.0, "z": 1.0} for bad in (math.nan, math.inf, -math.inf, 1e300, 10_001)),
+        {"x": 1.0, "y": math.nan, "z": 1.0},
+        {"x": 1.0, "y": 0.0},
+        {},
+        {"x": "1", "y": 0.0, "z": 1.0},
+        {"x": 1.0, "y": 0.0, "z": 1.0, "speed": 2.0},
+        {"x": 1.0, "y": 0.0, "z": 1.0, "replace": "yes"},
+        [1.0, 0.0, 1.0],
+        None,
+    ],
+    "calibrate_pressure": [{}, {"zero": 1}, {"zero": "true"}, {"zero": True, "more": 1}, True],
+    "toggle_cage": [{}, {"cage_on": 0}, {"cage_on": None}, {"cage_on": False, "more": 1}, [False]],
+    "hold": [{"now": True}, [], None, 7],
+    "reset": [{"now": True}, [], None, 7],
+    "safety/get_params": [{}, {"names": "safety"}, {"names": [1]}, {"names": ["safety.nonsense"]}],
+    "safety/set_params": [{}, {"values": []}, {"values": {1: 2}}],
+    "pressure/set_params": [{}, {"values": 1}],
+    "dynamics/set_params": [{}, {"values": None}],
+    "hub/get_params": [{"names": {}}, 3],
+}
+
+
+def condition(bare: Bare) -> Any:
+    """All that a bad call must not change."""
+    reading = bare.watch("uav/sensors/pressure").next()[0]
+    pose = bare.watch("uav/pose").next()[0]
+    state = {**bare.state(), "stamp": 0}
+    return state, reading["baseline"], pose["boot"], bare.call("safety/get_params", names=[]).value
+
+
+def pids(lab: Lab) -> dict[str, int]:
+    return {name: node["pid"] for name, node in lab.nodes().items()}
+
+
+@pytest.mark.parametrize("service", BAD)
+def test_a_request_that_cannot_be_is_answered_invalid_and_changes_nothing(
+    hover: Bare, service: str
+):
+    before = condition(hover)
+    for value in BAD[service]:
+        answer = hover.query(f"uav/@srv/{service}", pack(value))
+        assert (answer.ok, answer.encoding) == (False, ERROR), value
+        assert answer.code == "invalid", value
+        assert answer.value["message"]
+    assert condition(hover) == before
+
+
+def test_random_bytes_on_every_service_are_answered_and_change_nothing(
+    shared_lab: Lab, hover: Bare
+):
+    before, running = condition(hover), pids(shared_lab)
+    rng = random.Random(1)
+    valid = {
+        "x": 1.0,
+        "y": 0.0,
+        "z": 1.0,
+        "zero": True,
+        "cage_on": False,
+        "names": [],
+        "values": {},
+    }
+    for service in BAD:
+        for number in range(40):
+            junk = bytearray(rng.randbytes(rng.randrange(60)))
+            if number % 2:
+                junk = bytearray(pack(valid))
+                junk[rng.randrange(len(junk))] ^= 1 << rng.randrange(8)
+            answer = hover.query(f"uav/@srv/{service}", bytes(junk))
+            assert (answer.code, answer.encoding) == ("invalid", ERROR), (service, bytes(junk))
+    assert condition(hover) == before
+    assert pids(shared_lab) == running
+    assert hover.call("goto", x=0.5, y=0.0, z=1.0).value["accepted"]
+    assert hover.call("calibrate_pressure", zero=True).ok
+
+
+def test_random_bytes_on_every_topic_end_no_process(shared_lab: Lab, hover: Bare):
+    running, rng = pids(shared_lab), random.Random(2)
+    keys = ["pose", "sensors/pressure", "safety/state", "input/position_request", "input/position"]
+    for key in [*keys, "info", "anything"]:
+        for _ in range(100):
+            hover.session.put(f"uav/{key}", rng.randbytes(rng.randrange(60)))
+    for node in ("safety", "dynamics", "pressure"):
+        assert hover.call(f"{node}/get_params", names=[]).ok
+    assert hover.call("goto", x=0.5, y=0.0, z=1.0).value["accepted"]
+    assert pids(shared_lab) == running
+
+
+def test_poses_with_nan_and_infinity_do_not_reach_safety(hover: Bare):
+    pose = hover.watch("uav/pose").next()[0]
+    for bad in (math.nan, math.inf, 1e300):
+        forged = {**pose, "position": {"x": bad, "y": 0.0, "z": 1.0}}
+        hover.put("uav/pose", forged)
+    state = hover.state()
+    assert state["boot"] == pose["boot"]
+    assert all(math.isfinite(part) for part in state["goal"].values())
+    assert hover.call("goto", x=0.5, y=0.0, z=1.0).value["accepted"]
+
+
+def test_parameters_out_of_bounds_change_nothing(hover: Bare):
+    before = condition(hover)
+    for name, value in {
+        "virtual_cage.x": math.nan,
+        "virtual_cage.y": 0.0,
+        "acceptance_range": math.inf,
+        "cage_on": "yes",
+        "nonsense": 1.0,
+        "pose_timeout": [1],
+    }.items():
+        values = {"safety.virtual_cage.z": 3.0, f"safety.{name}": value}
+        reply = hover.call("safety/set_params", values=values)
+        assert reply.ok
+        assert reply.value["success"] is False
+        assert name.partition(".")[0] in reply.value["reason"]
+    assert condition(hover) == before

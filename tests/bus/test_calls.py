@@ -1,0 +1,243 @@
+"""How a service may be called: by its very key, its own schema, once, and in time."""
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import zenoh
+
+from quadctl.schemas.services import HoldResponse
+from quadctl.services.runtime.bus import codec
+from tests.support.bare import Answer, Bare, pack, ticket, unpack
+from tests.support.lab import Lab, private_lab
+from tests.support.running import Done
+
+GOTO = "uav/@srv/goto"
+GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
+
+
+class Waiting:
+    """A query beside the test, which is answered later."""
+
+    def __init__(self, bare: Bare, key: str, fields: dict[str, Any], attachment: bytes) -> None:
+        self._answers: list[Answer] = []
+
+        def ask() -> None:
+            answer = bare.query(key, pack(fields), timeout=10.0, attachment=attachment)
+            self._answers.append(answer)
+
+        self._thread = threading.Thread(target=ask, daemon=True)
+        self._thread.start()
+
+    def answer(self) -> Answer:
+        self._thread.join(15.0)
+        (answer,) = self._answers
+        return answer
+
+
+def arrived(bare: Bare, *nodes: str) -> None:
+    """Return when the nodes have taken up what was asked of them before; the ids must differ."""
+    for node in nodes:
+        assert bare.call(f"{node}/get_params", names=[]).ok
+
+
+def now(bare: Bare) -> float:
+    """Simulated time, s."""
+    stamp: float = bare.watch("uav/pose").next()[0]["stamp"]
+    return stamp
+
+
+def test_a_goto_is_held_until_its_time_and_decided_on_that_very_pose(hover: Bare):
+    states = hover.watch("uav/safety/state")
+    at = round(now(hover) + 0.73, 2)
+    waiting = Waiting(hover, GOTO, GOAL, ticket(30, at=at))
+    taken = states.until(lambda s: s["goal"] == GOAL and s["state"] == "MOVING")
+    # Safety steps on a pose every 50 ms.
+    assert at <= taken["stamp"] < at + 0.0501
+    assert waiting.answer().value == {"accepted": True, "reason": ""}
+
+
+def test_a_time_that_is_past_is_refused_and_a_reset_drops_what_is_held(hover: Bare):
+    before = hover.state()
+    past = hover.query(GOTO, pack(GOAL), attachment=ticket(30, at=0.0))
+    assert (past.ok, past.code) == (False, "expired")
+    held = ticket(30, "held", at=now(hover) + 60.0)
+    waiting = Waiting(hover, GOTO, GOAL, held)
+    # The same id is answered when the first one is: both wait for the same call.
+    states = hover.watch("uav/safety/state")
+    arrived(hover, "safety")
+    assert hover.call("reset").ok
+    anew = states.until(lambda s: s["boot"] != before["boot"])
+    assert anew["goal"] != GOAL
+    assert waiting.answer().code == "expired"
+
+
+def test_a_reset_begins_the_boot_that_it_names_once(hover: Bare):
+    poses = hover.watch("uav/pose")
+    named = hover.query("uav/@srv/reset", pack({}), attachment=ticket(30, boot="first"))
+    assert named.value == {"success": True}
+    poses.until(lambda p: (p["boot"], p["seq"]) == ("first", 0))
+    again = hover.query("uav/@srv/reset", pack({}), attachment=ticket(30, boot="first"))
+    assert (again.ok, again.code) == (False, "refused")
+
+
+def test_every_service_takes_a_time(hover: Bare):
+    at = now(hover) + 0.4
+    asked: list[tuple[str, dict[str, Any]]] = [
+        ("calibrate_pressure", {"zero": True}),
+        ("toggle_cage", {"cage_on": True}),
+        ("hold", {}),
+        ("dynamics/get_params", {"names": []}),
+    ]
+    waiting = [
+        Waiting(hover, f"uav/@srv/{name}", fields, ticket(30, at=at)) for name, fields in asked
+    ]
+    assert [one.answer().ok for one in waiting] == [True] * len(waiting)
+    later = ticket(30, at=now(hover) + 0.2)
+    assert Waiting(hover, "uav/@srv/reset", {}, later).answer().value == {"success": True}
+
+
+KEY = "red/@srv/hold"
+"""Of a vehicle that a bare program flies."""
+
+
+def hold(room: Lab) -> Done:
+    """The command, as from another machine."""
+    there = f"unixsock-stream/{room.home / 'hub.sock'}"
+    return room.quadctl("hold", "--vehicle", "red", "--connect", there)
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Lab]:
+    with private_lab() as made:
+        made.start()
+        yield made
+
+
+def test_what_got_no_answer_of_a_server_that_is_there_is_sent_again_with_its_id(room: Lab):
+    ids: list[str] = []
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            assert query.attachment is not None
+            ids.append(unpack(query.attachment.to_bytes())["id"])
+            if len(ids) > 2:
+                query.reply(KEY, pack({"success": True}), encoding=codec.encoding(HoldResponse))
+
+    with room.bare() as bare, bare.session.declare_queryable(KEY, answer, complete=True):
+        done = hold(room)
+    assert done.code == 0, done.err
+    assert ids == [ids[0]] * 3
+
+
+def test_a_server_that_ended_in_mid_call_is_not_asked_again(room: Lab):
+    asked: list[str] = []
+    servers: list[Any] = []
+
+    def ends(query: zenoh.Query) -> None:
+        asked.append("first")
+        servers.pop().undeclare()
+        query.drop()
+
+    with room.bare() as bare:
+        servers.append(bare.session.declare_queryable(KEY, ends, complete=True))
+        done = hold(room)
+    assert done.code == 3
+    assert "went away in mid-call: the outcome is unknown" in done.err
+    assert asked == ["first"]
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "uav/@srv/*",
+        "*/@srv/toggle_cage",
+        "uav/@srv/toggle$*",
+        "uav/@srv/**",
+        "uav/@srv/toggle_cag$*",
+    ],
+)
+def test_a_pattern_executes_nothing(hover: Bare, pattern: str):
+    answers = hover.answers(pattern, pack({"cage_on": False}))
+    assert not [answer for answer in answers if answer.ok]
+    assert {answer.code for answer in answers} <= {"invalid"}
+    state = hover.state()
+    assert (state["cage_on"], state["state"]) == (True, "HOVERING")
+
+
+def test_verbatim_services_are_not_found_by_double_stars(hover: Bare):
+    assert hover.answers("uav/**/toggle_cage", pack({"cage_on": False})) == []
+    assert hover.state()["cage_on"]
+
+
+def test_another_schema_is_refused_and_both_are_named(hover: Bare):
+    encoding = "application/msgpack;quadctl.GotoRequest#deadbeef"
+    answer = hover.query("uav/@srv/goto", pack(GOAL), encoding=encoding)
+    assert (answer.ok, answer.code) == (False, "invalid")
+    assert "GotoRequest#deadbeef" in answer.value["message"]
+    ours = answer.value["message"].rpartition("GotoRequest#")[2][:8]
+    assert ours != "deadbeef"
+    named = f"application/msgpack;quadctl.GotoRequest#{ours}"
+    assert hover.query("uav/@srv/goto", pack(GOAL), encoding=named).value["accepted"]
+
+
+def test_another_type_is_refused_and_no_digest_is_checked_by_fields(hover: Bare):
+    wrong = "application/msgpack;quadctl.HoldRequest"
+    assert hover.query("uav/@srv/goto", pack(GOAL), encoding=wrong).code == "invalid"
+    plain = "application/msgpack;quadctl.GotoRequest"
+    answer = hover.query("uav/@srv/goto", pack(GOAL), encoding=plain)
+    assert answer.value == {"accepted": True, "reason": ""}
+    assert answer.encoding.startswith("application/msgpack;quadctl.GotoResponse#")
+
+
+def test_a_topic_with_another_schema_is_not_taken(hover: Bare):
+    before = hover.state()["request"]
+    encoding = "application/msgpack;quadctl.Waypoint#deadbeef"
+    hover.session.put("uav/input/position_request", pack(GOAL), encoding=encoding)
+    assert hover.call("safety/get_params", names=[]).ok
+    assert hover.state()["request"] == before
+
+
+def test_the_same_id_is_executed_once_and_answered_alike(hover: Bare):
+    first, before = ticket(30), hover.state()["request"]
+    answers = [
+        hover.query("uav/@srv/goto", pack(GOAL | {"replace": True}), attachment=first)
+        for _ in range(3)
+    ]
+    assert [answer.value for answer in answers] == [{"accepted": True, "reason": ""}] * 3
+    assert hover.state()["request"] == before + 1
+    # A refusal is repeated too, though by now it would be granted.
+    second = ticket(30)
+    refused = hover.query("uav/@srv/goto", pack({"x": 9.0, "y": 0, "z": 1}), attachment=second)
+    assert not refused.value["accepted"]
+    hover.call("toggle_cage", cage_on=False)
+    assert hover.query("uav/@srv/goto", pack(GOAL), attachment=second) == refused
+
+
+def test_past_its_deadline_a_call_is_expired_and_not_executed(hover: Bare):
+    payload = pack({"cage_on": False})
+    late = hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(-0.1))
+    assert (late.ok, late.code) == (False, "expired")
+    assert hover.state()["cage_on"]
+    assert hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(10)).ok
+    assert not hover.state()["cage_on"]
+
+
+def test_an_id_answered_before_its_deadline_is_answered_after_it_too(hover: Bare):
+    payload = pack({"cage_on": False})
+    assert hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(30, "once")).ok
+    hover.call("toggle_cage", cage_on=True)
+    assert hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(-1, "once")).ok
+    assert hover.state()["cage_on"]
+
+
+@pytest.mark.parametrize("attachment", [b"", b"\xc1", pack({"id": "a"}), pack({"deadline": 1.0})])
+def test_a_broken_attachment_is_invalid_and_the_call_is_not_executed(
+    hover: Bare, attachment: bytes
+):
+    payload = pack({"cage_on": False})
+    answer = hover.query("uav/@srv/toggle_cage", payload, attachment=attachment)
+    if attachment:
+        assert (answer.ok, answer.code) == (False, "invalid")
+        assert hover.state()["cage_on"]

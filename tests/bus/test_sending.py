@@ -1,0 +1,75 @@
+"""What was sent to a hub that died or froze is not told as sent."""
+
+import signal
+import time
+
+import pytest
+
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import QuadctlError
+from tests.support.lab import NODES, Lab
+from tests.support.running import eventually
+
+
+def test_what_was_sent_to_a_hub_that_was_restarted_is_not_told_as_sent(lab: Lab):
+    lab.start("--set", "dynamics.start.z=1")
+    old = lab.nodes()["hub"]["pid"]
+    with lab.bare() as bare:
+        heard = bare.watch("own/key")
+        said = lab.spawn(*lab.command("topic", "pub", "own/key", "1", "-r", 20, "-n", 100_000))
+        heard.next(3)
+        lab.signal("hub", signal.SIGKILL)
+    lab.revived("hub", old)
+    assert said.wait() == 3, said.log
+    # The second, where it asked while the next hub was not there yet.
+    told = ("the hub was restarted meanwhile", "the connection to the hub is lost")
+    assert any(text in said.log for text in told), said.log
+
+
+def test_what_was_sent_while_the_hub_was_frozen_is_not_told_as_sent(lab: Lab):
+    lab.start("--set", "supervise.answer_timeout=20")
+    with lab.bare() as bare:
+        heard = bare.watch("own/key")
+        words = ("topic", "pub", "own/key", "1", "-r", 20, "-n", 100, "--timeout", 20)
+        said = lab.spawn(*lab.command(*words))
+        heard.next(3)
+        lab.signal("hub", signal.SIGSTOP)
+        # Whoever hears nothing of the hub for a second takes it for gone; it comes back.
+        eventually(lambda: not bare.session.info.routers_zid())
+        time.sleep(1.0)
+        lab.signal("hub", signal.SIGCONT)
+    assert said.wait() == 3, said.log
+    assert "the connection to the hub was lost for a moment" in said.log
+    assert lab.nodes()["hub"]["restarts"] == 0
+
+
+def test_ctrl_c_tells_what_may_be_lost(lab: Lab):
+    lab.start("--set", "dynamics.start.z=1")
+    old = lab.nodes()["hub"]["pid"]
+    with lab.bare() as bare:
+        heard = bare.watch("own/key")
+        words = ("topic", "pub", "own/key", "1", "-r", 20, "--timeout", 20)
+        said = lab.spawn(*lab.command(*words))
+        heard.next(3)
+        lab.signal("hub", signal.SIGKILL)
+        lab.revived("hub", old)
+        heard.next(3)
+    said.send(signal.SIGINT)
+    assert said.wait() == 130
+    assert "messages on own/key a part may be lost: " in said.log
+
+
+def test_a_replay_asks_the_hub_and_not_itself(lab: Lab, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
+    lab.start(*(f"--without={node}" for node in NODES if node != "hub"))
+    for _ in range(4):
+        eventually(lab.is_ready)
+        old = lab.nodes()["hub"]["pid"]
+        with Client(lab.realm, "uav") as client:
+            stage = client.stage({"uav/own": "text/plain"})
+            client.flush()
+            lab.signal("hub", signal.SIGKILL)
+            stage.put("uav/own", b"1", "text/plain")
+            with pytest.raises(QuadctlError):
+                client.flush()
+        lab.revived("hub", old)

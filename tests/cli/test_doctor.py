@@ -1,0 +1,264 @@
+"""doctor on real systems: all well, and each fault found, with the exit code for it."""
+
+import os
+import re
+import signal
+import subprocess
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import pytest
+import zenoh
+
+from tests.support.bare import Bare, pack
+from tests.support.doctored import Found, ask, frozen, glance
+from tests.support.lab import NODES, Lab, private_lab
+from tests.support.running import Done, eventually
+
+
+def test_at_another_speed_rates_are_of_simulated_time(lab: Lab):
+    lab.start("--set", "dynamics.speed=5")
+    found = ask(lab)
+    assert found.failed == set()
+    assert "(simulated time)" in found.checks["topic uav/pose"]["evidence"]
+
+
+def test_a_node_that_was_restarted_and_one_that_is_down(lab: Lab):
+    file = lab.file("[processes]\nextra = ['sh', '-c', 'echo no wings; exit 1']\n")
+    run = lab.spawn(*lab.command("up", file))
+    eventually(lambda: lab.nodes().get("extra", {}).get("state") == "down", 30.0)
+    eventually(lambda: lab.nodes()["safety"]["state"] == "ready")
+    lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
+    found = ask(lab)
+    assert "restarted once" in found.said("node pressure", "WARN")
+    assert "down" in found.said("node extra", "FAIL")
+    assert "no wings" in found.said("node extra", "FAIL")
+    assert "quadctl node logs extra" in found.checks["node extra"]["fix"]
+    assert found.failed == {"node extra"}
+    run.send(signal.SIGINT)
+    assert run.wait() == 130
+
+
+def test_a_run_that_died_is_a_fault_and_its_folder_a_leftover(lab: Lab):
+    lab.start("--without", "safety")
+    os.kill(lab.status()["pid"], signal.SIGKILL)
+    eventually(lambda: not lab.processes())
+    found = glance(lab)
+    assert found.failed == {"realm"}
+    assert "has died" in found.said("realm", "FAIL")
+    assert found.checks["realm"]["fix"].startswith("`quadctl up -d`")
+    other = glance(lab, "--realm", "other")
+    assert other.failed == set()
+    assert lab.realm in other.said("leftovers", "WARN")
+    lab.start()
+    glance(lab).said("realm", "PASS")
+
+
+def test_nodes_that_were_started_by_hand(lab: Lab):
+    hub = lab.spawn(*lab.command()[:2], "-m", "quadctl.services.hub")
+    bare = lab.first_bare()
+    eventually(lambda: bare.nodes() == ["hub"])
+    bare.session.close()
+    found = glance(lab)
+    assert "by hand" in found.said("realm", "WARN")
+    hub.send(signal.SIGTERM)
+    assert hub.wait() == 0
+    lab.start()
+
+
+NEED_THE_HUB = {
+    "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "barometer",
+    "parameters",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def patient() -> Iterator[Lab]:
+    """A lab whose supervisor leaves frozen processes alone."""
+    with private_lab() as made:
+        made.start("--set", "supervise.answer_timeout=60", "--set", "dynamics.start.z=1")
+        yield made
+
+
+def test_a_healthy_system_has_no_fault_and_is_not_changed(shared_lab: Lab, hover: Bare):
+    before = hover.state()
+    found = ask(shared_lab)
+    assert found.failed == set()
+    for name in ("realm", *(f"node {node}" for node in NODES), "hub answers", "announced"):
+        found.said(name, "PASS")
+    for name in (
+        "schemas",
+        "servers",
+        "publishers",
+        "barometer",
+        *(f"services of {node}" for node in NODES),
+    ):
+        found.said(name, "PASS")
+    for topic, hz in {
+        "uav/pose": 100,
+        "uav/sensors/pressure": 10,
+        "uav/input/position": 20,
+    }.items():
+        assert f"Hz of {hz}" in found.checks[f"topic {topic}"]["evidence"]
+    assert "dynamics.start.z is 1.0, there 0.0" in found.said("parameters", "WARN")
+    after = hover.state()
+    assert after | {"stamp": 0.0} == before | {"stamp": 0.0}
+
+
+def test_as_text_and_by_the_hubs_endpoint_alone(shared_lab: Lab):
+    said = shared_lab.quadctl("doctor", "--timeout", "10")
+    assert (said.code, said.err) == (0, "")
+    assert "\nPASS  hub answers: " in said.out
+    endpoint = f"unixsock-stream/{shared_lab.home / 'hub.sock'}"
+    found = ask(shared_lab, "--connect", endpoint, "--realm", "nowhere")
+    assert found.failed == set()
+    found.said("services of safety", "PASS")
+    assert "realm" not in found.checks
+
+
+def test_a_frozen_node(patient: Lab):
+    pid = patient.nodes()["pressure"]["pid"]
+    with patient.bare() as bare, frozen(patient, pid):
+        # After its lease the hub takes it for gone.
+        eventually(lambda: "pressure" not in bare.nodes())
+        found = ask(patient)
+    assert found.failed == {"node pressure", "announced"}
+    assert "frozen" in found.said("node pressure", "FAIL")
+    assert f"kill -CONT {pid}" in found.checks["node pressure"]["fix"]
+    assert found.said("announced", "FAIL") == "not on the bus: pressure"
+    with patient.bare() as bare:
+        eventually(lambda: "pressure" in bare.nodes())
+
+
+def test_a_node_that_has_announced_itself_and_keeps_silent(patient: Lab):
+    held: list[zenoh.Query] = []
+    with patient.bare() as bare:
+        key = "uav/@srv/mute/get_params"
+        server = bare.session.declare_queryable(key, held.append, complete=True)
+        offers = [
+            "uav/@node/mute",
+            "uav/@node/mute/@pub/Sound/0/10/uav%sound",
+            "uav/@node/mute/@pub/Junk/0/10/no%%key",
+            f"uav/@node/mute/@srv/GetParams/0/0/{key.replace('/', '%')}",
+        ]
+        tokens = [bare.session.liveliness().declare_token(offer) for offer in offers]
+        found = ask(patient, "--timeout", "3")
+        for token in tokens:
+            token.undeclare()
+        server.undeclare()
+    for query in held:
+        query.drop()
+    assert "nothing came in" in found.said("topic uav/sound", "FAIL")
+    assert "nothing came in" in found.said("topic no//key", "FAIL")
+    assert "no answer within" in found.said("services of mute", "FAIL")
+    assert "mute has GetParams#0" in found.said("schemas", "FAIL")
+
+
+@pytest.mark.parametrize("timeout", [0.3, 1.0])
+def test_behind_a_frozen_hub_doctor_ends_and_passes_nothing_that_needs_it(
+    patient: Lab, timeout: float
+):
+    with frozen(patient, patient.nodes()["hub"]["pid"]):
+        found = ask(patient, "--timeout", timeout)
+    assert found.failed == {"hub answers", "node hub"}
+    for name in NEED_THE_HUB:
+        assert found.said(name, "WARN") == "not checked: the hub does not answer"
+
+
+def test_a_frozen_supervisor(patient: Lab):
+    with frozen(patient, patient.status()["pid"]):
+        found = glance(patient)
+    assert "frozen" in found.said("realm", "FAIL")
+
+
+def test_second_servers_and_publishers_and_other_schemas(patient: Lab):
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(str(query.key_expr), pack({}))
+
+    with patient.bare() as bare:
+        offer = "uav/@node/mine/@pub/Pose/deadbeef/100/uav%pose"
+        goto = bare.session.declare_queryable("uav/@srv/goto", answer, complete=True)
+        tokens = [bare.session.liveliness().declare_token(key) for key in ("uav/@node/mine", offer)]
+        mine = bare.session.new_timestamp().get_id()
+        doctor = patient.spawn(*patient.command("doctor", "--json", "--timeout", "10"))
+
+        def published() -> bool:
+            # Stamped as if this clock were an hour behind.
+            stamp = zenoh.Timestamp(datetime.now(UTC) - timedelta(hours=1), mine)
+            bare.session.put("uav/sensors/pressure", pack({"stamp": 1.0}), timestamp=stamp)
+            return doctor.ended
+
+        eventually(published, 30.0)
+        for token in tokens:
+            token.undeclare()
+        goto.undeclare()
+    found = Found(Done(doctor.wait(), doctor.log, ""))
+    assert "uav/@srv/goto is served by safety and 1 more" in found.said("servers", "FAIL")
+    doubled = found.said("publishers", "FAIL")
+    assert "uav/pose is published by dynamics and mine" in doubled
+    assert "uav/sensors/pressure is published by pressure and 1 more" in doubled
+    assert "mine has Pose#deadbeef" in found.said("schemas", "FAIL")
+    behind = found.said("clocks", "WARN")
+    assert re.search(r"on uav/sensors/pressure is stamped 360\d\.\d s in the past", behind)
+    found.said("topic uav/sensors/pressure", "WARN")
+
+
+def test_somebody_elses_setpoints_are_seen(patient: Lab):
+    """They are safety's alone to write; nobody announces that he writes them too."""
+    with patient.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        doctor = patient.spawn(*patient.command("doctor", "--json", "--timeout", "10"))
+
+        def written() -> bool:
+            pose = bare.watch("uav/pose").next()[0]
+            where = {"position": {"x": 0.0, "y": 0.0, "z": 1.0}, "brake": False}
+            bare.put("uav/input/position", {"boot": pose["boot"], "for_seq": pose["seq"], **where})
+            return doctor.ended
+
+        eventually(written, 30.0)
+        assert states.messages, "safety goes on"
+    found = Found(Done(doctor.wait(), doctor.log, ""))
+    said = found.said("publishers", "FAIL")
+    assert said == "uav/input/position is published by safety and 1 more, not announced"
+    assert "`quadctl node list`" in found.checks["publishers"]["fix"]
+
+
+def test_a_realm_that_others_can_read_or_whose_socket_is_gone(patient: Lab):
+    patient.home.chmod(0o755)
+    assert "mode 0755" in glance(patient).said("realm", "FAIL")
+    patient.home.chmod(0o700)
+    socket, aside = patient.home / "hub.sock", patient.home / "aside"
+    socket.rename(aside)
+    found = glance(patient)
+    aside.rename(socket)
+    assert found.failed == {"realm", "hub answers"}
+    assert "hub.sock is gone" in found.said("realm", "FAIL")
+
+
+def test_another_vehicle(patient: Lab):
+    found = ask(patient, "--vehicle", "cat")
+    assert {"realm", "announced"} <= found.failed
+    assert "runs the vehicle uav, and cat was asked for" in found.said("realm", "FAIL")
+
+
+def test_where_nothing_can_be_written(patient: Lab):
+    done = subprocess.run(
+        ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh",
+         *patient.command("doctor", "--json", "--timeout", "0.3")],
+        env=patient.environment, capture_output=True, text=True, timeout=30, check=False,
+    )  # fmt: skip
+    found = Found(Done(done.returncode, done.stdout, done.stderr))
+    assert f"{patient.home} cannot be written to" in found.said("disk", "FAIL")
+
+
+def test_a_changed_parameter_and_a_faulty_file(patient: Lab):
+    patient.file("[dynamics]\nstart = { z = 1.0 }\n", "quad.toml")
+    assert patient.quadctl("param", "set", "safety.takeoff", "3").code == 0
+    found = ask(patient)
+    assert "safety.takeoff is 3.0, there 1.0" in found.said("parameters", "WARN")
+    patient.file("[safety]\ntakeof = 1\n", "quad.toml")
+    found = glance(patient)
+    assert "unknown parameter safety.takeof" in found.said("parameter file", "FAIL")
+    assert found.checks["parameter file"]["fix"] == "did you mean safety.takeoff?"
+    assert "not checked" in found.said("parameters", "WARN")

@@ -1,0 +1,249 @@
+"""Several vehicles at once, on hubs of their own, one of which is away: nobody waits for it."""
+
+import json
+import signal
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.lab import Lab, private_lab
+from tests.support.running import eventually
+
+FILE = """
+[vehicles]
+uav0 = {{}}
+uav1 = {{}}
+red = {{ connect = "{red}", vehicle = "uav" }}
+[formations.line]
+uav0 = [-2.0, 0.0, 0.0]
+uav1 = [0.0, 0.0, 0.0]
+red = [2.0, 0.0, 0.5]
+"""
+NAMES = ["uav0", "uav1", "red"]
+CALM = ("--set", "dynamics.start.z=1", "--set", "safety.pose_timeout=5",
+        "--set", "dynamics.setpoint_timeout=5", "--set", "supervise.answer_timeout=60")  # fmt: skip
+"""On a busy machine nobody is stopped because a process had to wait for its turn."""
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Iterator[tuple[Lab, Lab]]:
+    """Two vehicles on one hub, in whose folder the fleet's file stands, and one on another."""
+    with private_lab() as two, private_lab() as one:
+        two.start("--vehicles", 2, *CALM)
+        one.start(*CALM)
+        two.file(FILE.format(red=endpoint(one)), "fleet.toml")
+        yield two, one
+
+
+def endpoint(lab: Lab) -> str:
+    return f"unixsock-stream/{lab.home / 'hub.sock'}"
+
+
+@contextmanager
+def silent_hub() -> Iterator[str]:
+    """Whoever connects is let in by the kernel, and never hears a word."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+def beside_a_mute_one(lab: Lab, one: Lab, silent: str) -> Path:
+    mute = f'mute = {{ connect = "{silent}" }}'
+    red = f'red = {{ connect = "{endpoint(one)}", vehicle = "uav" }}'
+    return lab.file(f"[vehicles]\n{mute}\n{red}", "mute.toml")
+
+
+def listed(lab: Lab, *words: object) -> dict[str, dict[str, Any]]:
+    done = lab.quadctl("fleet", "list", "--json", *words)
+    assert done.code == 0, done
+    return {row["vehicle"]: row for row in done.json}
+
+
+def test_list_tells_where_all_are_and_what_they_do(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    rows = listed(two)
+    assert list(rows) == NAMES
+    assert rows["red"]["hub"] == endpoint(one)
+    assert rows["uav0"]["hub"] == f"realm {two.realm}"
+    for row in rows.values():
+        assert row["state"] == "HOVERING"
+        assert (row["cage_on"], row["error"]) == (True, None)
+        assert set(row["position"]) == set(row["goal"]) == set("xyz")
+        assert 0 <= row["age"] < 10
+    shown = two.quadctl("fleet", "list").out.splitlines()
+    assert shown[0].split() == [
+        "VEHICLE", "HUB", "STATE", "GOAL", "POSITION", "CAGE", "AGE", "PROBLEM",
+    ]  # fmt: skip
+    assert [line.split()[0] for line in shown[1:]] == NAMES
+
+
+def test_without_a_file_all_of_the_hub_are_meant(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    assert list(listed(one)) == ["uav"]
+    with two.bare() as bare:
+        # A recorder goes on over the end of the run of its vehicle.
+        token = bare.session.liveliness().declare_token("uav/@node/recorder")
+        over = one.quadctl("fleet", "list", "--json", "--connect", endpoint(two))
+        token.undeclare()
+    assert [row["vehicle"] for row in over.json] == ["uav0", "uav1"]
+
+
+def test_a_formation_goals_by_name_and_a_centre(fleet: tuple[Lab, Lab]):
+    two, _ = fleet
+    done = two.quadctl("fleet", "goto", "line", 0, 1, 1, "--json")
+    assert done.code == 0, done
+    assert [(row["vehicle"], row["accepted"], row["arrived"]) for row in done.json] == [
+        (name, True, True) for name in NAMES
+    ]
+    moved = two.quadctl("fleet", "goto", "--no-wait", "--replace", -1, 0, 1.5)
+    assert (moved.code, moved.out) == (0, "".join(f"{name}: accepted\n" for name in NAMES))
+    rows = listed(two)
+    goals = {name: row["goal"] for name, row in rows.items()}
+    assert {goal["y"] for goal in goals.values()} == {0.0}
+    assert [goals[name]["x"] for name in NAMES] == pytest.approx([-3, -1, 1])
+    own = two.quadctl("fleet", "goto", "uav1=0,2,1", "red=9,0,1", "--replace")
+    assert own.code == 5
+    assert "uav1: accepted\nred: rejected: outside the cage: x = 9" in own.out
+    assert "uav1: arrived within " in own.out
+    assert own.err.startswith("error: red: outside the cage: x = 9 is beyond [-5, 5]")
+
+
+def test_who_is_left_out_is_told(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    text = FILE.format(red=endpoint(one)).replace("uav1", "# uav1")
+    whole = (two.folder / "fleet.toml").read_text(encoding="utf-8")
+    two.file(text, "fleet.toml")
+    try:
+        left_out = "from fleet.toml; uav1, which is live on this hub, is not in it\n"
+        assert two.quadctl("fleet", "list").err == left_out
+        assert two.quadctl("fleet", "list", "--json").err == ""
+    finally:
+        two.file(whole, "fleet.toml")
+    file = two.file(whole.replace("red = [", "# red = ["), "stays.toml")
+    words = ("fleet", "goto", "line", 0, 0, 1, "--no-wait", "--replace", "--fleet", file)
+    done = two.quadctl(*words)
+    assert done == (0, "uav0: accepted\nuav1: accepted\n", "red has no place in line: it stays\n")
+
+
+def test_what_is_refused_is_told_in_one_document(fleet: tuple[Lab, Lab]):
+    two, _ = fleet
+    far = two.quadctl("fleet", "goto", "uav0=4,4,1", "uav1=-4,-4,1", "--no-wait", "--replace")
+    assert far.code == 0, far
+    done = two.quadctl("fleet", "goto", "uav0=0,0,1", "uav1=1,0,1", "--json")
+    assert (done.code, len(done.json), len(done.err.splitlines())) == (5, 2, 1)
+    assert all(row["error"]["message"].startswith("busy") for row in done.json)
+    assert "uav0: busy" in done.error["message"]
+    assert "uav1: busy" in done.error["message"]
+    assert "--replace" in done.error["hint"]
+    assert two.quadctl("fleet", "hold").code == 0
+    nowhere = two.quadctl("fleet", "goto", "line", 9999, 0, 1)
+    assert (nowhere.code, nowhere.err.splitlines()[0]) == (
+        6, "error: about 9999 0 1, red's x = 10001 is no place to fly to",
+    )  # fmt: skip
+
+
+def test_one_command_lands_all_and_again_where_they_stand(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    assert two.quadctl("fleet", "goto", "line", 1, 1, 1, "--no-wait", "--replace").code == 0
+    for _ in range(2):
+        done = two.quadctl("fleet", "land-all", "--json")
+        assert (done.code, [row["landed"] for row in done.json]) == (0, [True] * 3), done
+        with one.bare() as bare:
+            pose, state = bare.watch("uav/pose").next()[0], bare.state()
+        assert pose["position"]["z"] < 0.05
+        assert (state["state"], state["goal"]["z"]) == ("HOVERING", 0.0)
+    assert two.quadctl("fleet", "goto", "line", 0, 0, 1).code == 0, "and they fly again"
+
+
+def test_a_hub_that_is_away_is_told_and_the_others_do_what_they_are_told(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    text = FILE.format(red=endpoint(one)).replace("[formations.line]", "%s[formations.line]")
+    with silent_hub() as silent:
+        away = f'dead = {{ connect = "tcp/127.0.0.1:1" }}\nmute = {{ connect = "{silent}" }}\n'
+        file = two.file(text % away, "away.toml")
+        done = two.quadctl("fleet", "hold", "--fleet", file, "--timeout", 3, "--json")
+        stopped = {row["vehicle"]: row["stopped"] for row in done.json}
+        assert stopped == dict.fromkeys(NAMES, True) | {"dead": False, "mute": False}
+        errors = {row["vehicle"]: row["error"] for row in done.json if row["error"]}
+        codes = {name: error["code"] for name, error in errors.items()}
+        assert codes == {"dead": "unreachable", "mute": "timeout"}
+        assert (done.code, done.error["code"]) == (3, "unreachable")
+        rows = two.quadctl("fleet", "list", "--fleet", file, "--timeout", 3)
+        assert rows.code == 3
+        assert [line.split()[0] for line in rows.out.splitlines()[1:]] == [*NAMES, *codes]
+        assert "unreachable: nothing answers at tcp/127.0.0.1:1" in rows.out
+        # Without the mute one nobody knows the centre: then nobody is sent.
+        before = listed(two)
+        # That is known at once of the dead one, however long the mute one may take.
+        words = ("fleet", "goto", 0, 0, 2, "--fleet", file, "--timeout", 60, "--json")
+        done = two.quadctl(*words)
+        assert (done.code, done.out) == (3, "")
+        said = "nobody was sent: the formation's centre needs all of them; dead: nothing answers"
+        assert done.error["message"].startswith(said)
+        assert "fleet goto uav0=1,2,1" in done.error["hint"]
+        assert {n: r["goal"] for n, r in listed(two).items()} == {
+            n: r["goal"] for n, r in before.items()
+        }
+
+
+@pytest.mark.parametrize("verb", ["hold", "land-all"])
+def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str):
+    two, one = fleet
+    with silent_hub() as silent, one.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        file = beside_a_mute_one(two, one, silent)
+        assert bare.call("goto", x=4.0, y=-4.0, z=2.0, replace=True).value["accepted"]
+        run = two.spawn(*two.command("fleet", verb, "--fleet", file, "--timeout", 60))
+        states.until(lambda s: s["reason"] == "hold: stopped on request")
+        if verb == "land-all":
+            states.until(lambda s: s["goal"]["z"] == 0 and s["state"] == "HOVERING")
+        assert not run.ended, run.log
+        run.send(signal.SIGINT)
+        assert run.wait() == 130, run.log
+
+
+def test_ctrl_c_says_that_who_has_accepted_flies_on(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    with silent_hub() as silent, one.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        file = beside_a_mute_one(two, one, silent)
+        words = ("mute=1,1,1", "red=-4,4,2", "--replace", "--fleet", file, "--timeout", 60)
+        run = two.spawn(*two.command("fleet", "goto", *words))
+        states.until(lambda s: s["goal"]["x"] == -4 and s["state"] == "HOVERING")
+        run.send(signal.SIGINT)
+        assert run.wait() == 130
+        assert run.log == "stopped waiting: the flights go on; `quadctl fleet hold` stops them\n"
+
+
+def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab]):
+    two, one = fleet
+    with one.bare() as bare:
+        one.signal("dynamics", signal.SIGSTOP)
+        try:
+            # Frozen for a second it counts as gone; before that, as one that does not answer.
+            eventually(lambda: "dynamics" not in bare.nodes())
+            done = two.quadctl("fleet", "list", "--json", "--timeout", 3)
+            assert done.code == 3
+            rows = {row["vehicle"]: row for row in done.json}
+            assert (rows["red"]["state"], rows["red"]["position"]) == ("HOVERING", None)
+            assert rows["red"]["error"]["code"] == "unreachable"
+            assert rows["uav0"]["error"] is None
+        finally:
+            one.signal("dynamics", signal.SIGCONT)
+        eventually(lambda: "dynamics" in bare.nodes())
+
+
+def test_it_lands_in_gusts_whatever_the_acceptance_range(lab: Lab):
+    lab.start(*CALM, "--set", "dynamics.wind.gust=1.5", "--set", "dynamics.speed=5",
+              "--set", "dynamics.wind.mean.x=5", "--set", "safety.acceptance_range=0.02",
+              "--set", "safety.margin=1.3", "--set", "dynamics.seed=3")  # fmt: skip
+    done = lab.quadctl("fleet", "land-all", "--json")
+    assert done.code == 0, done
+    assert json.loads(done.out)[0]["landed"]
+    with lab.bare() as bare:
+        assert bare.state()["state"] == "HOVERING", (
+            "it is not busy with a goal beside which it stands"
+        )

@@ -1,0 +1,214 @@
+"""With every process frozen in turn, every command ends by its timeout and 0.2 s, and rightly."""
+
+import json
+import os
+import select
+import shlex
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import pytest
+
+from quadctl.cli.commands import COMMANDS, split
+from tests.support.frozen import (
+    ELSEWHERE,
+    ENDINGS,
+    FREEZABLE,
+    FRESH,
+    LINES,
+    STREAM_TIMEOUT,
+    STREAMS,
+    TIMEOUT,
+    Line,
+)
+from tests.support.lab import Lab, private_lab
+from tests.support.proofs import Proofs
+from tests.support.running import Done, eventually
+
+SLACK = 0.2
+"""Seconds that a command may take wait beyond its timeout; the start of Python is none of it."""
+LONGEST_START = 0.6
+"""Seconds of work that a command is excused, most of it the start of Python."""
+BUSY = 1.5
+"""The same where other tests run beside: that it ends is shown, not how promptly."""
+NAMES = {2: "usage", 3: "unreachable", 4: "timeout", 5: "refused", 7: "already_served"}
+RECORDING = Path(__file__).parents[1] / "recording" / "data" / "cage.mcap"
+
+
+def test_every_command_is_in_a_table():
+    lines = [line.words for line in (*LINES, *STREAMS, *ENDINGS)]
+    named = {split(shlex.split(words))[0] for words in lines}
+    assert named | set(ELSEWHERE) == set(COMMANDS)
+    assert not named & set(ELSEWHERE)
+
+
+@pytest.fixture(scope="module")
+def patient() -> Iterator[Lab]:
+    """A flying system whose supervisor leaves frozen processes alone."""
+    with patient_lab() as made:
+        yield made
+
+
+@pytest.mark.parametrize("who", FREEZABLE)
+def test_at_once(patient: Lab, who: str):
+    with frozen(patient, who):
+        for line in LINES:
+            if line.words in FRESH[who]:
+                ended_well(patient, line, who, BUSY)
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("who", ["", *FREEZABLE])
+def test_when_the_hub_has_lost_it(patient: Lab, proofs: Proofs, who: str):
+    with frozen(patient, who):
+        if who in {"dynamics", "pressure", "safety"}:
+            with patient.bare() as bare:
+                eventually(lambda: who not in bare.nodes())
+        late = {line.words: ended_well(patient, line, who, SLACK) for line in LINES}
+    worst = max(late, key=lambda words: late[words])
+    proofs.add(
+        f"commands with {who or 'nobody'} frozen: end, after their timeout, at most",
+        f"{1000 * max(late[worst], 0):.0f} ms (`{worst}`, n {len(LINES)})",
+        f"{1000 * SLACK:.0f} ms",
+    )
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("who", FREEZABLE)
+@pytest.mark.parametrize("line", STREAMS, ids=lambda line: line.words)
+def test_in_mid_stream(patient: Lab, line: Line, who: str):
+    words = shlex.split(line.words)
+    run = patient.spawn(*patient.command(*words, "--timeout", STREAM_TIMEOUT))
+    eventually(lambda: run.log or "pub" in words)
+    if "pub" in words:
+        with patient.bare() as bare:
+            bare.watch("nobodys/own").next()
+    with frozen(patient, who):
+        began = clock(run.pid)
+        if line.expected(who) == 130:
+            assert not ends(run.pid, STREAM_TIMEOUT + BUSY)
+            run.send(signal.SIGINT)
+            began = clock(run.pid) - STREAM_TIMEOUT
+        assert ends(run.pid, 2 * STREAM_TIMEOUT + BUSY)
+        waited = clock(run.pid) - began
+        assert run.wait() == line.expected(who), run.log
+        assert line.expected(who) == 0 or waited < STREAM_TIMEOUT + SLACK, run.log
+        assert line.expected(who) != 4 or says_frozen(run.log)
+    assert patient.quadctl("reset").code == 0
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("who", FREEZABLE)
+def test_of_what_ends_processes(who: str):
+    with patient_lab() as lab:
+        with frozen(lab, who, heal=False):
+            for line in ENDINGS:
+                code = line.expected(who)
+                done = lab.quadctl(*line.words.split(), "--timeout", 10 if code == 0 else TIMEOUT)
+                assert done.code == code, (line, done)
+        eventually(lab.is_gone)
+
+
+@contextmanager
+def patient_lab() -> Iterator[Lab]:
+    with private_lab() as made:
+        made.start("--set", "supervise.answer_timeout=60")
+        made.file("[pressure]\nnoise = 2e-5\n")
+        made.file("", "saved.toml")
+        made.file('rows = [{ at = 0.05, do = "hold" }]\nend = 0.1', "mission.toml")
+        shutil.copy(RECORDING, made.folder / "flight.mcap")
+        eventually(lambda: made.quadctl("goto", 0, 0, 1).code == 0)
+        yield made
+
+
+@contextmanager
+def frozen(lab: Lab, who: str, *, heal: bool = True) -> Iterator[None]:
+    """With one process stopped; afterwards, where wanted, until all of the run is well again."""
+    status = lab.status()
+    pids = {node["name"]: node["pid"] for node in status["nodes"]} | {"up": status["pid"]}
+    if who:
+        os.kill(pids[who], signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        # By `down` or `node restart` it may have ended.
+        if who and os.path.exists(f"/proc/{pids[who]}"):  # noqa: PTH110 - shorter
+            os.kill(pids[who], signal.SIGCONT)
+    if heal:
+        eventually(lambda: lab.quadctl("node", "ping", "--all", "-n", 1).code == 0)
+        eventually(lambda: lab.quadctl("goto", 0, 0, 1).code == 0)
+
+
+def timed(lab: Lab, words: str) -> tuple[Done, float]:
+    """What a command left, and how long (s) it waited: its life, less when it was at work.
+
+    Starting Python is work, and so is waiting for a core.
+    """
+    line = lab.command(*shlex.split(words), "--timeout", TIMEOUT, "--json")
+    with TemporaryFile("w+") as out, TemporaryFile("w+") as err:
+        began = time.monotonic()
+        process = subprocess.Popen(
+            line,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            env=lab.environment,
+            cwd=lab.folder,
+        )
+        assert ends(process.pid, 20.0), words
+        waited = clock(process.pid) - began
+        process.wait()
+        out.seek(0)
+        err.seek(0)
+        return Done(process.returncode, out.read(), err.read()), waited
+
+
+def clock(pid: int) -> float:
+    """The time (s), less what a child has been at work."""
+    return time.monotonic() - at_work(pid)
+
+
+def at_work(pid: int) -> float:
+    """How long (s) a child's first thread ran, at most a start's time, or waited for a core.
+
+    Whom it asks, and its other threads, wait in the same queue: so that counts twice.
+    """
+    ran, queued, _ = Path(f"/proc/{pid}/schedstat").read_text(encoding="utf-8").split()
+    return min(int(ran) / 1e9, LONGEST_START) + 2 * int(queued) / 1e9
+
+
+def ended_well(lab: Lab, line: Line, who: str, allowed: float) -> float:
+    """Run it, hold it against the table, and return how long it waited beyond its timeout (s)."""
+    (lab.folder / "quad.toml").unlink(missing_ok=True)
+    done, waited = timed(lab, line.words)
+    code = line.expected(who)
+    assert done.code == code, (who, line.words, done)
+    assert waited <= TIMEOUT + allowed, (who, line.words, waited)
+    for row in done.out.splitlines():
+        json.loads(row)
+    if code in NAMES:
+        assert done.error["code"] == NAMES[code], (who, line.words, done)
+        assert "`quadctl up" not in done.err, (who, line.words, done)
+    if code == 4:
+        assert says_frozen(done.err), (who, line.words, done)
+    return waited - TIMEOUT
+
+
+def says_frozen(text: str) -> bool:
+    return "frozen" in text and "`quadctl" in text
+
+
+def ends(pid: int, within: float) -> bool:
+    """Wait for a child's end, without the steps in which Popen looks."""
+    descriptor = os.pidfd_open(pid)
+    try:
+        return bool(select.select([descriptor], [], [], within)[0])
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,45 @@
+"""`plot`: a picture of what was flown, or is being flown."""
+
+import os
+import signal
+
+from tests.support.bare import Bare
+from tests.support.lab import Lab
+from tests.support.running import eventually
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def test_what_is_flown_now_is_drawn(shared_lab: Lab, hover: Bare):
+    done = shared_lab.quadctl("plot", "--live", "--duration", 0.5, "-o", "now.png", "--json")
+    assert (done.code, done.err) == (0, "")
+    assert done.json["vehicles"] == ["uav"]
+    assert done.json["poses"] > 20
+    # Of the time that is drawn, however long it has flown before.
+    first = shared_lab.quadctl("topic", "echo", "pose", "-n", 1, "--json").json["stamp"]
+    assert 0.2 < done.json["seconds"] < max(first - 1, 5)
+    assert (shared_lab.folder / "now.png").read_bytes().startswith(PNG)
+
+
+def test_ctrl_c_draws_what_came_by_then(shared_lab: Lab, hover: Bare):
+    run = shared_lab.spawn(
+        *shared_lab.command("plot", "--live", "--duration", 600, "-o", "then.svg")
+    )
+    eventually(lambda: "listening" in run.log)
+    with shared_lab.bare() as bare:
+        bare.watch("uav/pose").next(20)
+    run.send(signal.SIGINT)
+    assert run.wait(30.0) == 0, run.log
+    assert "drew " in run.log
+    assert "<svg" in (shared_lab.folder / "then.svg").read_text()
+
+
+def test_a_frozen_vehicle_is_told_by_the_timeout(shared_lab: Lab):
+    pid = shared_lab.signal("hub", signal.SIGSTOP)
+    try:
+        done = shared_lab.quadctl("plot", "--live", "--timeout", 0.5, "--json")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert (done.code, done.error["code"]) == (4, "timeout")
+    assert not (shared_lab.folder / "live.png").exists()
+    eventually(lambda: shared_lab.quadctl("state").code == 0)

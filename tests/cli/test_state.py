@@ -1,0 +1,64 @@
+"""`state --watch`: each change of state as it comes."""
+
+import json
+import re
+import signal
+from functools import partial
+
+from tests.support.bare import Bare, pack
+from tests.support.lab import Lab
+from tests.support.running import Foreground, eventually
+
+LINE = re.compile(r"\d+\.\d\d s  ([A-Z]+)  goal (\S+ \S+ \S+)  cage (on|off)(?:  (.+))?")
+
+
+def test_each_change_is_a_line(shared_lab: Lab, hover: Bare):
+    text = shared_lab.spawn(*shared_lab.command("state", "--watch"))
+    rows = shared_lab.spawn(*shared_lab.command("state", "--watch", "--json"))
+    eventually(lambda: text.log and rows.log)
+    states = hover.watch("uav/safety/state")
+    # The state is published each second although nothing changes: no line more of that.
+    states.next(2)
+    assert len(text.log.splitlines()) == len(rows.log.splitlines()) == 1
+    hover.fly(1.0, 0.0, 1.0)
+    assert hover.call("goto", x=9.0, y=0.0, z=1.0).value["accepted"] is False
+    for process in (text, rows):
+        eventually(partial(tells_the_refusal, process))
+        process.send(signal.SIGINT)
+        assert process.wait() == 130
+    found = [LINE.fullmatch(line) for line in text.log.splitlines()]
+    assert all(found)
+    told = [(match[1], match[2]) for match in found if match]
+    assert told[0] == ("HOVERING", "0 0 1")
+    flight = [name for name, goal in told if goal == "1 0 1"]
+    assert flight[-2:] == ["VERIFYING", "HOVERING"]
+    assert "MOVING" in flight
+    documents = [json.loads(line) for line in rows.log.splitlines()]
+    assert [row["state"] for row in documents] == [name for name, _ in told]
+    assert all(row["pose"]["boot"] == row["boot"] for row in documents)
+    assert documents[-1]["pose"]["position"]["x"] > 0.5
+
+
+def tells_the_refusal(process: Foreground) -> bool:
+    return "x = 9" in process.log
+
+
+def test_it_ends_where_the_state_comes_no_more(shared_lab: Lab, bare: Bare):
+    state = pack(bare.state())
+    stranger = bare.session.declare_queryable(
+        "drone/safety/state",
+        lambda query: query.reply("drone/safety/state", state),
+        complete=True,
+    )
+    done = shared_lab.quadctl("state", "--watch", "--vehicle", "drone", "--timeout", 0.5)
+    assert done.code == 3
+    assert LINE.fullmatch(done.out.rstrip())
+    assert "nothing came on drone/safety/state within 0.5 s" in done.err
+    stranger.undeclare()
+
+
+def test_it_ends_soon_after_its_reader_though_nothing_changes(shared_lab: Lab, hover: Bare):
+    watch = " ".join(map(str, shared_lab.command("state", "--watch", "--json")))
+    piped = shared_lab.spawn("sh", "-c", f"{watch} | head -1")
+    assert piped.wait() == 0
+    assert len(piped.log.splitlines()) == 1

@@ -1,0 +1,127 @@
+"""`campaign`: the same flights whoever flies them, each to be flown again, and exit 8 for a fault."""
+
+import re
+import signal
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from quadctl.cli import campaign as command
+from quadctl.cli.campaign import lines
+from quadctl.cli.context import options_of
+from tests.support.compiled import compiled_kernel
+from tests.support.lab import Lab, private_lab
+from tests.support.proofs import Proofs
+from tests.support.running import eventually
+
+SHORT = ("campaign", "--flights", 6, "--seconds", 4, "--seed", 3)
+SHAPE = {"flights", "seed", "worst_excursion", "transitions", "refusals", "violations", "hash"}
+
+MARGIN, GUSTS = 0.01, 0.05
+"""What a vehicle may be beyond the cage, m: in still air, and beside that in wind, by the square of
+its speed (m/s)."""
+
+
+@pytest.fixture(scope="module")
+def module_lab() -> Iterator[Lab]:
+    """A realm in which nothing runs, nor needs to."""
+    with private_lab() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def report(module_lab: Lab) -> dict[str, Any]:
+    compiled_kernel()
+    done = module_lab.quadctl(*SHORT, "--json", "--processes", 1, timeout=200.0)
+    assert done.code == 0  # on stderr it may say that the vehicle is being compiled
+    document: dict[str, Any] = done.json
+    return document
+
+
+@pytest.mark.timeout(300)
+def test_it_is_the_same_campaign_whatever_the_number_of_processes(
+    module_lab: Lab, report: dict[str, Any]
+):
+    assert report.keys() >= SHAPE
+    assert (report["flights"], report["seed"], report["violations"]) == (6, 3, [])
+    assert report["transitions"]["VERIFYING -> MOVING"] > 0
+    other = module_lab.quadctl(*SHORT, "--json", "--processes", 3, timeout=200.0)
+    assert other.json == report
+
+
+def test_a_flight_is_flown_again_with_its_log(module_lab: Lab, report: dict[str, Any]):
+    seed = report["worst"]["seed"]
+    assert 3_000_000 <= seed < 3_000_006
+    again = module_lab.quadctl("campaign", "--replay", seed, "--seconds", 4, "--json")
+    assert again.code == 0
+    assert again.json["worst_excursion"] == report["worst_excursion"]
+    assert any("Current State: VERIFYING" in line for line in again.json["log"])
+    first = module_lab.quadctl("campaign", "--replay", 3_000_000, "--seconds", 4, "--json")
+    alone = module_lab.quadctl("campaign", "--flights", 1, *SHORT[3:], "--json")
+    assert first.json["hash"] == alone.json["hash"], "compiled and in plain Python it is one flight"
+    told = module_lab.quadctl("campaign", "--replay", seed, "--seconds", 4)
+    assert (told.code, told.err) == (0, "")
+    assert re.search(r"^\d+\.\d\d s +goto x=", told.out, re.MULTILINE)
+    assert told.out.splitlines()[-1] == f"SHA-256      {again.json['hash']}"
+
+
+def test_ctrl_c_ends_it_and_all_its_workers(lab: Lab):
+    flying = lab.spawn(*lab.command("campaign", "--flights", 1000, "--processes", 2))
+    # The command, the campaign's own process, and a worker at least.
+    eventually(lambda: len(lab.processes()) >= 3, 30.0)
+    flying.send(signal.SIGINT)
+    assert flying.wait() == 130
+    eventually(lambda: not lab.processes(), 3.0)
+
+
+def test_what_cannot_be_flown_is_a_mistake_of_usage(lab: Lab):
+    for words in ("--seconds 0", "--flights 0", "--flights 2000000", "--seed -1", "--replay x"):
+        assert lab.quadctl("campaign", *words.split()).code == 2, words
+
+
+def test_a_violation_ends_it_with_8_and_says_how_to_fly_it_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], report: dict[str, Any]
+):
+    bad = report | {"violations": [{"seed": 3000001, "what": ["MOVING to a goal outside"]}]}
+    monkeypatch.setattr(command, "_fly", lambda order, quiet: bad)
+    with pytest.raises(SystemExit) as ended:
+        command.campaign(options_of({}), faults=True, seconds=4.0)
+    assert ended.value.code == 8
+    said = capsys.readouterr().out
+    assert "VIOLATION    seed 3000001: MOVING to a goal outside" in said
+    assert "again: quadctl campaign --replay 3000001 --seconds 4 --faults" in said
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1200)
+def test_ten_thousand_flights(module_lab: Lab, proofs: Proofs):
+    compiled_kernel()
+    for air, more, most in (
+        ("still air", (), MARGIN),
+        ("wind of 3 m/s with faults", ("--wind", 3, "--faults"), MARGIN + GUSTS * 3**2),
+    ):
+        words = ("campaign", "--flights", 10_000, "--seed", 1, *more, "--json")
+        began = time.monotonic()
+        done = module_lab.quadctl(*words, timeout=600.0)
+        took = time.monotonic() - began
+        proofs.add(
+            f"10 000 flights of 60 s in {air}: worst excursion beyond the cage",
+            f"{1000 * done.json['worst_excursion']:.3g} mm, {len(done.json['violations'])} violations,"
+            f" in {took:.0f} s",
+            f"{1000 * most:.0f} mm",
+        )
+        alarms = done.json["stops"].get("stopped, the way led out of the cage", 0)
+        if not more:
+            proofs.add("false alarms of the guard of the way in 10 000 flights", f"{alarms}", "0")
+            assert alarms == 0
+        assert done.code == 0, done.json["violations"]
+        assert done.json["worst_excursion"] <= most
+
+
+def test_it_reads_well(report: dict[str, Any]):
+    order = {"seconds": 4.0, "faults": False, "wind": 0.0}
+    first, *rest = lines(report, order)
+    assert first.startswith("6 flights of 4 s, worst excursion beyond the cage ")
+    assert any(line.startswith("transitions") and "VERIFYING -> MOVING" in line for line in rest)

@@ -1,0 +1,97 @@
+"""Checkpoint 3: the barometer reads the air, and calibrating zeroes it where the vehicle is."""
+
+import re
+
+import pytest
+
+from tests.support.bare import Bare
+from tests.support.lab import Lab
+from tests.support.running import eventually
+
+NOISE = 1e-5
+PER_METRE = 0.12  # hPa, near the ground
+
+
+def zeroed(bare: Bare) -> bool:
+    return bare.watch("uav/sensors/pressure").next(2)[-1]["baseline"] != 0
+
+
+def test_the_topic_reads_the_air_at_height(shared_lab: Lab, hover: Bare):
+    echoed = shared_lab.quadctl("topic", "echo", "sensors/pressure", "-n", 3, "--json")
+    assert echoed.code == 0
+    assert len(echoed.rows) == 3
+    for reading in echoed.rows:
+        assert reading["pressure"] == pytest.approx(1013.13, abs=0.01)
+        assert reading["baseline"] == 0
+    text = shared_lab.quadctl("topic", "echo", "sensors/pressure", "-n", 1, "--field", "pressure")
+    assert float(text.out) == pytest.approx(1013.13, abs=0.01)
+
+
+def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab, hover: Bare):
+    heights, readings = hover.watch("uav/pose"), hover.watch("uav/sensors/pressure")
+    readings.next(11)  # so that the whole second that is averaged was at rest
+    done = shared_lab.quadctl("calibrate")
+    assert done.code == 0
+    assert re.match(r"baseline: 1013\.\d{4} hPa\n", done.out)
+    baseline = float(done.out.split()[1])
+    rest = heights.next()[0]["position"]["z"]
+    for reading in readings.next(5):
+        assert reading["baseline"] == pytest.approx(baseline, abs=1e-4)
+        assert reading["samples"] in range(9, 12)
+        drift = max(abs(p["position"]["z"] - rest) for p in heights.messages[-300:])
+        assert abs(reading["pressure"]) <= 3 * NOISE + PER_METRE * drift
+
+    hover.fly(0.0, 0.0, 2.0)
+    above = readings.next(3)[-1]["pressure"]
+    climbed = heights.next()[0]["position"]["z"] - rest
+    assert above == pytest.approx(-PER_METRE * climbed, abs=0.005)
+
+    unset = shared_lab.quadctl("calibrate", "--unset", "--json")
+    assert unset.json["baseline"] == 0
+    after = readings.until(lambda r: r["baseline"] == 0)
+    assert after["pressure"] == pytest.approx(baseline - PER_METRE * climbed, abs=0.005)
+    assert (after["samples"], after["spread"]) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("calibrate_pressure", "zero=true"),
+        ("/calibrate_pressure", "True"),
+        ("calibrate_pressure", '{"zero": true}'),
+        ("/uav/calibrate_pressure", "true"),
+    ],
+)
+def test_service_call_calibrates_in_every_spelling(
+    shared_lab: Lab, hover: Bare, words: tuple[str, ...]
+):
+    called = shared_lab.quadctl("service", "call", *words, "--json")
+    assert called.code == 0
+    assert called.json["baseline"] == pytest.approx(1013, abs=0.5)
+    assert zeroed(hover)
+    assert hover.call("calibrate_pressure", zero=False).value == {"baseline": 0}
+
+
+def test_the_first_message_is_a_reading_and_an_early_calibration_is_none_or_not_ready(lab: Lab):
+    lab.spawn(*lab.command("up"))
+    with lab.first_bare() as bare:
+        readings = bare.watch("uav/sensors/pressure")
+        early = eventually(lambda: bare.answers("uav/@srv/calibrate_pressure", b"\x81\xa4zero\xc3"))
+        answer = early[0]
+        first = readings.until(lambda _: True)
+        # Served before its first sample it says so, and from then on it takes what it has.
+        if answer.ok:
+            assert answer.value["baseline"] == pytest.approx(1013.25, abs=0.2)
+        else:
+            assert answer.code == "not_ready"
+            assert first["baseline"] == 0
+        assert first["pressure"] + first["baseline"] == pytest.approx(1013.25, abs=0.2)
+    eventually(lab.is_ready)
+
+
+def test_without_dynamics_calibration_is_not_ready_and_nothing_is_published(lab: Lab):
+    lab.start("--without", "dynamics", "--without", "safety")
+    refused = lab.quadctl("calibrate", "--json")
+    assert (refused.code, refused.error["code"]) == (5, "not_ready")
+    silent = lab.quadctl("topic", "echo", "sensors/pressure", "-n", 1, "--timeout", 0.5)
+    assert (silent.code, silent.out) == (4, "")

@@ -1,0 +1,158 @@
+"""`fly`: the same mission is the same flight, to the last bit, at any speed and under any load."""
+
+import re
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.compiled import compiled_vehicle
+from tests.support.lab import Lab, private_lab
+from tests.support.missions import busy, fly, same, start
+from tests.support.running import eventually
+
+SETTINGS = {
+    "fast": ("dynamics.speed=0",),
+    "ten": ("dynamics.speed=10",),
+    "real": ("dynamics.speed=1",),
+    "seed": ("dynamics.speed=0", "dynamics.seed=7"),
+}
+
+
+@pytest.fixture(scope="module")
+def fast() -> Iterator[Lab]:
+    """A lab as fast as it goes, with the vehicle compiled."""
+    compiled_vehicle()
+    with private_lab() as made:
+        start(made, *SETTINGS["fast"])
+        eventually(lambda: "the vehicle flies compiled" in made.log("dynamics"))
+        yield made
+
+
+@pytest.fixture(scope="module")
+def flights(fast: Lab) -> dict[str, dict[str, Any]]:
+    """The mission flown at each speed and with another seed, all at once: each loads the others."""
+    with ExitStack() as stack, ThreadPoolExecutor(len(SETTINGS)) as pool:
+        labs = {"fast": fast}
+        for name in SETTINGS.keys() - labs.keys():
+            labs[name] = stack.enter_context(private_lab())
+            start(labs[name], *SETTINGS[name])
+        return dict(zip(labs, pool.map(fly, labs.values()), strict=True))
+
+
+def test_the_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):
+    fast = flights["fast"]
+    # One vehicle in real time flies as plain Python.
+    assert fast["counts"] == {"poses": 801, "transitions": 23, "pressure": 81}
+    assert same(flights["ten"]) == same(fast)
+    assert same(flights["real"]) == same(fast)
+    assert [flights[name]["speed"] for name in ("fast", "ten", "real")] == [0, 10, 1]
+    assert fast["simulated_seconds"] == 8
+    assert flights["real"]["wall_seconds"] > 7.9
+
+
+def test_each_row_has_its_verdict(flights: dict[str, dict[str, Any]]):
+    rows = flights["fast"]["rows"]
+    assert [row["accepted"] for row in rows] == [
+        True, True, True, False, True, False, True, True, True, True, True,
+    ]  # fmt: skip
+    assert rows[1]["baseline"] == pytest.approx(1013.13, abs=0.05)
+    assert rows[3]["reason"].startswith("busy: flying to (2, 1, 1.5)")
+    assert rows[5]["reason"] == "outside the cage: x = 9 is beyond [-5, 5]"
+    assert (rows[4]["do"], rows[4]["at"], rows[4]["replace"]) == ("goto", 2.6, True)
+
+
+def test_another_seed_is_another_flight(flights: dict[str, dict[str, Any]]):
+    fast, other = flights["fast"], flights["seed"]
+    assert other["seed"] == 7
+    # So far the seed is that of the barometer's noise alone.
+    assert other["pressure"] != fast["pressure"]
+    assert other["hash"] != fast["hash"]
+    assert other["transitions"] == fast["transitions"]
+
+
+def test_what_was_before_does_not_count(fast: Lab):
+    first = fly(fast)
+    assert fast.quadctl("cage", "off").code == 0
+    assert fast.quadctl("goto", 7, 1, 2, "--no-wait", "--replace").code == 0
+    assert fast.quadctl("calibrate").code == 0
+    assert same(fly(fast)) == same(first)
+
+
+def test_it_is_told_in_words_too(fast: Lab):
+    told = fast.quadctl("fly", "mission.toml")
+    assert (told.code, told.err) == (0, "")
+    assert re.search(
+        r"^4\.60 s +goto 9 0 1 +rejected: outside the cage: x = 9", told.out, re.MULTILINE
+    )
+    assert re.search(r"^2\.00 s +calibrate +baseline 1013\.\d{4} hPa$", told.out, re.MULTILINE)
+    digest = fly(fast)["poses"]
+    assert re.search(rf"^poses +{digest} +of 801$", told.out, re.MULTILINE)
+
+
+def test_what_is_no_mission_is_told_with_its_row_before_anything_is_done(lab: Lab):
+    lab.file('rows = [{ at = 1.0, do = "goto", x = 1.0, y = 2.0 }]', "mission.toml")
+    wrong = lab.quadctl("fly", "mission.toml", "--json")
+    assert (wrong.code, wrong.out) == (6, "")
+    assert wrong.error["message"] == "mission.toml: row 1: object missing required field z"
+    assert lab.quadctl("fly", "nowhere.toml").code == 6
+    lab.file('rows = [{ at = 1.0, do = "hold" }]', "mission.toml")
+    assert lab.quadctl("fly", "mission.toml").code == 3
+
+
+def test_a_service_that_nobody_serves_is_told_before_anything_is_done(lab: Lab):
+    example = Path(__file__).parents[2] / "examples" / "my_safety.py"
+    command = f'[processes]\nsafety = ["python", "{example}"]\n'
+    lab.start(lab.file(command), "--set", "dynamics.start.z=1")
+    lab.file('rows = [{ at = 1.0, do = "cage", on = true }]', "mission.toml")
+    done = lab.quadctl("fly", "mission.toml", "--timeout", 1)
+    assert done.code == 3
+    assert "nobody served uav/@srv/toggle_cage within 1 s" in done.err
+
+
+LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 1.0 }]'
+
+
+@pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])
+def test_a_node_that_dies_voids_the_flight_and_the_next_one_is_whole(fast: Lab, node: str):
+    fast.file(LONG, "long.toml")
+    usual = fly(fast)
+    with fast.bare() as bare:
+        poses = bare.watch("uav/pose")
+        before = poses.next()[0]["boot"]
+        flying = fast.spawn(*fast.command("fly", "long.toml", "--json"))
+        boot = poses.until(lambda p: p["boot"] != before)["boot"]
+        poses.until(lambda p: p["boot"] == boot and p["stamp"] > 1)
+        old = fast.signal(node, signal.SIGKILL)
+        assert flying.wait() in {1, 3, 4}
+        fast.revived(node, old)
+    assert '"error"' in flying.log
+    assert same(fly(fast)) == same(usual)
+
+
+def test_ctrl_c_drops_the_mission(fast: Lab):
+    fast.file(LONG, "long.toml")
+    with fast.bare() as bare:
+        poses = bare.watch("uav/pose")
+        before = poses.next()[0]["boot"]
+        flying = fast.spawn(*fast.command("fly", "long.toml"))
+        boot = poses.until(lambda p: p["boot"] != before)["boot"]
+        flying.send(signal.SIGINT)
+        assert flying.wait() == 130
+        assert "the mission is dropped: the vehicle is back at its start" in flying.log
+        eventually(lambda: bare.state()["boot"] not in {before, boot})
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", ["fast", "ten", "real"])
+def test_no_load_makes_another_flight(lab: Lab, fast: Lab, name: str):
+    expected = same(fly(fast))
+    start(lab, *SETTINGS[name])
+    for loops in (0, 8):
+        with busy(loops):
+            assert [same(fly(lab, timeout=250)) for _ in range(3)] == [expected] * 3

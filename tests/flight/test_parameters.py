@@ -1,0 +1,293 @@
+"""`param set`: at once, checked, all or nothing, and kept through a restart."""
+
+import signal
+from collections.abc import Iterator
+from itertools import count, pairwise
+from math import sqrt
+from typing import Any
+
+import pytest
+import zenoh
+from msgspec import inspect
+
+from quadctl.schemas.params import FROM_STANDSTILL
+from quadctl.services.runtime.params import catalogue
+from tests.support.bare import Bare, gap, pack, speed, ticket, unpack
+from tests.support.lab import PATIENT, Lab, private_lab
+from tests.support.running import eventually
+
+CAGE = {"x": 5.0, "y": 5.0, "z": 2.0}
+GOAL = {"x": 5.0, "y": 3.0, "z": 2.0}
+"""On two walls at once."""
+MOMENTS = (0.5, 1.1, 1.9)
+"""Simulated seconds: gathering speed, at full speed, and braking; the flight begins at 0.2."""
+END = 7.0
+"""Two seconds after the standstill at which what waits is adopted."""
+MARGIN = 0.01
+WAITS = "from the next standstill"
+_boots = count()
+
+
+def values(name: str) -> list[float]:
+    """The bounds of a parameter, and a value between them."""
+    entry = catalogue.leaves()[name]
+    assert isinstance(entry.type, inspect.FloatType)
+    low, high = entry.type.ge, entry.type.le
+    assert low is not None
+    assert high is not None
+    return [low, sqrt(low * high) if low > 0 else 0.1 * high, high]
+
+
+NAMES = [name for name in catalogue.leaves() if name.startswith(FROM_STANDSTILL)]
+
+
+@pytest.fixture(scope="module")
+def quick() -> Iterator[Bare]:
+    """A system that flies as fast as it goes, its vehicle in the air."""
+    with private_lab() as made:
+        settings = ("dynamics.speed=0", "dynamics.start.z=1", "safety.virtual_cage.z=2")
+        made.start(*(word for setting in settings for word in ("--set", setting)))
+        with made.bare() as bare:
+            yield bare
+
+
+def beyond(pose: dict[str, Any]) -> float:
+    """How far out of the cage a pose is, m."""
+    x, y, z = (pose["position"][axis] for axis in "xyz")
+    out = (max(abs(x) - CAGE["x"], 0), max(abs(y) - CAGE["y"], 0), max(z - CAGE["z"], -z, 0))
+    return sqrt(sum(each * each for each in out))
+
+
+def answered(reply: zenoh.Reply) -> dict[str, Any]:
+    assert reply.ok is not None
+    fields: dict[str, Any] = unpack(reply.ok.payload.to_bytes())
+    return fields
+
+
+def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]:
+    """Fly to the wall and set a parameter; how far out that took it, and what was answered."""
+    boot = f"flight{next(_boots)}"
+    poses: list[dict[str, Any]] = []
+    listener = bare.session.declare_subscriber(
+        "uav/pose", lambda sample: poses.append(unpack(sample.payload.to_bytes()))
+    )
+    calls = [
+        ("goto", GOAL | {"replace": True}, 0.2),
+        ("dynamics/set_params", {"values": {name: value}}, moment),
+        ("hold", {}, END),
+    ]
+    waiting = [
+        bare.session.get(
+            f"uav/@srv/{service}",
+            payload=pack(fields),
+            attachment=ticket(30, at=at, boot=boot),
+            timeout=30.0,
+        )
+        for service, fields, at in calls
+    ]
+    reset = bare.query("uav/@srv/reset", pack({}), attachment=ticket(30, boot=boot))
+    assert reset.value == {"success": True}
+    went, reply, _ = (answered(next(iter(replies))) for replies in waiting)
+    assert went["accepted"]
+    eventually(lambda: poses[-1]["boot"] == boot and poses[-1]["stamp"] >= END)
+    listener.undeclare()
+    flown = [pose for pose in poses if pose["boot"] == boot]
+    return max(map(beyond, flown)), reply["reason"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_value_takes_it_out_of_the_cage(quick: Bare, name: str):
+    default = catalogue.leaves()[name].default
+    for value in values(name):
+        for moment in MOMENTS:
+            farthest, reason = fly(quick, name, value, moment)
+            assert farthest <= MARGIN, (value, moment, reason)
+            assert value == default or WAITS in reason or "would not fly" in reason
+            assert quick.call("dynamics/set_params", values={name: default}).value["success"]
+
+
+@pytest.fixture(scope="module")
+def tuned() -> Iterator[Lab]:
+    """A lab of its own, because parameters stay changed."""
+    with private_lab() as made:
+        # Slow, so that a flight lasts longer than a command on a busy machine.
+        made.start(
+            "--set", "dynamics.start.z=1", "--set", "dynamics.control.max_speed=0.3", *PATIENT
+        )
+        yield made
+
+
+@pytest.fixture
+def session(tuned: Lab) -> Iterator[Bare]:
+    with tuned.bare() as bare:
+        yield bare
+        size = {f"safety.virtual_cage.{axis}": 5.0 for axis in "xyz"}
+        assert bare.call("safety/set_params", values=size).value["success"]
+
+
+def test_a_smaller_cage_holds_at_once(tuned: Lab, session: Bare):
+    assert session.call("goto", x=4.0, y=0.0, z=1.0).value["accepted"]
+    done = tuned.quadctl("param", "set", "safety.virtual_cage.x", 3, "--json")
+    assert (done.code, done.json) == (0, {"safety.virtual_cage.x": 3})
+    # The flight to a goal that is outside now has been stopped when the command returns.
+    state = session.state()
+    assert (state["state"], state["cage"]["x"]) == ("HOVERING", 3)
+    assert "x = 4" in state["reason"]
+    assert tuned.quadctl("cage", "show", "--json").json["x"] == [-3, 3]
+    refused = session.call("goto", x=4.0, y=0.0, z=1.0).value
+    assert "[-3, 3]" in refused["reason"]
+
+
+def test_a_cage_that_shrinks_past_the_vehicle_lets_it_come_back_alone(tuned: Lab, session: Bare):
+    assert session.call("hold").ok
+    poses = session.watch("uav/pose")
+    place = poses.until(lambda p: speed(p) < 0.01)["position"]
+    assert place["z"] > 0.9
+    assert tuned.quadctl("param", "set", "safety.virtual_cage.z=0.5").code == 0
+    assert session.state()["state"] == "HOVERING"
+    assert max(gap(pose["position"], place) for pose in poses.next(30)) < 0.05
+    assert "beyond [0, 0.5]" in session.call("goto", **place).value["reason"]
+    mark = len(poses.messages)
+    back = tuned.quadctl("goto", place["x"], place["y"], 0.2, "--json")
+    assert (back.code, back.json["arrived"]) == (0, True), back
+    heights = [pose["position"]["z"] for pose in poses.messages[mark:]]
+    assert all(now <= before + 1e-3 for before, now in pairwise(heights))
+
+
+def test_a_bad_value_changes_nothing_even_beside_good_ones(tuned: Lab, session: Bare):
+    before = session.call("safety/get_params", names=[]).value
+    for words in (
+        ("safety.virtual_cage.x", "nan"),
+        ("safety.virtual_cage.x", "-3"),
+        ("safety.virtual_cage.z", "0.1"),
+        ("safety.virtual_cage.y=3", "safety.virtual_cage.x=wide"),
+        ("safety.virtual_cage.y=3", "safety.virtual_cage.q=3"),
+    ):
+        done = tuned.quadctl("param", "set", *words, "--json")
+        assert (done.code, done.out, done.error["code"]) == (6, "", "invalid")
+    assert session.call("safety/get_params", names=[]).value == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said", "hint"),
+    [
+        ("safety.virtual_cage.x -3", ">= 0.2", "`quadctl param describe safety.virtual_cage.x`"),
+        ("safety.virtual_cage 3", "expected `object`", "param describe safety.virtual_cage`"),
+        ("safety.virtual_cage.xx 3", "did you mean safety.virtual_cage.x?", "`quadctl param list`"),
+        ("safety.cage_on true", "fixed at launch", "`quadctl cage on`"),
+        ("dynamics.speed 0", "fixed at launch", "`quadctl up --set dynamics.speed=0`"),
+    ],
+)
+def test_the_way_out_is_told_for_what_there_is(tuned: Lab, words: str, said: str, hint: str):
+    error = tuned.quadctl("param", "set", *words.split(), "--json").error
+    assert said in error["message"]
+    assert hint in error["hint"]
+
+
+def test_the_cage_is_not_said_to_be_on_while_it_is_off(tuned: Lab, session: Bare):
+    assert tuned.quadctl("cage", "off").code == 0
+    try:
+        for words in ("safety.cage_on true", "safety.takeoff=2 safety.cage_on=true"):
+            done = tuned.quadctl("param", "set", *words.split())
+            assert (done.code, done.out) == (6, "")
+        assert not session.state()["cage_on"]
+        assert tuned.quadctl("param", "get", "safety.takeoff").out == "1.0\n"
+    finally:
+        assert tuned.quadctl("cage", "on").code == 0
+    assert tuned.quadctl("param", "set", "safety.cage_on=false").code == 6
+    assert session.state()["cage_on"]
+    assert "Change:   at launch" in tuned.quadctl("param", "describe", "safety.cage_on").out
+
+
+def test_a_table_is_taken_as_toml_json_or_ros_write_it(tuned: Lab, session: Bare):
+    for number, text in enumerate(("{ x = %s }", "{x: %s, y: 4}", '{"x": %s.0, "y": 4.0}'), 2):
+        cage = text % number
+        assert tuned.quadctl("param", "set", "safety.virtual_cage", cage).code == 0
+        assert session.state()["cage"]["x"] == number
+    assert tuned.quadctl("param", "set", 'safety.virtual_cage={"x":4.5,"z":4}').code == 0
+    assert session.state()["cage"] == {"x": 4.5, "y": 4.0, "z": 4.0}
+    done = tuned.quadctl("param", "set", "safety.virtual_cage", "{x: 3, q: 4}")
+    assert (done.code, "q" in done.err) == (6, True)
+
+
+def test_names_as_ros_writes_them(tuned: Lab):
+    names = tuned.quadctl("param", "list").out.splitlines()
+    of_safety = [name for name in names if name.startswith("safety.")]
+    lines = {f"param list {name}": of_safety for name in ("safety", "/safety", "/uav/safety")}
+    lines |= {"param list /": names, "param list safety.takeoff": ["safety.takeoff"]}
+    for line, done in tuned.each(lines).items():
+        assert (done.code, done.out.splitlines()) == (0, lines[line])
+    assert sorted(tuned.quadctl("param", "get", "/", "--json").json) == names
+    assert tuned.quadctl("param", "get", "/uav/safety/virtual_cage/x").out == "5.0\n"
+    assert tuned.quadctl("param", "set", "/uav/safety/takeoff", 1).out == "safety.takeoff: 1\n"
+    assert tuned.quadctl("param", "describe", "/uav/safety/takeoff").code == 0
+    told = tuned.each(["param list saftey", "param set / 3", "param set /=3"])
+    assert [done.code for done in told.values()] == [6, 2, 2]
+    assert "did you mean safety?" in told["param list saftey"].err
+
+
+def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):
+    words = ("safety.virtual_cage.x=3", "/safety/virtual_cage/y=2.5")
+    assert tuned.quadctl("param", "set", *words).code == 0
+    old = tuned.signal("safety", signal.SIGKILL)
+    tuned.revived("safety", old)
+    shown = tuned.quadctl("cage", "show", "--json").json
+    assert (shown["x"], shown["y"], shown["z"]) == ([-3, 3], [-2.5, 2.5], [0, 5])
+    got = tuned.quadctl("param", "get", "safety.virtual_cage").out
+    assert "safety.virtual_cage.y: 2.5" in got.splitlines()
+
+
+def test_rate_and_speed_limit_change_while_they_are_used(session: Bare):
+    assert session.call("pressure/set_params", values={"pressure.rate": 50}).value["success"]
+    stamps = [r["stamp"] for r in session.watch("uav/sensors/pressure").next(40)[10:]]
+    assert (stamps[-1] - stamps[0]) / (len(stamps) - 1) == pytest.approx(0.02, abs=0.01)
+    limit = {"dynamics.control.max_speed": 0.5}
+    assert session.call("dynamics/set_params", values=limit).value["success"]
+    eventually(lambda: "in_force" not in session.call("dynamics/get_params", names=[]).value)
+    poses = session.watch("uav/pose")
+    assert session.call("goto", x=-2.0, y=0.0, z=1.0, replace=True).value["accepted"]
+    poses.until(lambda p: speed(p) > 0.4)
+    assert max(speed(pose) for pose in poses.next(50)) < 0.7
+
+
+def test_what_is_set_in_flight_is_told_to_wait(tuned: Lab, session: Bare):
+    assert session.call("goto", x=2.0, y=0.0, z=1.0, replace=True).value["accepted"]
+    session.watch("uav/pose").until(lambda p: speed(p) > 0.2)
+    name = "dynamics.control.max_acceleration"
+    done = tuned.quadctl("param", "set", name, "0.5")
+    assert (done.code, done.out) == (0, f"{name}: 0.5 (from the next standstill)\n")
+    told = tuned.quadctl("param", "get", name)
+    assert (told.code, told.out) == (0, "0.5\n")
+    assert told.err == f"{name}: 5.0 is in force until the next standstill\n"
+    told = tuned.quadctl("param", "get", name, "dynamics.wind.gust", "--json")
+    assert told.json == {name: 0.5, "dynamics.wind.gust": 0.0, "in_force": {name: 5.0}}
+    done = tuned.quadctl("param", "set", "dynamics.wind.gust=0.1", f"{name}=0.6", "--json")
+    assert done.json == {"dynamics.wind.gust": 0.1, name: 0.6, "waits": [name]}
+    assert "Change:   at a standstill" in tuned.quadctl("param", "describe", name).out
+    assert session.call("hold").ok
+    values = {name: 5.0, "dynamics.wind.gust": 0.0}
+    assert session.call("dynamics/set_params", values=values).value == {
+        "success": True, "reason": "",
+    }  # fmt: skip
+
+
+def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
+    for words, said in (
+        ("dynamics.vehicle.motor_lag 0.5", "unstable"),
+        ("dynamics.vehicle.mass 4", "its motors lift 8.32 m/s^2 at most"),
+        ("dynamics.wind.mean.x 12", "wind of 12 m/s"),
+        # What waits is not there yet when the wind is.
+        ("dynamics.wind.mean.x=10 dynamics.control.max_tilt=1.2", "until the vehicle's next"),
+    ):
+        done = tuned.quadctl("param", "set", *words.split())
+        assert (done.code, done.out) == (6, "")
+        assert said in done.err
+    assert "in_force" not in session.call("dynamics/get_params", names=[]).value
+    started = tuned.quadctl("up", "--realm", "other", "--set", "dynamics.vehicle.motor_lag=0.5")
+    assert (started.code, "unstable" in started.err) == (6, True)
+
+
+def test_a_node_without_such_a_parameter_says_so(tuned: Lab, session: Bare):
+    done = tuned.quadctl("param", "set", "safety.cage", "3", "--json")
+    assert done.code == 6
+    assert "safety.cage" in done.error["message"]

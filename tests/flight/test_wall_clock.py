@@ -1,0 +1,155 @@
+"""The wall clock is set in flight, by an hour on and back: nobody who flies goes by it."""
+
+import ast
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tests.support.bare import speed
+from tests.support.lab import PATIENT, Lab
+from tests.support.proofs import Proofs
+
+ROOT = Path(__file__).parents[2]
+HERE = ROOT / "tests" / "support"
+HOUR = 3600
+TIME_OF_DAY = {"time", "time_ns", "datetime", "localtime", "gmtime", "ctime", "strftime"}
+MAY_ASK = {
+    "bus/calls.py": "a call's deadline",
+    "bus/client.py": "since when a command runs, to be compared with a process's start",
+    "bus/raw.py": "when a recording begins",
+    "bus/scheduled_calls.py": "a call's deadline, which the contract has as Unix time",
+    "bus/streams.py": "the age of messages, which is only told",
+    "bus/survey.py": "the age of messages, and a call's deadline",
+    "node.py": "the deadlines of calls that are held",
+    "security/access_control.py": "until when a certificate holds",
+    "security/authority.py": "until when a certificate holds",
+    "security/identity.py": "until when a certificate holds",
+    "security/registry.py": "until when a certificate holds",
+    "server.py": "a call's deadline",
+    "supervisor/child.py": "when a line was logged",
+    "supervisor/descendants.py": "a name that no other run has",
+    "supervisor/logs.py": "when a line was logged",
+    "supervisor/supervisor.py": "when a process was started, which is only told",
+}
+
+
+class Clock:
+    """The time of day of a lab's processes; `ahead` of ours, s."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "ahead"
+        self.set(0)
+
+    def set(self, ahead: int) -> None:
+        mode = "r+b" if self.file.exists() else "wb"
+        with self.file.open(mode) as file:
+            file.write(ahead.to_bytes(8, sys.byteorder, signed=True))
+
+
+def undisturbed(lab: Lab, jump: Callable[[int], None]) -> int:
+    """Fly to and fro, the clock set in each flight; returns how often that was."""
+    with lab.bare() as bare:
+        poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
+        legs = ((4.0, HOUR), (-4.0, -HOUR), (4.0, 0))
+        for x, ahead in legs:
+            goal = {"x": x, "y": 0.0, "z": 1.0}
+            assert bare.call("goto", **goal).value == {"accepted": True, "reason": ""}
+            poses.until(lambda pose: speed(pose) > 1.0)
+            jump(ahead)
+            ended = states.until(lambda s: s["goal"] == goal and s["state"] == "HOVERING")  # noqa: B023 - called at once
+            assert ended["reason"] == ""
+            poses.until(lambda pose: speed(pose) < 0.05)
+        assert {b["seq"] - a["seq"] for a, b in pairwise(poses.messages)} == {1}
+        assert len({pose["boot"] for pose in poses.messages}) == 1
+        assert {state["reason"] for state in states.messages} == {""}
+        assert bare.call("calibrate_pressure", zero=True).ok
+    assert {node["restarts"] for node in lab.nodes().values()} == {0}
+    return len(legs)
+
+
+def stamped(lab: Lab) -> float:
+    """By which time of day dynamics' Zenoh stamps a message, Unix s."""
+    with lab.bare() as bare, bare.session.declare_subscriber("uav/pose") as poses:
+        stamp = poses.recv().timestamp
+        assert stamp is not None
+        return stamp.get_time().timestamp()
+
+
+def test_an_hour_on_and_back_in_flight(lab: Lab):
+    clock = Clock(lab.folder)
+    nodes = {
+        name: [
+            sys.executable,
+            "-P",
+            str(HERE / "jumpy.py"),
+            str(clock.file),
+            f"quadctl.services.{name}",
+        ]
+        for name in ("dynamics", "pressure", "safety")
+    }
+    lines = (f"{name} = {json.dumps(command)}\n" for name, command in nodes.items())
+    lab.start(lab.file("[processes]\n" + "".join(lines)), "--set", "dynamics.start.z=1", *PATIENT)
+    assert undisturbed(lab, clock.set) == 3
+    # That it has jumped at all: to safety the deadline of what we call now is long over.
+    clock.set(HOUR)
+    assert lab.quadctl("goto", 0, 0, 1, "--json").error["code"] == "expired"
+
+
+@pytest.mark.prove
+def test_of_all_that_runs_zenoh_too(lab: Lab, proofs: Proofs):
+    """The hub and the commands as well, as where the clock of the machine is set."""
+    clock, library = Clock(lab.folder), lab.folder / "wallclock.so"
+    source = str(HERE / "wallclock.c")
+    subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
+    lab.environment |= {"LD_PRELOAD": str(library), "WALL_CLOCK": str(clock.file)}
+    lab.start("--set", "dynamics.start.z=1", *PATIENT)
+    clock.set(HOUR)
+    assert stamped(lab) == pytest.approx(time.time() + HOUR, abs=60), "Zenoh has not noticed"
+    clock.set(0)
+    seen = []
+
+    def jump(ahead: int) -> None:
+        clock.set(ahead)
+        seen.append(lab.quadctl("node", "ping", "--all", "-n", 1).code)
+
+    times = undisturbed(lab, jump)
+    for ahead in (HOUR, -HOUR, 0):
+        clock.set(ahead)
+        lines = ("goto 1 0 1", "calibrate", "cage on", "topic echo pose -n 1", "goto 0 0 1")
+        seen += [lab.quadctl(*line.split()).code for line in lines]
+    proofs.add(
+        "the wall clock set an hour on and back: flights stopped, poses lost, commands that fail",
+        f"none, in {times} flights and of {len(seen)} commands",
+        "none",
+    )
+    assert set(seen) == {0}
+
+
+def asks(file: Path) -> bool:
+    """Whether a module asks for the time of day."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    return any(
+        (isinstance(node, ast.Attribute) and node.attr in TIME_OF_DAY and _is_clock(node.value))
+        or (isinstance(node, ast.ImportFrom) and node.module in {"time", "datetime"})
+        for node in ast.walk(tree)
+    )
+
+
+def _is_clock(node: ast.expr) -> bool:
+    return isinstance(node, ast.Name) and node.id in {"time", "dt", "datetime"}
+
+
+def test_what_flies_never_asks_for_the_time_of_day():
+    for service in ("dynamics", "pressure", "safety", "hub"):
+        files = sorted((ROOT / "services" / service).rglob("*.py"))
+        assert files
+        assert [str(file) for file in files if asks(file)] == []
+    runtime = ROOT / "services" / "runtime"
+    found = {file.relative_to(runtime).as_posix() for file in runtime.rglob("*.py") if asks(file)}
+    assert found == set(MAY_ASK)

@@ -1,0 +1,85 @@
+"""Recordings played to the services as they are now: what they say is what was recorded.
+
+A change of behaviour fails here; where it is meant, the recordings are made again (make.py).
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from quadctl.services.pressure.__main__ import run as run_pressure
+from quadctl.services.runtime.testing import Published, play
+from quadctl.services.safety import automaton
+from quadctl.services.safety.__main__ import run as run_safety
+from tests.support.recorded import Recorded
+
+FILES = sorted((Path(__file__).parent / "data").glob("*.mcap"))
+
+
+@pytest.fixture(scope="module", params=FILES, ids=lambda file: file.stem)
+def recorded(request) -> Recorded:
+    return Recorded(request.param)
+
+
+def safety(recorded: Recorded) -> list[Published]:
+    return play("safety", run_safety, recorded.params, recorded.heard, recorded.calls)
+
+
+def same(now: list, then: list) -> bool:
+    """Alike to the end of the recording, which may be a message before that of what was heard."""
+    return now[: len(then)] == then and len(now) - len(then) <= 1
+
+
+def test_safety_decides_as_it_did(recorded):
+    said = safety(recorded)
+    assert recorded.transitions(said) == recorded.transitions(recorded.said)
+    assert same(recorded.setpoints(said), recorded.setpoints(recorded.said))
+    assert len(recorded.transitions(said)) > 3
+    assert len(recorded.setpoints(said)) > 100
+
+
+def test_the_barometer_reads_as_it_did(recorded):
+    said = play("pressure", run_pressure, recorded.params, recorded.heard, recorded.calls)
+    readings = recorded.readings(recorded.said)
+    assert same(recorded.readings(said), readings)
+    assert len(readings) > 50
+    assert {bool(reading.baseline) for reading in readings} == {True, False}
+
+
+def named(*names: Any) -> int:
+    """Where the rule of that state, event and condition stands."""
+    found = [(r.at.name, r.on.__name__, r.when.__name__) for r in automaton.RULES]
+    return found.index(names)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        ("HOVERING", "Ask", "always"),
+        ("VERIFYING", "Check", "permitted"),
+        ("MOVING", "Ask", "may_replace"),
+        ("MOVING", "Seen", "arrived"),
+        ("MOVING", "Hold", "always"),
+        ("HOVERING", "Toggle", "always"),
+    ],
+    ids="-".join,
+)
+def test_one_changed_rule_is_another_flight(rule, monkeypatch):
+    recorded = Recorded(Path(__file__).parent / "data" / "cage.mcap")
+    number = named(*rule)
+    changed = automaton.RULES[number]._replace(do=automaton.keep, to=automaton.RULES[number].at)
+    rules = (*automaton.RULES[:number], changed, *automaton.RULES[number + 1 :])
+    monkeypatch.setattr(
+        "quadctl.services.safety.monitor.step", partial(automaton.step, rules=rules)
+    )
+    said = safety(recorded)
+    assert recorded.transitions(said) != recorded.transitions(recorded.said)
+
+
+def test_other_noise_is_another_recording():
+    recorded = Recorded(Path(__file__).parent / "data" / "barometer.mcap")
+    recorded.params.dynamics.seed += 1
+    said = play("pressure", run_pressure, recorded.params, recorded.heard, recorded.calls)
+    assert not same(recorded.readings(said), recorded.readings(recorded.said))

@@ -1,0 +1,144 @@
+"""`replay`: on the bus is said again what was said there, to the byte, and only where that is safe."""
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from quadctl.services.runtime.recording.reader import Bag, Recorded
+from tests.support.bags import flight, taken, write
+from tests.support.lab import Lab, private_lab
+from tests.support.running import eventually
+
+HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
+
+
+@pytest.fixture(scope="module")
+def stage() -> Iterator[Lab]:
+    """A realm with a hub and nobody else, and a recording of two seconds in its folder."""
+    with private_lab() as made:
+        made.start(*HUB_ALONE)
+        write(made.folder / "flight.mcap", flight(200))
+        yield made
+
+
+def bus(path: Path) -> list[Recorded]:
+    return [message for message in Bag(path).messages() if not message.derived]
+
+
+def test_it_is_the_same_again_to_the_byte(stage: Lab):
+    first = bus(stage.folder / "flight.mcap")
+    run = stage.spawn(*stage.command("record", "-o", "again.mcap", "--json"))
+    eventually(lambda: "recording" in run.log)
+    done = stage.quadctl("replay", "flight.mcap", "--speed", 0, "--json")
+    assert done.code == 0, done
+    eventually(lambda: f'"messages":{len(first)},' in run.log)
+    run.send(signal.SIGINT)
+    assert run.wait() == 0
+    again = bus(stage.folder / "again.mcap")
+    assert done.json["messages"] == len(first)
+    assert [(m.key, m.payload, m.encoding) for m in again] == [
+        (m.key, m.payload, m.encoding) for m in first
+    ]
+
+
+def test_it_takes_its_time_from_where_it_is_told_to_begin(stage: Lab):
+    began = time.monotonic()
+    words = ("--from", 1.0, "--speed", 2, "--json")
+    done = stage.quadctl("replay", "flight.mcap", *words)
+    assert done.code == 0
+    assert time.monotonic() - began > done.json["wall_seconds"] > 0.45
+    assert done.json["seconds"] == pytest.approx(0.99)
+    # Of 100 poses a second, of 10 readings and 10 of the stranger's.
+    assert done.json["messages"] == 120
+
+
+def test_while_it_goes_on_all_commands_find_what_was(stage: Lab):
+    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02))
+    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
+    listed = {row["key"]: row for row in stage.quadctl("topic", "list", "--json").json}
+    assert {row["node"] for row in listed.values()} == {"replay"}
+    assert listed["uav/pose"]["declared_hz"] == 100
+    shown = stage.quadctl("topic", "echo", "pose", "-n", 1, "--json")
+    assert shown.json["boot"] == "b0"
+    assert stage.quadctl("state", "--json").json["cage"] == {"x": 5.0, "y": 5.0, "z": 2.0}
+    second = stage.quadctl("replay", "flight.mcap", "--json")
+    assert (second.code, second.error["code"]) == (7, "already_served")
+    run.send(signal.SIGINT)
+    assert run.wait() == 130
+    assert stage.quadctl("topic", "list", "--json").json == []
+
+
+def test_a_hub_that_dies_meanwhile_is_told(stage: Lab):
+    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1))
+    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
+    stage.revived("hub", stage.signal("hub", signal.SIGKILL))
+    assert run.wait() == 3, run.log
+    assert "hub" in run.log
+
+
+def test_where_nothing_runs_a_hub_does_for_as_long(lab: Lab):
+    write(lab.folder / "f.mcap", flight(20))
+    done = lab.quadctl("replay", "f.mcap")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.startswith("replayed 25 messages of 4 keys")
+    assert lab.is_gone()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
+def test_a_hub_of_its_own_ends_with_it_by_a_signal_too(lab: Lab, number: int):
+    write(lab.folder / "f.mcap", flight(20))
+    run = lab.spawn(*lab.command("replay", "f.mcap", "--speed", 0.001))
+    with lab.first_bare() as bare:
+        eventually(lambda: "replay" in bare.nodes())
+    run.send(number)
+    assert run.wait() == (-number if number == signal.SIGKILL else 128 + number), run.log
+    # Killed, it could not wait for the end of its hub.
+    eventually(lab.is_gone)
+
+
+def test_beside_a_live_vehicle_it_is_refused_and_says_nothing(shared_lab: Lab):
+    file = write(shared_lab.folder / "live.mcap", [taken("uav/mine", b"x", 0, "text/plain")])
+    with shared_lab.bare() as bare:
+        heard = bare.watch("uav/mine")
+        for words in ((), ("uav/mine",)):
+            done = shared_lab.quadctl("replay", file, *words, "--json")
+            assert (done.code, done.error["code"]) == (7, "already_served")
+            assert "the vehicle uav is live" in done.error["message"]
+        assert heard.messages == []
+
+
+def test_a_node_of_somebodys_own_is_fed_with_what_was(stage: Lab):
+    """Recorded poses for a live safety: what it hears is replayed, what it says is its own."""
+    with private_lab() as lab:
+        lab.start("--without", "dynamics", "--without", "pressure")
+        file = write(lab.folder / "f.mcap", flight(50))
+        whole = lab.quadctl("replay", file, "--json")
+        assert whole.error["message"].startswith("uav/safety/state is published by safety")
+        assert lab.quadctl("replay", file, "pose", "--speed", 0).code == 0
+        with lab.bare() as bare:
+            eventually(lambda: bare.state()["boot"] == "b0")
+
+
+def test_what_cannot_be_replayed_is_told(stage: Lab):
+    stage.file("no recording", "text.mcap")
+    for words, code, text in (
+        (("text.mcap",), 6, "text.mcap is no recording"),
+        (("missing.mcap",), 6, "missing.mcap cannot be read"),
+        (("flight.mcap", "nobodys/own"), 6, "flight.mcap has nothing to replay"),
+        (("flight.mcap", "--from", 99), 6, "flight.mcap has nothing to replay"),
+        (("flight.mcap", "--speed", -1), 6, "--speed -1: no speed"),
+    ):
+        done = stage.quadctl("replay", *words, "--json")
+        assert (done.code, text in done.error["message"]) == (code, True), done
+
+
+def test_a_cut_recording_is_replayed_as_far_as_it_goes(stage: Lab):
+    write(stage.folder / "cut.mcap", flight(100), whole=False)
+    done = stage.quadctl("replay", "cut.mcap", "--speed", 0, "--json")
+    assert done.code == 0
+    assert json.loads(done.out)["cut"]
+    assert "the recording is cut" in done.err

@@ -1,0 +1,40 @@
+"""Machines in namespaces of their own, for many tests."""
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+
+from tests.support.classroom import COUNT, HERE, Room, classroom
+from tests.support.network_field import Field, field
+from tests.support.proofs import Proofs
+from tests.support.running import eventually
+
+
+@pytest.fixture(scope="module")
+def net() -> Iterator[Field]:
+    with field() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def room(proofs: Proofs) -> Iterator[Room]:
+    """All thirty of them up, and heard."""
+    with classroom(COUNT) as made, ExitStack() as held:
+        made.open()
+        began = time.monotonic()
+        made.come()
+        came = time.monotonic()
+        names = [student.name for student in made.students]
+        eventually(lambda: list(made.listed()) == names, 60.0)
+        seen = time.monotonic()
+        made.listen(held)
+        made.rests()
+        proofs.add(
+            f"{HERE}: until the teacher's `fleet list` has all",
+            f"{seen - came:.1f} s after the last was up; all up in {came - began:.0f} s on one machine's"
+            " two cores",
+            "all",
+        )
+        yield made

@@ -1,0 +1,145 @@
+"""Whose certificate is not good, or no longer, gets nothing; whose is, at once."""
+
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from quadctl.services.runtime.security.registry import Registry
+from tests.support.intruder import session
+from tests.support.lab import Lab
+from tests.support.network_field import TLS, Field, touched
+from tests.support.proofs import Proofs
+from tests.support.running import eventually
+
+AT = "tls/127.0.0.1:7729"
+MOST = 2.0
+ROUNDS = 20
+
+
+def last_heard_after_revoked(fleet: Registry, folder: Path) -> float:
+    """Seconds from `revoke` until the last message came."""
+    fleet.issue("operator", {"rob": ["*"]}, 1, [])
+    came: list[float] = []
+
+    def hears() -> bool:
+        # Until the gate has the new list, it knows nobody of that name, and while it opens anew
+        # nobody can connect.
+        try:
+            opening = session(AT, folder / "rob")
+        except zenoh.ZError:
+            return False
+        with opening as opened:
+            opened.declare_subscriber("uav/pose", lambda _: came.append(time.monotonic()))
+            try:
+                eventually(lambda: len(came) > 5, 1.0)
+            except AssertionError:
+                return False
+            fleet.revoke("rob")
+            revoked.append(time.monotonic())
+            time.sleep(MOST + 0.5)
+            return True
+
+    revoked: list[float] = []
+    eventually(hears)
+    return max(came) - revoked[0]
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(200)
+def test_a_revoked_certificate_gets_nothing_after_two_seconds(lab: Lab, proofs: Proofs):
+    assert lab.quadctl("keys", "init").code == 0
+    assert lab.quadctl("keys", "issue", "hub").code == 0
+    lab.start("--listen", AT, "--identity", "keys/hub")
+    keys = lab.folder / "keys"
+    took = sorted(last_heard_after_revoked(Registry(keys), keys) for _ in range(ROUNDS))
+    proofs.add(
+        "a revoked certificate: until its last message",
+        f"{took[len(took) // 2] * 1000:.0f} ms, at most {took[-1] * 1000:.0f} ms (n {len(took)})",
+        f"{MOST:g} s",
+    )
+    assert took[-1] < MOST
+
+
+def test_strangers_are_kept_out(net: Field):
+    (net.operator.folder / "other").mkdir(exist_ok=True)
+    other = net.operator.folder / "other" / "keys"
+    for line in ("init", "issue operator anna"):
+        assert net.operator.quadctl("keys", *line.split(), "--fleet", other).code == 0
+    before = touched(net.vehicle)
+    foreign = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
+    assert foreign.code == 3
+    assert "no hub of our fleet" in foreign.err
+    # Ours for the hub's certificate, and yet not ours: what the hub must see for itself.
+    shutil.copy(net.keys / "ca.pem", other / "anna" / "ca.pem")
+    refused = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
+    assert refused.code == 3
+    assert "does not take the certificate" in refused.err
+    nobody = net.operator.quadctl("hold", "--connect", TLS)
+    assert nobody.code == 2
+    assert "--identity" in nobody.err
+    unencrypted = net.operator.quadctl("hold", "--connect", TLS.replace("tls/", "tcp/"))
+    assert unencrypted.code in {3, 4}
+    assert touched(net.vehicle) == before
+
+
+def test_nobody_but_a_hub_is_taken_for_one(net: Field):
+    posing = TLS.replace("7447", "7449")
+    with net.posed(posing, "bob"):
+        done = net.ask("hold", at=posing)
+    assert done.code == 3
+    assert "no hub of our fleet" in done.err
+
+
+def test_who_has_just_been_issued_a_certificate_may_use_it_at_once(net: Field):
+    """Who comes to the gate while it still has the old list comes again to the one with the new."""
+    for number in range(3):
+        net.issue(f"operator new{number}")
+        done = net.ask("hold", f"new{number}")
+        assert done.code == 0, done.err
+
+
+def test_a_certificate_that_has_expired(net: Field):
+    brief = net.issue("operator brief --days 0.00001")
+    eventually(lambda: "expired on" in net.ask("hold", "brief").err)
+    assert net.ask("hold", "brief").code == 3
+    about = (brief / "identity.json").read_text(encoding="utf-8")
+    # Whoever says that it is good still is told by the hub that it is not.
+    (brief / "identity.json").write_text(
+        about.replace('"expires":1', '"expires":9'), encoding="utf-8"
+    )
+    assert net.ask("hold", "brief").code == 3
+
+
+def test_a_revoked_name_is_out_within_two_seconds_and_the_flight_goes_on(net: Field):
+    rob = net.kept("rob")
+    assert net.ask("hold", rob).code == 0
+    stream = net.spoken("topic echo pose --json", rob)
+    eventually(lambda: stream.log.count("\n") > 20)
+    boot = touched(net.vehicle)[2]
+    assert net.operator.quadctl("keys", "revoke", "rob").code == 0
+    revoked = time.monotonic()
+    # The router and the vehicle read their own folders' lists, which `revoke` has written.
+    counts: list[int] = []
+
+    def silent() -> bool:
+        counts.append(stream.log.count("\n"))
+        return len(counts) > 50 and counts[-50] == counts[-1]
+
+    eventually(silent)
+    assert time.monotonic() - revoked < 0.5 + 2.0 + 2.0, "with the half second it takes to see it"
+    stream.end()
+    done = net.ask("hold", rob)
+    assert done.code == 3
+    assert "lets nothing through for operator.rob." in done.err
+    assert net.intrude(rob) == {"replied": [], "heard": [], "asked": [], "seen": []}
+    # Everybody else is back by himself, and the vehicle has not noticed.
+    eventually(lambda: net.ask("hold").code == 0)
+    assert touched(net.vehicle)[2] == boot
+    restarts = {name: node["restarts"] for name, node in net.vehicle.nodes().items()}
+    assert set(restarts.values()) == {0}, (
+        restarts,
+        net.vehicle.quadctl("node", "logs", "gate").out,
+    )

@@ -1,0 +1,195 @@
+"""However a run ends, nothing of it is left; and a realm or a name is held by one alone."""
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.lab import NODES, Lab
+from tests.support.proofs import Proofs
+from tests.support.running import alive, eventually
+
+# A user's processes that know nothing of us: one that hears no signal, one that reads no pipe, and
+# one whose children are deaf, in a session of their own, or left behind by their parent.
+HELPERS = """
+[processes]
+deaf = ["python", "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(99)"]
+sleeper = "sleep 99"
+family = ["sh", "-c", '''
+    (trap : TERM; sleep 98; sleep 98) &
+    setsid sh -c "trap : TERM; sleep 97; sleep 97" &
+    (sleep 96 &)
+    wait
+''']
+"""
+
+
+def sleeping(lab: Lab) -> set[str]:
+    """How long each `sleep` of the helpers sleeps."""
+    found = set()
+    for pid in lab.processes():
+        with contextlib.suppress(OSError):
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            if words[0] == b"sleep":
+                found.add(words[1].decode())
+    return found
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0), (signal.SIGHUP, 0)]
+)
+def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, code: int):
+    run = lab.foreground(lab.file(HELPERS))
+    pids = lab.pids()
+    assert len(pids) == 8
+    assert all(map(alive, pids))
+    eventually(lambda: sleeping(lab) == {"96", "97", "98", "99"})
+    run.send(number)
+    assert run.wait(5) == code
+    assert not any(map(alive, pids))
+    assert lab.is_gone()
+    assert "Traceback" not in run.log
+
+
+@pytest.mark.parametrize("detached", [False, True], ids=["foreground", "detached"])
+def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
+    file = lab.file(HELPERS)
+    if detached:
+        lab.start(file)
+    else:
+        lab.foreground(file)
+    pids = lab.pids()
+    eventually(lambda: sleeping(lab) == {"96", "97", "98", "99"})
+    os.kill(pids[0], signal.SIGKILL)
+    eventually(lambda: not any(map(alive, pids)) and not lab.processes(), 2)
+    if detached:  # what is left of the folder hinders nobody, and is cleared away with the next
+        (lab.home / "params" / "safety.json").write_text('{"takeoff": -1}')
+        (lab.home / "asked").mkdir()
+        (lab.home / "asked" / "hub").touch()
+        lab.start()
+        assert not (lab.home / "logs" / "sleeper.log").exists()
+        assert {node["restarts"] for node in lab.nodes().values()} == {0}
+        assert lab.quadctl("param", "get", "safety.takeoff", "--json").json == {"safety.takeoff": 1}
+    else:
+        assert lab.quadctl("status").code == 3
+        shutil.rmtree(lab.home)
+
+
+def test_a_second_up_is_refused_with_the_pid_that_holds_the_realm(shared_lab: Lab):
+    before = shared_lab.status()
+    for second in shared_lab.each(["up", "up -d"], "--json").values():
+        assert (second.code, second.out) == (7, "")
+        assert str(before["pid"]) in second.error["message"]
+    assert shared_lab.status() == before
+
+
+def test_two_realms_run_side_by_side_and_do_not_see_each_other(shared_lab: Lab):
+    other = ("--realm", "other")
+    assert shared_lab.quadctl("up", "-d", *other, "--set", "safety.virtual_cage.x=2").code == 0
+    try:
+        mine = shared_lab.quadctl("cage", "show", "--json").json
+        theirs = shared_lab.quadctl("cage", "show", "--json", *other).json
+        assert (mine["x"], theirs["x"]) == ([-5, 5], [-2, 2])
+        assert shared_lab.quadctl("goto", 3, 0, 1, *other).code == 5
+        with shared_lab.bare() as bare:
+            assert bare.nodes() == ["dynamics", "hub", "pressure", "safety"]
+    finally:
+        down = shared_lab.quadctl("down", *other)
+    assert down.code == 0
+    assert shared_lab.is_ready()
+
+
+def test_a_node_started_a_second_time_exits_7(shared_lab: Lab):
+    before = shared_lab.status()
+    command = (sys.executable, "-P", "-m")
+    seconds = {node: shared_lab.spawn(*command, f"quadctl.services.{node}") for node in NODES}
+    assert {node: second.wait() for node, second in seconds.items()} == dict.fromkeys(NODES, 7)
+    assert all(node in second.log for node, second in seconds.items())
+    assert shared_lab.status() == before
+
+
+def test_a_process_runs_alone_beside_a_run_that_leaves_it_out(lab: Lab):
+    lab.start("--without", "pressure")
+    command = (sys.executable, "-P", "-m", "quadctl.services.pressure", "--realm", lab.realm)
+    alone = lab.spawn(*command, "--set", "pressure.rate=20")
+    with lab.bare() as bare:
+        eventually(lambda: "pressure" in bare.nodes())
+        assert bare.watch("uav/sensors/pressure").next()[0]["pressure"] > 1000
+        rate = bare.call("pressure/get_params", names=["pressure.rate"])
+        assert rate.value == {"values": {"pressure.rate": 20}}
+    second = lab.spawn(*command)
+    assert second.wait() == 7
+    listed = lab.quadctl("node", "list", "--json").json
+    assert "pressure" in [node["name"] for node in listed]
+    alone.send(signal.SIGTERM)
+    assert alone.wait() == 0
+
+
+def run_and_end(lab: Lab, times: int) -> None:
+    """Every other time with helpers that hear no signal."""
+    helpers = lab.file(HELPERS)
+    for number in range(times):
+        lab.start(*[helpers] * (number % 2))
+        pids = lab.pids()
+        down = lab.quadctl("down", "--json")
+        assert (down.code, down.err) == (0, "")
+        assert down.json["pid"] == pids[0]
+        assert not any(map(alive, pids[1:]))
+        assert not lab.home.exists()
+        eventually(lambda: not lab.processes(), 1)
+
+
+def test_starts_and_stops_leave_nothing_behind(lab: Lab):
+    run_and_end(lab, 10)
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(600)
+def test_a_hundred_starts_and_stops_leave_nothing_behind(lab: Lab, proofs: Proofs):
+    run_and_end(lab, 100)
+    proofs.add(
+        "100 starts and stops, half of them with processes that ignore SIGTERM: left behind",
+        "no process, no file",
+        "nothing",
+    )
+
+
+def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
+    lab.start()
+    pids = lab.pids()
+    lab.signal("safety", signal.SIGSTOP)
+    os.kill(lab.status()["pid"], signal.SIGKILL)
+    eventually(lambda: not any(map(alive, pids)), within=2)
+    shutil.rmtree(lab.home)
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+def test_a_run_is_launched_by_who_has_closed_its_streams(lab: Lab, closed: str):
+    launched = lab.spawn("sh", "-c", f"exec {shlex.join(lab.command('up', '-d'))} {closed}")
+    assert launched.wait() == 0
+    assert launched.log in {"", f"realm {lab.realm} is up\n"}
+    assert lab.is_ready()
+    assert lab.quadctl("down").code == 0
+    assert lab.is_gone()
+
+
+def test_under_nohup_a_closed_terminal_is_no_end(lab: Lab):
+    run = lab.spawn("sh", "-c", f"trap '' HUP; exec {shlex.join(lab.command('up'))}")
+    eventually(lab.is_ready)
+    run.send(signal.SIGHUP)
+    lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
+    assert not run.ended
+
+
+def test_a_demo_ended_by_a_signal_leaves_nothing(lab: Lab):
+    run = lab.spawn(*lab.command("demo"))
+    eventually(lambda: [*lab.home.parent.glob("demo-*/run.json")])
+    run.send(signal.SIGTERM)
+    assert run.wait() == 128 + signal.SIGTERM, run.log
+    eventually(lambda: not lab.processes())
+    assert not [*lab.home.parent.glob("demo-*")]

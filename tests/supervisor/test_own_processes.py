@@ -1,0 +1,115 @@
+"""A user's own processes run in place of ours, or besides them."""
+
+import os
+import signal
+from pathlib import Path
+
+from tests.support.lab import NODES, Lab
+from tests.support.running import alive, eventually
+
+# A safety node by a student: Zenoh alone, nothing of ours.
+STUDENT = """
+import json, os, pathlib, zenoh
+home = pathlib.Path(os.environ["XDG_RUNTIME_DIR"]) / "quadctl" / os.environ["QUADCTL_REALM"]
+config = {"mode": "client", "connect": {"endpoints": [f"unixsock-stream/{home}/hub.sock"],
+          "timeout_ms": 5000, "retry": {"period_init_ms": 20, "period_max_ms": 20}},
+          "scouting": {"multicast": {"enabled": False}}}
+session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+
+def refuse(query):
+    with query:
+        query.reply(query.key_expr, b"\\x82\\xa8accepted\\xc2\\xa6reason\\xaba student's")
+
+goto = session.declare_queryable("uav/@srv/goto", refuse, complete=True)
+ready = session.liveliness().declare_token("uav/@node/safety")
+offer = session.liveliness().declare_token("uav/@node/safety/@srv/Goto/00000000/0/goto")
+print("a student's node is ready", flush=True)
+while os.read(0, 1):
+    pass
+"""
+HELPER = "import os, sys; print('in', os.getcwd()); print('said', file=sys.stderr); os.read(0, 1)"
+
+
+def cmdline(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def test_a_students_node_takes_the_place_of_ours_and_a_helper_runs_beside_until_it_keeps_dying(
+    lab: Lab,
+):
+    (lab.folder / "student.py").write_text(STUDENT, encoding="utf-8")
+    (lab.folder / "helper.py").write_text(HELPER, encoding="utf-8")
+    commands = 'safety = "python student.py"\nhelper = ["python", "helper.py"]\n'
+    doomed = "doomed = \"python -c 'raise SystemExit(3)'\"\n"
+    run = lab.spawn(*lab.command("up", lab.file(f"[processes]\n{commands}{doomed}")))
+    states = dict.fromkeys([*NODES, "helper"], "ready") | {"doomed": "down"}
+    eventually(lambda: {name: node["state"] for name, node in lab.nodes().items()} == states)
+    assert "safety   | a student's node is ready" in run.log
+    eventually(lambda: f"helper   | in {lab.folder}" in run.log)
+    eventually(lambda: "helper   | said" in run.log)
+    refused = lab.quadctl("goto", 1, 2, 1, "--no-wait", "--json")
+    assert (refused.code, refused.json["reason"]) == (5, "a student's")
+    nodes = {node["name"]: node for node in lab.quadctl("node", "list", "--json").json}
+    assert len(nodes["safety"]["services"]) == 1
+    assert {name: node["state"] for name, node in nodes.items()} == states
+    assert "doomed   | " not in run.log
+    assert "doomed ended (exit 3): left down" in run.log
+    assert lab.quadctl("calibrate").code == 0
+    assert lab.quadctl("down").code == 0
+
+
+def test_a_command_that_ends_at_once_is_no_run_that_is_up(lab: Lab):
+    failed = lab.quadctl("up", "-d", lab.file('[processes]\nx = "true"\n'), "--json")
+    assert (failed.code, failed.out) == (1, "")
+    assert "x does not stay up" in failed.error["message"]
+    assert lab.is_gone()
+
+
+def test_commands_that_write_without_end_take_no_memory_and_delay_nobody(lab: Lab):
+    lab.start(lab.file('[processes]\nyes = "yes"\nblob = "cat /dev/zero"\n'))
+    supervisor = lab.status()["pid"]
+    logs = lab.home / "logs"
+
+    def memory() -> int:
+        """Resident kilobytes of the supervisor."""
+        status = Path(f"/proc/{supervisor}/status").read_text(encoding="utf-8")
+        return int(status.partition("VmRSS:")[2].split()[0])
+
+    def dropped() -> int:
+        text = (logs / "yes.log").read_text(encoding="utf-8")
+        return sum(int(line.split()[1]) for line in text.splitlines() if "dropped" in line)
+
+    eventually(lambda: dropped() > 100_000)
+    before = memory()
+    eventually(lambda: dropped() > 2_000_000, 30.0)
+    for node in ("pressure", "safety"):
+        lab.revived(node, lab.signal(node, signal.SIGKILL), 3.0)
+    assert memory() < before + 10_000
+    assert (logs / "blob.log").stat().st_size < 10_000
+    assert lab.nodes()["yes"]["restarts"] == lab.nodes()["blob"]["restarts"] == 0
+
+
+def test_what_a_command_has_started_goes_when_it_dies(lab: Lab):
+    lab.start(
+        lab.file("""[processes]
+family = ["sh", "-c", "sleep 98 & setsid sleep 97 & echo started; exec sleep 99"]
+""")
+    )
+    leader = lab.nodes()["family"]["pid"]
+
+    def mine() -> list[int]:
+        """The command's processes that sleep."""
+        return [pid for pid in lab.processes() if b"sleep" in cmdline(pid)]
+
+    eventually(lambda: len(mine()) == 3)
+    old = mine()
+    assert leader in old
+    os.kill(leader, signal.SIGKILL)
+    lab.revived("family", leader)
+    assert not any(map(alive, old))
+    eventually(lambda: len(mine()) == 3)
+    assert lab.quadctl("down").code == 0
+    assert not mine()

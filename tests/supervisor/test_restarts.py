@@ -1,0 +1,209 @@
+"""A process that dies or freezes in flight comes back by itself, and the lab goes on with it."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.supervisor import control
+from tests.support.bare import Bare, gap, speed
+from tests.support.lab import NODES, PATIENT, Lab, private_lab
+from tests.support.running import eventually
+
+GOAL = {"x": 7.0, "y": 0.0, "z": 1.0}
+
+
+@pytest.fixture(scope="module")
+def roomy() -> Iterator[Lab]:
+    """A lab with room for a flight long enough to kill something in the middle of it."""
+    with private_lab() as made:
+        made.start("--set", "safety.virtual_cage.x=9", "--set", "dynamics.start.z=1", *PATIENT)
+        yield made
+
+
+@pytest.fixture
+def flight(roomy: Lab) -> Iterator[Bare]:
+    """The vehicle under way from the start to the goal, cage off and barometer zeroed."""
+    with roomy.bare() as bare:
+        poses = bare.watch("uav/pose")
+        boot = poses.next()[0]["boot"]
+        assert bare.call("reset").ok
+        poses.until(lambda p: p["boot"] != boot)
+        eventually(lambda: bare.state()["boot"] not in {"", boot})
+        assert bare.call("calibrate_pressure", zero=True).ok
+        assert bare.call("toggle_cage", cage_on=False).ok
+        assert bare.call("goto", **GOAL).value["accepted"]
+        poses.until(lambda p: speed(p) > 1)
+        assert bare.state()["state"] == "MOVING"
+        yield bare
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_killed_in_flight_a_node_comes_back_and_the_same_goal_is_flown(
+    roomy: Lab, flight: Bare, node: str
+):
+    before = roomy.nodes()
+    old = roomy.signal(node, signal.SIGKILL)
+    roomy.revived(node, old)
+    after = roomy.nodes()
+    restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
+    assert restarts == {name: int(name == node) for name in NODES}
+
+    # A new session, because the hub may be a new one; nothing but ready was waited for.
+    with roomy.bare() as bare:
+        poses = bare.watch("uav/pose")
+        assert (poses.next()[0]["position"]["x"] < GOAL["x"] - 0.5) or node == "pressure"
+        state = bare.state()
+        if node == "safety":
+            assert state["cage_on"]
+            assert "restarted" in state["reason"]
+        if node == "pressure":
+            assert bare.watch("uav/sensors/pressure").next()[0]["baseline"] == 0
+        flown = roomy.quadctl("goto", 7, 0, 1, "--replace", "--json")
+        assert (flown.code, flown.json["arrived"]) == (0, True)
+        poses.until(lambda p: gap(p["position"], GOAL) < 0.1)
+        calibrated = bare.call("calibrate_pressure", zero=True)
+        assert calibrated.value["baseline"] == pytest.approx(1013.13, abs=0.05)
+        readings = bare.watch("uav/sensors/pressure")
+        zeroed = readings.until(lambda r: r["baseline"] == calibrated.value["baseline"])
+        assert abs(zeroed["pressure"]) < 0.02
+
+
+def test_a_goto_whose_safety_dies_says_that_and_no_other_reason(roomy: Lab, flight: Bare):
+    old = roomy.nodes()["safety"]["pid"]
+    waiting = roomy.spawn(*roomy.command("goto", -7, 0, 1, "--replace"))
+    eventually(lambda: "accepted" in waiting.log)
+    roomy.signal("safety", signal.SIGKILL)
+    assert waiting.wait(30.0) == 5, waiting.log
+    assert "the flight was stopped: safety restarted: hovering here, cage on" in waiting.log
+    roomy.revived("safety", old)
+
+
+def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
+    frozen = {node: roomy.signal(node, signal.SIGSTOP) for node in ("safety", "pressure")}
+    # Without setpoints the vehicle brakes long before the freeze is noticed by its silence.
+    poses = flight.watch("uav/pose")
+    rest = poses.until(lambda p: speed(p) < 0.02)
+    assert rest["position"]["x"] < GOAL["x"] - 0.5
+    for node, old in frozen.items():
+        roomy.revived(node, old)
+    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+    for node in frozen:
+        assert f"{node}: no answer for 2 s: killed" in log
+    assert flight.call("goto", **GOAL).value["accepted"]
+
+
+def test_a_node_that_freezes_as_soon_as_it_is_there_is_killed_and_restarted(roomy: Lab):
+    roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
+    roomy.revived("pressure", roomy.signal("pressure", signal.SIGSTOP))
+
+
+def test_a_node_that_always_dies_fails_the_start_with_its_last_words(lab: Lab):
+    lab.file(
+        '[processes]\nsafety = "python -c \'raise SystemExit(\\"no wings\\")\'"\n', "quad.toml"
+    )
+    failed = lab.quadctl("up", "-d", "--json")
+    assert (failed.code, failed.out) == (1, "")
+    assert "safety does not stay up" in failed.error["message"]
+    assert "no wings" in failed.error["message"]
+    assert not lab.home.exists()
+
+
+def test_a_supervisor_that_was_stopped_itself_holds_nobody_for_frozen(roomy: Lab):
+    before = roomy.nodes()
+    supervisor = roomy.status()["pid"]
+    os.kill(supervisor, signal.SIGSTOP)
+    try:
+        time.sleep(3.0)  # longer than anybody may be silent
+    finally:
+        os.kill(supervisor, signal.SIGCONT)
+    # It has looked at all of them again when it has restarted one.
+    roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
+    after = roomy.nodes()
+    restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
+    assert restarts == {name: int(name == "pressure") for name in NODES}
+
+
+def test_who_hears_no_more_of_a_dead_node_is_told_so(roomy: Lab):
+    eventually(roomy.is_ready)
+    supervisor, old = roomy.status()["pid"], roomy.nodes()["dynamics"]["pid"]
+    heard = roomy.spawn(*roomy.command("topic", "echo", "pose", "--timeout", 1))
+    eventually(lambda: "---" in heard.log)
+    # Nobody restarts it meanwhile.
+    os.kill(supervisor, signal.SIGSTOP)
+    try:
+        roomy.signal("dynamics", signal.SIGKILL)
+        assert heard.wait() == 3
+    finally:
+        os.kill(supervisor, signal.SIGCONT)
+    assert "nothing more came on uav/pose within 1 s: dynamics is gone" in heard.log
+    roomy.revived("dynamics", old)
+
+
+def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: Lab):
+    eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
+    roomy.signal("hub", signal.SIGKILL)
+    assert roomy.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
+
+
+def test_a_restart_is_done_when_it_is_asked_for_whatever_state_the_process_is_in(roomy: Lab):
+    realm = realm_of(roomy)
+    for node, prepare in (("pressure", None), ("hub", signal.SIGSTOP), ("safety", signal.SIGSTOP)):
+        eventually(roomy.is_ready)
+        if prepare is not None:
+            roomy.signal(node, prepare)
+        before = control.request_restart(realm, node)
+        after = control.wait_restarted(realm, node, before, 10.0)
+        assert after.restarts == before.restarts + 1
+        assert after.started > before.started > 1e9
+    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+    assert log.count(": restart asked for\n") == 3
+    assert "pressure ended" not in log.rpartition("pressure: restart asked for")[2]
+
+
+def realm_of(lab: Lab) -> Realm:
+    """The lab's realm, for what is asked in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
+        return Realm(lab.realm)
+
+
+def test_one_that_is_left_down_is_started_anew_when_that_is_asked_for(lab: Lab):
+    command = "shy = ['sh', '-c', '[ -e here ] || exit 3; exec sleep 99']"
+    lab.spawn(*lab.command("up", lab.file(f"[processes]\n{command}\n")))
+    eventually(lambda: lab.nodes().get("shy", {"state": ""})["state"] == "down")
+    realm = realm_of(lab)
+    with pytest.raises(QuadctlError, match="does not stay up"):
+        control.wait_restarted(realm, "shy", control.request_restart(realm, "shy"), 10.0)
+    (lab.folder / "here").touch()
+    before = control.request_restart(realm, "shy")
+    after = control.wait_restarted(realm, "shy", before, 10.0)
+    assert (before.pid, before.state, after.state) == (0, "down", "ready")
+    assert after.restarts == before.restarts + 1
+
+
+def test_a_node_whose_name_another_has_comes_back_when_that_one_leaves(roomy: Lab):
+    eventually(roomy.is_ready)
+    with roomy.bare() as stranger:
+        token = stranger.session.liveliness().declare_token("uav/@node/pressure")
+        before = roomy.nodes()["pressure"]["restarts"]
+        roomy.signal("pressure", signal.SIGKILL)
+        # More often than it may die quickly.
+        eventually(lambda: roomy.nodes()["pressure"]["restarts"] >= before + 6, 30.0)
+        assert roomy.nodes()["pressure"]["state"] != "down"
+        token.undeclare()
+    roomy.revived("pressure", 0)
+    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+    assert log.count("pressure ended (exit 7): another process has its name") == 1
+    told = (roomy.home / "logs" / "pressure.log").read_text(encoding="utf-8")
+    assert told.count("another process already is the node pressure") == 1
+
+
+def test_a_hub_that_is_alone_comes_back(lab: Lab):
+    lab.start("--without", "dynamics", "--without", "pressure", "--without", "safety")
+    lab.revived("hub", lab.signal("hub", signal.SIGKILL))
+    assert lab.nodes()["hub"]["restarts"] == 1

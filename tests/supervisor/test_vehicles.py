@@ -1,0 +1,232 @@
+"""Several vehicles in one run: each on its own keys, none in another's way, four processes for all."""
+
+import signal
+from collections.abc import Iterator
+from functools import partial
+
+import pytest
+
+from tests.support.lab import NODES, PATIENT, Lab, private_lab
+from tests.support.running import eventually
+
+HIDDEN = """
+from importlib import util
+
+find = util.find_spec
+util.find_spec = lambda name, package=None: None if name == "numba" else find(name, package)
+"""
+
+
+@pytest.fixture
+def without_numba(lab: Lab) -> Lab:
+    """A lab in whose processes numba is not found."""
+    (lab.folder / "sitecustomize.py").write_text(HIDDEN, encoding="utf-8")
+    lab.environment["PYTHONPATH"] = str(lab.folder)
+    return lab
+
+
+def test_more_than_this_machine_can_fly_are_refused_before_anything_starts(without_numba: Lab):
+    lab = without_numba
+    # A million steps' worth a second, where plain Python does a few hundred thousand at most.
+    done = lab.quadctl("up", "-d", "--vehicles", 200, "--set", "dynamics.rate=1000")
+    assert done.code == 2
+    assert "vehicles at 1000 Hz in plain Python, 200 were asked for" in done.err
+    assert "pip install 'quadctl[fleet]'" in done.err
+    assert done.out == ""
+    assert not lab.home.exists()
+    assert lab.quadctl("status").code == 3
+
+
+def test_a_few_start_and_fly(without_numba: Lab):
+    lab = without_numba
+    lab.start("--vehicles", 2, "--set", "dynamics.rate=20")
+    done = lab.quadctl("fleet", "goto", "0", "0", "1.5", timeout=60)
+    assert done.code == 0, done.err
+    assert "compil" not in lab.log("dynamics")
+
+
+VEHICLES = ["uav0", "uav1", "uav2"]
+
+
+@pytest.fixture(scope="module")
+def three() -> Iterator[Lab]:
+    """Three vehicles that hover, the last one higher."""
+    with private_lab() as made:
+        made.start("--vehicles", 3, "--set", "uav2.safety.takeoff=2", *PATIENT)
+        for vehicle in VEHICLES:
+            eventually(partial(is_up, made, vehicle))
+        yield made
+
+
+def height(lab: Lab, vehicle: str) -> float:
+    return float(lab.quadctl("state", "--vehicle", vehicle, "--json").json["pose"]["position"]["z"])
+
+
+def is_up(lab: Lab, vehicle: str) -> bool:
+    return height(lab, vehicle) > 0.9
+
+
+def place(lab: Lab, vehicle: str) -> tuple[float, float]:
+    at = lab.quadctl("state", "--vehicle", vehicle, "--json").json["pose"]["position"]
+    return round(at["x"], 1), round(at["y"], 1)
+
+
+def test_four_processes_fly_them_all(three: Lab):
+    status = three.quadctl("status", "--json").json
+    assert status["vehicles"] == VEHICLES
+    assert [node["name"] for node in status["nodes"]] == NODES
+    assert "vehicles uav0, uav1, uav2" in three.quadctl("status").out
+    with three.bare() as bare:
+        poses = {vehicle: bare.watch(f"{vehicle}/pose") for vehicle in VEHICLES}
+        boots = {watch.next()[0]["boot"] for watch in poses.values()}
+    assert len(boots) == 3
+
+
+def test_they_start_on_a_grid_and_each_as_it_is_told(three: Lab):
+    assert [place(three, vehicle) for vehicle in VEHICLES] == [(-1, -1), (1, -1), (-1, 1)]
+    eventually(lambda: height(three, "uav2") > 1.9)
+    assert height(three, "uav0") < 1.1
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["goto 0 0 1", "hold", "reset", "state", "calibrate", "cage show", "cage off", "topic list",
+     "topic echo pose -n 1", "topic hz pose -n 3", "service list", "service call hold",
+     "param list", "param get safety.takeoff", "node list", "doctor", "fly mission.toml"],
+)  # fmt: skip
+def test_without_a_name_the_names_are_told(three: Lab, line: str):
+    three.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
+    done = three.quadctl(*line.split())
+    assert (done.code, done.out) == (2, "")
+    assert "there are several vehicles: uav0, uav1, uav2" in done.err
+    assert "--vehicle uav0" in done.err
+
+
+def test_a_full_key_names_its_vehicle(three: Lab):
+    echoed = three.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
+    assert round(echoed["position"]["y"]) == 1
+    assert three.quadctl("service", "call", "/uav1/hold").code == 0
+    assert three.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
+    everybody = three.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
+    assert everybody.code == 0, everybody.err
+
+
+def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
+    done = three.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
+    assert (done.code, done.out) == (0, "safety.acceptance_range: 0.4\n")
+    for vehicle, known in (("uav0", 0.5), ("uav1", 0.4)):
+        found = three.quadctl("param", "get", f"{vehicle}.safety.acceptance_range", "--json").json
+        assert found == {"safety.acceptance_range": known}
+    both = three.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
+    assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
+
+
+def test_a_vehicle_that_there_is_not_is_told_with_those_that_there_are(three: Lab):
+    done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
+    assert done.code == 3
+    assert "this run has no vehicle drone" in done.err
+    assert "it has uav0, uav1, uav2" in done.err
+
+
+def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
+    def ask(*words: object, vehicle: str = "uav1") -> dict[str, object]:
+        done = three.quadctl(*words, "--vehicle", vehicle, "--json")
+        assert done.code == 0, done.err
+        answer: dict[str, object] = done.json
+        return answer
+
+    assert ask("goto", 2, 1, 1)["arrived"]
+    assert place(three, "uav0") == (-1, -1)
+    ask("cage", "off")
+    assert ask("cage", "show")["on"] is False
+    assert ask("cage", "show", vehicle="uav0")["on"] is True
+    assert float(str(ask("calibrate")["baseline"])) > 1000
+    with three.bare() as bare:
+        first, second = (bare.watch(f"{v}/sensors/pressure").next()[0] for v in ("uav0", "uav1"))
+    assert (first["baseline"], first["samples"]) == (0, 0)
+    assert second["baseline"] > 1000
+    ask("param", "set", "safety.acceptance_range", 0.25)
+    assert ask("param", "get", "safety.acceptance_range") == {"safety.acceptance_range": 0.25}
+    assert ask("param", "get", "safety.acceptance_range", vehicle="uav0") == {
+        "safety.acceptance_range": 0.5
+    }
+    assert three.quadctl("reset", "--vehicle", "uav1").code == 0
+
+
+def test_a_file_is_compared_and_saved_by_vehicle(three: Lab):
+    said = "# kept\n[safety]\ntakeoff = 1.0\npose_timeout = 0.6\n"
+    file = three.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")
+    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav0").out == ""
+    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == (
+        "safety.takeoff: 1.0 -> 2.0\n"
+    )
+    assert three.quadctl("param", "save", "saved.toml", "--vehicle", "uav2").code == 0
+    assert file.read_text().startswith(said)
+    assert "[uav2.safety]\ntakeoff = 2.0" in file.read_text()
+    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == ""
+    assert three.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
+
+
+def test_doctor_finds_each_well(three: Lab):
+    for vehicle in VEHICLES[:2]:
+        found = three.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
+        assert found.json["ok"], found.out
+    none = three.quadctl("doctor", "--vehicle", "uav9", "--json")
+    assert none.code == 8
+
+
+@pytest.mark.parametrize("node", ["safety", "pressure", "dynamics", "hub"])
+def test_a_killed_process_comes_back_for_all(three: Lab, node: str):
+    old = three.signal(node, signal.SIGKILL)
+    three.revived(node, old)
+    eventually(three.is_ready)
+    for vehicle in VEHICLES:
+        done = three.quadctl("goto", 0, 0, 1, "--no-wait", "--replace", "--vehicle", vehicle)
+        assert done.code == 0, done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["--vehicles", 0], 2, "--vehicles 0: not a number of vehicles"),
+        (["--vehicles", 2, "--set", "uav2.safety.takeoff=2"], 6, "unknown parameter uav2"),
+        (["--vehicles", 2, "--set", "uav1.hub.transport=tcp"], 6, "there is one for all"),
+    ],
+)
+def test_what_cannot_be_is_told_and_nothing_starts(
+    lab: Lab, words: list[object], code: int, said: str
+):
+    done = lab.quadctl("up", "-d", *words)
+    assert done.code == code
+    assert said in done.err
+    assert lab.quadctl("status").code == 3
+
+
+def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
+    def digest(vehicle: str) -> dict[str, str]:
+        done = lab.quadctl("fly", "mission.toml", "--vehicle", vehicle, "--json")
+        assert done.code == 0, done.err
+        return {name: done.json[name] for name in ("poses", "transitions", "pressure")}
+
+    lab.file(
+        'end = 2.0\nrows = [{ at = 1.0, do = "goto", x = 0.0, y = 0.0, z = 1.0 }]', "mission.toml"
+    )
+    lab.start("--vehicles", 2, "--set", "dynamics.speed=0", "--set", "uav0.dynamics.seed=1")
+    first = digest("uav1")
+    assert digest("uav1") == first
+    assert digest("uav0")["poses"] != first["poses"]
+    lab.quadctl("down")
+    alone = "uav1.dynamics.start.y=0"
+    lab.start("--vehicle", "uav1", "--set", "dynamics.speed=0", "--set", "dynamics.seed=1",
+              "--set", "dynamics.start.x=1", "--set", alone)  # fmt: skip
+    assert digest("uav1") == first
+
+
+def test_they_fly_while_they_are_compiled_which_ends_when_they_do(lab: Lab):
+    lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
+    lab.start("--vehicles", 2, *PATIENT)
+    eventually(lambda: "compiling the vehicle" in lab.log("dynamics"))
+    eventually(lambda: len(lab.processes()) > 1 + len(NODES))
+    eventually(partial(is_up, lab, "uav1"))
+    # The lab holds that nothing is left.
+    assert lab.quadctl("down").code == 0

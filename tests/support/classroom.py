@@ -1,0 +1,224 @@
+"""A classroom as docs/many-machines.md has it: the teacher's machine and the students', on one network."""
+
+import shutil
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+
+import zenoh
+
+from tests.support.bare import Bare, pack, speed, unpack
+from tests.support.lab import Lab, private_lab
+from tests.support.namespaces import Machine, Port, one_network
+from tests.support.running import Done, eventually
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+PAGE = (Path(__file__).parents[2] / "docs" / "many-machines.md").read_text(encoding="utf-8")
+COUNT = 30
+HERE = f"{COUNT} students' machines and a teacher's on one network"
+AT = "tls/10.7.1.1:7447"
+HZ = 20
+"""Of the poses: thirty vehicles share the processors of one machine here."""
+SHARED = ("--set", f"dynamics.rate={HZ}", "--set", "safety.pose_timeout=5",
+          "--set", "dynamics.setpoint_timeout=5", "--set", "supervise.answer_timeout=30")  # fmt: skip
+"""Where many share a core, nobody is taken for dead because he waits for it."""
+NICE = ("nice", "-n", "5")
+"""The teacher's machine has processors of its own, which thirty students' vehicles do not keep busy."""
+BACK = 20.0
+"""Seconds in which who was let in anew, or is plugged in again, has been heard by the teacher."""
+FLIGHT = 30.0
+"""Seconds in which any flight has ended."""
+AT_REST = 0.05
+"""m/s."""
+_AT_ONCE = 4
+"""Commands side by side that wait for processors rather than for vehicles."""
+
+
+def as_written(line: str) -> list[str]:
+    """The words of a command that stands on the page."""
+    assert f"$ quadctl {line}\n" in PAGE, line
+    return line.split()
+
+
+def side_by_side(do: Callable[[S], T], over: Iterable[S], at_once: int = _AT_ONCE) -> list[T]:
+    """Do it for all of them, so many at a time."""
+    with ThreadPoolExecutor(at_once) as pool:
+        return list(pool.map(do, over))
+
+
+class Ear:
+    """All that reaches a hub, by the vehicle whose it is."""
+
+    def __init__(self, bare: Bare, *keys: str) -> None:
+        self.count: dict[str, int] = defaultdict(int)
+        self.times: dict[str, list[float]] = defaultdict(list)
+        """When each pose came, monotonic s."""
+        self.pose: dict[str, dict[str, Any]] = {}
+        self.boots: dict[str, set[str]] = defaultdict(set)
+        self.state: dict[str, dict[str, Any]] = {}
+        self.calls: dict[str, list[Any]] = defaultdict(list)
+        self.ears = [bare.session.declare_subscriber(key, self._on_sample) for key in keys]
+
+    def close(self) -> None:
+        """Hear no more."""
+        for ear in self.ears:
+            ear.undeclare()
+
+    def gaps(self, vehicle: str, since: float) -> float:
+        """The longest time without a pose of it from a moment until now, s."""
+        times = [since, *(at for at in self.times[vehicle] if at > since), time.monotonic()]
+        return max(b - a for a, b in pairwise(times))
+
+    def rate(self, vehicle: str, since: float) -> float:
+        """Its poses from a moment until now, Hz."""
+        return sum(at > since for at in self.times[vehicle]) / (time.monotonic() - since)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        vehicle, _, name = str(sample.key_expr).partition("/")
+        self.count[vehicle] += 1
+        if name == "pose":
+            self.times[vehicle].append(time.monotonic())
+            self.pose[vehicle] = unpack(sample.payload.to_bytes())
+            self.boots[vehicle].add(self.pose[vehicle]["boot"])
+        elif name == "safety/state":
+            self.state[vehicle] = unpack(sample.payload.to_bytes())
+        elif name.startswith("@call/"):
+            self.calls[vehicle].append(unpack(sample.payload.to_bytes())["request"])
+
+
+class Student:
+    """A laptop that flies one vehicle, and who sits beside that of the next."""
+
+    def __init__(self, name: str, neighbour: str, port: Port, lab: Lab) -> None:
+        self.name, self.neighbour, self.port, self.lab = name, neighbour, port, lab
+
+    def do(self, line: str, *more: object) -> Done:
+        """A command of the page's student, who has uav7 and tries uav8."""
+        return self.say(*as_written(line), *more)
+
+    def say(self, *words: object) -> Done:
+        """Any other, with the same names."""
+        named = {"uav7": self.name, "uav8": self.neighbour}
+        return self.lab.quadctl(*(named.get(str(word), word) for word in words), timeout=60.0)
+
+    def be_given(self, keys: Path) -> None:
+        """Have the folder that is his from the teacher's, as by a memory stick."""
+        shutil.copytree(keys / self.name, self.lab.folder / self.name)
+
+    def come(self, keys: Path) -> None:
+        """Be given the folder, and start."""
+        self.be_given(keys)
+        up = self.do(f"up -d --vehicle uav7 --connect {AT} --identity uav7", *SHARED)
+        assert up.code == 0, up.err
+
+    def listen(self, bare: Bare) -> None:
+        """Hear from now on what his vehicle says, and who is called."""
+        topics = (f"{self.name}/{topic}" for topic in ("pose", "safety/state"))
+        self.bare, self.ear = bare, Ear(bare, *topics, "*/@call/**")
+
+    def state(self) -> dict[str, Any]:
+        """His vehicle's safety state."""
+        state: dict[str, Any] = self.bare.latest(f"{self.name}/safety/state")
+        return state
+
+    def goto(self, goal: dict[str, float]) -> None:
+        """Have his vehicle sent to a point, as his own command does; it flies when this returns."""
+        answer = self.bare.query(f"{self.name}/@srv/goto", pack(goal))
+        assert answer.value == {"accepted": True, "reason": ""}, answer
+        eventually(lambda: self.ear.state[self.name]["goal"] == goal)
+
+    def rests(self) -> bool:
+        """Whether his vehicle hovers, and stands still."""
+        ear, name = self.ear, self.name
+        return ear.state[name]["state"] == "HOVERING" and speed(ear.pose[name]) < AT_REST
+
+    def at(self) -> dict[str, float]:
+        """Where his vehicle is, m."""
+        place: dict[str, float] = self.ear.pose[self.name]["position"]
+        return place
+
+    def touched(self) -> tuple[Any, ...]:
+        """What changes when anybody has asked his vehicle for anything."""
+        state = self.state()
+        return state["request"], state["cage_on"], state["boot"], len(self.ear.calls[self.name])
+
+    def restarts(self) -> int:
+        """How often any of his processes was started anew."""
+        return sum(node["restarts"] for node in self.lab.nodes().values())
+
+
+class Room:
+    """The teacher's lab, and the students."""
+
+    def __init__(self, machine: Machine, teacher: Lab, students: list[Student]) -> None:
+        self.machine, self.teacher, self.students = machine, teacher, students
+
+    def do(self, line: str, *more: object) -> Done:
+        """A command of the page's teacher."""
+        return self.teacher.quadctl(*as_written(line), *more, timeout=60.0)
+
+    def open(self) -> None:
+        """The keys, and the hub at which all meet."""
+        lines = (
+            "keys init",
+            "keys issue hub teacher --host 10.7.1.1 --host 10.7.2.1",
+            "keys issue hub --vehicles 30",
+            "hub -d --listen tls/0.0.0.0:7447 --identity keys/teacher",
+        )
+        for line in lines:
+            done = self.do(line)
+            assert done.code == 0, done.err
+
+    @property
+    def keys(self) -> Path:
+        """The fleet's folder."""
+        return self.teacher.folder / "keys"
+
+    def come(self) -> None:
+        """All students, as they come."""
+        side_by_side(lambda student: student.come(self.keys), self.students)
+
+    def listed(self) -> dict[str, dict[str, Any]]:
+        """What the teacher's `fleet list` has, by vehicle; nothing where that tells of a problem."""
+        done = self.teacher.quadctl("fleet", "list", "--json", timeout=60.0)
+        return {row["vehicle"]: row for row in done.json} if done.code == 0 else {}
+
+    def listen(self, held: ExitStack) -> None:
+        """Have the teacher and all students hear what reaches them."""
+        bare = held.enter_context(self.teacher.bare())
+        self.ear = Ear(bare, "*/pose")
+        for student in self.students:
+            student.listen(held.enter_context(student.lab.bare()))
+        eventually(lambda: len(self.ear.pose) == len(self.students))
+        eventually(lambda: all(s.ear.pose and s.ear.state for s in self.students))
+
+    def hears(self, whom: Iterable[Student], after: float) -> None:
+        """Wait until the teacher has heard them after a moment (monotonic s)."""
+        whom = list(whom)
+        eventually(lambda: all(self.ear.times[s.name][-1] > after for s in whom), BACK)
+
+    def rests(self) -> None:
+        """Wait until all vehicles do."""
+        eventually(lambda: all(student.rests() for student in self.students), FLIGHT)
+
+
+@contextmanager
+def classroom(count: int) -> Iterator[Room]:
+    """The machines of so many students and their teacher's, on which nothing runs yet."""
+    with ExitStack() as held:
+        machine, ports = held.enter_context(one_network(count))
+        teacher = held.enter_context(private_lab(machine.enter))
+        students = []
+        for number, port in enumerate(ports):
+            lab = held.enter_context(private_lab([*port.machine.enter, *NICE]))
+            students.append(Student(f"uav{number}", f"uav{(number + 1) % count}", port, lab))
+        # Side by side, which is quicker than one after the other at the labs' own end.
+        held.callback(side_by_side, lambda lab: lab.quadctl("down"), [s.lab for s in students])
+        yield Room(machine, teacher, students)

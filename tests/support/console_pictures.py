@@ -1,0 +1,49 @@
+"""The README's pictures of the console, made anew: `python -m tests.support.console_pictures`."""
+
+from pathlib import Path
+
+from tests.support.browser import PHONE, Tab, browser
+from tests.support.lab import private_lab
+from tests.support.served_console import served
+
+DOCS = Path(__file__).parents[2] / "docs"
+SIZE = (1440, 1060)
+
+
+def fly(page: Tab) -> None:
+    """A flight worth a picture: a round, a refusal, a calibration."""
+    page.until(
+        "document.body?.dataset.link === 'live' && document.body.dataset.state === 'HOVERING'", 40
+    )
+    page.press(".act.calibrate")
+    page.reads(".journal", "baseline")
+    for x, y in ((3, -2), (3, 3), (-3, 3)):
+        page.floor(x, y)
+        page.reads(".journal", f"at ({x}, {y}, 1)", within=30)
+    for key in ("PageUp", "ArrowDown", "Enter"):
+        page.key(key)
+    page.reads(".journal", "at (-3, 2, 2)", within=30)
+    page.js("document.activeElement.blur()")
+    page.floor(7, 1)
+    page.reads(".journal", "refused")
+    page.until("!document.querySelector('.q-notification')", 30)
+
+
+def main() -> None:
+    """Fly, and write both pictures."""
+    with private_lab() as lab:
+        lab.start("--set", "safety.virtual_cage.z=3")
+        with served(lab) as console, browser() as chromium:
+            page = chromium.tab(console.control, SIZE)
+            fly(page)
+            phone = chromium.tab(console.control, PHONE)
+            phone.until("document.body?.dataset.link === 'live'", 40)
+            page.floor(-3, -2)
+            page.until("document.body.dataset.state === 'MOVING'")
+            page.picture(DOCS / "console.png")
+            phone.reads(".journal", "at (-3, -2, 1)", within=30)
+            phone.picture(DOCS / "console-phone.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""What doctor said of a system, by its checks."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tests.support.lab import Lab
+from tests.support.running import Done
+
+
+class Found:
+    """What doctor said, by the checks' names; its document and its exit code must agree."""
+
+    def __init__(self, done: Done) -> None:
+        assert done.err == ""
+        for check in done.json["checks"]:
+            assert set(check) == {"name", "verdict", "evidence", "fix"}
+            assert check["verdict"] in {"PASS", "WARN", "FAIL"}
+        self.checks = {check["name"]: check for check in done.json["checks"]}
+        assert len(self.checks) == len(done.json["checks"])
+        assert done.json["ok"] == (not self.failed)
+        assert done.code == (8 if self.failed else 0)
+
+    @property
+    def failed(self) -> set[str]:
+        return {name for name, check in self.checks.items() if check["verdict"] == "FAIL"}
+
+    def said(self, name: str, verdict: str) -> str:
+        """The evidence of a check that must have this verdict."""
+        check = self.checks[name]
+        assert check["verdict"] == verdict, check
+        evidence: str = check["evidence"]
+        return evidence
+
+
+def ask(lab: Lab, *words: object) -> Found:
+    """With time to spare, which it takes only where somebody does not answer."""
+    return Found(lab.quadctl("doctor", "--json", "--timeout", "10", *words))
+
+
+def glance(lab: Lab, *words: object) -> Found:
+    """With no time for the bus: the rest is found all the same."""
+    return ask(lab, "--timeout", "0.3", *words)
+
+
+@contextmanager
+def frozen(lab: Lab, pid: int) -> Iterator[None]:
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)

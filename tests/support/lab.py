@@ -1,0 +1,212 @@
+"""A real system under test: started, asked and ended as a user would, and nothing of it left."""
+
+import itertools
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from tests.support.bare import Bare
+from tests.support.running import Done, Foreground, alive, eventually
+
+NODES = ["hub", "dynamics", "pressure", "safety"]
+QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
+PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6")
+"""For `up`, where a flight is not to be stopped because the machine has much else to do."""
+_PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
+"""What a user's shell may have set and a lab does not inherit."""
+CACHE = Path(__file__).parents[2] / ".cache"
+"""Where what is compiled is kept for the next time: in the checkout."""
+_numbers = itertools.count()
+
+
+class Lab:
+    """One realm in a folder of its own; `folder` is also where its commands run.
+
+    `enter` stands before each command, where they are to run on another machine.
+    """
+
+    def __init__(self, folder: Path, enter: Sequence[str] = ()) -> None:
+        self._quadctl = [*enter, *QUADCTL]
+        self.realm, self.folder = f"lab{next(_numbers)}", folder
+        self.runtime = folder / "run"
+        self.runtime.mkdir(mode=0o700)
+        inherited = {k: v for k, v in os.environ.items() if not k.startswith(_PRIVATE)}
+        self.environment = inherited | {
+            "XDG_RUNTIME_DIR": str(self.runtime),
+            "QUADCTL_REALM": self.realm,
+            "XDG_CACHE_HOME": str(CACHE),
+        }
+        self._foreground: list[Foreground] = []
+
+    @property
+    def home(self) -> Path:
+        """The realm's folder, as the contract names it."""
+        return self.runtime / "quadctl" / self.realm
+
+    def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
+        """Run one command to its end."""
+        done = subprocess.run(
+            self.command(*words),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            env=self.environment | environment,
+            cwd=self.folder,
+            check=False,
+        )
+        return Done(done.returncode, done.stdout, done.stderr)
+
+    def each(self, lines: Iterable[str], *more: str) -> dict[str, Done]:
+        """Run commands that do not touch one another side by side; what each left, by its line."""
+
+        def run(line: str) -> Done:
+            return self.quadctl(*shlex.split(line), *more)
+
+        lines = list(lines)
+        with ThreadPoolExecutor(4) as pool:
+            return dict(zip(lines, pool.map(run, lines), strict=True))
+
+    def start(self, *words: object) -> Done:
+        """`quadctl up -d`, which must work."""
+        done = self.quadctl("up", "-d", *words)
+        assert done == (0, f"realm {self.realm} is up\n", "")
+        return done
+
+    def foreground(self, *words: object) -> Foreground:
+        """`quadctl up` in the foreground, all of it ready."""
+        run = self.spawn(*self.command("up", *words))
+        eventually(self.is_ready)
+        return run
+
+    def spawn(self, *command: str) -> Foreground:
+        """Any process beside the test, in the realm's environment."""
+        log = self.folder / f"log{next(_numbers)}"
+        process = Foreground(list(command), self.environment, self.folder, log)
+        self._foreground.append(process)
+        return process
+
+    def log(self, node: str) -> str:
+        """What a node has said so far; a run is up before all of that is written."""
+        try:
+            return (self.home / "logs" / f"{node}.log").read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return ""
+
+    def file(self, text: str, name: str = "lab.toml") -> Path:
+        """Write a parameter file."""
+        path = self.folder / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def status(self) -> dict[str, Any]:
+        """The run record, which `quadctl status --json` prints; no nodes when nothing runs."""
+        try:
+            record: dict[str, Any] = json.loads((self.home / "run.json").read_bytes())
+        except FileNotFoundError:
+            return {"pid": 0, "nodes": []}
+        return record
+
+    def nodes(self) -> dict[str, dict[str, Any]]:
+        """What `status` says of each node, by name."""
+        return {node["name"]: node for node in self.status()["nodes"]}
+
+    def is_ready(self) -> bool:
+        nodes = self.nodes().values()
+        return bool(nodes) and all(node["state"] == "ready" for node in nodes)
+
+    def pids(self) -> list[int]:
+        """The supervisor and its children, by the record."""
+        status = self.status()
+        return [status["pid"], *(node["pid"] for node in status["nodes"])]
+
+    def signal(self, node: str, number: int) -> int:
+        """Send a signal to a node; returns the pid that it had."""
+        pid: int = self.nodes()[node]["pid"]
+        os.kill(pid, number)
+        return pid
+
+    def revived(self, node: str, old: int, within: float = 10.0) -> None:
+        """Wait until the node is ready as another process."""
+
+        def is_back() -> bool:
+            now = self.nodes()[node]
+            return now["state"] == "ready" and now["pid"] not in {0, old}
+
+        eventually(is_back, within, lambda: f"{self.nodes()}\n{self.log('up')}")
+
+    def command(self, *words: object) -> list[str]:
+        """The command line of `quadctl`, for a process beside the test."""
+        return [*self._quadctl, *map(str, words)]
+
+    def try_bare(self) -> Bare | None:
+        """A bare session, None while no hub listens."""
+        try:
+            return self.bare()
+        except zenoh.ZError:
+            return None
+
+    def first_bare(self) -> Bare:
+        """A bare session as soon as a hub listens."""
+        found = eventually(self.try_bare)
+        assert found is not None
+        return found
+
+    def bare(self) -> Bare:
+        """A session that shares no code with the system."""
+        return Bare(f"unixsock-stream/{self.home / 'hub.sock'}")
+
+    def processes(self) -> list[int]:
+        """Every live process that was started in this lab, recorded or not."""
+        mark = os.fsencode(f"XDG_RUNTIME_DIR={self.runtime}\0")
+        found = []
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                if mark in (folder / "environ").read_bytes():
+                    found.append(int(folder.name))
+            except OSError:
+                continue  # it ended while we looked, or is another user's
+        return [pid for pid in found if alive(pid)]
+
+    def is_gone(self) -> bool:
+        """Whether nothing is left, neither process nor folder."""
+        return not self.processes() and not self.home.exists()
+
+    def finish(self) -> None:
+        """Stop what runs, and hold that nothing is left."""
+        try:
+            if self.processes():
+                self.quadctl("down")
+            eventually(lambda: not self.processes(), 3.0)
+            assert not self.home.exists(), sorted(self.home.iterdir())
+        finally:
+            for pid in self.processes():
+                os.kill(pid, signal.SIGKILL)
+            for process in self._foreground:
+                process.end()
+
+
+@contextmanager
+def private_lab(enter: Sequence[str] = ()) -> Iterator[Lab]:
+    """A lab in a fresh short-named folder; a Unix socket's path may have 100 characters."""
+    folder = Path(tempfile.mkdtemp(prefix="q", dir="/tmp"))
+    try:
+        made = Lab(folder, enter)
+        try:
+            yield made
+        finally:
+            made.finish()
+    finally:
+        shutil.rmtree(folder)

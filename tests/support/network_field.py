@@ -1,0 +1,129 @@
+"""A vehicle, a router and an operator on three machines, with a fleet's keys: what a test may ask."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.support.intruder import sent
+from tests.support.lab import Lab, private_lab
+from tests.support.namespaces import Machine, three_machines
+from tests.support.running import Done, Foreground, eventually
+
+ROUTER = "10.7.1.1"
+"""The router's address on the vehicle's side."""
+AT = "10.7.2.1"
+"""The router's address on the operator's side."""
+TLS, QUIC, PLAIN = f"tls/{AT}:7447", f"quic/{AT}:7447", f"tcp/{AT}:7448"
+IDENTITIES = (
+    "hub router --host 10.7.1.1 --host 10.7.2.1",
+    "hub uav --vehicle uav",
+    "operator anna",
+    "observer eve",
+    "student una --vehicle uav",
+    "student bob --vehicle uav9",
+    "operator rob",
+)
+
+
+class Field:
+    """The three labs, and the folder of their keys."""
+
+    def __init__(self, machines: tuple[Machine, Machine, Machine], labs: list[Lab]) -> None:
+        self.machines, (self.vehicle, self.router, self.operator) = machines, labs
+        self.keys = self.operator.folder / "keys"
+
+    def issue(self, line: str) -> Path:
+        """Have a certificate issued; returns its folder."""
+        issued = self.operator.quadctl("keys", "issue", *line.split(), "--json")
+        assert issued.code == 0, issued.err
+        return self.operator.folder / str(issued.json["folder"])
+
+    def go_up(self) -> None:
+        """The router's hub, and a vehicle whose hub joins it."""
+        assert self.operator.quadctl("keys", "init").code == 0
+        for line in IDENTITIES:
+            self.issue(line)
+        up = self.router.quadctl(
+            *("hub", "-d", "--listen", "tls/0.0.0.0:7447", "--listen", "quic/0.0.0.0:7447"),
+            *("--identity", self.keys / "router"),
+        )
+        assert up.code == 0, up.err
+        up = self.vehicle.quadctl(
+            *("up", "-d", "--connect", f"tls/{ROUTER}:7447", "--identity", self.keys / "uav")
+        )
+        assert up.code == 0, up.err
+        eventually(lambda: self.ask("state").code == 0)
+
+    def ask(self, line: str, who: str = "anna", *, at: str = TLS, json: bool = False) -> Done:
+        """A command of the operator's machine, as somebody."""
+        words = line.split() + (["--json"] if json else [])
+        return self.operator.quadctl(*words, "--connect", at, "--identity", self.keys / who)
+
+    def intrude(self, who: str) -> dict[str, list[str]]:
+        """What somebody with that certificate gets who tries everything."""
+        return sent(self.machines[2].enter, TLS, self.keys / who)
+
+    def sniffed(self, file: Path) -> AbstractContextManager[None]:
+        """Write all that passes the router to a file."""
+        return self._beside("sniff.py", file)
+
+    def posed(self, endpoint: str, who: str) -> AbstractContextManager[None]:
+        """Have somebody play the hub on the router's machine."""
+        return self._beside("posing.py", endpoint, self.keys / who)
+
+    @contextmanager
+    def _beside(self, script: str, *words: object) -> Iterator[None]:
+        path = str(Path(__file__).with_name(script))
+        process = subprocess.Popen(
+            [*self.machines[1].enter, sys.executable, path, *map(str, words)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline() == "listening\n"
+        try:
+            yield
+        finally:
+            process.kill()
+            process.communicate()
+
+    def spoken(self, line: str, who: str) -> Foreground:
+        """A command that goes on beside the test."""
+        words = [*line.split(), "--connect", TLS, "--identity", str(self.keys / who)]
+        return self.operator.spawn(*self.operator.command(*words))
+
+    def node(self, name: str, vehicle: str, who: str) -> Foreground:
+        """A node of a vehicle, on the operator's machine."""
+        return self.operator.spawn(
+            *(*self.machines[2].enter, sys.executable, "-P", "-m", f"quadctl.services.{name}"),
+            *("--vehicle", vehicle, "--connect", TLS, "--identity", str(self.keys / who)),
+        )
+
+    def kept(self, who: str) -> str:
+        """A copy of somebody's keys that no `revoke` reaches; returns its name beside the others."""
+        shutil.copytree(self.keys / who, self.keys / f"{who}-kept")
+        return f"{who}-kept"
+
+
+def touched(lab: Lab) -> tuple[Any, ...]:
+    """What changes when anybody has asked the vehicle for anything."""
+    with lab.bare() as bare:
+        state = bare.state()
+        ranges = bare.call("safety/get_params", names=["safety.acceptance_range"]).value
+    return state["request"], state["cage_on"], state["boot"], ranges["values"]
+
+
+@contextmanager
+def field() -> Iterator[Field]:
+    """All of it up, and gone at the end."""
+    with ExitStack() as held:
+        machines = held.enter_context(three_machines())
+        labs = [held.enter_context(private_lab(machine.enter)) for machine in machines]
+        made = Field(machines, labs)
+        made.go_up()
+        yield made

@@ -1,0 +1,67 @@
+"""Records a mission for the tests beside: python -m tests.support.record_mission NAME.toml [NAME=VALUE ...]
+
+Run it where a change of behaviour is meant, and look at what has changed: `quadctl plot`.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from quadctl.schemas.topics import POSE
+from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.recording.reader import Bag
+from quadctl.services.runtime.recording.writer import BagWriter, Outfile
+from tests.support.lab import Lab, private_lab
+from tests.support.running import eventually
+
+_HERE = Path(__file__).parents[1] / "recording" / "data"
+_BEFORE = 5
+"""Poses that are kept of the boot before the flight's."""
+
+
+def main(mission: str, settings: list[str]) -> None:
+    """Fly it in lock-step, and keep what was said."""
+    with private_lab() as lab:
+        words = [word for value in settings for word in ("--set", value)]
+        lab.start("--set", "dynamics.speed=0", "--set", "dynamics.rate=20", *words)
+        raw = record(lab, _HERE / mission)
+        trim(raw, (_HERE / mission).with_suffix(".mcap"))
+
+
+def record(lab: Lab, mission: Path) -> Path:
+    """Everything that is said while a mission is flown."""
+    raw = lab.folder / "raw.mcap"
+    run = lab.spawn(*lab.command("record", "-o", raw))
+    eventually(lambda: "recording to" in run.log)
+    done = lab.quadctl("fly", mission)
+    assert done.code == 0, done
+    run.send(2)
+    assert run.wait() == 0, run.log
+    return raw
+
+
+def trim(raw: Path, target: Path) -> None:
+    """Leave out what viewers alone need, and most of what was before the flight."""
+    boots = [m.value["boot"] for m in Bag(raw).messages() if m.key.endswith(f"/{POSE.name}")]
+    first = boots.index(boots[-1])
+    bag = Bag(raw)
+    with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+        fresh = Path(folder) / "trimmed.mcap"
+        writer, seen = BagWriter(Outfile.create(fresh)), 0
+        for message in bag.messages():
+            seen += message.key.endswith(f"/{POSE.name}")
+            if message.derived or (seen <= first - _BEFORE and "/@call/" not in message.key):
+                continue
+            writer.add(
+                RawMessage(
+                    message.key, message.payload, message.encoding, message.at, message.published
+                )
+            )
+        writer.note("quadctl", bag.notes["quadctl"])
+        writer.finish()
+        writer.close()
+        fresh.replace(target)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2:])

@@ -1,0 +1,147 @@
+"""Flights of a campaign: as live ones, without a violation, and with one where a rule is wrong."""
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from quadctl.schemas.messages import Position
+from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.services.campaign.batch import Batch
+from quadctl.services.campaign.mission import CageEvent, Deaf, GotoEvent, Mission, Mute, Resize
+from quadctl.services.campaign.score import Flown
+from quadctl.services.campaign.vehicles import Compiled, Plain
+from quadctl.services.safety.automaton import Rule, always
+from quadctl.services.safety.model import Check, Resized, State, Toggle
+from tests.support.campaign_flights import Sleepless, batch, missions, put_in
+from tests.support.compiled import compiled_kernel
+from tests.support.monitor_rig import OUTSIDE, Rig
+
+HALF, TOP = 2.0, 1.5
+MIDDLE = (0.0, 0.0, 0.75)
+# The sixth side is the floor, which nothing gets below.
+SIDES = ((HALF, 0, 0), (-HALF, 0, 0), (0, HALF, 0), (0, -HALF, 0), (0, 0, TOP / 2))
+DISTANCES = (0.3, 2.0, 6.0)
+ON, BACK, END = 5.0, 5.5, 11.0
+
+
+def mission(side: tuple[float, float, float], distance: float) -> Mission:
+    length = sum(map(abs, side))
+    x, y, z = (m + s * (1 + distance / length) for m, s in zip(MIDDLE, side, strict=True))
+    safety = SafetyParams(cage_on=False, takeoff=0.0, virtual_cage=CageParams(HALF, HALF, TOP))
+    rows = (
+        GotoEvent(0.0, x, y, z, replace=False),
+        CageEvent(ON, on=True),
+        GotoEvent(ON, x, y, z, replace=False),
+        GotoEvent(BACK, 0.5, -0.5, 0.5, replace=False),
+    )
+    return Mission(0, END, safety, MIDDLE, (0.0, 0.0), rows)
+
+
+def test_it_hovers_in_place_takes_only_goals_inside_and_comes_nearer_at_every_step():
+    places = list(product(SIDES, DISTANCES))
+    batch = Batch([mission(side, distance) for side, distance in places], Plain)
+    flown = batch.fly()
+    size = np.array([HALF, HALF, TOP])
+    for number, ((_, distance), flight) in enumerate(zip(places, flown, strict=True)):
+        assert flight.violations == []
+        assert flight.refusals == {"outside the cage": 1}
+        assert flight.worst < 0.001
+        way = batch._track[:, :3, number]
+        outs = np.maximum(np.maximum(way - size, -size * (1, 1, 0) - way), 0.0)
+        beyond = np.sqrt((outs * outs).sum(axis=1))
+        on, back = round(20 * ON), round(20 * BACK)
+        assert beyond[on] == pytest.approx(distance, abs=0.01)
+        assert np.ptp(beyond[on:back]) < 0.005
+        assert all(now <= before + 1e-6 for before, now in pairwise(beyond[back:]))
+        assert beyond[-1] == 0.0
+
+
+FOUND = range(8)
+
+
+@pytest.fixture(scope="module")
+def flown() -> list[Flown]:
+    return batch(FOUND, 20.0).fly()
+
+
+def test_no_flight_breaks_a_promise(flown: list[Flown]):
+    assert [flight.violations for flight in flown] == [[] for _ in FOUND]
+    assert max(flight.worst for flight in flown) < 0.01
+    assert sum(flight.transitions["VERIFYING -> MOVING"] for flight in flown) > 20
+    assert sum(flight.transitions.get("VERIFYING -> HOVERING", 0) for flight in flown) > 5
+
+
+def test_a_cage_that_comes_on_or_shrinks_is_no_alarm():
+    module = compiled_kernel()
+    some = missions(range(100, 400), 20.0)
+    flights = Batch(some, lambda params: Compiled(params, module)).fly()
+    assert {row for each in some for row in map(type, each.rows)} > {CageEvent, Resize}
+    assert sum(each.stops.get("stopped, the goal is now outside the cage", 0) for each in flights)
+    assert sum(each.stops.get("stopped, the way led out of the cage", 0) for each in flights) == 0
+
+
+def test_a_flight_is_the_same_whoever_flies_beside_it(flown: list[Flown]):
+    assert batch([FOUND[3]], 20.0).fly() == [flown[3]]
+
+
+@pytest.mark.parametrize("faults", [False, True])
+def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
+    some = missions(range(20, 24), 15.0, faults=faults)
+    assert Batch(some, Plain).fly() == Sleepless(some, Plain).fly()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "stops", "arrivals"),
+    [(0.9, {}, 2), (1.5, {"stopped, the vehicle stood still": 1}, 1)],
+)
+def test_a_vehicle_that_heard_nothing_goes_on_within_the_grace_alone(seconds, stops, arrivals):
+    rows = (
+        GotoEvent(1.0, 4.0, 0.0, 1.0, False),
+        Mute(1.6, seconds),
+        GotoEvent(9.0, 4.0, 0.0, 1.0, False),
+    )
+    calm = replace(missions([0], 15.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
+    (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
+    assert flight.violations == []
+    assert flight.stops == stops
+    assert len(flight.arrivals) == arrivals
+
+
+@pytest.mark.parametrize(("seconds", "stops", "arrivals"), [(0.9, {}, 1), (1.5, {"no pose": 1}, 0)])
+def test_a_safety_without_poses_goes_on_within_the_grace_alone(seconds, stops, arrivals):
+    rows = (GotoEvent(1.0, 4.0, 0.0, 1.0, False), Deaf(1.6, seconds))
+    calm = replace(missions([0], 9.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
+    (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
+    assert (flight.violations, flight.stops) == ([], stops)
+    assert len(flight.arrivals) == arrivals
+
+
+def unverified(rule: Rule) -> Rule:
+    """Whatever is asked for is flown to."""
+    return rule._replace(when=always) if (rule.on, rule.to) == (Check, State.MOVING) else rule
+
+
+def not_verified_again(rule: Rule) -> Rule | None:
+    """The cage comes on, or shrinks, and nobody looks at the goal."""
+    return None if rule.on in {Toggle, Resized} and rule.when.__name__ == "barred" else rule
+
+
+@pytest.mark.parametrize("change", [unverified, not_verified_again])
+def test_a_broken_automaton_is_found(monkeypatch: pytest.MonkeyPatch, change):
+    put_in(monkeypatch, change)
+    flights = batch(FOUND, 20.0).fly()
+    said = {what for flight in flights for what in flight.violations}
+    assert "MOVING to a goal outside with the cage on" in said
+    assert "more than 0.01 m beyond the cage" in said
+
+
+def test_live_flight_and_campaign_go_by_one_table(
+    monkeypatch: pytest.MonkeyPatch, flown: list[Flown]
+):
+    assert Rig().hovering().monitor.ask(OUTSIDE) != ""
+    put_in(monkeypatch, unverified)
+    assert Rig().hovering().monitor.ask(OUTSIDE) == ""
+    assert Rig().hovering().monitor.ask(Position(0.0, 0.0, 1.0)) == ""
+    assert batch([FOUND[0]], 20.0).fly() != [flown[0]]

@@ -1,0 +1,81 @@
+"""Random missions: the same for the same seed, and with all in them that can go wrong."""
+
+from collections import Counter
+from math import isfinite
+from random import Random
+
+import pytest
+
+from quadctl.services.campaign.mission import (
+    Deaf,
+    GotoEvent,
+    Jump,
+    Late,
+    Mission,
+    Mute,
+    Resize,
+    Row,
+    mission,
+    text,
+)
+from quadctl.services.campaign.score import inside
+from tests.support.campaign_flights import missions
+
+FAULTS = (Deaf, Mute, Jump, Late)
+
+
+@pytest.fixture(scope="module")
+def made() -> list[Mission]:
+    return missions(range(300), 60.0, faults=True)
+
+
+def test_the_same_seed_makes_the_same_mission():
+    first, second, other = (mission(7, Random(seed), 60.0, faults=True) for seed in (7, 7, 8))
+    assert repr(first) == repr(second)  # by their text, for nan is not equal to itself
+    assert first.rows != other.rows
+
+
+def test_rows_are_in_the_order_of_their_times_and_within_the_flight(made: list[Mission]):
+    for one in made:
+        times = [row.at for row in one.rows]
+        assert times == sorted(times)
+        assert all(0 <= time < 60.0 for time in times)
+
+
+def test_every_kind_of_row_occurs_and_faults_only_where_asked_for(made: list[Mission]):
+    kinds = Counter(type(row) for one in made for row in one.rows)
+    assert set(kinds) == set(Row.__args__)
+    sound = {type(row) for one in missions(range(50), 60.0) for row in one.rows}
+    assert sound == set(Row.__args__) - set(FAULTS)
+
+
+def test_goals_lie_inside_on_the_walls_beyond_and_nowhere(made: list[Mission]):
+    found = Counter[str]()
+    for one in made:
+        cage = one.safety.virtual_cage
+        size = (cage.x, cage.y, cage.z)
+        for row in one.rows:
+            if isinstance(row, Resize):
+                size = (row.x, row.y, row.z)
+            elif isinstance(row, GotoEvent):
+                place = (row.x, row.y, row.z)
+                walls = (
+                    row.x in {-size[0], size[0]},
+                    row.y in {-size[1], size[1]},
+                    row.z == size[2],
+                )
+                found["nowhere"] += not all(map(isfinite, place))
+                found["inside"] += inside(place, size)
+                found["on a wall"] += inside(place, size) and any(walls)
+                found["outside"] += not inside(place, size)
+                x, y, z = place
+                near = (0.999999 * x, 0.999999 * y, 0.999999 * z)
+                found["a hair beyond"] += not inside(place, size) and inside(near, size)
+    assert all(count > 20 for count in found.values()), found
+
+
+def test_a_row_reads_well():
+    assert (
+        text(GotoEvent(1.0, 2.0, -3.5, 0.1234567, True))
+        == "goto x=2 y=-3.5 z=0.123457 replace=True"
+    )

@@ -1,0 +1,122 @@
+"""The score: what counts as an excursion."""
+
+import numpy as np
+import pytest
+
+from quadctl.schemas.messages import PAUSED, CageSize, Position, SafetyState
+from quadctl.services.campaign.score import FlightLog, Score, farthest, inside
+
+HERE, CAGE = Position(1.0, 2.0, 1.0), CageSize(5.0, 5.0, 5.0)
+FAR = "outside the cage: x = 9 is beyond [-5, 5]"
+
+
+def state(reason: str, *, name: str = "HOVERING", request: int = 1, z: float = 1.0) -> SafetyState:
+    where = Position(HERE.x, HERE.y, z)
+    return SafetyState("campaign", 0.5, request, name, where, True, CAGE, reason)  # type: ignore[arg-type]
+
+
+def digest(
+    told: SafetyState,
+    line: str = "",
+    goal: tuple[float, float, float] = (9.0, 0.0, 1.0),
+    why: str = FAR,
+) -> str:
+    diary = FlightLog(log=False)
+    diary.asked(goal, why)
+    diary.told(told, line)
+    return diary.digest.hexdigest()
+
+
+USUAL = digest(state(FAR), "Current State: HOVERING")
+
+
+def test_the_wording_of_reasons_and_lines_does_not_count():
+    assert digest(state("too far away"), "now hovering", why="too far away") == USUAL
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        digest(state("")),
+        digest(state(PAUSED + FAR)),
+        digest(state(FAR, name="MOVING")),
+        digest(state(FAR, request=2)),
+        digest(state(FAR, z=1.0000000000000002)),
+        digest(state(FAR), goal=(9.0, 0.0, 1.0000000000000002)),
+        digest(state(FAR), why=""),
+    ],
+    ids=["no reason", "pause", "state", "request", "goal", "asked", "verdict"],
+)
+def test_verdicts_states_and_goals_count(other: str):
+    assert other != USUAL
+
+
+def test_a_state_that_differs_in_wording_alone_is_none():
+    diary = FlightLog(log=False)
+    diary.asked((9.0, 0.0, 1.0), FAR)
+    for reason in (FAR, "farther", FAR):
+        diary.told(state(reason), reason)
+    assert diary.digest.hexdigest() == USUAL
+
+
+SIZE = (5.0, 4.0, 2.0)
+
+
+def at(score: Score, *places: tuple[float, float, float], now: float = 0.0) -> list[float]:
+    score.sample(np.array([places]).transpose(0, 2, 1), [now])
+    worst: list[float] = score.worst.tolist()
+    return worst
+
+
+@pytest.mark.parametrize("place", [(5.0, -4.0, 0.0), (-5.0, 4.0, 2.0), (0.0, 0.0, 1.0)])
+def test_walls_belong_to_the_cage(place: tuple[float, float, float]):
+    assert inside(place, SIZE)
+
+
+@pytest.mark.parametrize(
+    "place", [(5.1, 0, 1), (0, -4.1, 1), (0, 0, -0.1), (0, 0, 2.1), (float("nan"), 0, 1)]
+)
+def test_beyond_a_wall_is_outside(place: tuple[float, float, float]):
+    assert not inside(place, SIZE)
+
+
+def test_it_counts_from_when_the_cage_is_on():
+    score = Score(2)
+    assert at(score, (9, 0, 1), (9, 0, 1)) == [0.0, 0.0]
+    score.confine(0, SIZE, 0.0)
+    assert at(score, (5.0, 0, 1), (9, 0, 1), now=1.0) == [0.0, 0.0]
+    assert at(score, (5.3, 4.4, 1), (9, 0, 1), now=2.0) == [pytest.approx(0.5), 0.0]
+    assert at(score, (5.1, 0, 1), (9, 0, 1), now=3.0)[0] == pytest.approx(0.5)
+    assert score.at.tolist() == [2.0, 0.0]
+
+
+def test_of_several_times_the_first_of_the_worst_is_kept():
+    score = Score(1)
+    score.confine(0, SIZE, 0.0)
+    way = [[(x, 0.0, 1.0)] for x in (5.1, 5.4, 5.2, 5.4)]
+    score.sample(np.array(way).transpose(0, 2, 1), [1.0, 2.0, 3.0, 4.0])
+    assert (score.worst.tolist(), score.at.tolist()) == ([pytest.approx(0.4)], [2.0])
+
+
+def test_put_outside_it_may_go_to_its_stopping_point_and_never_out_again():
+    score = Score(1)
+    score.confine(0, SIZE, farthest([(6.0, 0.0, 1.0), (7.5, 0.0, 1.0)], SIZE))
+    assert at(score, (7.5, 0, 1)) == [0.0]
+    score.nearer(0, 1.0)
+    score.nearer(0, 2.0)
+    assert at(score, (6.2, 0, 1)) == [pytest.approx(0.2)]
+    score.free(0)
+    assert at(score, (20, 0, 1)) == [pytest.approx(0.2)]
+
+
+def test_only_those_outside_are_looked_at_again():
+    score = Score(3)
+    score.confine(1, SIZE, 0.5)
+    score.confine(2, SIZE, 0.0)
+    assert score.returning() == [1]
+
+
+def test_the_farthest_is_told_axis_by_axis():
+    # It may pass the corner of the box that its way lies in.
+    assert farthest([(5.3, 0.0, 1.0), (0.0, 4.4, 1.0)], SIZE) == pytest.approx(0.5)
+    assert farthest([(0.0, 0.0, 1.0), (1.0, 1.0, 2.0)], SIZE) == 0.0

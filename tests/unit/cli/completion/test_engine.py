@@ -1,0 +1,270 @@
+"""Completion without a running system: the line so far in, what fits out, as each shell has it."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from quadctl.cli import commands, typer_app
+from quadctl.cli.completion import engine
+from quadctl.cli.completion.engine import candidates
+from quadctl.cli.completion.shells import SCRIPTS, answer
+from quadctl.cli.names import find_service, key_of
+from quadctl.schemas.keyexpr import EndpointInfo
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.services.runtime.params.names import normal_name
+from tests.support.command_line import Quadctl
+
+
+def going_on(found, begun: str) -> list[str]:
+    """As quadctl.cli.completion.engine leaves them."""
+    return sorted(word for word in found if word.startswith(begun))
+
+
+def served(key: str, type_: str = "Calibrate") -> EndpointInfo:
+    return EndpointInfo("@srv", "somebody", type_, "00000000", 0, key)
+
+
+@pytest.mark.parametrize(
+    ("begun", "words"),
+    [
+        ("", ["pose"]),
+        ("p", ["pose"]),
+        ("/", ["/pose"]),
+        ("/p", ["/pose"]),
+        ("u", ["uav/pose"]),
+        ("/uav/p", ["/uav/pose"]),
+        ("x", []),
+    ],
+)
+def test_a_topic_of_ours(begun: str, words: list[str]):
+    assert going_on(engine.topic("uav/pose", begun, "uav"), begun) == words
+
+
+@pytest.mark.parametrize("key", ["uav/foo", "foo", "other/pose", "uav/camera/left"])
+def test_a_topic_of_anybody_elses_is_offered_by_the_key_that_commands_take(key: str):
+    assert going_on(engine.topic(key, "", "uav"), "") == [key]
+    assert going_on(engine.topic(key, f"/{key[:2]}", "uav"), "/") == [f"/{key}"]
+
+
+@pytest.mark.parametrize("begun", ["", "/", "u", "/u"])
+def test_what_is_offered_for_a_topic_is_its_key(begun: str):
+    for key in (*(topic.key("uav") for topic in TOPICS), "uav/foo", "foo"):
+        assert {key_of(word, "uav") for word in engine.topic(key, begun, "uav")} == {key}
+
+
+def test_of_several_vehicles_by_full_keys_alone():
+    assert [*engine.topic("uav1/pose", "", "*")] == ["uav1/pose"]
+    assert [*engine.service(served("uav1/@srv/goto"), "", "*")] == ["uav1/@srv/goto"]
+    assert [*engine.service(served("uav1/@srv/goto"), "/", "*")] == ["/uav1/goto"]
+
+
+@pytest.mark.parametrize(
+    ("begun", "words"),
+    [
+        ("cal", ["calibrate_pressure"]),
+        ("/cal", ["/calibrate_pressure"]),
+        ("/uav/cal", ["/uav/calibrate_pressure"]),
+        ("uav/", ["uav/@srv/calibrate_pressure"]),
+        ("/uav/@", ["/uav/@srv/calibrate_pressure"]),
+    ],
+)
+def test_a_service_of_ours(begun: str, words: list[str]):
+    offer = served("uav/@srv/calibrate_pressure")
+    assert going_on(engine.service(offer, begun, "uav"), begun) == words
+
+
+@pytest.mark.parametrize("begun", ["", "/", "u", "/u", "/uav/@"])
+def test_what_is_offered_for_a_service_is_understood(begun: str):
+    for known in SERVICES:
+        for word in engine.service(served(known.key("uav")), begun, "uav"):
+            assert find_service(word, "uav") is known
+    get = served("uav/@srv/mine/get_params", "GetParams")
+    for word in engine.service(get, begun, "uav"):
+        assert find_service(word, "uav").name == "mine/get_params"
+
+
+def test_a_service_of_ones_own():
+    offer = served("uav/@srv/foo", "Own")
+    assert [*engine.service(offer, "/f", "uav")] == ["/foo", "/uav/@srv/foo"]
+    assert [*engine.service(served("foo/bar"), "", "uav")] == ["foo/bar"]
+
+
+@pytest.mark.parametrize(
+    ("begun", "words"),
+    [
+        ("saf", ["safety.takeoff"]),
+        ("/saf", ["/safety/takeoff"]),
+        ("safety/", ["safety/takeoff"]),
+        ("uav.s", ["uav.safety.takeoff"]),
+        ("/uav/s", ["/uav/safety/takeoff"]),
+    ],
+)
+def test_a_parameter(begun: str, words: list[str]):
+    assert going_on(engine.parameter("safety.takeoff", begun, "uav"), begun) == words
+
+
+@pytest.mark.parametrize(("begun", "word"), [("", "safety.takeoff"), ("/s", "/safety/takeoff")])
+def test_a_setting(begun: str, word: str):
+    assert [*engine.setting("safety.takeoff", begun)] == [word]
+    assert normal_name(word) == "safety.takeoff"
+
+
+@pytest.mark.parametrize(
+    ("begun", "words"),
+    [("saf", ["safety"]), ("/saf", ["/safety"]), ("/", ["/safety"]), ("/uav/", ["/uav/safety"])],
+)
+def test_a_node(begun: str, words: list[str]):
+    assert going_on(engine.node("safety", begun, "uav"), begun) == words
+
+
+BREAKS = " \t\n\"'@><=;|&(:"
+COMMON = {"--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json", "--help"}
+
+
+def words(line: str) -> list[str]:
+    """What fits at the end of a line after `quadctl`."""
+    *before, begun = line.split(" ")
+    return [fit.word for fit in candidates([word for word in before if word], begun)]
+
+
+def bash(line: str, **more: str) -> list[str]:
+    said = answer({"_QUADCTL_COMPLETE": "complete_bash", "COMP_WORDS": line} | more)
+    assert said is not None
+    return said.splitlines()
+
+
+def test_the_first_word_is_a_command_or_a_group():
+    assert set(words("")) == {path.split()[0] for path in commands.COMMANDS} - commands.ALIASES
+    assert words("cal") == ["calibrate"]
+    assert words("--json --realm r cal") == ["calibrate"]
+    assert words("nonsense ") == words("nonsense more ") == []
+
+
+def test_the_second_word_of_a_group():
+    assert words("cage ") == ["off", "on", "show"]
+    assert words("cage --realm r o") == ["off", "on"]
+    assert words("cage nonsense ") == words("cage on ") == []
+
+
+def test_options():
+    own = {
+        "--detach", "-d", "--insecure", "--listen", "--record", "--set", "--vehicles", "--without"
+    }  # fmt: skip
+    assert own | COMMON == set(words("up -"))
+    assert set(words("cage -")) == COMMON
+    assert COMMON | {"--version", "--install-completion", "--show-completion"} == set(words("-"))
+    assert words("goto 1 -2 --re") == ["--realm", "--replace"]
+    assert words("--rea") == ["--realm"]
+
+
+@pytest.mark.parametrize("line", ["--realm ", "status --realm ", "status --timeout=", "up --x="])
+def test_what_nobody_can_know_is_left_open(line: str):
+    assert words(line) == []
+
+
+def test_settings_and_types():
+    assert words("up --set safety.tak") == ["safety.takeoff="]
+    assert words("up --set /safety/tak") == ["/safety/takeoff="]
+    assert words("up --set a=1 --set=safety.tak") == ["--set=safety.takeoff="]
+    assert len(words("up quad.toml --set safety.virtual_cage.")) == 3
+    assert "calibrate_pressure" in words("type show cal")
+
+
+def test_fields_of_a_service_that_are_not_given_yet():
+    assert words("service call calibrate_pressure ") == ["zero="]
+    assert words("service call /uav/@srv/goto x=1 ") == ["replace=", "y=", "z="]
+    assert words("service call goto x=1 y") == ["y="]
+    assert words("service call nonsense ") == []
+
+
+def test_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "labs").mkdir()
+    (tmp_path / "labs" / "a b.toml").touch()
+    (tmp_path / "lab.toml").touch()
+    (tmp_path / ".hidden").touch()
+    monkeypatch.chdir(tmp_path)
+    assert words("up lab") == ["lab.toml", "labs/"]
+    assert words("up labs/") == ["labs/a b.toml"]
+    assert words(f"init {tmp_path}/lab.") == [f"{tmp_path}/lab.toml"]
+    assert words("up nowhere/") == words("status lab") == []
+
+
+def test_where_nothing_runs_there_are_no_live_names(quadctl: Quadctl):
+    for line in ("topic echo ", "service info ", "param get ", "service call cal", "topic echo /"):
+        assert words(line) == []
+    assert words("--realm no/name topic echo ") == []
+
+
+def test_bash_says_the_line_or_its_words_and_a_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "a b.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert bash("quadctl cage o") == ["off", "on"]
+    assert bash("quadctl cage ") == bash("quadctl cage ", COMP_CWORD="2")
+    assert bash("quadctl cage o more", COMP_CWORD="2") == ["off", "on"]
+    assert bash("quadctl 'cal") == ["calibrate"]
+    assert bash("quadctl init a") == [r"a\ b.toml"]
+    assert bash("quadctl") == bash("quadctl ") == words("")
+
+
+def test_bash_replaces_no_more_than_the_last_part_of_a_word():
+    assert bash("quadctl up --set=safety.tak", COMP_WORDBREAKS=BREAKS) == ["safety.takeoff="]
+    assert bash("quadctl up --set=safety.tak", COMP_WORDBREAKS=" ") == ["--set=safety.takeoff="]
+    assert bash("quadctl service call calibrate_pressure ze", COMP_WORDBREAKS=BREAKS) == ["zero="]
+    assert bash("quadctl up --set safety.virtual_cage.x", COMP_WORDBREAKS=BREAKS) == [
+        "safety.virtual_cage.x="
+    ]
+
+
+@pytest.mark.parametrize(
+    ("shell", "line", "said"),
+    [
+        ("fish", "quadctl cage on", "on\tTurn the cage on; a flight to a goal outside is stopped."),
+        ("fish", "quadctl service call calibrate_pressure ", "zero="),
+        ("powershell", "quadctl service call calibrate_pressure z", "zero=::: "),
+        ("zsh", "quadctl nonsense ", ""),
+        (
+            "zsh",
+            "quadctl cage of",
+            "local -a found=('off:Turn the cage off: every goal is accepted.'); _describe '' found ",
+        ),
+        (
+            "zsh",
+            "quadctl service call calibrate_pressure ",
+            "local -a found=(zero=); _describe '' found -S ''",
+        ),
+    ],
+)
+def test_other_shells(shell: str, line: str, said: str):
+    environment = {"_QUADCTL_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line}
+    assert answer(environment) == said
+
+
+def test_anything_else_is_left_to_typer():
+    assert answer({}) is answer({"_QUADCTL_COMPLETE": "source_bash"}) is None
+
+
+def test_typer_installs_our_scripts():
+    from typer._completion_shared import get_completion_script
+
+    assert typer_app.build()
+    for shell in SCRIPTS:
+        script = get_completion_script(
+            prog_name="quadctl", complete_var="_QUADCTL_COMPLETE", shell=shell
+        )
+        assert f"_QUADCTL_COMPLETE=complete_{shell}" in script
+        assert "%" not in script
+
+
+def test_it_needs_no_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_bash")
+    monkeypatch.setitem(os.environ, "COMP_WORDS", "quadctl cage o")
+    for name in [
+        name for name in sys.modules if name == "quadctl.cli.typer_app" or name.startswith("typer")
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    assert quadctl() == (0, "off\non\n", "")
+    assert "typer" not in sys.modules

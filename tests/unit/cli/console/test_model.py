@@ -1,0 +1,185 @@
+"""What the console keeps, what a page is sent of it, and where the keys aim."""
+
+from functools import partial
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.cli.console.model import (
+    NOTHING_SEEN,
+    STEPS,
+    TICK,
+    Board,
+    clicked,
+    frame,
+    link,
+    point,
+    stepped,
+    told,
+)
+from quadctl.schemas.messages import CageSize, Position
+from tests.support.console_messages import pose, reading, state
+
+GOAL = Position(1, 2, 1)
+OUTSIDE = "outside the cage: x = 9 is beyond [-5, 5]"
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "said"),
+    [
+        (None, state(reason=OUTSIDE), []),
+        (state(), state(stamp=2.0), []),
+        (state(), state(request=2, state="VERIFYING"), []),
+        (state(request=2, state="VERIFYING"), state(request=2, state="MOVING", goal=GOAL),
+         [("accepted", "to (1, 2, 1)")]),
+        (state(request=2, state="VERIFYING"), state(request=2, reason=OUTSIDE),
+         [("refused", OUTSIDE)]),
+        (state(), state(request=2, reason=OUTSIDE), [("refused", OUTSIDE)]),
+        (state(request=2, reason=OUTSIDE), state(request=3, reason=OUTSIDE),
+         [("refused", OUTSIDE)]),
+        (state(state="MOVING"), state(state="MOVING", request=2, reason="busy"),
+         [("refused", "busy")]),
+        (state(state="MOVING", goal=GOAL), state(goal=GOAL), [("arrived", "at (1, 2, 1)")]),
+        (state(state="MOVING"), state(reason="hold: stopped on request"),
+         [("stopped", "hold: stopped on request")]),
+        (state(), state(cage_on=False), [("cage", "cage off")]),
+        (state(state="MOVING", cage_on=False), state(reason="stopped, the goal"),
+         [("cage", "cage on"), ("stopped", "stopped, the goal")]),
+        (state(), state(cage=CageSize(3, 5, 2)),
+         [("cage", "cage is now x [-3, 3], y [-5, 5], z [0, 2]")]),
+        (state(state="MOVING"), state(boot="b", reason="a new boot"), [("boot", "a new boot")]),
+    ],
+)  # fmt: skip
+def test_every_change_is_told_once(before, now, said):
+    assert list(told(before, now)) == said
+
+
+def test_a_negative_nought_has_no_minus():
+    assert point(Position(-0.0, -0.001, 1.234)) == "(0, 0, 1.23)"
+
+
+def flying(ticks: int = 0) -> Board:
+    board = Board("uav")
+    board.problem = ""
+    board.hear_state(state())
+    for number in range(ticks):
+        board.tick(pose(x=number, stamp=float(number)), reading(1000 + number))
+    return board
+
+
+def test_a_page_is_sent_what_it_has_not_seen():
+    board = flying(5)
+    first = frame(board, NOTHING_SEEN, None)
+    assert first["fresh"]
+    assert [sample[1] for sample in first["samples"]] == [0, 1, 2, 3, 4]
+    seen = (first["epoch"], first["seen"])
+    assert frame(board, seen, None)["samples"] == []
+    board.tick(pose(x=7), None)
+    [sample] = frame(board, seen, None)["samples"]
+    assert sample[1] == 7
+    assert sample[4] is None, "no reading came"
+
+
+@given(st.lists(st.sampled_from(["tick", "boot", "sent", "sent and lost"]), max_size=60))
+def test_a_browser_that_loses_pictures_still_gets_every_sample_once(events):
+    board, seen, has, boot = flying(), NOTHING_SEEN, [], 0
+    for event in [*events, "sent"]:
+        if event in {"tick", "boot"}:
+            boot += event == "boot"
+            board.tick(pose(x=len(has), boot=f"{boot}"), None)
+            continue
+        picture = frame(board, seen, None)
+        if event == "sent":
+            has = ([] if picture["fresh"] else has) + picture["samples"]
+            seen = (picture["epoch"], picture["seen"])
+    assert has == [list(sample[1:]) for sample in board.samples]
+
+
+def test_a_new_boot_begins_a_new_trail():
+    board = flying(3)
+    seen = (board.epoch, 3)
+    board.tick(pose(boot="b"), None)
+    picture = frame(board, seen, None)
+    assert picture["fresh"]
+    assert len(picture["samples"]) == 1
+
+
+def test_no_more_than_a_minute_is_kept():
+    assert len(flying(700).samples) * TICK == pytest.approx(60)
+
+
+def test_it_says_how_it_stands_with_the_run():
+    board = flying(1)
+    assert link(board) == "live"
+    for _ in range(15):
+        board.tick(None, None)
+    assert link(board) == "silent"
+    assert "dynamics" in frame(board, NOTHING_SEEN, None)["read"]["problem"]
+    board.problem = "nothing is running"
+    assert link(board) == "lost"
+    assert frame(board, NOTHING_SEEN, None)["read"]["problem"] == "nothing is running"
+
+
+def test_a_page_can_be_opened_before_anything_is_heard():
+    picture = frame(Board("uav"), NOTHING_SEEN, None)
+    assert (picture["link"], picture["pose"], picture["cage"]) == ("lost", None, None)
+
+
+def test_texts_have_their_units():
+    board = flying()
+    board.tick(pose(1, -2, 1.5), reading(1013.1234))
+    said = frame(board, NOTHING_SEEN, Position(2, 0, 1))["read"]
+    assert (said["x"], said["y"], said["height"]) == ("1.00", "-2.00", "1.50 m")
+    assert (said["pressure"], said["baseline"]) == ("1013.1234 hPa", "not calibrated")
+    assert said["target"] == "(2, 0, 1): Enter sends"
+    board.tick(pose(), reading(-3.1e-6, baseline=1013.1))
+    said = frame(board, NOTHING_SEEN, None)["read"]
+    assert (said["pressure"], said["baseline"]) == ("-3.1e-06 hPa", "1013.1000 hPa")
+
+
+def test_a_refused_goal_is_kept_once_and_goes_with_the_boot():
+    board = flying()
+    goals = [Position(x, 0, 1) for x in (9, 8, 9)]
+    for goal in goals:
+        board.refuse(goal)
+    assert [goal.x for goal in board.refused] == [8, 9]
+    board.hear_state(state(boot="b"))
+    assert not board.refused
+
+
+def test_a_waypoint_that_somebody_published_is_kept_where_it_was_refused():
+    board = flying()
+    board.ask(Position(9, 0, 1))
+    board.hear_state(state(request=2, reason="outside"))
+    board.hear_state(state(request=3, reason="outside"))
+    assert list(board.refused) == [Position(9, 0, 1)]
+    board.ask(Position(1, 0, 1))
+    board.hear_state(state(request=4, state="MOVING"))
+    board.hear_state(state(request=5, reason="outside"))
+    assert list(board.refused) == [Position(9, 0, 1)]
+
+
+def test_steps_are_a_metre_from_the_goal_and_add_up():
+    board = flying()
+    board.hear_state(state(goal=Position(1, 2, 1)))
+    step = partial(stepped, board)
+    assert step(None, "ArrowRight") == Position(2, 2, 1)
+    assert step(step(None, "ArrowUp"), "PageDown") == Position(1, 3, 0)
+    assert step(step(None, "ArrowLeft"), "ArrowRight") == Position(1, 2, 1)
+
+
+def test_without_a_goal_steps_begin_where_the_vehicle_is():
+    board = Board("uav")
+    assert stepped(board, None, "ArrowUp") is None
+    board.tick(pose(1, 1, 1), None)
+    assert stepped(board, None, "ArrowUp") == Position(1, 2, 1)
+
+
+def test_every_key_steps_its_own_way():
+    assert len(set(STEPS.values())) == len(STEPS)
+    assert all(abs(x) + abs(y) + abs(z) == 1 for x, y, z in STEPS.values())
+
+
+def test_a_click_is_taken_to_ten_centimetres():
+    assert clicked(1.234, -0.04, 1.5) == Position(1.2, 0.0, 1.5)

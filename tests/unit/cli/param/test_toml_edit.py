@@ -1,0 +1,112 @@
+"""A parameter file changed in place: what is not named stays to the letter."""
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadctl.cli.param.toml_edit import edited, replace
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.catalogue import render
+from quadctl.services.runtime.params.names import put
+from tests.support.declared_values import changed_values
+
+WRITTEN = [
+    ("[safety]\ntakeoff = 1.0 # high\n", "[safety]\ntakeoff = 2.5 # high\n"),
+    ("[ safety ]\n'takeoff'=1.0\n", "[ safety ]\n'takeoff'=2.5\n"),
+    ("safety.takeoff = 1.0\n# end", "safety.takeoff = 2.5\n# end"),
+    (
+        "safety = { takeoff = 1.0, cage_on = true }\n",
+        "safety = { takeoff = 2.5, cage_on = true }\n",
+    ),
+    ("# mine\r\n[safety]\r\ntakeoff = 1.0\r\n", "# mine\r\n[safety]\r\ntakeoff = 2.5\r\n"),
+    ("[safety]\ntakeoff = 1.0", "[safety]\ntakeoff = 2.5"),
+]
+
+
+@pytest.mark.parametrize(("before", "after"), WRITTEN)
+def test_one_value_is_written_where_it_stood(before: str, after: str):
+    assert edited(before, {"safety.takeoff": 2.5}) == after
+
+
+@pytest.mark.parametrize(
+    "before",
+    ["", "# nothing\n", "[safety]\n", "[pressure]\nrate = 5.0\n", "[safety.virtual_cage]\nx = 3.0\n",
+     "[safety.virtual_cage]\nx = 3.0\n[pressure]\nrate = 5.0\n[safety]\ncage_on = false\n",
+     "[dynamics.vehicle]\nmass = 2.0\n", "safety.cage_on = false", "safety = {}\n"],
+)  # fmt: skip
+def test_what_is_missing_is_added_and_the_rest_stays(before: str):
+    values: dict[str, Any] = {
+        "safety.takeoff": 2.5,
+        "safety.virtual_cage.y": 4.0,
+        "dynamics.rate": 50.0,
+    }
+    after = edited(before, values)
+    wanted = tomllib.loads(before)
+    for name, value in values.items():
+        put(wanted, name, value, "")
+    assert tomllib.loads(after) == wanted
+    assert [line for line in before.splitlines() if line not in after.splitlines()] in (
+        [], ["safety = {}"],
+    )  # fmt: skip
+
+
+@settings(max_examples=40)
+@given(changed_values(), st.sampled_from([render(), "", render().replace("\n", "\r\n")]))
+def test_any_values_in_any_number_are_written(values: dict[str, Any], before: str):
+    wanted = tomllib.loads(before)
+    for name, value in values.items():
+        put(wanted, name, value, "")
+    after = edited(before, values)
+    assert tomllib.loads(after) == wanted
+    comments = [line for line in before.splitlines() if line.startswith("#")]
+    assert [line for line in after.splitlines() if line.startswith("#")] == comments
+
+
+def test_no_change_is_no_change():
+    assert edited(render(), {}) == render()
+
+
+def test_a_link_stays_a_link_and_the_mode_stays(tmp_path: Path):
+    real, link = tmp_path / "real.toml", tmp_path / "quad.toml"
+    real.write_bytes(b"old")
+    real.chmod(0o640)
+    link.symlink_to("real.toml")
+    replace(link, b"new")
+    assert link.is_symlink()
+    assert real.read_bytes() == b"new"
+    assert real.stat().st_mode & 0o777 == 0o640
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["quad.toml", "real.toml"]
+
+
+def test_a_new_file_can_be_read_by_others_as_any(tmp_path: Path):
+    replace(tmp_path / "new.toml", b"text")
+    (tmp_path / "any").write_bytes(b"")
+    assert (tmp_path / "new.toml").stat().st_mode == (tmp_path / "any").stat().st_mode
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    file = tmp_path / "quad.toml"
+    file.write_bytes(b"old")
+
+    def full(_descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(Invalid, match="No space left"):
+        replace(file, b"new")
+    assert file.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_where_nothing_can_be_written(tmp_path: Path):
+    for place in (tmp_path, tmp_path / "nowhere" / "quad.toml"):
+        with pytest.raises(Invalid, match="cannot be written"):
+            replace(place, b"new")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,95 @@
+"""The table of `up` on a terminal: drawn in place, within the width, and gone at the end."""
+
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.cli.output import duration
+from quadctl.cli.run.screen import Measurements, Panel, lines
+from quadctl.cli.run.usage import Shares
+from quadctl.services.runtime.run_files import ProcessRecord
+from tests.support.screen import Glass
+
+ROWS = [
+    ProcessRecord("hub", 12345, "ready", 0),
+    ProcessRecord("dynamics", 0, "restarting", 3),
+    ProcessRecord("a-helper-of-mine", 7, "down", 5),
+]
+TAKEN = Measurements({"hub": 12.4, "dynamics": 100.0}, {12345: 27.3}, {12345: 3.2})
+NONE = Measurements({}, {}, {})
+TEXT = st.text("abc xyz", max_size=12).map(str.rstrip)
+
+
+@given(st.lists(st.tuples(st.lists(TEXT, max_size=3), st.lists(TEXT, max_size=4)), max_size=8))
+def test_what_is_above_stays_and_the_panel_is_always_the_last_one(frames):
+    glass, terminal = Glass(), io.StringIO()
+    panel = Panel(terminal)
+    above: list[str] = []
+    for said, table in [*frames, ([], [])]:
+        panel.draw("".join(f"{line}\n" for line in said), table, 80)
+        glass.feed(terminal.getvalue().replace("\n", "\r\n"))
+        terminal.seek(0)
+        terminal.truncate()
+        above += said
+        assert glass.seen == "\n".join([*above, *(table or [""])])
+
+
+def test_a_panel_that_a_narrower_terminal_has_wrapped_is_taken_back_whole():
+    terminal = io.StringIO()
+    panel = Panel(terminal)
+    panel.draw("", ["\033[2m" + 25 * "a" + "\033[0m", 10 * "b", ""], 40)
+    terminal.seek(0)
+    terminal.truncate()
+    panel.draw("", [], 10)
+    assert terminal.getvalue() == "\r\033[4A\033[J"
+
+
+def test_after_others_have_written_it_begins_where_the_cursor_is():
+    terminal = io.StringIO()
+    panel = Panel(terminal)
+    panel.draw("", ["a", "b"], 40)
+    panel.forget()
+    panel.draw("", ["c"], 40)
+    assert terminal.getvalue().endswith("\rc\033[J")
+
+
+def test_a_row_for_each_process():
+    assert lines("head", ROWS, TAKEN, 100, 10, colour=False) == [
+        "head",
+        "NAME              STATE       PID    RESTARTS  MSG/S  MEMORY  CPU",
+        "hub               ready       12345  0         12     27 MB   3 %",
+        "dynamics          restarting  -      3         -      -       -",
+        "a-helper-of-mine  down        7      5         -      -       -",
+    ]
+
+
+def test_colour_adds_nothing_but_itself():
+    plain = lines("head", ROWS, TAKEN, 60, 10, colour=False)
+    glass = Glass()
+    glass.feed("\r\n".join(lines("head", ROWS, TAKEN, 60, 10, colour=True)))
+    assert glass.seen == "\n".join(plain)
+
+
+@given(st.integers(1, 120), st.integers(0, 8), st.booleans())
+def test_it_fits_whatever_the_terminal(columns: int, height: int, colour: bool):
+    glass = Glass()
+    glass.feed("\r\n".join(lines("a head", ROWS, NONE, columns, height, colour=colour)))
+    assert len(glass.lines) <= max(height, 1)
+    assert all(len(line) < columns for line in glass.lines)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.0, "0 s"), (59.9, "59 s"), (61, "1:01"), (3600, "1:00:00")]
+)
+def test_a_duration(seconds: float, text: str):
+    assert duration(seconds) == text
+
+
+def test_a_share_of_a_core_is_from_one_look_to_the_next():
+    shares = Shares()
+    assert shares.look({7: 2.0}, 10.0) == {}
+    assert shares.look({7: 3.0}, 20.0) == {7: pytest.approx(10.0)}
+    assert shares.look({}, 30.0) == {}
+    assert shares.look({7: 4.0}, 40.0) == {}

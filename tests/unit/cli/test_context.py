@@ -1,0 +1,150 @@
+"""The common options, before or after the verb, and lines that cannot be understood."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from quadctl.cli import command, context
+from quadctl.cli.context import Options, about_node, about_parameters
+from quadctl.services.runtime.errors import UsageError
+from tests.support.command_line import Quadctl
+
+OPTIONS = Options("nowhere", "", "uav", json=False, timeout=1.0)
+
+
+@pytest.mark.parametrize(
+    ("word", "left"),
+    [
+        ("safety.takeoff", "safety.takeoff"),
+        ("/safety/takeoff=3", "/safety/takeoff=3"),
+        ("uav.safety.takeoff=3", "safety.takeoff=3"),
+        ("/uav/safety/takeoff", "safety.takeoff"),
+        ("uav/mine/text=/uav/a=b", "mine.text=/uav/a=b"),
+        ("/uav", ""),
+        ("/", "/"),
+        ("uavs.x", "uavs.x"),
+    ],
+)
+def test_a_parameter(word: str, left: str):
+    options, words = about_parameters(OPTIONS, [word])
+    assert (options.named, words) == ("uav", [left])
+
+
+def test_parameters_of_a_vehicle_and_of_none():
+    with pytest.raises(UsageError, match="different vehicles: safety, uav"):
+        about_parameters(OPTIONS, ["/uav/safety", "safety"])
+
+
+@pytest.mark.parametrize(
+    ("name", "left"),
+    [
+        ("safety", "safety"),
+        ("/safety", "/safety"),
+        ("/uav/safety", "safety"),
+        ("uav/state_safety_node/", "state_safety_node"),
+        ("/uav", "/uav"),
+        ("other/safety", "other/safety"),
+    ],
+)
+def test_a_node(name: str, left: str):
+    assert about_node(OPTIONS, name) == (OPTIONS, left)
+
+
+# What needs a hub ends at once with 3 where there is none, and names the place it looked at.
+PLACES = [
+    ("{} status",), ("status {}",), ("{} ps",), ("{} topic list",), ("topic {} list",),
+    ("topic list {}",), ("goto {} 1 -2 1.5",), ("goto 1 -2 1.5 {}",), ("param set {} a=1",),
+    ("service call goto x=1 y=2 z=3 {}",),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("place", [place for (place,) in PLACES])
+def test_an_option_may_stand_anywhere(quadctl: Quadctl, place: str):
+    said = quadctl(*place.format("--realm other --json").split())
+    assert (said.code, said.out) == (3, "")
+    assert said.error["code"] == "unreachable"
+    assert "other" in said.error["message"]
+    assert "quadctl up" in said.error["hint"]
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
+    """The options that commands were run with."""
+    found: list[Options] = []
+    made = context.options_of
+
+    def telling(said: Mapping[str, Any]) -> Options:
+        found.append(made(said))
+        return found[-1]
+
+    monkeypatch.setattr(command, "options_of", telling)
+    return found
+
+
+def test_by_default(quadctl: Quadctl, seen: list[Options]):
+    quadctl("type", "list")
+    assert seen[0] == Options("default", "", "", False, 3.0)
+
+
+def test_the_environment_goes_before_the_defaults_and_the_line_before_it(
+    quadctl: Quadctl, seen: list[Options], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("QUADCTL_REALM", "theirs")
+    monkeypatch.setenv("QUADCTL_VEHICLE", "drone")
+    quadctl("type", "list")
+    quadctl("type", "list", "--realm", "mine", "--vehicle", "bird")
+    assert [(found.realm, found.vehicle) for found in seen] == [
+        ("theirs", "drone"),
+        ("mine", "bird"),
+    ]
+
+
+def test_the_innermost_place_counts(quadctl: Quadctl, seen: list[Options]):
+    quadctl("--timeout", 1, "--realm", "a", "type", "--timeout", 2, "list", "--timeout=0.5")
+    assert (seen[0].timeout, seen[0].realm) == (0.5, "a")
+    quadctl("--json", "--connect", "tls/host:7447", "type", "list")
+    assert (seen[1].json, seen[1].connect) == (True, "tls/host:7447")
+
+
+def test_one_command_does_not_remember_anothers_options(quadctl: Quadctl, seen: list[Options]):
+    quadctl("type", "list", "--realm", "other", "--json")
+    quadctl("type", "list")
+    assert seen[1] == Options("default", "", "", False, 3.0)
+
+
+WRONG = [
+    "nonsense", "topic nonsense", "--nonsense", "status --nonsense", "status more", "goto",
+    "goto 1 2", "goto 1 2 abc", "goto 1 2 3 4", "goto 1 2 3 --arrive soon", "type show",
+    "status --timeout soon", "status --timeout 0", "status --timeout -1", "status --timeout nan",
+    "status --timeout inf", "status --realm", "status --realm ../x", "topic echo pose -n 0",
+    "param set a", "param set a 1 2", "param set a.x=1 b.x=2", "cage sideways",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_a_line_that_cannot_be_understood_is_exit_2(quadctl: Quadctl, line: str):
+    said = quadctl(*line.split())
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith("error: ")
+    assert "Traceback" not in said.err
+    as_json = quadctl(*line.split(), "--json") if not line.endswith("--realm") else None
+    if as_json is not None:
+        assert (as_json.code, as_json.out) == (2, "")
+        assert as_json.error["code"] == "usage"
+        assert as_json.error["message"]
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "10001", "-1e300"])
+def test_a_number_that_is_no_place_is_exit_6(quadctl: Quadctl, number: str):
+    for place in range(3):
+        numbers = ["1", "1", "1"]
+        numbers[place] = number
+        said = quadctl("goto", *numbers, "--json")
+        assert (said.code, said.error["code"]) == (6, "invalid")
+
+
+def test_negative_numbers_are_no_options(quadctl: Quadctl):
+    assert quadctl("goto", -1, -2.5, "-1e-3").code == 3
+    assert quadctl("param", "set", "safety.takeoff", -1).code == 3
+    assert quadctl("service", "call", "goto", -1, -2, 1).code == 3

@@ -1,0 +1,129 @@
+"""Help: every command says what it does, and shows how."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import typer
+
+from quadctl.cli import typer_app
+from tests.support.command_line import Quadctl
+
+
+def commands(command: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    for name, inner in getattr(command, "commands", {}).items():
+        here = f"{path} {name}".lstrip()
+        if getattr(inner, "commands", None):
+            yield from commands(inner, here)
+        else:
+            yield here, inner
+
+
+COMMANDS = dict(commands(typer.main.get_command(typer_app.build())))
+GROUPS = sorted({path.split()[0] for path in COMMANDS if " " in path})
+COMMON = ("--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json")
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_every_command_says_what_it_does_and_has_the_common_options(quadctl: Quadctl, path: str):
+    said = quadctl(*path.split(), "--help")
+    assert (said.code, said.err) == (0, "")
+    assert re.match(rf"Usage: .*quadctl {path} ", said.out)
+    places = [said.out.index(f"  {option} ") for option in COMMON]
+    own = re.findall(r"^  (?:-\w, )?(--[\w-]+)", said.out, re.MULTILINE)
+    assert own[-len(COMMON) - 1 :] == [*COMMON, "--help"], "the common options come last"
+    assert places == sorted(places)
+    assert (COMMANDS[path].help or "").partition("\n")[0].rstrip().endswith(".")
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_every_command_shows_an_example_of_itself(quadctl: Quadctl, path: str):
+    shown = re.findall(r"Example: quadctl (.*)", quadctl(*path.split(), "--help").out)
+    assert shown
+    assert shown[0].startswith("status" if path == "ps" else path)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_a_group_alone_lists_its_commands(quadctl: Quadctl, group: str):
+    said = quadctl(group, "--help")
+    assert said.code == 0
+    for path in COMMANDS:
+        if path.startswith(f"{group} "):
+            assert path.split()[1] in said.out
+
+
+def test_the_first_help_lists_every_command_but_the_alias(quadctl: Quadctl):
+    said = quadctl("--help")
+    assert said.code == 0
+    listed = set(re.findall(r"^  (\w+) ", said.out, re.MULTILINE))
+    assert {path.split()[0] for path in COMMANDS} - {"ps"} <= listed
+    assert "ps" not in listed
+
+
+def test_the_first_help_tells_the_exit_codes_and_how_to_complete(quadctl: Quadctl):
+    said = quadctl("--help")
+    for code in (0, 1, 2, 3, 4, 5, 6, 7, 8, 130):
+        assert re.search(rf"Exit codes:.* {code} ", said.out)
+    assert "--install-completion" in said.out
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("help", "--help"),
+        ("-h", "--help"),
+        ("help goto", "goto --help"),
+        ("goto -h", "goto --help"),
+        ("help topic echo", "topic echo --help"),
+        ("help topic", "topic --help"),
+    ],
+)
+def test_help_as_people_type_it(quadctl: Quadctl, typed: str, meant: str):
+    assert quadctl(*typed.split()) == quadctl(*meant.split())
+
+
+@pytest.mark.parametrize(
+    ("line", "message", "hint"),
+    [
+        ("calibrat", "No such command 'calibrat'. Did you mean 'calibrate'?", "quadctl --help"),
+        ("topic ech", "No such command 'ech'. Did you mean 'echo'?", "quadctl topic --help"),
+        ("help topic ech", "Did you mean 'echo'?", "quadctl topic --help"),
+        ("up --wihtout hub", "--without", "quadctl up --help"),
+        ("up --set", "requires an argument", "quadctl up --help"),
+        ("goto 1 2", "Missing argument 'Z'", "quadctl goto --help"),
+    ],
+)
+def test_a_line_that_is_nearly_right_is_told_what_was_meant(
+    quadctl: Quadctl, line: str, message: str, hint: str
+):
+    said = quadctl(*line.split())
+    assert said.code == 2
+    assert message in said.err
+    assert f"try: `{hint}`" in said.err
+
+
+def test_piped_help_is_a_line_an_item_whatever_the_width(
+    quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch
+):
+    wide = quadctl("--help").out
+    monkeypatch.setenv("COLUMNS", "20")
+    for path, command in COMMANDS.items():
+        if " " not in path and path != "ps":
+            assert re.search(rf"^  {path} +{re.escape(_first(command))}$", wide, re.MULTILINE)
+    assert quadctl("--help").out == wide
+
+
+def _first(command: Any) -> str:
+    return str(command.help).partition("\n")[0].rstrip()
+
+
+@pytest.mark.parametrize("words", ["--help", "up --help", "topic --help"])
+def test_piped_help_has_no_box_and_no_colour(quadctl: Quadctl, words: str):
+    assert not set(quadctl(*words.split()).out) & set("╭│╰─\x1b")
+
+
+def test_the_version(quadctl: Quadctl):
+    said = quadctl("--version")
+    assert said.code == 0
+    assert re.fullmatch(r"quadctl \d+\.\d+\.\d+\n", said.out)

@@ -1,0 +1,162 @@
+"""Commands that need no running system."""
+
+from pathlib import Path
+
+import pytest
+
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.services.runtime.params.catalogue import render
+from tests.support.command_line import Quadctl
+
+CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("calibrate", "Calibrate", "CALIBRATE", "calibrate_pressure", "/calibrate_pressure"),
+        *("quad/Calibrate", "quad/srv/Calibrate", "CalibrateRequest", "@srv/calibrate_pressure"),
+        *("/uav/@srv/calibrate_pressure", "/uav7/calibrate_pressure"),
+    ],
+)
+def test_a_service_type_by_any_of_its_names(quadctl: Quadctl, name: str):
+    assert quadctl("type", "show", name) == (0, CALIBRATE, "")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Waypoint",
+        "waypoint",
+        "input/position_request",
+        "/uav/input/position_request",
+        "quad/msg/Waypoint",
+    ],
+)
+def test_a_message_type_by_any_of_its_names(quadctl: Quadctl, name: str):
+    assert quadctl("type", "show", name).out == "float64 x\nfloat64 y\nfloat64 z\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "type_"),
+    [
+        ("/uav/pose", "Pose"),
+        ("uav/info", "Info"),
+        ("pressure/get_params", "GetParams"),
+        ("/uav/@srv/my/node/set_params", "SetParams"),
+        ("get_params", "GetParams"),
+        ("Position", "Position"),
+        ("velocity", "Velocity"),
+        ("quad/CageSize", "CageSize"),
+    ],
+)
+def test_a_type_by_a_full_key_a_nodes_service_or_as_a_part(quadctl: Quadctl, name: str, type_: str):
+    assert quadctl("type", "show", name, "--json").json["name"] == type_
+
+
+def test_every_declared_type_can_be_listed_and_shown(quadctl: Quadctl):
+    names = quadctl("type", "list").out.splitlines()
+    assert names == sorted(names) == quadctl("type", "list", "--json").json
+    assert {topic.type.__name__ for topic in TOPICS} <= set(names)
+    assert {service.type_name for service in SERVICES} | {"GetParams", "SetParams"} <= set(names)
+    for name in (
+        *names,
+        *(topic.name for topic in TOPICS),
+        *(service.name for service in SERVICES),
+    ):
+        said = quadctl("type", "show", name, "--json")
+        assert said.code == 0
+        assert said.json["definition"]
+
+
+def test_a_type_as_json(quadctl: Quadctl):
+    assert quadctl("type", "show", "calibrate", "--json").json == {
+        "name": "Calibrate",
+        "definition": CALIBRATE.rstrip(),
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("calibrat", "alibrate?"),
+        ("zzzzz", "type list"),
+        ("uav/poze", "pose?"),
+        ("std_srvs/SetBool", "type list"),
+    ],
+)
+def test_a_type_that_is_not_there(quadctl: Quadctl, name: str, hint: str):
+    said = quadctl("type", "show", name, "--json")
+    assert (said.code, said.error["code"]) == (6, "invalid")
+    assert hint in said.error["hint"]
+
+
+def test_init_writes_the_file_once(quadctl: Quadctl, tmp_path: Path):
+    assert quadctl("init") == (0, "wrote quad.toml\n", "")
+    assert (tmp_path / "quad.toml").read_text(encoding="utf-8") == render()
+    said = quadctl("init", "--json")
+    assert (said.code, said.error["code"]) == (6, "invalid")
+    assert "quad.toml is there already" in said.error["message"]
+    assert quadctl("init", "my_lab.toml", "--json").json == {"file": "my_lab.toml"}
+
+
+def test_init_where_nothing_can_be_written(quadctl: Quadctl):
+    said = quadctl("init", "nowhere/quad.toml")
+    assert said.code == 6
+    assert "nowhere/quad.toml cannot be written: No such file or directory\n" in said.err
+
+
+@pytest.mark.parametrize(
+    "command", ["status", "ps", "down", "node list", "state", "hold", "calibrate"]
+)
+def test_where_nothing_runs_it_is_exit_3(quadctl: Quadctl, command: str):
+    said = quadctl(*command.split())
+    assert (said.code, said.out) == (3, "")
+    assert "quadctl up" in said.err
+
+
+@pytest.mark.parametrize(
+    ("line", "named"),
+    [
+        ("up none.toml", "none.toml cannot be read"),
+        ("up --set safety.takeof=3", "did you mean safety.takeoff?"),
+        ("up --set safety.takeoff=nan", "safety.takeoff"),
+        ("up --without safty", "safty"),
+        ("service call nonsense", "there is no service nonsense"),
+        ("service call goto x=1", "missing required field `y`"),
+        ("service call goto x=1 y=2 z=nan", "$.z"),
+        ("service call goto 1 2 3 true 5", "goto takes 4 values"),
+        ('service call goto {"x":', "not JSON"),
+        ("service call calibrate_pressure zero=3", "expected `bool`"),
+        ("goto 1 2 3 --arrive 0", "--arrive 0"),
+    ],
+)
+def test_what_cannot_be_is_exit_6_before_anything_is_asked(quadctl: Quadctl, line: str, named: str):
+    said = quadctl(*line.split())
+    assert (said.code, said.out) == (6, "")
+    assert named.lower() in said.err.lower()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["zero=true", "zero=True", "True", "true", '{"zero":true}', "zero: true"],
+)
+def test_a_request_may_be_written_as_in_ros(quadctl: Quadctl, arguments: str):
+    said = quadctl("service", "call", "/calibrate_pressure", arguments, "--json")
+    assert (said.code, said.error["code"]) == (3, "unreachable")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "/calibrate_pressure Calibrate {zero:true}",
+        "/calibrate_pressure quad/Calibrate zero=true",
+        "/calibrate_pressure std_srvs/srv/SetBool true",
+        "pressure/get_params GetParams {names:[]}",
+        "/hold std_srvs/srv/Trigger",
+        "hold Hold",
+    ],
+)
+def test_the_type_before_a_request_is_left_out(quadctl: Quadctl, line: str):
+    said = quadctl("service", "call", *line.split(), "--json")
+    assert (said.code, said.error["code"]) == (3, "unreachable")

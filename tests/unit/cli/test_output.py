@@ -1,0 +1,161 @@
+"""What commands print: one item a line, and nothing for show."""
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadctl.cli import output
+from quadctl.cli.progress import Progress
+from quadctl.schemas.messages import CageSize
+from quadctl.services.runtime.errors import Invalid, NotReady, QuadctlError
+
+FULL = Path("/dev/full")
+
+
+@pytest.mark.parametrize("line", ["type list", "type list --json"])
+def test_a_full_disk_under_stdout_is_told_and_no_fault_of_ours(line: str):
+    with FULL.open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "quadctl.cli.main", *line.split()],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=30,
+        )
+    assert done.returncode == 1
+    assert "the output cannot be written: No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+INTERRUPTED = """
+import sys
+from quadctl.cli.main import main
+
+class Impatient:
+    def find_spec(self, name, path=None, target=None):
+        if name == "quadctl.cli.fast_imports":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Impatient())
+main()
+"""
+
+
+def test_ctrl_c_while_the_command_is_being_imported_is_no_error():
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", INTERRUPTED],
+        capture_output=True, text=True, check=False, timeout=30,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+WORD = st.text("ab \tcdé", max_size=6)
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ({"b": 1.0, "a": [1, None]}, '{"b":1.0,"a":[1,null]}\n'),
+        (CageSize(5.0, 5.0, 2.0), '{"x":5.0,"y":5.0,"z":2.0}\n'),
+        ("line\nbreak", '"line\\nbreak"\n'),
+        (float("nan"), "null\n"),
+        ([], "[]\n"),
+    ],
+)
+def test_a_document_is_one_line_of_json(capsys: Capture, value: object, text: str):
+    output.document(value)
+    assert capsys.readouterr() == (text, "")
+
+
+def test_a_table_has_aligned_columns_and_no_trailing_blanks(capsys: Capture):
+    output.table([("NAME", "STATE", "PID"), ("hub", "ready", 12), ("dynamics", "down", "-")])
+    assert capsys.readouterr().out == (
+        "NAME      STATE  PID\n"
+        "hub       ready  12\n"
+        "dynamics  down   -\n"
+    )  # fmt: skip
+
+
+def test_a_table_of_nothing_is_nothing(capsys: Capture):
+    output.table([])
+    assert capsys.readouterr().out == ""
+
+
+@settings(max_examples=40)
+@given(st.lists(st.tuples(WORD, WORD, st.integers()), min_size=1, max_size=5))
+def test_a_table_has_a_line_a_row_whatever_stands_in_it(rows: list[tuple[str, str, int]]):
+    kept, sys.stdout = sys.stdout, io.StringIO()
+    try:
+        output.table(rows)
+        lines = sys.stdout.getvalue().split("\n")
+    finally:
+        sys.stdout = kept
+    assert len(lines) == len(rows) + 1
+    width = max(len(first) for first, _, _ in rows)
+    assert all(
+        line[:width].strip() == first.strip()
+        for line, (first, _, _) in zip(lines, rows, strict=False)
+    )
+
+
+def test_fields_are_printed_as_ros_does(capsys: Capture):
+    output.fields({"stamp": 0.5, "position": {"x": 1.0, "y": -2.0}, "reason": "", "empty": {}})
+    assert capsys.readouterr().out.splitlines() == [
+        "stamp: 0.5",
+        "position:",
+        "  x: 1.0",
+        "  y: -2.0",
+        "reason: ''",
+        "empty: {}",
+    ]
+
+
+@pytest.mark.parametrize(("value", "text"), [(1.5, "1.5"), ("a b", "a b"), ([1, 2], "[1, 2]")])
+def test_one_field_is_printed_alone(capsys: Capture, value: object, text: str):
+    output.fields(value)
+    assert capsys.readouterr().out == f"{text}\n"
+
+
+def test_an_error_says_what_and_what_to_do(capsys: Capture):
+    output.error(Invalid("what and why", "do this"), as_json=False)
+    output.error(QuadctlError("alone"), as_json=False)
+    assert capsys.readouterr() == ("", "error: what and why\n  try: do this\nerror: alone\n")
+
+
+def test_an_error_as_json_has_the_contracts_shape(capsys: Capture):
+    output.error(NotReady("no sample", "wait"), as_json=True)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert msgspec.json.decode(said.err) == {
+        "error": {"code": "not_ready", "message": "no sample", "hint": "wait"}
+    }
+
+
+def test_a_note_goes_beside_the_output(capsys: Capture):
+    output.note("by the way")
+    assert capsys.readouterr() == ("", "by the way\n")
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_progress_shows_nothing_where_nobody_looks(capsys: Capture, quiet: bool):
+    with Progress("flying", quiet=quiet) as progress:
+        progress.update(0.5, "1 m to go")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_what_would_steer_the_terminal_is_shown_as_what_it_is(capsys: Capture):
+    output.fields({"\x1b[31mred": 1})
+    output.table([("uav/\x1b]0;title\x07", "a\rb\x9b2J")])
+    output.note("say \x1b[1m it")
+    assert capsys.readouterr() == (
+        "\\x1b[31mred: 1\nuav/\\x1b]0;title\\x07  a\\x0db\\x9b2J\n",
+        "say \\x1b[1m it\n",
+    )

@@ -1,0 +1,85 @@
+"""A vehicle in machine code: to the bit as in plain Python, and taken up in the midst of a flight."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics import flight_modes
+from quadctl.services.dynamics.compiler import Code, MachineCode, store, stored
+from quadctl.services.dynamics.vehicle import Fly, Vehicle
+from tests.support.compiled import compiled_vehicle
+from tests.unit.dynamics.compiled.test_fleet import vehicles
+
+pytestmark = pytest.mark.timeout(200)
+
+
+@pytest.fixture(scope="module")
+def code() -> Code:
+    return compiled_vehicle()
+
+
+def everything(vehicle: Vehicle) -> str:
+    """All its numbers, by their text, for nan is not equal to itself."""
+    return repr((vehicle._state, vehicle._command, vehicle._plan, vehicle._mode, vehicle._air))
+
+
+def tell(draws: random.Random, params: DynamicsParams, *several: Vehicle) -> None:
+    """Something new, the same to each."""
+    kind = draws.random()
+    x, y, z = draws.uniform(-4, 4), draws.uniform(-4, 4), draws.choice([0.0, draws.uniform(0.2, 4)])
+    limit = draws.uniform(1.0, 5.0)
+    for vehicle in several:
+        if kind < 0.6:
+            vehicle.goto(x, y, z)
+        elif kind < 0.8:
+            vehicle.brake()
+        else:
+            params.control.max_speed = limit
+            vehicle.configure(params)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_it_flies_as_plain_python_does_and_either_goes_on_from_the_other(code: Code, number: int):
+    draws, params, machine = random.Random(number), vehicles(3, 5)[number], MachineCode(code)
+    plain, other = Vehicle(params), Vehicle(params)
+    single: Fly = machine.single()
+    for _ in range(40):
+        tell(draws, params, plain, other)
+        other.fly = draws.choice([single, single, flight_modes.fly])
+        for _ in range(draws.choice([1, 40, 200])):
+            piece = draws.choice([1, 3, 10])
+            plain.advance(piece)
+            other.advance(piece)
+        assert everything(other) == everything(plain)
+
+
+def test_each_vehicle_has_its_own(code: Code):
+    machine = MachineCode(code)
+    params = vehicles(2, 1)
+    both, alone = [Vehicle(each) for each in params], Vehicle(params[0])
+    for vehicle in (*both, alone):
+        vehicle.fly = machine.single()
+    for _ in range(100):
+        for vehicle in (*both, alone):
+            vehicle.goto(1.0, 1.0, 1.0)
+            vehicle.advance(10)
+    assert everything(both[0]) == everything(alone) != everything(both[1])
+
+
+def test_code_that_is_damaged_or_of_another_processor_is_not_loaded(
+    code: Code, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert stored() is None
+    store(code)
+    assert stored() == code
+    (file,) = (tmp_path / "quadctl").glob("vehicle_*.bin")
+    whole = file.read_bytes()
+    middle = len(whole) // 2
+    for bad in (b"", whole[:-9], whole[:middle] + b"\0\0\0\0" + whole[middle + 4 :]):
+        file.write_bytes(bad)
+        assert stored() is None
+    store(Code.sealed("another", code.function, code.machine))
+    assert stored() is None

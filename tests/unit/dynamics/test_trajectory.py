@@ -1,0 +1,311 @@
+"""The setpoint generator: time-optimal, within its limits, smooth, straight, and never past."""
+
+import random
+from collections.abc import Iterator
+from math import ceil, dist, hypot, sqrt
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics.controller import PERIOD
+from quadctl.services.dynamics.trajectory import Motion, advance_axis, decelerate, stop
+from quadctl.services.dynamics.vehicle import Vehicle
+from tests.support.setpoint_path import Path
+
+SIZE = (5.0, 5.0, 2.0)
+AXIS = st.sampled_from([-1.0, 0.0, 1.0]) | st.floats(-1.0, 1.0)
+HEIGHT = st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0)
+GOAL = st.tuples(AXIS.map(lambda n: 5 * n), AXIS.map(lambda n: 5 * n), HEIGHT.map(lambda n: 2 * n))
+
+
+def excursion(position):
+    """How far a point is out of the cage, m; negative inside."""
+    x, y, z = position
+    return max(abs(x) - SIZE[0], abs(y) - SIZE[1], z - SIZE[2], -z)
+
+
+@settings(max_examples=40)
+@given(st.lists(st.tuples(GOAL, st.integers(1, 400)), min_size=2, max_size=8))
+def test_the_setpoint_stays_inside_wherever_the_goal_moves(moves):
+    setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))
+    worst = -1.0
+    for goal, periods in moves:
+        setpoint.goto(*goal)
+        for _ in range(periods):
+            setpoint.advance()
+            worst = max(worst, excursion(setpoint.setpoint[:3]))
+    assert worst <= 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_setpoint_stays_inside_on_random_missions(seed):
+    rng = random.Random(seed)
+    worst = -1.0
+    for _ in range(60):
+        setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))
+        for _ in range(8):
+            setpoint.goto(wall(rng, 5.0), wall(rng, 5.0), rng.choice((0.0, 2.0, rng.uniform(0, 2))))
+            for _ in range(rng.choice((1, rng.randint(1, 300)))):
+                setpoint.advance()
+                worst = max(worst, excursion(setpoint.setpoint[:3]))
+    assert worst <= 1e-6
+
+
+def wall(rng, size):
+    """A coordinate, often on a wall or in the middle."""
+    return rng.choice((-size, 0.0, size)) if rng.random() < 0.6 else rng.uniform(-size, size)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_vehicle_stays_inside_to_a_centimetre(seed):
+    rng = random.Random(seed)
+    vehicle = Vehicle(DynamicsParams())
+    vehicle.goto(0.0, 0.0, 1.0)
+    vehicle.advance(1500)
+    worst = -1.0
+    for _ in range(6):
+        vehicle.goto(wall(rng, 5.0), wall(rng, 5.0), rng.choice((2.0, rng.uniform(0.2, 2.0))))
+        for _ in range(rng.randint(20, 250)):
+            vehicle.advance(10)
+            worst = max(worst, excursion(vehicle.position))
+    assert worst <= 0.01
+
+
+SPEED, ACCELERATION, JERK = 5.0, 5.0, 40.0
+MICROMETRE = 1e-6
+ROUNDING = 1e-9
+LAG = 1e-4
+"""The lags take the jerk for constant over a period, also where it changes within: 1 part in 1e4."""
+LIMITS = st.tuples(st.floats(0.5, 10), st.floats(0.5, 20), st.floats(5, 200))
+GOALS = st.one_of(st.floats(-20, 20), st.floats(-1, 1), st.floats(-0.05, 0.05))
+UNIT = st.floats(-1, 1)
+POINT = st.tuples(st.floats(-10, 10), st.floats(-10, 10), st.floats(1, 20))
+
+
+def side(v: float, a: float, gap: float, most_a: float, j: float) -> float:
+    return 1.0 if stop(v, a, most_a, j) <= gap else -1.0
+
+
+def path(start: Motion, goal: float, limits: tuple[float, float, float]) -> Iterator[Motion]:
+    """Every state of an axis from after the start until it is at rest on the goal."""
+    (p, v, a), heading = start, side(start[1], start[2], goal - start[0], limits[1], limits[2])
+    for _ in range(100_000):
+        p, v, a, heading = advance_axis(p, v, a, goal, heading, *limits)
+        yield p, v, a
+        if (p, v, a) == (goal, 0.0, 0.0):
+            return
+    pytest.fail("never came to rest on the goal")
+
+
+def scurve(way: float, most_v: float, most_a: float, j: float) -> float:
+    """Duration of the time-optimal move from rest to rest: the textbook's seven segments."""
+    if most_v * j < most_a**2:
+        most_a = sqrt(most_v * j)
+    if way < 2 * most_a**3 / j**2:
+        return 4 * (way / (2 * j)) ** (1 / 3)
+    peak = min(most_v, most_a / 2 * (sqrt((most_a / j) ** 2 + 4 * way / most_a) - most_a / j))
+    return way / peak + peak / most_a + most_a / j
+
+
+def started(limits: tuple[float, float, float], speed: float, part: float) -> Motion:
+    """A motion within the limits that can stay within them."""
+    most_v, most_a, j = limits
+    v, a = speed * most_v, part * most_a
+    for sign in (1.0, -1.0):
+        assume(sign * (v + a * abs(a) / (2 * j) + 0.5 * a * PERIOD) <= most_v)
+    return 0.0, v, a
+
+
+@given(LIMITS, UNIT, UNIT)
+def test_a_stop_ends_where_it_was_said_to_and_gets_there_smoothly(limits, speed, part):
+    p, v, a = started(limits, speed, part)
+    end = stop(v, a, limits[1], limits[2])
+    while (v, a) != (0.0, 0.0):
+        before = p, v, a
+        p, v, a = decelerate(p, v, a, end, limits[1], limits[2], PERIOD)
+        drift = PERIOD * before[1] + 0.5 * PERIOD**2 * before[2]
+        assert abs(p - before[0] - drift) <= limits[2] * PERIOD**3 / 6 + ROUNDING
+    assert p == end
+
+
+@given(LIMITS, UNIT, UNIT, GOALS)
+def test_an_axis_arrives_within_its_limits_and_smoothly(limits, speed, part, goal):
+    before = started(limits, speed, part)
+    for now in path(before, goal, limits):
+        assert abs(now[1]) <= limits[0] + ROUNDING
+        assert abs(now[2]) <= limits[1] + ROUNDING
+        assert abs(now[2] - before[2]) <= limits[2] * PERIOD + ROUNDING
+        assert (
+            abs(now[1] - before[1] - PERIOD * before[2]) <= 0.5 * limits[2] * PERIOD**2 + ROUNDING
+        )
+        drift = PERIOD * before[1] + 0.5 * PERIOD**2 * before[2]
+        assert abs(now[0] - before[0] - drift) <= limits[2] * PERIOD**3 / 6 + ROUNDING
+        before = now
+
+
+@given(LIMITS, UNIT, UNIT, GOALS)
+def test_a_goal_that_can_be_stopped_at_is_not_passed(limits, speed, part, goal):
+    start = started(limits, speed, part)
+    end = stop(start[1], start[2], limits[1], limits[2])
+    ahead = 1.0 if end > 0.0 else -1.0
+    assume(ahead * goal >= ahead * end)
+    assert max(ahead * (p - goal) for p, _, _ in path(start, goal, limits)) <= MICROMETRE
+
+
+@given(LIMITS, st.floats(1e-4, 20))
+def test_from_rest_to_rest_takes_the_least_time(limits, way):
+    periods = sum(1 for _ in path((0.0, 0.0, 0.0), way, limits))
+    assert abs(periods - ceil(scurve(way, *limits) / PERIOD)) <= 3
+
+
+@pytest.mark.parametrize(
+    ("v", "a", "goal", "seconds"),
+    [
+        (-4.0614, 1.1549, -9.43305, 2.484785942),
+        (1.61855, -1.48128, 0.6465, 0.617379385),
+        (4.74785, 0.32563, 5.38109, 1.642341583),
+        (-0.22, 4.4, 0.01, 0.251099539),
+        (3.0, -4.0, 0.95, 0.678621180),
+    ],
+)
+def test_from_motion_it_is_as_fast_as_ruckig(v, a, goal, seconds):
+    """Durations by ruckig 0.15, an independent solver of the same problem."""
+    periods = sum(1 for _ in path((0.0, v, a), goal, (SPEED, ACCELERATION, JERK)))
+    assert -1e-6 <= periods - seconds / PERIOD <= 2
+
+
+def fly(trajectory: Path, most_seconds: float = 60.0) -> Iterator[tuple[float, ...]]:
+    """Every setpoint until the trajectory is at rest."""
+    for _ in range(round(most_seconds / PERIOD)):
+        trajectory.advance()
+        yield trajectory.setpoint
+        if trajectory.at_rest:
+            return
+    pytest.fail("never at rest")
+
+
+def off_line(point: tuple[float, ...], start: tuple[float, ...], goal: tuple[float, ...]) -> float:
+    way = [g - s for g, s in zip(goal, start, strict=True)]
+    from_start = [x - s for x, s in zip(point, start, strict=True)]
+    t = sum(a * b for a, b in zip(way, from_start, strict=True)) / sum(w * w for w in way)
+    return dist(from_start, [t * w for w in way])
+
+
+@settings(max_examples=30)
+@given(POINT, POINT)
+def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal):
+    assume(dist(start, goal) > 0.01)
+    trajectory = Path(DynamicsParams(), start)
+    trajectory.goto(*goal)
+    for s in fly(trajectory):
+        assert off_line(s[:3], start, goal) < 1e-3
+        assert hypot(*s[3:6]) <= SPEED * (1 + LAG)
+        assert hypot(*s[6:9]) <= ACCELERATION * (1 + LAG)
+        assert hypot(*s[9:12]) <= JERK * (1 + LAG)
+        assert dist(s[:3], start) <= dist(goal, start) + MICROMETRE
+    assert trajectory.setpoint == (*goal, *(0.0,) * 12)
+
+
+@settings(max_examples=20)
+@given(st.lists(st.tuples(POINT, st.floats(0.02, 1)), min_size=2, max_size=6))
+def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    before = trajectory.setpoint
+    for goal, seconds in legs:
+        trajectory.goto(*goal)
+        for _ in range(ceil(seconds / PERIOD)):
+            trajectory.advance()
+            s = trajectory.setpoint
+            for k in range(3):
+                # Position and velocity go on as velocity and acceleration say.
+                mean = 0.5 * (s[k + 3] + before[k + 3])
+                assert abs(s[k] - before[k] - PERIOD * mean) < 30 * MICROMETRE
+                mean = 0.5 * (s[k + 6] + before[k + 6])
+                assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.5 * JERK * PERIOD**2
+            assert hypot(*s[6:9]) <= ACCELERATION * (1 + LAG)
+            assert hypot(*s[9:12]) <= JERK * (1 + LAG)
+            # An axis that gives up a part of its share is slowed, but not at once.
+            assert hypot(*s[3:6]) <= SPEED * 1.4
+            before = s
+    for s in fly(trajectory):
+        before = s
+    assert before == (*legs[-1][0], *(0.0,) * 12)
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(POINT, st.floats(0.1, 2)), min_size=2, max_size=6))
+def test_goals_moved_in_flight_are_not_passed_beyond_the_farthest(legs):
+    """A goal moved nearer may be passed, where another axis needs the limits: not an older one."""
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    corners = [(0.0, 0.0, 10.0)]
+    for goal, seconds in legs:
+        trajectory.goto(*goal)
+        corners.append(goal)
+        trajectory.advance_for(seconds)
+    axes = [(min(axis), max(axis)) for axis in zip(*corners, strict=True)]
+    for s in fly(trajectory):
+        for value, (low, high) in zip(s[:3], axes, strict=True):
+            assert low - 10 * MICROMETRE <= value <= high + 10 * MICROMETRE
+
+
+@settings(max_examples=30)
+@given(POINT, POINT, st.floats(0.1, 2))
+@example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5)
+def test_a_goal_moved_in_flight_is_reached_soon(first, then, seconds):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    trajectory.goto(*first)
+    trajectory.advance_for(seconds)
+    trajectory.goto(*then)
+    # An axis that got next to nothing, while another needed all, once crawled for 70 s.
+    for _ in fly(trajectory, 20.0):
+        pass
+    assert trajectory.setpoint[:3] == then
+
+
+@settings(max_examples=30)
+@given(POINT, POINT, st.floats(0.1, 2), st.floats(0.1, 1))
+@example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5, 0.4)
+def test_a_flight_to_a_goal_that_was_moved_stops_soon(first, then, seconds, later):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    for goal, time in ((first, seconds), (then, later)):
+        trajectory.goto(*goal)
+        trajectory.advance_for(time)
+    trajectory.brake()
+    # It took up to a minute where an axis had next to nothing to brake with.
+    for _ in fly(trajectory, 10.0):
+        pass
+
+
+@settings(max_examples=20)
+@given(POINT, st.floats(0.1, 3))
+def test_braking_ends_ahead_without_turning_back(goal, seconds):
+    start = (0.0, 0.0, 10.0)
+    trajectory = Path(DynamicsParams(), start)
+    trajectory.goto(*goal)
+    trajectory.advance_for(seconds)
+    trajectory.brake()
+    stops = trajectory.goal
+    way = [g - s for g, s in zip(goal, start, strict=True)]
+    for s in fly(trajectory, 6.0):
+        assert sum(v * w for v, w in zip(s[3:6], way, strict=True)) >= -ROUNDING
+    assert dist(trajectory.setpoint[:3], stops) < ROUNDING
+
+
+@settings(max_examples=30)
+@given(POINT, POINT, st.floats(0.1, 2), st.floats(0.05, 1))
+@example((-10.0, 0.0, 10.0), (1.0, 9.0, 1.0), 1.2, 0.85)
+def test_a_stop_does_not_speed_up_to_reach_its_end(first, then, seconds, later):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    for goal, time in ((first, seconds), (then, later)):
+        trajectory.goto(*goal)
+        trajectory.advance_for(time)
+    trajectory.brake()
+    # The acceleration that it has is taken away by then, and the lags are behind it.
+    trajectory.advance_for(0.6)
+    before = [abs(v) for v in trajectory.setpoint[3:6]]
+    for s in fly(trajectory, 10.0):
+        now = [abs(v) for v in s[3:6]]
+        assert all(v <= w + 0.01 for v, w in zip(now, before, strict=True))
+        before = now

@@ -1,0 +1,177 @@
+"""Goals inside a cage, replaced every 50 to 500 ms, never take the vehicle more than 10 mm out."""
+
+import random
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.services.dynamics.compiled.fleet import CompiledFleet
+from quadctl.services.dynamics.vehicle import Vehicle
+from tests.support.compiled import compiled_kernel
+from tests.support.proofs import Proofs
+
+Point = tuple[float, float, float]
+
+
+def standing_at(x: float, y: float, z: float) -> Vehicle:
+    return Vehicle(DynamicsParams(start=StartParams(x, y, z)))
+
+
+def extremes(vehicle: Vehicle, seconds: float) -> tuple[Point, Point]:
+    """The least and the greatest x, y and z on the way."""
+    places = []
+    for _ in range(round(100 * seconds)):
+        vehicle.advance(10)
+        places.append(vehicle.position)
+    xs, ys, zs = zip(*places, strict=True)
+    return (min(xs), min(ys), min(zs)), (max(xs), max(ys), max(zs))
+
+
+def test_an_axis_that_brakes_keeps_the_jerk_to_end_its_braking():
+    vehicle = standing_at(-4.0, 1.45, 0.84)
+    vehicle.goto(6.82, 2.10, 0.98)
+    while vehicle.position[0] < 4.8:
+        vehicle.advance(10)
+    # Most of the limits are for y now; what x is left with must still stop it before its goal.
+    vehicle.goto(7.13, -2.13, 0.0)
+    vehicle.advance(100)
+    vehicle.brake()
+    assert 6.0 < vehicle.goal[0] <= 7.13
+    _, most = extremes(vehicle, 4.0)
+    assert most[0] < vehicle.goal[0] + 0.001
+
+
+def test_a_hop_that_is_asked_for_in_motion_does_not_lead_back():
+    vehicle = standing_at(0.0, 0.0, 0.01)
+    vehicle.goto(6.0, 0.0, 0.35)
+    while vehicle.position[0] < 0.6:
+        vehicle.advance(10)
+    assert vehicle.position[2] < 0.05
+    assert vehicle.velocity[0] > 2
+    vehicle.goto(6.0, 1.0, 0.06)
+    start, furthest = vehicle.position[0], 0.0
+    for _ in range(400):
+        vehicle.advance(10)
+        furthest = max(furthest, vehicle.position[0])
+        assert vehicle.position[0] > furthest - 0.001
+    assert start < furthest < 6.001
+
+
+@pytest.mark.parametrize("corner", [(2.0, 1.0, 0.0), (-0.3, 0.45, 0.0), (0.5, 0.0, 0.05)])
+def test_a_landing_from_afar_ends_where_it_was_to(corner: Point):
+    vehicle = standing_at(-3.6, -4.3, 0.5)
+    vehicle.goto(*corner)
+    _, most = extremes(vehicle, 6.0)
+    assert vehicle.position == pytest.approx(corner, abs=0.002)
+    assert most[0] < corner[0] + 0.004
+    assert most[1] < corner[1] + 0.004
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        ((-0.135, 0.167, 0.161), (-0.319, 0.304, 0.573)),
+        ((-0.495, 0.183, 0.034), (-0.622, 0.370, 0.282)),
+        ((0.0, 0.0, 1.0), (0.15, 0.15, 1.3)),
+    ],
+)
+def test_a_short_climb_aslant_does_not_pass_its_goal(start: Point, goal: Point):
+    vehicle = standing_at(*start)
+    vehicle.goto(*goal)
+    _, most = extremes(vehicle, 3.0)
+    assert most[2] < goal[2] + 0.004
+
+
+def test_a_flat_way_far_off_does_not_scrape_the_floor():
+    vehicle = standing_at(0.0, 0.0, 0.0)
+    vehicle.goto(40.0, 0.0, 0.2)
+    vehicle.advance(4000)
+    lag = vehicle.setpoint[0] - vehicle.position[0]
+    assert vehicle.position[2] > 0.05
+    assert abs(lag) < 0.05
+
+
+Cage = tuple[float, float, float]
+
+CAGES: dict[str, Cage] = {
+    "least cube": (0.25, 0.25, 0.5),
+    "small cube": (0.5, 0.5, 1.0),
+    "cube": (2.0, 2.0, 4.0),
+    "slit": (0.25, 5.0, 2.0),
+    "slab": (5.0, 5.0, 0.5),
+    "tower": (0.5, 0.5, 8.0),
+    "lab": (5.0, 5.0, 2.0),
+    "hall": (10.0, 10.0, 10.0),
+}
+"""Half of what each is wide in x and y, and its height, m."""
+BROUGHT = 4.0
+"""Seconds of replacing."""
+ENDING = 4.0
+"""Seconds to come to rest in."""
+PERIOD = 50
+"""Milliseconds between two setpoints."""
+SAMPLE = 10
+MARGIN = 0.01
+
+
+def place(draws: random.Random, cage: Cage) -> tuple[float, float, float]:
+    """A goal inside, often on walls, edges and corners."""
+    x, y, z = cage
+    walls = ((-x, x), (-y, y), (0.0, z))
+    found = [draws.choice(wall) if draws.random() < 0.5 else draws.uniform(*wall) for wall in walls]
+    return found[0], found[1], found[2]
+
+
+def flights(kernel: ModuleType, cage: Cage, count: int, seed: int) -> float:
+    """The farthest that any of them gets out of the cage, m."""
+    draws = random.Random(seed)
+    starts = [place(draws, cage) for _ in range(count)]
+    fleet = CompiledFleet([DynamicsParams(start=StartParams(*start)) for start in starts], kernel)
+    due = [0] * count
+    size = np.array(cage)
+    low, worst = np.array([-cage[0], -cage[1], 0.0]), 0.0
+    for now in range(0, round(1000 * (BROUGHT + ENDING)), PERIOD):
+        for number in range(count):
+            if due[number] <= now < 1000 * BROUGHT:
+                due[number] = now + PERIOD * draws.randint(1, 10)
+                if draws.random() < 0.1:
+                    fleet.brake(number)
+                else:
+                    fleet.goto(number, *place(draws, cage))
+        for _ in range(PERIOD // SAMPLE):
+            fleet.advance(SAMPLE)
+            where = fleet.states()[:, :3]
+            out = np.maximum(np.maximum(low - where, where - size), 0.0)
+            worst = max(worst, float(np.sqrt((out * out).sum(axis=1)).max()))
+    return worst
+
+
+@pytest.fixture(scope="module")
+def farthest() -> Callable[[Cage, int, int], float]:
+    kernel = compiled_kernel()
+    return lambda cage, count, seed: flights(kernel, cage, count, seed)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("cage", CAGES)
+def test_2000_flights_of_replaced_goals(farthest, cage: str):
+    assert farthest(CAGES[cage], 2000 // len(CAGES), 1) <= MARGIN
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1800)
+def test_50_000_flights_of_replaced_goals(farthest, proofs: Proofs):
+    worst = {
+        name: max(farthest(cage, 625, seed) for seed in range(2, 12))
+        for name, cage in CAGES.items()
+    }
+    where = max(worst, key=worst.__getitem__)
+    proofs.add(
+        "50 000 flights of replaced goals",
+        f"{1000 * worst[where]:.1f} mm at most, in the {where}",
+        f"{1000 * MARGIN:g} mm",
+    )
+    assert worst[where] <= MARGIN

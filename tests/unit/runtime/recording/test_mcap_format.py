@@ -1,0 +1,92 @@
+"""What stands in a recording is JSON wherever JSON carries it, and comes back to the bit."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.schemas.messages import Called, Pose
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.recording.mcap_format import JSON, MSGPACK, Form, restored
+from tests.support.bags import pose, refused, state
+
+pack = msgspec.msgpack.encode
+numbers = st.integers(-(2**63), 2**64 - 1) | st.floats() | st.booleans() | st.none()
+values = st.recursive(
+    numbers | st.text() | st.binary(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text() | st.integers(-9, 9), inner),
+    max_leaves=10,
+)
+PLAIN = "application/msgpack"
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("uav/pose", pose(7, x=1 / 3)),
+        ("uav7/pose", pose(7)),
+        ("uav/safety/state", state(1e-9, reason="outside the cage: x = 9 ist außerhalb")),
+        ("uav/@call/goto", refused(9, 0, 1)),
+        ("ghost/where", pose(3)),
+    ],
+)
+def test_our_types_are_json_by_their_schema_and_come_back_the_same(key, message):
+    payload = codec.encode(message)
+    stored = Form(key, codec.encoding(type(message))).stored(payload)
+    assert (stored.encoding, stored.type, stored.packed) == (JSON, type(message), True)
+    assert msgspec.json.decode(stored.data, type=type(message)) == message
+    assert restored(stored.data, packed=True) == payload
+
+
+@given(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3))
+def test_every_digit_of_a_number_comes_back(xyz):
+    payload = pack(dict(zip("xyz", xyz, strict=True)))
+    stored = Form("uav/input/position_request", PLAIN).stored(payload)
+    assert restored(stored.data, packed=True) == payload
+
+
+@given(values, st.sampled_from([PLAIN, "zenoh/bytes", "", "application/msgpack;quadctl.Gps#0"]))
+def test_whatever_a_stranger_packs_comes_back_to_the_bit(value, said):
+    payload = pack(value)
+    stored = Form("my/own", said).stored(payload)
+    assert stored.type is None
+    assert restored(stored.data, packed=stored.packed) == payload
+    assert not (stored.encoding == JSON and isinstance(msgspec.json.decode(stored.data), list))
+
+
+@given(st.binary(), st.sampled_from(["zenoh/bytes", "application/json", PLAIN, "text/plain"]))
+def test_whatever_bytes_come_back(payload, said):
+    for key in ("my/own", "uav/pose"):
+        stored = Form(key, said).stored(payload)
+        assert restored(stored.data, packed=stored.packed) == payload
+
+
+def test_json_stays_as_it_was_written():
+    stored = Form("my/own", "application/json").stored(b'{"a": 1.0}')
+    assert stored == (JSON, False, b'{"a": 1.0}', None)
+
+
+def test_another_versions_pose_is_kept_and_not_taken_for_ours():
+    said = "application/msgpack;quadctl.Pose#deadbeef"
+    stored = Form("uav/pose", said).stored(codec.encode(pose(1)))
+    assert (stored.encoding, stored.type, stored.packed) == (JSON, None, True)
+
+
+def test_what_a_stranger_has_put_beside_our_fields_is_kept():
+    more = msgspec.to_builtins(pose(1)) | {"battery": 0.5}
+    stored = Form("uav/pose", PLAIN).stored(pack(more))
+    assert stored.type is None
+    assert msgspec.json.decode(stored.data)["battery"] == 0.5
+    assert Form("uav/pose", PLAIN).stored(codec.encode(pose(1))).type is Pose
+
+
+def test_a_pose_that_json_could_not_carry_stays_messagepack():
+    bad = msgspec.to_builtins(pose(1)) | {"stamp": float("nan")}
+    stored = Form("uav/pose", PLAIN).stored(pack(bad))
+    assert (stored.encoding, stored.data) == (MSGPACK, pack(bad))
+
+
+def test_a_call_that_asked_for_what_json_cannot_carry_is_kept_as_it_was():
+    bad = msgspec.structs.replace(refused(1, 2, 3), request={"x": float("inf")})
+    stored = Form("uav/@call/goto", codec.encoding(Called)).stored(codec.encode(bad))
+    assert restored(stored.data, packed=stored.packed) == codec.encode(bad)

@@ -1,0 +1,260 @@
+"""What runs: our nodes, the file's commands in their place or besides, and what is left out."""
+
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.process_table import (
+    HEALTHY,
+    MOST_QUICK_DEATHS,
+    NODES,
+    QUICK,
+    SETTLED,
+    START_TIMEOUT,
+    Process,
+    RestartPolicy,
+    table,
+)
+
+TIMEOUT = 2.0
+
+
+class Child:
+    """A process that is started, lives for so long and dies."""
+
+    def __init__(self) -> None:
+        self.life, self.now = RestartPolicy(), 100.0
+
+    def lives(self, ready_for: float | None) -> float | None:
+        """Die so long after readiness, before it with None; returns the delay."""
+        self.life.started(self.now)
+        self.now += 0.5
+        if ready_for is not None:
+            self.life.ready(self.now)
+            self.now += ready_for
+        return self.life.on_exit(self.now)
+
+
+@pytest.mark.parametrize("ready_for", [None, 0.0, 1.99])
+def test_five_quick_deaths_with_growing_delay_and_then_it_is_left_down(ready_for: float | None):
+    child = Child()
+    assert [child.lives(ready_for) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
+    assert child.life.state == "down"
+    assert child.life.restarts == 4
+
+
+def test_the_contracts_numbers():
+    assert (QUICK, HEALTHY, MOST_QUICK_DEATHS) == (2.0, 10.0, 5)
+
+
+def test_a_death_after_two_seconds_is_no_quick_one():
+    child = Child()
+    assert [child.lives(2.0) for _ in range(20)] == [0.0] * 20
+    assert child.life.restarts == 20
+
+
+def test_ten_seconds_of_health_clear_the_count():
+    child = Child()
+    assert [child.lives(None) for _ in range(4)][-1] == 0.4
+    assert child.lives(10.0) == 0.0
+    assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
+
+
+def test_less_health_does_not_clear_it():
+    child = Child()
+    assert [child.lives(None) for _ in range(4)][-1] == 0.4
+    assert child.lives(9.9) == 0.4
+    assert child.lives(None) is None
+
+
+@given(st.lists(st.none() | st.floats(0, 30), max_size=40))
+def test_it_is_down_after_five_quick_deaths_without_ten_good_seconds_between(
+    lives: list[float | None],
+):
+    child, quick = Child(), 0
+    for ready_for in lives:
+        lived = 0.0 if ready_for is None else ready_for
+        # Measured on the same clock, so that rounding falls on the same side.
+        start = child.now + 0.5
+        lived = (start + lived) - start
+        quick = 0 if lived >= HEALTHY else quick
+        quick += lived < QUICK
+        delay = child.lives(ready_for)
+        assert (delay is None) is (quick >= MOST_QUICK_DEATHS)
+        if delay is None:
+            return
+
+
+def test_it_is_starting_then_ready_then_restarting():
+    life = RestartPolicy()
+    assert life.state == "starting"
+    life.started(0.0)
+    life.ready(1.0)
+    assert life.state == "ready"
+    life.on_exit(5.0)
+    assert life.state == "restarting"
+    life.started(5.0)
+    life.ready(6.0)
+    assert (life.state, life.restarts) == ("ready", 1)
+
+
+def test_readiness_said_twice_counts_from_the_first():
+    life = RestartPolicy()
+    life.started(0.0)
+    life.ready(1.0)
+    life.ready(11.5)
+    life.on_exit(11.5)
+    for _ in range(4):
+        assert life.on_exit(12.0) is not None
+    assert life.on_exit(12.0) is None
+
+
+def test_one_that_does_not_become_ready_is_complained_of():
+    life = RestartPolicy()
+    life.started(5.0)
+    assert life.timed_out(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
+    assert life.timed_out(5.0 + START_TIMEOUT, TIMEOUT) == "not ready in 10 s"
+    life.started(20.0)
+    assert life.timed_out(21.0, TIMEOUT) == ""
+
+
+def test_silence_counts_from_the_first_answer_on():
+    life = RestartPolicy()
+    life.started(0.0)
+    life.ready(1.0)
+    assert life.timed_out(100.0, TIMEOUT) == ""
+    life.answered(100.0)
+    assert life.timed_out(102.0, TIMEOUT) == ""
+    assert life.timed_out(102.01, TIMEOUT) == "no answer for 2 s"
+    life.answered(102.01)
+    assert life.timed_out(103.0, TIMEOUT) == ""
+    # The next process of that name has not answered yet, so is not silent either.
+    life.on_exit(103.0)
+    life.started(103.0)
+    life.ready(104.0)
+    assert life.timed_out(200.0, TIMEOUT) == ""
+
+
+def test_the_silence_of_one_that_must_answer_counts_from_its_readiness_on():
+    life = RestartPolicy(must_answer=True)
+    life.started(0.0)
+    assert life.timed_out(9.0, TIMEOUT) == ""
+    life.ready(9.0)
+    assert life.timed_out(11.0, TIMEOUT) == ""
+    assert life.timed_out(11.01, TIMEOUT) == "no answer for 2 s"
+    life.on_exit(11.01)
+    life.started(11.01)
+    assert life.timed_out(20.0, TIMEOUT) == ""
+
+
+def test_who_could_not_be_heard_is_excused():
+    life = RestartPolicy()
+    life.started(0.0)
+    life.reset_watchdog(9.0)
+    assert life.timed_out(15.0, TIMEOUT) == ""
+    assert life.timed_out(19.0, TIMEOUT) == "not ready in 10 s"
+    life.ready(19.0)
+    life.reset_watchdog(30.0)
+    assert life.timed_out(300.0, TIMEOUT) == ""
+    life.answered(300.0)
+    life.reset_watchdog(310.0)
+    assert life.timed_out(311.0, TIMEOUT) == ""
+    assert life.timed_out(312.5, TIMEOUT) == "no answer for 2 s"
+
+
+def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_delay():
+    life = RestartPolicy()
+    for _ in range(4):
+        life.on_exit(1.0)
+    for number in range(50):
+        life.started(float(number))
+        assert life.on_exit(float(number), 7) == 0.8
+        assert (life.state, life.taken) == ("restarting", True)
+    life.started(60.0)
+    life.ready(60.0)
+    assert not life.taken
+    assert life.on_exit(60.0, 1) is None, "the deaths before still count"
+
+
+def test_the_code_of_a_command_that_has_no_name_on_the_bus_means_nothing():
+    life = RestartPolicy(must_announce=False)
+    assert [life.on_exit(1.0, 7) for _ in range(5)][-1] is None
+    assert not life.taken
+
+
+def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment():
+    life, node = RestartPolicy(must_announce=False), RestartPolicy()
+    for one in (life, node):
+        one.started(1.0)
+        one.runs(1.0 + SETTLED / 2)
+        assert one.state == "starting"
+        one.reset_watchdog(1.0 + SETTLED / 2)
+        one.runs(1.0 + SETTLED)
+    assert (life.state, node.state) == ("ready", "starting")
+
+
+def test_a_restart_that_was_asked_for_is_no_death_and_clears_them():
+    child = Child()
+    assert [child.lives(None) for _ in range(5)][-1] is None
+    child.life.on_restart_request()
+    assert (child.life.state, child.life.restarts) == ("restarting", 5)
+    assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
+
+
+def test_our_nodes_in_the_order_in_which_they_start():
+    assert NODES == ("hub", "dynamics", "pressure", "safety")
+    assert [process.name for process in table({})] == list(NODES)
+    for process in table({}):
+        assert process.command == (sys.executable, "-P", "-m", f"quadctl.services.{process.name}")
+        assert process.must_announce
+
+
+def test_the_gate_may_be_silent_for_longer_than_what_the_vehicle_flies_by():
+    patience = {process.name: process.patience for process in table({}, gate=True)}
+    assert patience == dict.fromkeys(NODES, 0.0) | {"gate": 10.0}
+
+
+def test_a_command_takes_a_nodes_place_and_must_announce_itself():
+    processes = table({"safety": "python 'my safety.py' --x"})
+    assert processes[3] == Process("safety", ("python", "my safety.py", "--x"), True, True)
+    assert len(processes) == 4
+
+
+def test_other_commands_come_besides_in_the_files_order_and_need_not_announce():
+    processes = table({"viewer": ["view", "a b"], "camera": "cam"})
+    assert processes[4:] == (
+        Process("viewer", ("view", "a b"), False, True),
+        Process("camera", ("cam",), False, True),
+    )
+
+
+def test_any_of_them_can_be_left_out():
+    assert [p.name for p in table({"cam": "cam"}, ["safety"])] == [
+        "hub",
+        "dynamics",
+        "pressure",
+        "cam",
+    ]
+    assert [p.name for p in table({"cam": "cam"}, ["cam", "hub"])] == list(NODES[1:])
+    assert table({}, NODES) == ()
+
+
+def test_what_is_not_there_cannot_be_left_out():
+    with pytest.raises(Invalid, match="--without safty: there is no such process") as caught:
+        table({"cam": "cam"}, ["safty"])
+    assert "safety" in caught.value.hint
+    assert "cam" in caught.value.hint
+
+
+@pytest.mark.parametrize("command", ["", "   ", [], "python 'my_safety.py"])
+def test_a_command_that_cannot_be_read_is_refused_by_its_name(command: str | list[str]):
+    with pytest.raises(Invalid, match=r"processes\.safety: ") as caught:
+        table({"safety": command})
+    assert caught.value.hint
+
+
+def test_a_bad_command_that_is_left_out_hurts_nobody():
+    assert len(table({"safety": ""}, ["safety"])) == 3

@@ -1,0 +1,344 @@
+"""A service's server, with stand-ins for the queries: each is answered, none is executed twice."""
+
+import time
+from typing import Any, NamedTuple
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.schemas.services import Call, GotoRequest, GotoResponse
+from quadctl.schemas.topics import GOTO
+from quadctl.services.runtime import server
+from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
+from quadctl.services.runtime.server import Schedule, ScheduledCall, Server
+from tests.support.queries import ASK, KEY, Bench, Query
+
+NEVER = 1e12
+
+
+class Outcome(NamedTuple):
+    name: int
+    boot: str
+    stamp: float
+    problem: QuadctlError | None
+
+
+class Clock:
+    """A schedule, the clock that it is told of, and what became of the calls."""
+
+    def __init__(self) -> None:
+        self.schedule = Schedule()
+        self.boot, self.stamp = "", 0.0
+        self.outcomes: list[Outcome] = []
+
+    def to(self, boot: str, stamp: float, now: float = 0.0) -> None:
+        self.boot, self.stamp = boot, stamp
+        self.schedule.advance(boot, stamp, now)
+
+    def hold(self, name: int, boot: str, at: float, deadline: float = NEVER) -> None:
+        def settle(problem: QuadctlError | None) -> None:
+            self.outcomes.append(Outcome(name, self.boot, self.stamp, problem))
+
+        self.schedule.schedule(ScheduledCall(boot, at, deadline, settle))
+
+    @property
+    def executed(self) -> list[tuple[int, float]]:
+        return [(o.name, o.stamp) for o in self.outcomes if o.problem is None]
+
+    @property
+    def expired(self) -> list[int]:
+        return [o.name for o in self.outcomes if isinstance(o.problem, Expired)]
+
+
+def test_without_a_clock_nothing_can_be_held():
+    with pytest.raises(NotReady):
+        Clock().hold(1, "a", 1.0)
+
+
+def test_a_call_waits_for_the_first_pose_of_its_time_or_later():
+    clock = Clock()
+    clock.to("a", 0.0)
+    clock.hold(1, "", 0.12)
+    clock.hold(2, "a", 0.15)
+    assert clock.schedule.holding
+    assert clock.schedule.under_way
+    for stamp in (0.05, 0.1, 0.15, 0.2):
+        clock.to("a", stamp)
+    assert clock.executed == [(1, 0.15), (2, 0.15)]
+    assert not clock.schedule.holding
+    assert not clock.schedule.under_way
+
+
+@pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
+def test_a_time_that_has_come_already_is_past(at: float):
+    clock = Clock()
+    clock.to("a", 1.0)
+    with pytest.raises(Expired):
+        clock.hold(1, "", at)
+    assert clock.outcomes == []
+
+
+def test_calls_for_a_boot_to_come_wait_for_it_and_go_with_it():
+    clock = Clock()
+    clock.to("a", 9.0)
+    clock.hold(1, "b", 0.0)
+    clock.hold(2, "b", 1.0)
+    clock.hold(3, "a", 10.0)
+    clock.hold(4, "c", 0.0)
+    clock.to("a", 9.5)
+    assert clock.outcomes == []
+    clock.to("b", 0.0)
+    assert (clock.executed, clock.expired) == ([(1, 0.0)], [3])
+    assert clock.schedule.under_way
+    clock.to("d", 5.0)
+    assert (clock.executed, clock.expired) == ([(1, 0.0)], [3, 2])
+    # The one that is left waits for a boot that may never come, and puts nobody in lock-step.
+    assert clock.schedule.holding
+    assert not clock.schedule.under_way
+
+
+def test_after_its_deadline_a_call_is_dropped_whatever_it_waits_for():
+    clock = Clock()
+    clock.to("a", 0.0, now=100.0)
+    clock.hold(1, "a", 1.0, deadline=105.0)
+    clock.hold(2, "never", 1.0, deadline=105.0)
+    clock.hold(3, "a", 1.0)
+    clock.to("a", 1.0, now=105.1)
+    assert sorted(clock.expired) == [1, 2]
+    assert clock.executed == [(3, 1.0)]
+
+
+def test_a_call_that_holds_another_is_not_lost():
+    clock = Clock()
+    clock.to("a", 0.0)
+    clock.schedule.schedule(ScheduledCall("a", 1.0, NEVER, lambda _: clock.hold(2, "a", 2.0)))
+    clock.to("a", 1.0)
+    clock.to("a", 2.0)
+    assert clock.executed == [(2, 2.0)]
+
+
+def test_no_more_than_so_many_are_held(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(server, "MOST", 3)
+    clock = Clock()
+    clock.to("a", 0.0)
+    for name in range(3):
+        clock.hold(name, "b", 1.0)
+    with pytest.raises(Refused):
+        clock.hold(4, "a", 1.0)
+
+
+BOOTS = st.sampled_from("abc")
+TIMES = st.integers(0, 20).map(lambda tick: tick / 10)
+DOINGS = st.lists(
+    st.one_of(st.tuples(st.just("hold"), BOOTS, TIMES), st.tuples(st.just("tick"), BOOTS, TIMES)),
+    max_size=40,
+)
+
+
+@given(DOINGS)
+def test_each_is_settled_once_never_early_never_for_another_boot(doings):
+    clock, calls = Clock(), {}
+    clock.to("a", 0.0)
+    for name, (what, boot, when) in enumerate(doings):
+        if what == "hold":
+            late = boot == clock.boot and when <= clock.stamp
+            if late:
+                with pytest.raises(Expired):
+                    clock.hold(name, boot, when)
+            else:
+                clock.hold(name, boot, when)
+                calls[name] = (boot, when)
+        elif boot != clock.boot or when >= clock.stamp:
+            before = len(clock.outcomes)
+            clock.to(boot, when)
+            due = [o.name for o in clock.outcomes[before:] if o.problem is None]
+            assert due == sorted(due, key=lambda n: (calls[n][1], n))
+        waiting = {n for n, (b, t) in calls.items() if n not in {o.name for o in clock.outcomes}}
+        assert clock.schedule.holding == bool(waiting)
+        assert clock.schedule.under_way == any(calls[n][0] == clock.boot for n in waiting)
+    names = [o.name for o in clock.outcomes]
+    assert len(names) == len(set(names))
+    for outcome in clock.outcomes:
+        boot, at = calls[outcome.name]
+        if outcome.problem is None:
+            assert (outcome.boot, outcome.stamp >= at) == (boot, True)
+
+
+LATER, LONG_AGO = time.time() + 1e6, 5.0
+
+
+def number(count: int) -> tuple[str, GotoResponse]:
+    return "ok", GotoResponse(True, f"number {count}")
+
+
+def test_a_request_is_executed_and_answered():
+    bench = Bench()
+    assert bench.ask() == number(1)
+    assert bench.ask(encoding=codec.encoding(GotoRequest)) == number(2)
+    assert bench.ask(encoding=None) == number(3)
+    assert bench.executed == [GotoRequest(1.0, 2.0, 3.0)] * 3
+
+
+def test_a_repeated_id_gets_the_first_reply_and_is_not_executed():
+    bench = Bench()
+    first = Call("a", LATER)
+    assert bench.ask(call=first) == number(1)
+    assert bench.ask(call=Call("b", LATER)) == number(2)
+    assert bench.ask(call=first) == number(1)
+    # Also with other contents, and after its deadline: it is the id that counts.
+    assert bench.ask(b"", call=first) == number(1)
+    assert bench.ask(call=Call("a", LONG_AGO)) == number(1)
+    assert len(bench.executed) == 2
+
+
+def test_a_repeated_id_gets_the_first_error_too():
+    bench = Bench(Refused("no", "wait"))
+    call = Call("a", LATER)
+    assert bench.fails("refused", call=call) == {"code": "refused", "message": "no", "hint": "wait"}
+    bench.fault = None
+    assert bench.fails("refused", call=call)["message"] == "no"
+    assert len(bench.executed) == 1
+
+
+def test_what_comes_after_its_deadline_is_not_executed():
+    bench = Bench()
+    error = bench.fails("expired", call=Call("a", LONG_AGO))
+    assert "deadline" in error["message"]
+    assert bench.executed == []
+    assert bench.ask(call=Call("a", LATER)) == number(1)
+
+
+def test_the_oldest_ids_are_forgotten(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(server, "_REMEMBERED", 3)
+    bench = Bench()
+    for name in "abcd":
+        bench.ask(call=Call(name, LATER))
+    assert bench.ask(call=Call("b", LATER)) == number(2)
+    assert bench.ask(call=Call("a", LATER)) == number(5)
+
+
+@pytest.mark.parametrize(
+    "key", ["uav/@srv/*", "*/@srv/goto", "uav/@srv/goto$*", "uav/**", "**", "uav/@srv/goto/x"]
+)
+def test_a_pattern_is_not_executed(key: str):
+    bench = Bench()
+    error = bench.fails("invalid", key=key)
+    assert key in error["message"]
+    assert error["hint"] == f"call {KEY}"
+    bench.fails("invalid", key=key, call=Call("a", LATER))
+    assert bench.executed == []
+
+
+@pytest.mark.parametrize(
+    ("payload", "encoding", "said"),
+    [
+        (None, "", "not a valid GotoRequest"),
+        (b"", "", "not a valid GotoRequest"),
+        (b"\xc1", "", "not a valid GotoRequest"),
+        (b"\x91" * 100_000, "", "not a valid GotoRequest"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2}), "", "missing required field `z`"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2, "z": 3, "w": 4}), "", "unknown field `w`"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2, "z": float("nan")}), "", "$.z"),
+        (msgspec.msgpack.encode({"x": 1, "y": 2, "z": 10_001}), "", "<= 10000"),
+        (ASK, "application/msgpack;quadctl.GotoRequest#0badcafe", "#0badcafe"),
+        (ASK, "application/msgpack;quadctl.HoldRequest", "HoldRequest"),
+    ],
+    ids=["none", "empty", "no msgpack", "deep", "missing", "unknown", "nan", "far", "hash", "type"],
+)
+def test_what_cannot_be_decoded_is_invalid_and_not_executed(
+    payload: bytes | None, encoding: str, said: str
+):
+    bench = Bench()
+    assert said in bench.fails("invalid", payload, encoding=encoding)["message"]
+    assert bench.executed == []
+
+
+@pytest.mark.parametrize("attachment", [b"", b"\xc1", codec.encode({"id": "a"}), b"\x80"])
+def test_an_attachment_that_cannot_be_read_is_invalid(attachment: bytes):
+    bench = Bench()
+    bench.fails("invalid", call=attachment)
+    assert bench.executed == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [(NotReady("no sample yet", "wait"), "not_ready"), (Refused("no"), "refused"),
+     (Invalid("no such name"), "invalid")],
+)  # fmt: skip
+def test_a_handler_may_refuse(fault: Exception, code: str):
+    assert Bench(fault).fails(code)["message"] == str(fault)
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError("secret"), KeyError(1), RecursionError()])
+def test_a_fault_in_a_handler_is_answered_and_logged(
+    fault: Exception, caplog: pytest.LogCaptureFixture
+):
+    bench = Bench(fault)
+    error = bench.fails("internal")
+    assert KEY in error["message"]
+    assert "secret" not in error["message"]
+    assert caplog.records[0].exc_info is not None
+    bench.fault = None
+    assert bench.ask() == number(2)
+
+
+def test_a_handlers_answer_that_is_no_message_is_a_fault(caplog: pytest.LogCaptureFixture):
+    def wrong(_request: GotoRequest) -> Any:
+        return object()
+
+    query: Any = Query()
+    Server("uav", GOTO, wrong).answer(query)
+    assert query.replies[0][1]["code"] == "internal"
+
+
+def test_a_call_for_a_time_is_executed_and_answered_then():
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    held: Any = Query(call=Call("a", LATER, at=2.0))
+    again: Any = Query(call=Call("a", LATER, at=2.0))
+    other: Any = Query(call=Call("b", LATER, at=1.5, boot="b"))
+    for query in (held, again, other):
+        bench.server.answer(query)
+    assert (bench.executed, held.replies) == ([], [])
+    # What is not for a time does not wait for what is.
+    assert bench.ask() == number(1)
+    bench.schedule.advance("b", 2.0, 0.0)
+    assert other.replies == [number(2)]
+    assert held.replies == again.replies == [number(3)]
+    assert [query.open for query in (held, again, other)] == [False] * 3
+    assert bench.ask(call=Call("a", LATER, at=2.0)) == number(3)
+    assert len(bench.executed) == 3
+
+
+def test_a_call_whose_time_or_boot_is_over_is_not_executed():
+    bench = Bench()
+    bench.fails("not_ready", call=Call("early", LATER, at=5.0))
+    bench.schedule.advance("b", 1.0, 0.0)
+    assert "it is 1 s" in bench.fails("expired", call=Call("late", LATER, at=1.0))["message"]
+    held: Any = Query(call=Call("a", LATER, at=2.0))
+    bench.server.answer(held)
+    bench.schedule.advance("c", 0.0, 0.0)
+    ((kind, error),) = held.replies
+    assert (kind, error["code"], held.open) == ("error", "expired", False)
+    assert bench.fails("expired", call=Call("a", LATER)) == error
+    assert bench.executed == []
+
+
+def test_what_a_held_call_asks_is_checked_when_it_is_executed():
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    held: Any = Query(b"nonsense", call=Call("a", LATER, at=2.0))
+    bench.server.answer(held)
+    bench.schedule.advance("b", 2.0, 0.0)
+    assert held.replies[0][1]["code"] == "invalid"
+
+
+def test_a_handler_can_see_what_goes_with_its_request():
+    bench = Bench()
+    bench.ask(call=Call("a", LATER, boot="mine"))
+    assert bench.server.call == Call("a", LATER, boot="mine")
+    bench.ask()
+    assert bench.server.call is None

@@ -1,0 +1,367 @@
+"""The monitor and its requests: the take-off, refusals, replacing, counting."""
+
+from collections.abc import Callable
+from math import inf, nan
+
+import pytest
+from msgspec.structs import replace
+
+from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.services.safety.model import State
+from quadctl.services.safety.monitor import PATIENCE, STANDS, TrackingMonitor
+from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
+from tests.support.worlds import POSE
+
+
+def test_a_hold_brakes_and_then_settles_where_it_came_to_rest():
+    rig = Rig().moving()
+    rig.at(Position(1.0, 0.0, 1.0), Velocity(3.0, 0.0, 0.0))
+    rig.monitor.hold()
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", "hold: stopped on request")
+    assert rig.monitor.setpoint().brake
+    assert rig.at(Position(2.0, 0.0, 1.0), Velocity(1.0, 0.0, 0.0)).goal.x == 1.0
+    assert rig.at(Position(2.2, 0.0, 1.0)).goal.x == 2.2
+    # It holds that place: a later drift does not move the goal along.
+    assert rig.at(Position(2.3, 0.0, 1.0)).goal.x == 2.2
+    assert rig.monitor.ask(OTHER) == ""
+
+
+def test_lost_poses_pause_the_flight_and_nothing_is_taken_until_they_are_back():
+    rig = Rig().moving()
+    rig.monitor.lose()
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", "paused: no pose for 0.2 s")
+    assert rig.monitor.setpoint().brake
+    told = len(rig.told)
+    rig.monitor.lose()
+    rig.monitor.silent(0.9)
+    assert len(rig.told) == told
+    refused = "paused: no pose: dynamics is silent; no goal is taken meanwhile"
+    assert rig.monitor.ask(OTHER) == refused
+    assert rig.at(ONE_UP).state == "MOVING"
+    assert rig.state.reason.startswith("went on after a pause: no pose")
+    assert (rig.monitor.setpoint().position, rig.monitor.setpoint().brake) == (INSIDE, False)
+
+
+def test_beyond_the_grace_the_flight_is_over_also_where_a_pose_comes_then():
+    rig = Rig().moving()
+    rig.monitor.lose()
+    rig.monitor.silent(1.1, own=0.9)
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", "no pose for 1 s: stopped")
+    assert rig.at(ONE_UP).state == "HOVERING"
+    assert rig.monitor.setpoint().brake
+    assert rig.monitor.ask(INSIDE) == ""
+
+
+def test_poses_that_may_be_older_than_the_grace_are_no_silence():
+    rig = Rig(pose_timeout=2.0).moving()
+    rig.monitor.silent(1.5)
+    assert rig.state.state == "MOVING"
+    rig.monitor.silent(2.1)
+    assert rig.state.reason == "no pose for 2 s: stopped"
+
+
+@pytest.mark.parametrize("what", ["toggle", "resize", "hold", "boot"])
+def test_what_happens_in_a_pause_ends_the_flight(what: str):
+    rig = Rig().moving()
+    rig.monitor.lose()
+    match what:
+        case "toggle":
+            rig.monitor.toggle(cage_on=True)
+        case "resize":
+            rig.monitor.resize()
+        case "hold":
+            rig.monitor.hold()
+    state = rig.at(ONE_UP, boot="b2" if what == "boot" else "b1")
+    assert state.state == "HOVERING"
+    assert state.reason
+    assert rig.monitor.setpoint().brake
+
+
+def test_a_vehicle_that_lagged_flies_on_within_the_grace_alone():
+    rig = Rig().moving()
+    rig.monitor.lagged("the vehicle heard nothing for 0.4 s", 0.4)
+    assert rig.state.state == "MOVING"
+    assert rig.state.reason == "went on after a pause: the vehicle heard nothing for 0.4 s"
+    rig.monitor.lagged("the vehicle heard nothing for 1.4 s", 1.4)
+    assert (rig.state.state, rig.monitor.setpoint().brake) == ("HOVERING", True)
+
+
+def test_losing_poses_while_hovering_changes_nothing_but_blinds():
+    rig = Rig().hovering()
+    before = rig.state
+    rig.monitor.lose()
+    assert rig.state == before
+    assert rig.monitor.ask(INSIDE) == "no pose: dynamics is silent"
+
+
+def test_an_old_or_reordered_pose_is_ignored():
+    rig = Rig().moving()
+    now = rig.monitor.pose
+    rig.monitor.see(rig.pose(now.stamp - 0.01, INSIDE))
+    assert rig.monitor.pose is now
+    assert rig.state.state == "MOVING"
+    rig.monitor.lose()
+    rig.monitor.see(rig.pose(now.stamp - 0.01, ONE_UP))
+    assert not rig.monitor.fresh
+
+
+def test_a_new_boot_drops_the_goal_says_so_and_takes_off_anew():
+    rig = Rig().moving()
+    rig.monitor.see(rig.pose(0.0, Position(0.0, 0.0, 0.5), boot="b2"))
+    state = rig.state
+    assert (state.boot, state.state, state.goal.z) == ("b2", "HOVERING", 0.5)
+    assert state.reason == "the simulation started anew: the goal is dropped"
+    assert rig.monitor.setpoint().brake
+    rig.monitor.see(rig.pose(0.0, GROUND, boot="b3"))
+    assert (rig.state.boot, rig.state.state, rig.state.goal) == ("b3", "MOVING", ONE_UP)
+    assert any(told.reason.startswith("the simulation started anew") for told, _ in rig.told)
+
+
+@pytest.mark.parametrize("z", [0.0, 1.0])
+def test_restarted_it_hovers_where_the_vehicle_is_with_the_cage_on(z: float):
+    rig = Rig(restarted=True, cage_on=False)
+    assert rig.state.cage_on
+    here = Position(7.0, 0.0, z)
+    state = rig.at(here)
+    assert (state.state, state.goal, state.cage_on) == ("HOVERING", here, True)
+    assert state.reason == "safety restarted: hovering here, cage on"
+    assert rig.monitor.setpoint().brake
+    # From outside it may fly back in; a boot after this one is like any other.
+    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.at(GROUND, boot="b2").goal == ONE_UP
+
+
+def turn_on(rig: Rig) -> None:
+    rig.monitor.toggle(cage_on=True)
+
+
+def shrink(rig: Rig) -> None:
+    rig.monitor.toggle(cage_on=True)
+    rig.params.virtual_cage.x = 2.0
+    rig.monitor.resize()
+
+
+@pytest.mark.parametrize(("change", "goal"), [(turn_on, OUTSIDE), (shrink, INSIDE)])
+def test_a_cage_that_shuts_the_goal_out_under_way_stops(
+    change: Callable[[Rig], None], goal: Position
+):
+    rig = Rig(cage_on=False).hovering()
+    assert rig.monitor.ask(goal) == ""
+    rig.at(Position(1.0, 0.0, 1.0), Velocity(3.0, 0.0, 0.0))
+    change(rig)
+    state = rig.state
+    assert (state.state, state.cage_on, state.goal.x) == ("HOVERING", True, 1.0)
+    assert state.reason.startswith("stopped, the goal is now outside the cage: x = ")
+    assert rig.monitor.setpoint().brake
+
+
+def test_a_cage_that_still_holds_the_goal_lets_the_flight_go_on():
+    rig = Rig(cage_on=False).moving()
+    rig.monitor.toggle(cage_on=True)
+    rig.params.virtual_cage.x = 3.0
+    rig.monitor.resize()
+    assert (rig.state.state, rig.state.goal) == ("MOVING", INSIDE)
+    assert rig.state.cage == CageSize(3.0, 5.0, 2.0)
+    assert rig.told[-1][0].cage == CageSize(3.0, 5.0, 2.0)
+
+
+LIMIT, PERIOD = 0.15, 0.05
+GOAL, ELSEWHERE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
+STILL = Velocity(0.0, 0.0, 0.0)
+
+
+def look(
+    following: TrackingMonitor,
+    stamp: float,
+    goal: Position | None = GOAL,
+    *,
+    boot: str = "b1",
+    velocity: Velocity = POSE.velocity,
+    moving: bool = True,
+) -> str:
+    pose = replace(POSE, boot=boot, stamp=stamp, velocity=velocity)
+    gap, stands = following.observe(pose, goal, moving=moving)
+    return STANDS if stands else f"{gap:.2g} s" if gap > LIMIT else ""
+
+
+def test_poses_that_come_in_time_are_no_trouble():
+    following = TrackingMonitor()
+    assert [look(following, count * PERIOD) for count in range(100)] == [""] * 100
+
+
+def test_poses_that_come_late_show_a_vehicle_that_heard_nothing():
+    following = TrackingMonitor()
+    look(following, 1.0)
+    assert look(following, 1.0 + LIMIT - 0.01) == ""
+    assert look(following, 1.5) == "0.36 s"
+    assert look(following, 1.55) == ""
+
+
+def test_a_goal_that_is_new_since_was_not_stopped_on_the_way_to():
+    following = TrackingMonitor()
+    look(following, 1.0, None)
+    assert look(following, 2.0) == ""
+    assert look(following, 3.0, ELSEWHERE) == ""
+    assert look(following, 4.0, None) == ""
+    assert look(following, 5.0, None) == ""
+
+
+def test_another_boot_is_another_time():
+    following = TrackingMonitor()
+    look(following, 1.0)
+    assert look(following, 9.0, boot="b2") == ""
+
+
+def test_a_simulation_that_was_held_up_itself_has_not_flown_on():
+    following = TrackingMonitor()
+    look(following, 1.0)
+    assert [look(following, 1.0) for _ in range(20)] == [""] * 20
+    assert look(following, 1.05) == ""
+
+
+def test_a_vehicle_that_stands_still_on_its_way_does_not_follow():
+    following = TrackingMonitor()
+    at = [count * PERIOD for count in range(round(PATIENCE / PERIOD) + 3)]
+    said = [look(following, stamp, velocity=STILL) for stamp in at]
+    assert said == [*[""] * (len(at) - 1), "the vehicle stood still for 1 s on its way"]
+
+
+def test_a_goal_that_is_new_is_given_its_time():
+    following = TrackingMonitor()
+    for count in range(100):
+        goal = Position(1.0, 0.0, count // 19)
+        assert look(following, count * PERIOD, goal, velocity=STILL) == ""
+
+
+def test_standing_still_is_counted_anew_after_each_move_and_only_on_the_way():
+    following = TrackingMonitor()
+    for count in range(200):
+        still = STILL if count % 20 else POSE.velocity
+        assert look(following, count * PERIOD, velocity=still) == ""
+    for count in range(200, 300):
+        assert look(following, count * PERIOD, velocity=STILL, moving=False) == ""
+        assert following.due == inf
+
+
+def test_before_a_pose_nothing_is_taken():
+    rig = Rig()
+    assert rig.monitor.ask(INSIDE) == "no pose: dynamics is silent"
+    assert (rig.state.state, rig.state.request, rig.state.boot) == ("HOVERING", 1, "")
+    assert rig.monitor.setpoint().brake
+
+
+def test_the_take_off_is_verified_and_flown():
+    rig = Rig()
+    state = rig.at(GROUND)
+    assert (state.state, state.goal, state.request, state.boot) == ("MOVING", ONE_UP, 1, "b1")
+    assert rig.monitor.setpoint() == replace(
+        rig.monitor.setpoint(), boot="b1", for_seq=1, position=ONE_UP, brake=False
+    )
+    assert [told.state for told, _ in rig.told] == ["HOVERING", "VERIFYING", "MOVING"]
+
+
+@pytest.mark.parametrize(
+    ("start", "height", "reason"),
+    [
+        (Position(9.0, 0.0, 0.0), 1.0, BEYOND),
+        (GROUND, 3.0, "outside the cage: z = 3 is beyond [0, 2]"),
+    ],
+)
+def test_a_take_off_out_of_the_cage_stays_on_the_ground_and_says_why(
+    start: Position, height: float, reason: str
+):
+    rig = Rig(takeoff=height)
+    state = rig.at(start)
+    assert (state.state, state.reason, state.goal) == ("HOVERING", reason, start)
+    assert rig.monitor.setpoint().brake
+    assert rig.at(start).state == "HOVERING"
+
+
+def test_with_the_cage_off_the_take_off_is_not_refused():
+    assert Rig(cage_on=False).at(Position(9.0, 0.0, 0.0)).state == "MOVING"
+
+
+@pytest.mark.parametrize(("takeoff", "z"), [(0.0, 0.0), (1.0, 0.05), (1.0, 1.5)])
+def test_no_take_off_when_none_is_wanted_or_it_flies_already(takeoff: float, z: float):
+    start = Position(1.0, 1.0, z)
+    state = Rig(takeoff=takeoff).at(start)
+    assert (state.state, state.goal, state.request) == ("HOVERING", start, 0)
+
+
+def test_the_take_off_gives_way_to_the_first_request_and_that_one_does_not():
+    rig = Rig()
+    rig.at(GROUND)
+    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.state.goal == INSIDE
+    assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
+
+
+def test_a_refused_request_leaves_the_take_off_going_and_able_to_give_way():
+    rig = Rig()
+    rig.at(GROUND)
+    assert rig.monitor.ask(OUTSIDE) == BEYOND
+    assert (rig.state.state, rig.state.goal) == ("MOVING", ONE_UP)
+    assert rig.monitor.ask(INSIDE) == ""
+
+
+def test_arriving_within_the_range_makes_it_ready_again():
+    rig = Rig().moving()
+    assert rig.at(Position(2.5, 0.0, 1.0)).state == "MOVING"
+    state = rig.at(Position(2.501, 0.0, 1.0))
+    assert (state.state, state.goal, state.reason) == ("HOVERING", INSIDE, "")
+    assert not rig.monitor.setpoint().brake
+    assert rig.monitor.ask(OTHER) == ""
+
+
+def test_outside_is_refused_and_the_vehicle_stays():
+    rig = Rig().hovering()
+    before = rig.monitor.setpoint()
+    assert rig.monitor.ask(OUTSIDE) == BEYOND
+    assert rig.monitor.setpoint() == before
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", BEYOND)
+
+
+@pytest.mark.parametrize("cage_on", [True, False])
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+def test_no_place_is_refused_even_with_the_cage_off(cage_on: bool, value: float):
+    rig = Rig(cage_on=cage_on).hovering()
+    before = rig.monitor.setpoint()
+    for axis in "xyz":
+        assert f"{axis} = {value}" in rig.monitor.ask(replace(INSIDE, **{axis: value}))
+    assert rig.monitor.setpoint() == before
+    assert rig.state.state == "HOVERING"
+
+
+def test_busy_until_replaced_and_a_refused_replacement_keeps_the_flight():
+    rig = Rig().moving()
+    assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
+    assert rig.monitor.ask(OUTSIDE, replace=True) == BEYOND
+    assert (rig.state.state, rig.state.goal, rig.state.reason) == ("MOVING", INSIDE, BEYOND)
+    assert not rig.monitor.setpoint().brake
+    assert rig.monitor.ask(OTHER, replace=True) == ""
+    assert (rig.state.state, rig.state.goal, rig.state.reason) == ("MOVING", OTHER, "")
+
+
+def test_every_request_counts_so_that_equal_refusals_differ():
+    rig = Rig().hovering()
+    counts = []
+    for ask in (OUTSIDE, OUTSIDE, INSIDE, OTHER, OTHER):
+        rig.monitor.ask(ask)
+        counts.append(rig.state.request)
+    assert counts == [2, 3, 4, 5, 6]
+    assert [told.request for told, _ in rig.told if told.reason == BEYOND] == [2, 3]
+
+
+def test_the_log_line_says_what_was_asked_and_where_it_led():
+    rig = Rig().hovering()
+    rig.told.clear()
+    rig.monitor.ask(Position(3.0, 0.5, 1.0))
+    rig.monitor.ask(OTHER)
+    rig.monitor.toggle(cage_on=False)
+    assert [line for _, line in rig.told] == [
+        "Requested position: (3, 0.5, 1). Current State: VERIFYING",
+        "Current State: MOVING",
+        "Requested position: (0, 3, 1). busy: flying to (3, 0.5, 1); ask with replace to change course",
+        "Cage: off",
+    ]
+    assert rig.monitor.situation.state is State.MOVING

@@ -1,0 +1,200 @@
+"""What the monitor watches while a vehicle flies: jumps, the way out, and the way back."""
+
+from math import sqrt
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import astuple, replace
+
+from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.services.safety.cage import beyond, soonest_stop, why_outside
+from tests.support.monitor_rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
+from tests.support.worlds import POSE
+
+CAGE = CageSize(5.0, 4.0, 2.0)
+NUMBERS = st.floats(-20, 20, allow_subnormal=False).filter(lambda x: x == 0 or abs(x) > 1e-100)
+AWAY = Position(7.0, 0.0, 1.0)
+
+
+def along(x: float) -> Position:
+    return Position(x, 0.0, 1.0)
+
+
+def going(vx: float) -> Velocity:
+    return Velocity(vx, 0.0, 0.0)
+
+
+def outside() -> Rig:
+    """Hovering two metres beyond a wall, with the cage on."""
+    rig = Rig(cage_on=False).hovering()
+    assert rig.monitor.ask(AWAY) == ""
+    rig.at(along(4.0))
+    rig.at(AWAY)
+    rig.monitor.toggle(cage_on=True)
+    assert rig.at(AWAY).state == "HOVERING"
+    return rig
+
+
+@pytest.mark.parametrize("start", ["hovering", "moving"])
+def test_a_pose_that_jumps_stops_the_vehicle(start: str):
+    rig = getattr(Rig(), start)()
+    rig.at(along(0.5))
+    state = rig.at(along(-11.0))
+    assert (state.state, state.goal.x) == ("HOVERING", -11.0)
+    assert state.reason == "stopped, the pose jumped by 11.5 m in 1 s"
+    assert rig.monitor.setpoint().brake
+
+
+def test_a_boot_elsewhere_is_no_jump():
+    rig = Rig().hovering()
+    assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation started")
+
+
+def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
+    rig = Rig().moving()
+    assert rig.at(along(2.0), going(5.0)).state == "MOVING"
+    # From 6.5 m/s it takes 2.1 m at the least.
+    state = rig.at(along(3.0), going(6.5))
+    assert (state.state, state.goal.x) == ("HOVERING", 3.0)
+    assert state.reason == "stopped, the way led out of the cage by 0.11 m"
+
+
+def test_with_the_cage_off_nobody_minds():
+    rig = Rig(cage_on=False).moving()
+    assert rig.at(along(4.5), going(6.0)).state == "MOVING"
+
+
+def test_a_centimetre_beyond_a_wall_is_borne_and_more_is_not():
+    rig = Rig().moving()
+    rig.at(along(4.0))
+    assert rig.at(along(5.0099)).state == "MOVING"
+    rig = Rig().moving()
+    rig.at(along(4.0))
+    assert rig.at(along(5.0101), going(0.01)).state == "HOVERING"
+
+
+def test_the_way_back_comes_nearer_at_every_step():
+    rig = outside()
+    assert rig.monitor.ask(OTHER) == ""
+    for x in (6.8, 6.1, 5.4):
+        assert rig.at(along(x), going(-0.5)).state == "MOVING"
+    state = rig.at(along(5.5), going(0.1))
+    assert state.state == "HOVERING"
+    assert state.reason == "stopped, the way led out of the cage by 0.5 m"
+    # It hovers there, and may be sent inside again.
+    rig.at(along(5.5))
+    assert rig.monitor.ask(OUTSIDE) != ""
+    assert rig.monitor.ask(INSIDE) == ""
+
+
+def test_a_way_out_that_cannot_be_helped_is_borne_while_the_vehicle_slows_down():
+    rig = Rig(cage_on=False).hovering()
+    assert rig.monitor.ask(OUTSIDE) == ""
+    rig.at(along(4.0), going(5.0))
+    assert rig.monitor.ask(INSIDE, replace=True) == ""
+    rig.monitor.toggle(cage_on=True)
+    for x, vx in ((4.9, 4.0), (5.6, 3.0), (6.1, 1.0), (6.2, 0.0), (6.1, -1.0)):
+        assert rig.at(along(x), going(vx)).state == "MOVING"
+    assert rig.at(along(6.2), going(0.5)).state == "HOVERING"
+
+
+def test_turned_on_it_hovers_in_place_also_where_it_has_arrived_within_the_range():
+    rig = Rig(cage_on=False, acceptance_range=4.0).hovering()
+    assert rig.monitor.ask(OUTSIDE) == ""
+    assert rig.at(along(5.5), going(3.0)).state == "HOVERING"
+    assert not rig.monitor.setpoint().brake
+    rig.monitor.toggle(cage_on=True)
+    assert (rig.state.state, rig.state.goal.x) == ("HOVERING", 5.5)
+    assert rig.state.reason.startswith("hovering in place, the goal is now outside the cage: x = 9")
+    assert rig.monitor.setpoint().brake
+
+
+@pytest.mark.parametrize("cage_on", [True, False])
+def test_resized_it_hovers_in_place_only_with_the_cage_on(cage_on: bool):
+    rig = Rig(cage_on=cage_on).moving()
+    rig.at(along(2.8))
+    rig.params.virtual_cage.x = 1.0
+    rig.monitor.resize()
+    assert rig.monitor.setpoint().brake is cage_on
+
+
+FACES = {
+    "east": Position(1.0, 0.0, 0.0),
+    "west": Position(-1.0, 0.0, 0.0),
+    "north": Position(0.0, 1.0, 0.0),
+    "south": Position(0.0, -1.0, 0.0),
+    "top": Position(0.0, 0.0, 1.0),
+    "floor": Position(0.0, 0.0, -1.0),
+}
+WALLS = {"east": 5.0, "west": 5.0, "north": 5.0, "south": 5.0, "top": 1.0, "floor": 1.0}
+"""How far each face is from ONE_UP, m."""
+
+
+@pytest.mark.parametrize("distance", [0.3, 2.0, 6.0])
+@pytest.mark.parametrize("face", FACES)
+def test_beyond_any_face_it_hovers_and_comes_back_by_goals_inside_alone(face: str, distance: float):
+    def out(metres: float) -> Position:
+        """So far beyond the face."""
+        way, (x, y, z) = WALLS[face] + metres, astuple(FACES[face])
+        return Position(way * x, way * y, 1.0 + way * z)
+
+    rig = Rig(cage_on=False).hovering()
+    for part in (0.3, 0.6, 1.0):
+        rig.at(out(part * distance))
+    rig.monitor.hold()
+    rig.at(out(distance))
+    rig.monitor.toggle(cage_on=True)
+    assert (rig.state.state, rig.state.cage_on) == ("HOVERING", True)
+    assert rig.state.goal == out(distance)
+    for goal in (out(distance), out(distance / 2), out(1e-9)):
+        assert rig.monitor.ask(goal) != ""
+        assert (rig.state.state, rig.state.goal) == ("HOVERING", out(distance))
+    assert rig.monitor.ask(ONE_UP) == ""
+    for part in (0.9, 0.5, 0.2):
+        assert rig.at(out(part * distance)).state == "MOVING"
+    outwards = Velocity(*astuple(FACES[face]))
+    assert rig.at(out(0.3 * distance), outwards).state == "HOVERING"
+
+
+def test_the_progress_of_a_way_back_is_told_nobody():
+    rig = outside()
+    rig.monitor.ask(INSIDE)
+    rig.told.clear()
+    rig.at(along(6.5), going(-1.0))
+    rig.at(along(6.0), going(-1.0))
+    assert rig.told == []
+    assert rig.monitor.situation.beyond == 1.0
+
+
+@given(NUMBERS, NUMBERS, NUMBERS)
+def test_the_distance_from_the_cage_is_0_inside_and_no_more_than_to_any_point_of_it(
+    x: float, y: float, z: float
+):
+    point = Position(x, y, z)
+    out = beyond(point, CAGE)
+    assert (out == 0.0) is (why_outside(point, CAGE) == "")
+    corner = Position(CAGE.x, CAGE.y, CAGE.z)
+    way = sqrt((x - corner.x) ** 2 + (y - corner.y) ** 2 + (z - corner.z) ** 2)
+    assert out <= way * (1 + 1e-12)
+
+
+@given(NUMBERS, NUMBERS, st.floats(0.1, 100))
+def test_the_soonest_stop_lies_ahead_by_half_the_square_over_the_deceleration(
+    x: float, vx: float, deceleration: float
+):
+    pose = replace(POSE, position=along(x), velocity=going(vx))
+    stop = soonest_stop(pose, deceleration)
+    assert (stop.y, stop.z) == (0.0, 1.0)
+    assert abs(stop.x - x) == pytest.approx(vx * vx / (2 * deceleration), abs=1e-9)
+    assert (stop.x - x) * vx >= 0
+    assert soonest_stop(replace(pose, velocity=STILL), deceleration) == along(x)
+
+
+def test_inside_the_cage_a_flight_is_as_undisturbed_as_before():
+    rig = Rig().moving()
+    told = len(rig.told)
+    for x, vx in ((0.5, 3.0), (1.5, 3.0), (2.4, 1.0)):
+        rig.at(along(x), going(vx))
+    assert len(rig.told) == told
+    assert rig.at(INSIDE).goal != ONE_UP

@@ -1,7 +1,10 @@
 """Why nobody answers: who is frozen is told from who is not there."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+import zenoh
+
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime import procfs, run_files
 from quadctl.services.runtime.bus import liveliness
@@ -11,12 +14,31 @@ from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import Realm, listed
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
-if TYPE_CHECKING:
-    from quadctl.services.runtime.bus.client import Client
-
 _LOOK = 0.1
 """Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
 _FROZEN = "it is frozen or busy: `quadctl status`"
+
+
+class Asking(Protocol):
+    """A client whose question had no answer, reduced to what the reason takes."""
+
+    session: zenoh.Session
+    realm: Realm
+    vehicle: str
+    timeout: float
+
+    def endpoints(self, timeout: float | None = None) -> list[EndpointInfo]:
+        """Return what the hub's nodes offer."""
+
+    def silent_processes(
+        self, timeout: float | None = None, live: list[str] | None = None
+    ) -> list[ProcessRecord]:
+        """Return the nodes of this machine's run that are there although the hub has lost them."""
+
+    def explained(
+        self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
+    ) -> QuadctlError:
+        """Return the problem with its reason."""
 
 
 def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[ProcessRecord]:
@@ -49,7 +71,7 @@ def explain_frozen(problem: Unreachable, node: str, silent: list[ProcessRecord])
 
 
 def explain_unreachable(
-    client: "Client",
+    client: Asking,
     connect: str,
     problem: Unreachable,
     node: str,
@@ -74,7 +96,7 @@ def explain_unreachable(
     return stranger or explain_frozen(problem, node, silent)
 
 
-def explain_silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
+def explain_silence(client: Asking, key: str, *, more: bool) -> QuadctlError:
     """Why nothing came on a key or key expression: its publisher is quiet, or there is none.
 
     `more` says that something had come before.
@@ -103,7 +125,7 @@ def explain_silence(client: "Client", key: str, *, more: bool) -> QuadctlError:
     return client.explained(problem, ours, live=[offer.node for offer in told])
 
 
-def _stranger(client: "Client", problem: Unreachable) -> Unreachable | None:
+def _stranger(client: Asking, problem: Unreachable) -> Unreachable | None:
     """That the run on this machine, where it is all that there is, has no such vehicle."""
     run = _run(client.realm)
     if run is None or client.vehicle in run.vehicles or _meets_others(client.realm, run):

@@ -1,0 +1,86 @@
+"""The product's modules: no cycle of imports, and one meaning a name."""
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = ("schemas", "services", "cli")
+FILES = {
+    "quadctl."
+    + ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file
+    for folder in FOLDERS
+    for file in sorted((ROOT / folder).rglob("*.py"))
+}
+RUNTIME = "quadctl.services.runtime"
+TWICE: set[str] = set()
+"""Names that two public classes may share, each with its reason beside it."""
+
+
+def imported(module: str) -> Iterator[str]:
+    """Modules of ours that a module imports: at its top, in functions, and for types alone."""
+    for node in ast.walk(ast.parse(FILES[module].read_bytes())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in FILES else node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:
+    try:
+        TopologicalSorter({k: set(v) - {k} for k, v in graph.items()}).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+GRAPH = {module: [name for name in imported(module) if name in FILES] for module in FILES}
+
+
+def test_no_cycle_of_imports_lazy_and_typing_only_ones_counted():
+    assert len(GRAPH) > 150
+    assert cycle(GRAPH) == []
+
+
+def test_no_cycle_between_the_folders_of_the_runtime():
+    def part(module: str) -> str:
+        # A folder is one part; each module at the root is a part of its own.
+        return module.removeprefix(f"{RUNTIME}.").partition(".")[0]
+
+    graph = defaultdict(set)
+    for module, names in GRAPH.items():
+        if module.startswith(f"{RUNTIME}."):
+            graph[part(module)] |= {part(n) for n in names if n.startswith(f"{RUNTIME}.")}
+    assert {"bus", "params", "recording", "security", "supervisor"} <= set(graph)
+    assert cycle(graph) == []
+
+
+def test_a_cycle_is_seen():
+    assert cycle({"a": ["b"], "b": ["c"], "c": ["a"]})
+
+
+def test_no_module_of_ours_imports_the_facade():
+    assert [module for module in FILES if "quadctl" in imported(module)] == []
+
+
+def test_two_public_classes_never_share_a_name():
+    homes = defaultdict(list)
+    for module, file in FILES.items():
+        for node in ast.parse(file.read_bytes()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes[node.name].append(module)
+    assert {
+        name: where for name, where in homes.items() if len(where) > 1 and name not in TWICE
+    } == {}
+
+
+def test_module_names_are_unique_in_the_runtime():
+    homes = defaultdict(list)
+    for module, file in FILES.items():
+        if module.startswith(RUNTIME) and file.name != "__init__.py":
+            homes[file.name].append(module)
+    assert {name: where for name, where in homes.items() if len(where) > 1} == {}

@@ -1,0 +1,41 @@
+"""The links of the pages lead to files that are there, and are named after them."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    page
+    for folder in (".", "docs", "benchmarks", "examples")
+    for page in sorted((ROOT / folder).glob("*.md"))
+]
+LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
+TITLE = re.compile(r"^#+ (.*)$", re.MULTILINE)
+
+
+def links(page: Path) -> list[tuple[str, str]]:
+    found = LINK.findall(page.read_text(encoding="utf-8"))
+    return [(text, target) for text, target in found if not target.startswith("http")]
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's titles, as GitHub makes them."""
+    titles = TITLE.findall(page.read_text(encoding="utf-8"))
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_link_leads_to_a_file_of_its_name(page: Path):
+    for text, target in links(page):
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file), target
+        if text.endswith(".py"):
+            assert target.endswith(text), f"{text} names another file than {target}"
+
+
+def test_there_are_links():
+    assert sum(len(links(page)) for page in PAGES) > 100

@@ -10,10 +10,10 @@ The path counts from the file's folder. Turning the cage off and holding are lef
 
 from math import dist
 
+from quadctl import Node, Params, start
 from quadctl.schemas.messages import CageSize, Position, SafetyState, Setpoint
 from quadctl.schemas.services import GotoRequest, GotoResponse
 from quadctl.schemas.topics import GOTO, POSE, SETPOINT, STATE
-from quadctl.services.runtime.entry import Node, Params, start
 
 
 def run(node: Node, params: Params) -> None:

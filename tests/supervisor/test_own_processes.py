@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 from tests.support.lab import NODES, Lab
@@ -59,6 +60,14 @@ def test_a_students_node_takes_the_place_of_ours_and_a_helper_runs_beside_until_
     assert "doomed ended (exit 3): left down" in run.log
     assert lab.quadctl("calibrate").code == 0
     assert lab.quadctl("down").code == 0
+
+
+def test_a_node_with_imports_of_an_older_release_is_told_the_new_ones(lab: Lab):
+    (lab.folder / "old.py").write_text("from schemas.messages import Pose\n", encoding="utf-8")
+    toml = lab.file(f'[processes]\nold = "{sys.executable} -P old.py"\n')
+    failed = lab.quadctl("up", "-d", toml, "--json")
+    assert failed.code == 1
+    assert "write `from quadctl.schemas` for `from schemas`" in str(failed.error)
 
 
 def test_a_command_that_ends_at_once_is_no_run_that_is_up(lab: Lab):

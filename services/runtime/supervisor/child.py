@@ -1,6 +1,7 @@
 """One child process: its pipe reader and bounded line buffer."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,9 @@ MOST = 500
 """Lines that may wait to be shown; more are dropped, and counted."""
 FEW = 50
 """Lines at once that are nothing unusual; the reader pauses after more."""
+
+
+_OLD_IMPORT = re.compile(rb"ModuleNotFoundError: No module named '(schemas|services|cli)\b")
 
 
 class LogLine(NamedTuple):
@@ -79,6 +83,12 @@ class LineBuffer:
 
     def _add(self, pieces: list[bytes]) -> None:
         now = time.time()
+        # A node written for an older release: its own error cannot name the new import.
+        old = next((found for piece in pieces if (found := _OLD_IMPORT.match(piece))), None)
+        if old:
+            top = old[1].decode()
+            hint = f"hint: quadctl is one package now: write `from quadctl.{top}` for `from {top}`"
+            pieces = [*pieces, hint.encode()]
         with self._lock:
             room = MOST - len(self._waiting)
             self._waiting += [LogLine(now, self._name, _text(piece)) for piece in pieces[:room]]

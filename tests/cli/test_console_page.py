@@ -107,6 +107,8 @@ def test_keys_aim_by_a_metre_and_enter_sends(page: Tab, flown: Lab):
 
 
 def test_the_cage_goes_off_and_on(page: Tab, flown: Lab):
+    # Until a state has come the page shows a cage that is off.
+    page.until("document.body.dataset.cage === 'on'")
     for word, on in (("off", False), ("on", True)):
         page.press(".buttons .q-toggle")
         page.until(f"document.body.dataset.cage === '{word}'")

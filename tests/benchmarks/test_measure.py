@@ -77,7 +77,7 @@ def test_a_part_of_a_run_is_never_written_over_the_whole(capsys):
     assert left.value.code == 2
 
 
-def test_what_a_worker_is_asked_comes_back_and_its_end_is_waited_for():
+def test_worker_answers_a_question_and_is_waited_for_at_its_end():
     import os
 
     from benchmarks.children import PYTHON, Failed, workers

@@ -35,7 +35,7 @@ def test_a_bar_is_a_ratio_of_one_run(theirs, verdict):
 
 
 @pytest.mark.parametrize(("ratio", "verdict"), [(0.9, "holds"), (0.89, "missed")])
-def test_what_was_measured_in_turn_counts_before_what_was_one_after_the_other(ratio, verdict):
+def test_interleaved_ratio_counts_before_separate_measurements(ratio, verdict):
     rates = {key: {"dynamics": {"10000": 1.0}} for key in (PAIRED.ours, PAIRED.peer)}
     assert PAIRED.verdict(rates, {PAIRED.key: ratio}) == verdict
 
@@ -77,7 +77,7 @@ def test_a_step_has_the_operations_that_its_text_has():
     assert step_flops() == 543
 
 
-def test_a_scenario_is_known_by_its_numbers_but_not_by_its_tolerance():
+def test_scenario_digest_depends_on_numbers_not_on_tolerance():
     flight = scenario.FLIGHTS["rotorpy"]
     assert scenario.digest(flight) == scenario.digest(scenario.Flight(1.0, wind=flight.wind))
     assert scenario.digest(flight) != scenario.digest(scenario.Flight(2e-9))

@@ -60,7 +60,7 @@ def test_numbers_read_without_an_exponent(value, text):
     assert report.number(value) == text
 
 
-def test_a_line_says_why_there_is_no_figure_and_what_was_not_compared():
+def test_report_line_explains_missing_figures_and_comparisons():
     row = Row("commands", "k", "a thing", "ms", (AtMost(1), AtMostTimes(0.5, "ros")))
     failed = summarise([], {}, "it broke", more_is_better=False)
     assert report.line(row, failed).endswith("FAILED: it broke")

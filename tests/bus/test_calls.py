@@ -48,7 +48,7 @@ def now(bare: Bare) -> float:
     return stamp
 
 
-def test_a_goto_is_held_until_its_time_and_decided_on_that_very_pose(hover: Bare):
+def test_goto_is_held_until_its_time_and_decided_on_that_pose(hover: Bare):
     states = hover.watch("uav/safety/state")
     at = round(now(hover) + 0.73, 2)
     waiting = Waiting(hover, GOTO, GOAL, ticket(30, at=at))
@@ -58,7 +58,7 @@ def test_a_goto_is_held_until_its_time_and_decided_on_that_very_pose(hover: Bare
     assert waiting.answer().value == {"accepted": True, "reason": ""}
 
 
-def test_a_time_that_is_past_is_refused_and_a_reset_drops_what_is_held(hover: Bare):
+def test_past_time_is_refused_and_a_reset_drops_held_calls(hover: Bare):
     before = hover.state()
     past = hover.query(GOTO, pack(GOAL), attachment=ticket(30, at=0.0))
     assert (past.ok, past.code) == (False, "expired")
@@ -115,7 +115,7 @@ def room() -> Iterator[Lab]:
         yield made
 
 
-def test_what_got_no_answer_of_a_server_that_is_there_is_sent_again_with_its_id(room: Lab):
+def test_unanswered_call_is_sent_again_with_the_same_id(room: Lab):
     ids: list[str] = []
 
     def answer(query: zenoh.Query) -> None:
@@ -182,7 +182,7 @@ def test_another_schema_is_refused_and_both_are_named(hover: Bare):
     assert hover.query("uav/@srv/goto", pack(GOAL), encoding=named).value["accepted"]
 
 
-def test_another_type_is_refused_and_no_digest_is_checked_by_fields(hover: Bare):
+def test_wrong_type_is_refused_and_no_digest_is_checked_by_field(hover: Bare):
     wrong = "application/msgpack;quadctl.HoldRequest"
     assert hover.query("uav/@srv/goto", pack(GOAL), encoding=wrong).code == "invalid"
     plain = "application/msgpack;quadctl.GotoRequest"
@@ -224,7 +224,7 @@ def test_past_its_deadline_a_call_is_expired_and_not_executed(hover: Bare):
     assert not hover.state()["cage_on"]
 
 
-def test_an_id_answered_before_its_deadline_is_answered_after_it_too(hover: Bare):
+def test_answered_id_is_answered_again_after_its_deadline(hover: Bare):
     payload = pack({"cage_on": False})
     assert hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(30, "once")).ok
     hover.call("toggle_cage", cage_on=True)
@@ -233,9 +233,7 @@ def test_an_id_answered_before_its_deadline_is_answered_after_it_too(hover: Bare
 
 
 @pytest.mark.parametrize("attachment", [b"", b"\xc1", pack({"id": "a"}), pack({"deadline": 1.0})])
-def test_a_broken_attachment_is_invalid_and_the_call_is_not_executed(
-    hover: Bare, attachment: bytes
-):
+def test_broken_attachment_is_invalid_and_call_not_executed(hover: Bare, attachment: bytes):
     payload = pack({"cage_on": False})
     answer = hover.query("uav/@srv/toggle_cage", payload, attachment=attachment)
     if attachment:

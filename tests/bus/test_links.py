@@ -73,7 +73,7 @@ def test_over_a_slow_link_each_command_is_executed_once(far_operator: tuple[Lab,
         assert [call["request"]["x"] for call in gotos.messages] == [1.0, 1.001]
 
 
-def test_what_is_older_than_its_deadline_when_it_comes_is_not_executed(
+def test_call_that_arrives_after_its_deadline_is_not_executed(
     far_operator: tuple[Lab, Proxy],
 ):
     lab, link = far_operator
@@ -101,7 +101,7 @@ def test_over_a_lossy_link_what_is_answered_is_what_was_done(far_operator: tuple
         assert {place(number)["x"] for number in range(100, 140, 2)} <= set(taken)
 
 
-def test_over_a_link_that_is_cut_nothing_is_executed_twice_or_late(far_operator: tuple[Lab, Proxy]):
+def test_cut_link_executes_no_call_twice_or_late(far_operator: tuple[Lab, Proxy]):
     assert cut_off_the_operator(*far_operator, SHORT) == 1
 
 
@@ -123,7 +123,7 @@ def test_a_stalled_viewer_gets_the_newest_and_holds_up_nobody(far_operator: tupl
         assert len(seen) < seen[-1] - seen[0], "what was too old has been left out"
 
 
-def test_safety_that_is_cut_off_the_vehicle_hovers_and_it_comes_back():
+def test_vehicle_hovers_while_safety_is_cut_off_then_recovers():
     with safety_apart() as (lab, link):
         cut_off_safety(lab, link, SHORT, 0)
 

@@ -11,7 +11,7 @@ from tests.support.lab import NODES, Lab
 from tests.support.running import eventually
 
 
-def test_what_was_sent_to_a_hub_that_was_restarted_is_not_told_as_sent(lab: Lab):
+def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
     lab.start("--set", "dynamics.start.z=1")
     old = lab.nodes()["hub"]["pid"]
     with lab.bare() as bare:
@@ -26,7 +26,7 @@ def test_what_was_sent_to_a_hub_that_was_restarted_is_not_told_as_sent(lab: Lab)
     assert any(text in said.log for text in told), said.log
 
 
-def test_what_was_sent_while_the_hub_was_frozen_is_not_told_as_sent(lab: Lab):
+def test_messages_to_a_frozen_hub_are_not_reported_as_sent(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=20")
     with lab.bare() as bare:
         heard = bare.watch("own/key")

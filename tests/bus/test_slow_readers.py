@@ -104,7 +104,7 @@ def flown(lab: Lab, legs: int) -> Answers:
         return answers
 
 
-def test_every_pose_that_is_due_an_answer_has_one_beside_a_viewer_that_stands_still(watched: Lab):
+def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(watched: Lab):
     with standing_still(watched):
         answered = flown(watched, 4).answered
     steps = [b - a for a, b in pairwise(answered)]

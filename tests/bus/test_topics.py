@@ -60,7 +60,7 @@ def test_setpoints_answer_every_fifth_pose_in_every_state(hover: Bare):
     assert sum(steps) / len(steps) == pytest.approx(5, abs=0.5)
 
 
-def test_pressure_comes_at_10_hz_and_the_state_at_1_hz_though_nothing_happens(hover: Bare):
+def test_pressure_at_10_hz_and_state_at_1_hz_when_idle(hover: Bare):
     readings, states = hover.watch("uav/sensors/pressure"), hover.watch("uav/safety/state")
     quiet = states.next(3)
     assert 1 < quiet[2]["stamp"] - quiet[0]["stamp"] < 3

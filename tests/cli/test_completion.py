@@ -40,7 +40,7 @@ def test_names_that_live(shared_lab: Lab, bare: Bare):
     assert complete(shared_lab, "quadctl --realm nowhere topic echo ") == []
 
 
-def test_behind_a_frozen_hub_or_node_it_says_what_it_can_and_does_not_wait(lab: Lab):
+def test_completion_does_not_wait_for_a_frozen_hub_or_node(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60", "--set", "safety.takeoff=0")
     lab.signal("pressure", signal.SIGSTOP)
     # A shell is not kept waiting: on a busy machine safety may miss one look at it.

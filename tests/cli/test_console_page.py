@@ -213,7 +213,7 @@ def test_nothing_is_asked_of_any_other_machine(page: Tab, console: Console):
     assert {url.scheme for url in asked} <= {"http", "ws", "data", "blob", "about"}
 
 
-def test_a_page_without_the_token_can_do_nothing_whatever_it_sends(
+def test_page_without_the_token_cannot_change_anything(
     console: Console, chromium: Browser, flown: Lab
 ):
     watching = chromium.tab(console.watch)
@@ -263,7 +263,7 @@ def test_a_browser_that_takes_nothing_is_sent_no_more(phone: Tab, page: Tab):
     assert phone.js("window.sent") == 1
 
 
-def test_the_page_says_when_the_run_is_gone_and_goes_on_by_itself(page: Tab, flown: Lab):
+def test_page_reports_a_lost_run_and_reconnects_by_itself(page: Tab, flown: Lab):
     assert flown.quadctl("down").code == 0
     page.until("document.body.dataset.link === 'lost'")
     page.reads(".banner", "nothing is running")

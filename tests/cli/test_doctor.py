@@ -155,9 +155,7 @@ def test_a_node_that_has_announced_itself_and_keeps_silent(patient: Lab):
 
 
 @pytest.mark.parametrize("timeout", [0.3, 1.0])
-def test_behind_a_frozen_hub_doctor_ends_and_passes_nothing_that_needs_it(
-    patient: Lab, timeout: float
-):
+def test_doctor_ends_with_a_frozen_hub_and_passes_no_check_of_it(patient: Lab, timeout: float):
     with frozen(patient, patient.nodes()["hub"]["pid"]):
         found = ask(patient, "--timeout", timeout)
     assert found.failed == {"hub answers", "node hub"}

@@ -55,7 +55,7 @@ def test_topic_and_service_list(shared_lab: Lab):
     assert {"goto", "hold", "reset", "toggle_cage", "safety/set_params"} <= set(services)
 
 
-def test_topic_echo_prints_one_message_a_line_with_its_fields_at_the_top(shared_lab: Lab):
+def test_topic_echo_prints_one_json_message_per_line(shared_lab: Lab):
     done = shared_lab.quadctl("topic", "echo", "/pose", "-n", 2, "--json")
     assert done.code == 0
     assert [set(row) for row in done.rows] == 2 * [

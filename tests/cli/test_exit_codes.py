@@ -119,7 +119,7 @@ def test_a_frozen_node_ends_a_command_by_its_timeout(patient_lab: Lab, node: str
         assert bare.state()["request"] == 0, "a call was executed after its deadline"
 
 
-def test_a_server_left_out_is_exit_3_and_an_unwilling_one_exit_4_by_the_timeout(lab: Lab):
+def test_missing_server_is_exit_3_and_a_silent_one_exit_4(lab: Lab):
     lab.start("--without", "safety")
     assert list(lab.nodes()) == ["hub", "dynamics", "pressure"]
     assert lab.quadctl("calibrate").code == 0

@@ -158,7 +158,7 @@ def test_one_command_lands_all_and_again_where_they_stand(fleet: tuple[Lab, Lab]
     assert two.quadctl("fleet", "goto", "line", 0, 0, 1).code == 0, "and they fly again"
 
 
-def test_a_hub_that_is_away_is_told_and_the_others_do_what_they_are_told(fleet: tuple[Lab, Lab]):
+def test_unreachable_hub_is_reported_and_the_other_hubs_obey(fleet: tuple[Lab, Lab]):
     two, one = fleet
     text = FILE.format(red=endpoint(one)).replace("[formations.line]", "%s[formations.line]")
     with silent_hub() as silent:

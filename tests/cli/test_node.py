@@ -112,7 +112,7 @@ def test_several_are_killed_at_a_time_or_none(patient: Lab):
         patient.revived(name, before[name]["pid"])
 
 
-def test_a_node_of_somebody_elses_is_listed_and_nobody_signals_it(patient: Lab):
+def test_foreign_node_is_listed_but_never_signalled(patient: Lab):
     with patient.bare() as bare:
         token = bare.session.liveliness().declare_token("uav/@node/camera")
         nodes = {node["name"]: node for node in patient.quadctl("node", "list", "--json").json}
@@ -126,7 +126,7 @@ def test_a_node_of_somebody_elses_is_listed_and_nobody_signals_it(patient: Lab):
         token.undeclare()
 
 
-def test_a_number_that_is_another_processes_by_now_is_not_signalled(patient: Lab):
+def test_pid_reused_by_another_process_is_not_signalled(patient: Lab):
     record = patient.home / "run.json"
     was = record.read_bytes()
     pid = patient.nodes()["pressure"]["pid"]
@@ -177,7 +177,7 @@ def test_a_restart_of_what_cannot_be(patient: Lab, words: str, code: int):
     assert patient.nodes() == before
 
 
-def test_a_frozen_supervisor_is_told_of_and_what_it_has_not_done_is_not(patient: Lab):
+def test_frozen_supervisor_is_reported_and_nothing_claimed_done(patient: Lab):
     supervisor, before = patient.status()["pid"], patient.nodes()["pressure"]["pid"]
     os.kill(supervisor, signal.SIGSTOP)
     try:
@@ -197,7 +197,7 @@ def test_a_frozen_supervisor_is_told_of_and_what_it_has_not_done_is_not(patient:
     patient.revived("pressure", before)
 
 
-def test_a_restart_that_takes_too_long_is_told_by_the_time_that_was_given(patient: Lab):
+def test_slow_restart_reports_the_given_timeout(patient: Lab):
     # The supervisor looks ten times a second, and Python alone takes longer to start than this.
     before = patient.nodes()["pressure"]["pid"]
     done = patient.quadctl("node", "restart", "pressure", "--timeout", 0.04, "--json")

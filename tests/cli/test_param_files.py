@@ -71,7 +71,7 @@ def test_a_dump_is_a_file_that_can_be_launched_and_loaded(tuned: Lab):
     }  # fmt: skip
 
 
-def test_what_was_set_differs_and_is_saved_with_every_comment_kept(tuned: Lab):
+def test_diff_shows_what_was_set_and_save_keeps_every_comment(tuned: Lab):
     file = tuned.folder / "quad.toml"
     before = file.read_text(encoding="utf-8").splitlines()
     assert tuned.quadctl("param", "set", "safety.virtual_cage.x=3", "safety.takeoff=1.5").code == 0
@@ -100,7 +100,7 @@ def test_what_was_set_differs_and_is_saved_with_every_comment_kept(tuned: Lab):
     assert file.stat().st_ino == inode
 
 
-def test_the_file_as_init_writes_it_is_taken_but_for_another_seed(tuned: Lab):
+def test_file_from_init_loads_except_for_another_seed(tuned: Lab):
     refused = tuned.quadctl("param", "load", "quad.toml")
     assert (refused.code, refused.out) == (6, "")
     assert "fixed at launch: dynamics.seed: 7 -> 0" in refused.err
@@ -127,7 +127,7 @@ def test_a_file_that_cannot_be_taken_whole_changes_nothing(tuned: Lab):
     assert parameters(tuned) == before
 
 
-def test_a_file_sets_several_nodes_and_what_it_does_not_name_stays(tuned: Lab):
+def test_file_sets_several_nodes_and_leaves_the_rest_unchanged(tuned: Lab):
     before = parameters(tuned)
     text = "[pressure]\nrate = 20\n[safety]\nvirtual_cage = { x = 4 }\n[dynamics]\nseed = 7\n"
     done = tuned.quadctl("param", "load", tuned.file(text), "--json")
@@ -180,7 +180,7 @@ def test_who_does_not_answer_is_left_out_of_the_list_and_told(tuned: Lab):
         token.undeclare()
 
 
-def test_where_a_node_fails_in_the_middle_it_is_told_how_far_it_went(lab: Lab):
+def test_load_that_fails_halfway_reports_how_far_it_got(lab: Lab):
     lab.start("--without", "safety")
     with lab.bare() as bare:
         served = _stubborn(bare)

@@ -142,9 +142,7 @@ def test_what_is_no_message_is_not_sent(shared_lab: Lab, bare: Bare):
 SPREAD = ["min", "max", "std", "n"]
 
 
-def test_a_topic_that_nobody_publishes_is_told_with_the_nearest_that_somebody_does(
-    shared_lab: Lab, hover: Bare
-):
+def test_unpublished_topic_is_reported_with_the_nearest_name(shared_lab: Lab, hover: Bare):
     done = shared_lab.quadctl("topic", "echo", "uav/sensor/pressure", "-n", 1, "--timeout", 2)
     assert done.code == 3
     assert "did you mean uav/sensors/pressure?" in done.err

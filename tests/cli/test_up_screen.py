@@ -33,7 +33,7 @@ def row(node: str, state: str, restarts: int) -> Callable[[str], object]:
     return re.compile(rf"^{node} +{state} +\d+ +{restarts}\b", re.MULTILINE).search
 
 
-def test_a_live_table_below_the_lines_and_nothing_of_it_after_ctrl_c(lab: Lab, terminal: Open):
+def test_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, terminal: Open):
     up = terminal()
     up.until(lambda seen: "4 of 4 ready" in seen)
     assert up.until(row("safety", "ready", 0)).count("NAME ") == 1
@@ -58,7 +58,7 @@ def test_a_live_table_below_the_lines_and_nothing_of_it_after_ctrl_c(lab: Lab, t
     assert lab.is_gone()
 
 
-def test_without_colour_or_without_a_terminal_that_can_there_is_none(lab: Lab, terminal: Open):
+def test_no_colour_if_unwanted_and_no_table_on_a_dumb_terminal(lab: Lab, terminal: Open):
     up = terminal(NO_COLOR="1")
     up.until(lambda seen: "4 of 4 ready" in seen)
     up.press("\x03")

@@ -65,7 +65,7 @@ def test_it_shows_the_sensors_pressure_and_zeroes_it(real: tuple[Lab, Device]):
         assert bare.call("pressure/set_params", values=well).value["success"]
 
 
-def test_garbled_it_ends_saying_so_and_is_back_when_the_file_is_mended(real: tuple[Lab, Device]):
+def test_garbled_file_ends_the_node_and_a_mended_file_revives_it(real: tuple[Lab, Device]):
     lab, device = real
     device.holds("100.000000000\n")
     with lab.bare() as bare:
@@ -84,7 +84,7 @@ def test_garbled_it_ends_saying_so_and_is_back_when_the_file_is_mended(real: tup
     assert "restarted: the baseline is 0 again" in log(lab)
 
 
-def test_torn_gone_or_beyond_the_air_it_says_nothing_and_a_restart_asked_for_brings_it_back(
+def test_bad_or_missing_file_publishes_nothing_until_a_restart(
     real: tuple[Lab, Device],
 ):
     lab, device = real

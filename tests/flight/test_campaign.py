@@ -41,7 +41,7 @@ def report(module_lab: Lab) -> dict[str, Any]:
 
 
 @pytest.mark.timeout(300)
-def test_it_is_the_same_campaign_whatever_the_number_of_processes(
+def test_campaign_is_independent_of_the_number_of_processes(
     module_lab: Lab, report: dict[str, Any]
 ):
     assert report.keys() >= SHAPE

@@ -65,7 +65,7 @@ def test_a_goal_while_moving_is_busy_until_replaced(shared_lab: Lab, hover: Bare
     assert states.until(lambda s: s["state"] == "HOVERING")["goal"] == near
 
 
-def test_a_goal_right_after_the_start_is_taken_the_next_is_busy_and_replace_is_taken(lab: Lab):
+def test_goal_after_start_is_taken_next_is_busy_replace_is_taken(lab: Lab):
     # Slow, so that the second command finds the first one's flight under way on any machine.
     lab.start("--set", "dynamics.control.max_speed=0.5", *PATIENT)
     # The first thing after the start: taken, although the take-off is still under way.
@@ -86,7 +86,7 @@ def test_no_wait_returns_before_the_arrival(shared_lab: Lab, hover: Bare):
     assert hover.state()["state"] == "MOVING"
 
 
-def test_too_little_time_to_arrive_is_exit_4_and_the_flight_goes_on(shared_lab: Lab, hover: Bare):
+def test_arrival_timeout_is_exit_4_and_the_flight_goes_on(shared_lab: Lab, hover: Bare):
     late = shared_lab.quadctl("goto", *FAR, "--arrive", 0.2, "--json")
     assert late.code == 4
     assert late.json["accepted"]
@@ -96,9 +96,7 @@ def test_too_little_time_to_arrive_is_exit_4_and_the_flight_goes_on(shared_lab: 
     assert (now["state"], now["reason"]) == ("MOVING", "")
 
 
-def test_hold_in_flight_ends_the_waiting_goto_and_the_vehicle_rests_where_it_stopped(
-    shared_lab: Lab, hover: Bare
-):
+def test_hold_ends_the_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, hover: Bare):
     poses, states = hover.watch("uav/pose"), hover.watch("uav/safety/state")
     waiting = shared_lab.spawn(*QUADCTL, "goto", "-4.5", "-4.5", "4")
     poses.until(lambda p: speed(p) > 1.0)

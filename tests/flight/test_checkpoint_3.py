@@ -72,7 +72,7 @@ def test_service_call_calibrates_in_every_spelling(
     assert hover.call("calibrate_pressure", zero=False).value == {"baseline": 0}
 
 
-def test_the_first_message_is_a_reading_and_an_early_calibration_is_none_or_not_ready(lab: Lab):
+def test_first_message_is_a_reading_early_calibration_not_ready(lab: Lab):
     lab.spawn(*lab.command("up"))
     with lab.first_bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
@@ -89,7 +89,7 @@ def test_the_first_message_is_a_reading_and_an_early_calibration_is_none_or_not_
     eventually(lab.is_ready)
 
 
-def test_without_dynamics_calibration_is_not_ready_and_nothing_is_published(lab: Lab):
+def test_without_dynamics_nothing_is_calibrated_or_published(lab: Lab):
     lab.start("--without", "dynamics", "--without", "safety")
     refused = lab.quadctl("calibrate", "--json")
     assert (refused.code, refused.error["code"]) == (5, "not_ready")

@@ -57,7 +57,7 @@ def test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on(hover: Bare):
     assert (end["goal"]["x"], end["reason"]) == (-4.0, "")
 
 
-def test_turned_on_it_tells_what_that_has_stopped_and_nothing_older(shared_lab: Lab, hover: Bare):
+def test_cage_on_reports_what_it_stopped_and_nothing_older(shared_lab: Lab, hover: Bare):
     hover.call("toggle_cage", cage_on=False)
     assert hover.call("goto", **OUTSIDE).value["accepted"]
     hover.watch("uav/pose").until(lambda p: speed(p) > 0.5)
@@ -83,7 +83,7 @@ def test_the_cage_reads_well(shared_lab: Lab, hover: Bare):
     assert not hover.state()["cage_on"]
 
 
-def test_a_first_goal_outside_the_cage_leaves_the_vehicle_on_the_ground(lab: Lab):
+def test_takeoff_above_the_cage_leaves_the_vehicle_on_the_ground(lab: Lab):
     lab.start("--set", "safety.virtual_cage.z=0.5")
     with lab.bare() as bare:
         state = bare.state()

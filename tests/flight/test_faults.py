@@ -146,7 +146,7 @@ def test_a_frozen_process_goes_on_when_that_is_taken_out(lab: Lab):
     assert lab.nodes() == old
 
 
-def test_a_pose_that_is_told_again_and_again_is_not_answered_each_time(lab: Lab):
+def test_repeated_pose_is_not_answered_every_time(lab: Lab):
     lab.start("--without", "dynamics", "--without", "pressure")
     with lab.bare() as bare:
         setpoints = bare.watch("uav/input/position")

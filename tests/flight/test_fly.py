@@ -94,7 +94,7 @@ def test_it_is_told_in_words_too(fast: Lab):
     assert re.search(rf"^poses +{digest} +of 801$", told.out, re.MULTILINE)
 
 
-def test_what_is_no_mission_is_told_with_its_row_before_anything_is_done(lab: Lab):
+def test_invalid_mission_is_reported_by_row_before_the_flight(lab: Lab):
     lab.file('rows = [{ at = 1.0, do = "goto", x = 1.0, y = 2.0 }]', "mission.toml")
     wrong = lab.quadctl("fly", "mission.toml", "--json")
     assert (wrong.code, wrong.out) == (6, "")
@@ -104,7 +104,7 @@ def test_what_is_no_mission_is_told_with_its_row_before_anything_is_done(lab: La
     assert lab.quadctl("fly", "mission.toml").code == 3
 
 
-def test_a_service_that_nobody_serves_is_told_before_anything_is_done(lab: Lab):
+def test_missing_service_is_reported_before_the_flight(lab: Lab):
     example = Path(__file__).parents[2] / "examples" / "my_safety.py"
     command = f'[processes]\nsafety = ["python", "{example}"]\n'
     lab.start(lab.file(command), "--set", "dynamics.start.z=1")
@@ -118,7 +118,7 @@ LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 
 
 
 @pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])
-def test_a_node_that_dies_voids_the_flight_and_the_next_one_is_whole(fast: Lab, node: str):
+def test_node_death_voids_the_flight_and_the_next_is_complete(fast: Lab, node: str):
     fast.file(LONG, "long.toml")
     usual = fly(fast)
     with fast.bare() as bare:

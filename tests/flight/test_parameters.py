@@ -138,7 +138,7 @@ def test_a_smaller_cage_holds_at_once(tuned: Lab, session: Bare):
     assert "[-3, 3]" in refused["reason"]
 
 
-def test_a_cage_that_shrinks_past_the_vehicle_lets_it_come_back_alone(tuned: Lab, session: Bare):
+def test_vehicle_outside_a_shrunk_cage_hovers_and_may_come_back(tuned: Lab, session: Bare):
     assert session.call("hold").ok
     poses = session.watch("uav/pose")
     place = poses.until(lambda p: speed(p) < 0.01)["position"]

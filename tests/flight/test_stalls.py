@@ -63,7 +63,7 @@ def test_safety_that_was_held_up_stops_the_flight_and_says_why(lab: Lab):
     assert lab.quadctl("goto", 4.5, 0, 1).code == 0
 
 
-def test_setpoints_to_the_goal_it_was_stopped_on_the_way_to_are_not_followed(lab: Lab):
+def test_setpoints_to_a_goal_given_up_by_a_stop_are_ignored(lab: Lab):
     lab.start("--without", "safety", "--set", "dynamics.start.z=1")
     with lab.bare() as bare:
         poses = bare.watch("uav/pose")
@@ -90,7 +90,7 @@ def lead(bare: Bare, poses: Watch, goal: dict[str, float], until: Any = None, co
     return led
 
 
-def test_without_a_grace_it_flies_and_every_silence_ends_the_flight(lab: Lab):
+def test_without_grace_it_flies_and_any_silence_ends_the_flight(lab: Lab):
     lab.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=0")
     assert lab.quadctl("goto", 1, 0, 1).code == 0
     with lab.bare() as bare:

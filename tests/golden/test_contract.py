@@ -43,7 +43,7 @@ def test_a_recorded_error_reply_is_read(code: str):
     assert (error.code, error.message, error.hint) == (code, f"what {code}", "a hint")
 
 
-def test_a_reader_names_both_hashes_of_a_schema_that_it_does_not_know():
+def test_reader_names_both_hashes_of_an_unknown_schema():
     pose = product.wire_types()["Pose"]
     payload = bytes.fromhex(ENCODED["types"]["Pose"]["hex"])
     known = data.read("messages")["Pose"]["encoding"]

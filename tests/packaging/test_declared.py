@@ -29,7 +29,7 @@ def imported() -> Iterator[str]:
                     yield node.module or ""
 
 
-def test_every_package_that_is_imported_is_declared_and_none_is_declared_in_vain():
+def test_declared_packages_are_exactly_the_imported_ones():
     modules = {name.partition(".")[0] for name in imported()}
     foreign = modules - {"quadctl"} - sys.stdlib_module_names
     extras = PROJECT["optional-dependencies"].values()

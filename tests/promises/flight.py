@@ -39,8 +39,8 @@ FLIGHT = (
         "it comes on; the vehicle hovers where it is, takes goals inside alone, and comes nearer at"
         " every step",
         (
-            "tests/unit/safety/test_monitor_guards.py::test_beyond_any_face_it_hovers_and_comes_back_by_goals_inside_alone",
-            "tests/unit/campaign/test_batch.py::test_it_hovers_in_place_takes_only_goals_inside_and_comes_nearer_at_every_step",
+            "tests/unit/safety/test_monitor_guards.py::test_outside_any_face_it_hovers_and_takes_only_goals_inside",
+            "tests/unit/campaign/test_batch.py::test_outside_it_hovers_takes_goals_inside_and_comes_nearer",
             "tests/flight/test_checkpoint_4.py::test_refused_outside_then_reached_with_the_cage_off",
         ),
     ),
@@ -49,7 +49,7 @@ FLIGHT = (
         "as if it came on: goal outside, stop; vehicle outside, hover, and goals inside alone",
         (
             "tests/flight/test_parameters.py::test_a_smaller_cage_holds_at_once",
-            "tests/flight/test_parameters.py::test_a_cage_that_shrinks_past_the_vehicle_lets_it_come_back_alone",
+            "tests/flight/test_parameters.py::test_vehicle_outside_a_shrunk_cage_hovers_and_may_come_back",
             "tests/unit/safety/test_monitor.py::test_a_cage_that_shuts_the_goal_out_under_way_stops",
         ),
     ),
@@ -68,7 +68,7 @@ FLIGHT = (
         " acceleration keeps its limit, so a goal moved nearer may be passed, an older one is not",
         (
             "tests/unit/dynamics/test_vehicle_goals.py::test_2000_flights_of_replaced_goals",
-            "tests/unit/dynamics/test_trajectory.py::test_goals_moved_in_flight_are_not_passed_beyond_the_farthest",
+            "tests/unit/dynamics/test_trajectory.py::test_goals_moved_in_flight_no_overshoot_of_the_farthest",
             "tests/unit/dynamics/test_vehicle_goals.py::test_50_000_flights_of_replaced_goals",
         ),
         (Last("50 000 flights of replaced goals"),),
@@ -126,8 +126,8 @@ FLIGHT = (
         "the first goal, or the start, lies outside the cage",
         "verified like any other: the vehicle stays on the ground, and safety says why",
         (
-            "tests/unit/safety/test_monitor.py::test_a_take_off_out_of_the_cage_stays_on_the_ground_and_says_why",
-            "tests/flight/test_checkpoint_4.py::test_a_first_goal_outside_the_cage_leaves_the_vehicle_on_the_ground",
+            "tests/unit/safety/test_monitor.py::test_takeoff_out_of_the_cage_is_refused_with_its_reason",
+            "tests/flight/test_checkpoint_4.py::test_takeoff_above_the_cage_leaves_the_vehicle_on_the_ground",
         ),
     ),
     Promise(

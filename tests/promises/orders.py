@@ -10,7 +10,7 @@ ORDERS = (
             "tests/bus/test_calls.py::test_the_same_id_is_executed_once_and_answered_alike",
             "tests/bus/test_calls.py::test_past_its_deadline_a_call_is_expired_and_not_executed",
             "tests/bus/test_calls.py::test_a_server_that_ended_in_mid_call_is_not_asked_again",
-            "tests/bus/test_links.py::test_over_a_link_that_is_cut_nothing_is_executed_twice_or_late",
+            "tests/bus/test_links.py::test_cut_link_executes_no_call_twice_or_late",
             "tests/bus/test_links.py::test_cuts_of_five_seconds_again_and_again",
         ),
         (Last("200 ms each way and cuts of 5 s between operator and hub"),),
@@ -48,7 +48,7 @@ ORDERS = (
         "`not_ready`, exit 5; the baseline stays",
         (
             "tests/unit/pressure/test_barometer.py::test_calibrating_without_a_sample_changes_nothing",
-            "tests/flight/test_checkpoint_3.py::test_without_dynamics_calibration_is_not_ready_and_nothing_is_published",
+            "tests/flight/test_checkpoint_3.py::test_without_dynamics_nothing_is_calibrated_or_published",
         ),
     ),
     Promise(
@@ -62,7 +62,7 @@ ORDERS = (
         (
             "tests/flight/test_barometer.py::test_doctor_sees_that_it_is_stuck_or_off_in_flight",
             "tests/unit/cli/doctor/test_bus.py::test_the_barometer",
-            "tests/flight/test_barometer.py::test_garbled_it_ends_saying_so_and_is_back_when_the_file_is_mended",
+            "tests/flight/test_barometer.py::test_garbled_file_ends_the_node_and_a_mended_file_revives_it",
         ),
     ),
     Promise(

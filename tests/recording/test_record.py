@@ -183,7 +183,7 @@ def test_killed_outright_it_has_lost_half_a_second_at_most(room: Lab):
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_the_recorder_ends_with_its_command_and_the_file_is_whole(room: Lab, number: int):
+def test_recorder_ends_with_its_command_and_the_file_is_complete(room: Lab, number: int):
     file = room.folder / f"orphan{number}.mcap"
     run = recording(room, "-o", file)
     recorder = recorder_of(run)
@@ -221,7 +221,7 @@ def test_a_frozen_hub_is_told_by_the_timeout(room: Lab):
     eventually(lambda: room.quadctl("state").code == 0)
 
 
-def test_a_run_is_recorded_whole_and_a_dead_recorder_goes_on_beside(lab: Lab):
+def test_run_is_recorded_and_a_new_recorder_uses_a_new_file(lab: Lab):
     lab.start("--record", "run.mcap", "--set", "dynamics.start.z=1")
     assert list(lab.nodes()) == ["hub", "dynamics", "pressure", "safety", "recorder"]
     assert lab.quadctl("up", "-d", "--record", "run.mcap", "--json").error["code"] == "invalid"

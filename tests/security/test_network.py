@@ -14,9 +14,7 @@ OURS = (b"position", b"uav/pose", b"quadctl.Pose", b"calibrate_pressure", b"base
 """Names that every packet of ours would have in it, were it not encrypted."""
 
 
-def test_the_labs_checkpoints_across_machines_and_no_word_of_them_in_the_clear(
-    net: Field, tmp_path: Path
-):
+def test_checkpoints_across_machines_with_all_traffic_encrypted(net: Field, tmp_path: Path):
     with net.sniffed(tmp_path / "tls"):
         ranges = net.ask("param get safety.virtual_cage", json=True).json
         assert ranges["safety.virtual_cage.x"] == 5.0
@@ -92,7 +90,7 @@ def test_who_may_not_is_told_so_at_once(net: Field):
     assert touched(net.vehicle) == before
 
 
-def test_a_hub_that_knows_better_is_believed_and_not_taken_for_down(net: Field):
+def test_refusal_by_the_hub_is_not_reported_as_hub_down(net: Field):
     """Una's certificate says that she flies uav; the router's list, that she does not."""
     listed = net.keys / "router" / "names.json"
     original = listed.read_bytes()

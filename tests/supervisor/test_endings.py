@@ -80,7 +80,7 @@ def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
         shutil.rmtree(lab.home)
 
 
-def test_a_second_up_is_refused_with_the_pid_that_holds_the_realm(shared_lab: Lab):
+def test_second_up_is_refused_with_the_pid_that_holds_the_realm(shared_lab: Lab):
     before = shared_lab.status()
     for second in shared_lab.each(["up", "up -d"], "--json").values():
         assert (second.code, second.out) == (7, "")

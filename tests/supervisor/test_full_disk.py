@@ -60,7 +60,7 @@ def test_a_run_goes_on_when_its_disk_is_full_and_says_so_once(shown: Shown):
     assert "Traceback" not in shown.run.log
 
 
-def test_a_run_whose_folder_is_removed_makes_it_anew_and_loses_nobody(shown: Shown):
+def test_deleted_run_folder_is_created_again_and_no_node_is_lost(shown: Shown):
     lab = shown.lab
     before, of_the_full_disk = lab.nodes(), shown.said("cannot be written")
     shutil.rmtree(lab.home)
@@ -78,7 +78,7 @@ def test_a_run_whose_folder_is_removed_makes_it_anew_and_loses_nobody(shown: Sho
     assert "Traceback" not in shown.run.log
 
 
-def test_a_run_whose_realm_was_taken_by_another_ends_and_leaves_it_that(lab: Lab):
+def test_run_ends_when_its_realm_is_taken_and_leaves_it_alone(lab: Lab):
     first = lab.foreground()
     first.send(signal.SIGSTOP)
     shutil.rmtree(lab.home)

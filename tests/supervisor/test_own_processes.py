@@ -38,7 +38,7 @@ def cmdline(pid: int) -> bytes:
         return b""
 
 
-def test_a_students_node_takes_the_place_of_ours_and_a_helper_runs_beside_until_it_keeps_dying(
+def test_own_safety_node_and_a_helper_that_keeps_dying(
     lab: Lab,
 ):
     (lab.folder / "student.py").write_text(STUDENT, encoding="utf-8")
@@ -62,7 +62,7 @@ def test_a_students_node_takes_the_place_of_ours_and_a_helper_runs_beside_until_
     assert lab.quadctl("down").code == 0
 
 
-def test_a_node_with_imports_of_an_older_release_is_told_the_new_ones(lab: Lab):
+def test_imports_of_an_older_release_are_answered_with_new_ones(lab: Lab):
     (lab.folder / "old.py").write_text("from schemas.messages import Pose\n", encoding="utf-8")
     toml = lab.file(f'[processes]\nold = "{sys.executable} -P old.py"\n')
     failed = lab.quadctl("up", "-d", toml, "--json")
@@ -77,7 +77,7 @@ def test_a_command_that_ends_at_once_is_no_run_that_is_up(lab: Lab):
     assert lab.is_gone()
 
 
-def test_commands_that_write_without_end_take_no_memory_and_delay_nobody(lab: Lab):
+def test_endless_output_takes_no_memory_and_delays_no_other_node(lab: Lab):
     lab.start(lab.file('[processes]\nyes = "yes"\nblob = "cat /dev/zero"\n'))
     supervisor = lab.status()["pid"]
     logs = lab.home / "logs"

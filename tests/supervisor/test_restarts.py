@@ -43,9 +43,7 @@ def flight(roomy: Lab) -> Iterator[Bare]:
 
 
 @pytest.mark.parametrize("node", NODES)
-def test_killed_in_flight_a_node_comes_back_and_the_same_goal_is_flown(
-    roomy: Lab, flight: Bare, node: str
-):
+def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight: Bare, node: str):
     before = roomy.nodes()
     old = roomy.signal(node, signal.SIGKILL)
     roomy.revived(node, old)
@@ -97,12 +95,12 @@ def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
     assert flight.call("goto", **GOAL).value["accepted"]
 
 
-def test_a_node_that_freezes_as_soon_as_it_is_there_is_killed_and_restarted(roomy: Lab):
+def test_node_that_freezes_when_ready_is_killed_and_restarted(roomy: Lab):
     roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
     roomy.revived("pressure", roomy.signal("pressure", signal.SIGSTOP))
 
 
-def test_a_node_that_always_dies_fails_the_start_with_its_last_words(lab: Lab):
+def test_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     lab.file(
         '[processes]\nsafety = "python -c \'raise SystemExit(\\"no wings\\")\'"\n', "quad.toml"
     )
@@ -113,7 +111,7 @@ def test_a_node_that_always_dies_fails_the_start_with_its_last_words(lab: Lab):
     assert not lab.home.exists()
 
 
-def test_a_supervisor_that_was_stopped_itself_holds_nobody_for_frozen(roomy: Lab):
+def test_stopped_supervisor_takes_no_node_for_frozen(roomy: Lab):
     before = roomy.nodes()
     supervisor = roomy.status()["pid"]
     os.kill(supervisor, signal.SIGSTOP)
@@ -144,13 +142,13 @@ def test_who_hears_no_more_of_a_dead_node_is_told_so(roomy: Lab):
     roomy.revived("dynamics", old)
 
 
-def test_a_command_given_while_the_hub_is_being_restarted_waits_for_it(roomy: Lab):
+def test_command_during_a_hub_restart_waits_for_the_hub(roomy: Lab):
     eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
     roomy.signal("hub", signal.SIGKILL)
     assert roomy.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
 
 
-def test_a_restart_is_done_when_it_is_asked_for_whatever_state_the_process_is_in(roomy: Lab):
+def test_requested_restart_is_done_in_any_state_of_the_process(roomy: Lab):
     realm = realm_of(roomy)
     for node, prepare in (("pressure", None), ("hub", signal.SIGSTOP), ("safety", signal.SIGSTOP)):
         eventually(roomy.is_ready)
@@ -172,7 +170,7 @@ def realm_of(lab: Lab) -> Realm:
         return Realm(lab.realm)
 
 
-def test_one_that_is_left_down_is_started_anew_when_that_is_asked_for(lab: Lab):
+def test_node_left_down_starts_again_on_request(lab: Lab):
     command = "shy = ['sh', '-c', '[ -e here ] || exit 3; exec sleep 99']"
     lab.spawn(*lab.command("up", lab.file(f"[processes]\n{command}\n")))
     eventually(lambda: lab.nodes().get("shy", {"state": ""})["state"] == "down")
@@ -186,7 +184,7 @@ def test_one_that_is_left_down_is_started_anew_when_that_is_asked_for(lab: Lab):
     assert after.restarts == before.restarts + 1
 
 
-def test_a_node_whose_name_another_has_comes_back_when_that_one_leaves(roomy: Lab):
+def test_node_whose_name_is_taken_comes_back_when_it_is_free(roomy: Lab):
     eventually(roomy.is_ready)
     with roomy.bare() as stranger:
         token = stranger.session.liveliness().declare_token("uav/@node/pressure")

@@ -25,7 +25,7 @@ def without_numba(lab: Lab) -> Lab:
     return lab
 
 
-def test_more_than_this_machine_can_fly_are_refused_before_anything_starts(without_numba: Lab):
+def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab):
     lab = without_numba
     # A million steps' worth a second, where plain Python does a few hundred thousand at most.
     done = lab.quadctl("up", "-d", "--vehicles", 200, "--set", "dynamics.rate=1000")
@@ -121,7 +121,7 @@ def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
     assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
 
 
-def test_a_vehicle_that_there_is_not_is_told_with_those_that_there_are(three: Lab):
+def test_unknown_vehicle_is_reported_with_the_existing_ones(three: Lab):
     done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
     assert done.code == 3
     assert "this run has no vehicle drone" in done.err
@@ -222,7 +222,7 @@ def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
     assert digest("uav1") == first
 
 
-def test_they_fly_while_they_are_compiled_which_ends_when_they_do(lab: Lab):
+def test_vehicles_fly_while_compiling_and_down_ends_that_too(lab: Lab):
     lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
     lab.start("--vehicles", 2, *PATIENT)
     eventually(lambda: "compiling the vehicle" in lab.log("dynamics"))

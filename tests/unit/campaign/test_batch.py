@@ -39,7 +39,7 @@ def mission(side: tuple[float, float, float], distance: float) -> Mission:
     return Mission(0, END, safety, MIDDLE, (0.0, 0.0), rows)
 
 
-def test_it_hovers_in_place_takes_only_goals_inside_and_comes_nearer_at_every_step():
+def test_outside_it_hovers_takes_goals_inside_and_comes_nearer():
     places = list(product(SIDES, DISTANCES))
     batch = Batch([mission(side, distance) for side, distance in places], Plain)
     flown = batch.fly()
@@ -96,7 +96,7 @@ def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
     ("seconds", "stops", "arrivals"),
     [(0.9, {}, 2), (1.5, {"stopped, the vehicle stood still": 1}, 1)],
 )
-def test_a_vehicle_that_heard_nothing_goes_on_within_the_grace_alone(seconds, stops, arrivals):
+def test_muted_vehicle_goes_on_only_within_the_grace(seconds, stops, arrivals):
     rows = (
         GotoEvent(1.0, 4.0, 0.0, 1.0, False),
         Mute(1.6, seconds),

@@ -35,14 +35,14 @@ def test_the_same_seed_makes_the_same_mission():
     assert first.rows != other.rows
 
 
-def test_rows_are_in_the_order_of_their_times_and_within_the_flight(made: list[Mission]):
+def test_rows_are_sorted_by_time_and_within_the_flight(made: list[Mission]):
     for one in made:
         times = [row.at for row in one.rows]
         assert times == sorted(times)
         assert all(0 <= time < 60.0 for time in times)
 
 
-def test_every_kind_of_row_occurs_and_faults_only_where_asked_for(made: list[Mission]):
+def test_every_kind_of_row_occurs_and_faults_only_on_request(made: list[Mission]):
     kinds = Counter(type(row) for one in made for row in one.rows)
     assert set(kinds) == set(Row.__args__)
     sound = {type(row) for one in missions(range(50), 60.0) for row in one.rows}

@@ -98,7 +98,7 @@ def test_of_several_times_the_first_of_the_worst_is_kept():
     assert (score.worst.tolist(), score.at.tolist()) == ([pytest.approx(0.4)], [2.0])
 
 
-def test_put_outside_it_may_go_to_its_stopping_point_and_never_out_again():
+def test_put_outside_it_may_reach_its_stop_and_not_go_out_again():
     score = Score(1)
     score.confine(0, SIZE, farthest([(6.0, 0.0, 1.0), (7.5, 0.0, 1.0)], SIZE))
     assert at(score, (7.5, 0, 1)) == [0.0]

@@ -10,7 +10,7 @@ from quadctl.cli.concurrent import ask_each
 from quadctl.services.runtime.errors import Refused
 
 
-def test_each_has_its_answer_or_its_problem_in_the_order_asked_for():
+def test_each_answer_or_problem_comes_in_the_order_asked():
     def ask(name: str) -> str:
         if name == "b":
             raise Refused("no")

@@ -87,7 +87,7 @@ def test_by_default(quadctl: Quadctl, seen: list[Options]):
     assert seen[0] == Options("default", "", "", False, 3.0)
 
 
-def test_the_environment_goes_before_the_defaults_and_the_line_before_it(
+def test_command_line_overrides_environment_overrides_defaults(
     quadctl: Quadctl, seen: list[Options], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("QUADCTL_REALM", "theirs")

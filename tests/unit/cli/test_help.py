@@ -26,7 +26,7 @@ COMMON = ("--realm", "--connect", "--identity", "--vehicle", "--timeout", "--jso
 
 
 @pytest.mark.parametrize("path", COMMANDS)
-def test_every_command_says_what_it_does_and_has_the_common_options(quadctl: Quadctl, path: str):
+def test_help_of_every_command_describes_it_with_common_options(quadctl: Quadctl, path: str):
     said = quadctl(*path.split(), "--help")
     assert (said.code, said.err) == (0, "")
     assert re.match(rf"Usage: .*quadctl {path} ", said.out)

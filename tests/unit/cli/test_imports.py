@@ -27,7 +27,7 @@ def loaded(*modules: str) -> list[str]:
     return done.stdout.split()
 
 
-def test_a_command_that_reads_no_recording_loads_nothing_for_that():
+def test_only_commands_that_read_recordings_load_that_code():
     others = {
         where.partition(":")[0] for path, where in COMMANDS.items() if path not in READS_RECORDINGS
     }

@@ -40,7 +40,7 @@ def run(state: State, steps: int, vehicle: VehicleParams, command, wind=(0.0, 0.
     [((0.004, 0.0049, 0.0069), (3.0, 0.1, 4.0)), ((0.002, 0.004, 0.006), (0.05, 12.0, 0.05))],
     ids=["tumbling", "about the middle axis, which flips"],
 )
-def test_ten_seconds_of_tumbling_end_in_the_attitude_that_dop853_finds(inertia, rates):
+def test_ten_seconds_of_tumbling_match_the_attitude_of_dop853(inertia, rates):
     vehicle = VehicleParams(inertia=InertiaParams(*inertia), gravity=0.0, drag=0.0)
     start = (*HIGH, 0.0, 0.0, 0.0, *LEVEL, *rates, *OFF)
     exact = Reference(vehicle).fly(start, OFF, 10.0)
@@ -49,7 +49,7 @@ def test_ten_seconds_of_tumbling_end_in_the_attitude_that_dop853_finds(inertia, 
     assert dist(end[10:13], exact[10:13]) < 1e-8
 
 
-def test_an_open_loop_with_every_kind_of_drag_in_wind_ends_where_dop853_does():
+def test_open_loop_with_all_drag_and_wind_matches_dop853():
     start = (1.0, 2.0, 1000.0, 1.0, -2.0, 0.5, *LEVEL, 0.1, 0.2, 0.3, 900.0, 1000.0, 1100.0, 1200.0)
     command, wind = (1210.0, 1160.0, 1150.0, 1200.0), (2.0, -1.0, 0.5)
     exact = Reference(DRAGGED, wind).fly(start, command, 2.0)
@@ -59,7 +59,7 @@ def test_an_open_loop_with_every_kind_of_drag_in_wind_ends_where_dop853_does():
 
 
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (3.0, -2.0, 0.5)], ids=["calm", "windy"])
-def test_five_seconds_to_a_waypoint_end_where_dop853_between_the_commands_does(wind):
+def test_five_seconds_to_a_waypoint_match_dop853(wind):
     params = DynamicsParams(
         start=StartParams(0.0, 0.0, 1.0), wind=WindParams(mean=MeanWindParams(*wind))
     )

@@ -31,7 +31,7 @@ def setpoint(**given: tuple[float, float, float]) -> tuple[float, ...]:
     return tuple(x for name in names for x in given.get(name, zero))
 
 
-def test_at_rest_on_the_setpoint_it_carries_the_weight_and_turns_nothing():
+def test_at_rest_on_the_setpoint_thrust_is_weight_torque_is_0():
     assert control(level(), setpoint(), GAINS) == (9.81, 0.0, 0.0, 0.0)
 
 

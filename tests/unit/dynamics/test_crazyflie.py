@@ -23,7 +23,7 @@ def at(params: DynamicsParams, z: float) -> Vehicle:
     return Vehicle(params)
 
 
-def test_the_file_says_what_differs_from_the_labs_vehicle_and_nothing_else(params):
+def test_file_contains_only_what_differs_from_the_labs_vehicle(params):
     rest = load(FILE)
     rest.dynamics = DynamicsParams()
     assert rest == Params()

@@ -67,7 +67,7 @@ def test_tumble_ends_in_the_attitude_that_dop853_finds():
     assert 2 * asin(dist(attitude, reference) / 2) * 2 < 1e-8
 
 
-def test_open_loop_with_drag_wind_and_lagging_motors_is_where_dop853_is():
+def test_open_loop_with_drag_wind_and_motor_lag_matches_dop853():
     reference = (
         -0.4385601072459294, -1.6026501037956262, 993.5515805979916,
         -0.659817851422163, -1.6040191998205935, -8.793392296108438,
@@ -156,7 +156,7 @@ def test_a_dropped_vehicle_comes_to_stand_on_the_floor():
     st.floats(0, 0.01), st.lists(st.floats(-20, 20), min_size=6, max_size=6),
     st.lists(st.floats(0, 2200), min_size=4, max_size=4),
 )  # fmt: skip
-def test_nothing_gets_below_the_floor_and_attitude_stays_a_rotation(height, motion, motors):
+def test_height_stays_above_the_floor_and_attitude_a_rotation(height, motion, motors):
     state = (0.0, 0.0, height, *motion[:3], *LEVEL, *motion[3:], *motors)
     body = body_constants(VehicleParams())
     for _ in range(20):

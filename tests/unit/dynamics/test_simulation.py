@@ -48,7 +48,7 @@ def test_a_jump_is_off_the_true_place_and_nothing_else():
     assert structs.replace(told, position=pose(3).position) == pose(3)
 
 
-def test_weak_motors_let_the_vehicle_sink_and_it_stays_in_the_air():
+def test_weak_motors_lower_the_vehicle_and_it_stays_in_the_air():
     sound, weak = DynamicsParams(), DynamicsParams(fault=FlightFaultParams(motors=0.9))
     heights = []
     for params in (sound, weak):
@@ -72,7 +72,7 @@ def stopped_on_its_way() -> GoalLatch:
     return latch
 
 
-def test_after_a_stop_of_its_own_it_does_not_go_on_to_the_goal_that_it_had():
+def test_after_a_stop_of_its_own_it_does_not_resume_the_old_goal():
     latch = stopped_on_its_way()
     assert not latch.accepts(THERE, brake=False)
     assert not latch.accepts(Position(3.0, 0.0, 1.0), brake=False)

@@ -27,7 +27,7 @@ def circle(radius: float, speed: float, t: float, led: float) -> tuple[float, ..
 
 
 @pytest.mark.parametrize(("jerk", "within"), [(True, 0.03), (False, 1.0)])
-def test_a_circle_at_four_metres_per_second_is_kept_to_three_centimetres(jerk, within):
+def test_circle_at_4_m_per_s_is_tracked_within_3_cm(jerk, within):
     params = DynamicsParams(start=StartParams(4.0, 0.0, 10.0))
     body, gains, mixer, _, weight, _, _ = constants_of(params)
     state, command, *_ = initial(params)
@@ -48,7 +48,7 @@ def test_a_circle_at_four_metres_per_second_is_kept_to_three_centimetres(jerk, w
     assert jerk or settled > 0.06
 
 
-def test_a_move_of_one_metre_is_followed_to_seven_millimetres_without_overshoot():
+def test_one_metre_move_is_tracked_within_7_mm_without_overshoot():
     vehicle = Vehicle(DynamicsParams(start=StartParams(0.0, 0.0, 10.0)))
     vehicle.goto(1.0, 0.0, 10.0)
     off, furthest = 0.0, 0.0

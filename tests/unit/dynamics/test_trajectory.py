@@ -119,7 +119,7 @@ def started(limits: tuple[float, float, float], speed: float, part: float) -> Mo
 
 
 @given(LIMITS, UNIT, UNIT)
-def test_a_stop_ends_where_it_was_said_to_and_gets_there_smoothly(limits, speed, part):
+def test_stop_ends_at_the_predicted_place_and_is_smooth(limits, speed, part):
     p, v, a = started(limits, speed, part)
     end = stop(v, a, limits[1], limits[2])
     while (v, a) != (0.0, 0.0):
@@ -195,7 +195,7 @@ def off_line(point: tuple[float, ...], start: tuple[float, ...], goal: tuple[flo
 
 @settings(max_examples=30)
 @given(POINT, POINT)
-def test_from_rest_the_path_is_straight_within_limits_and_never_past(start, goal):
+def test_from_rest_the_path_is_straight_and_within_limits(start, goal):
     assume(dist(start, goal) > 0.01)
     trajectory = Path(DynamicsParams(), start)
     trajectory.goto(*goal)
@@ -236,7 +236,7 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
 
 @settings(max_examples=30)
 @given(st.lists(st.tuples(POINT, st.floats(0.1, 2)), min_size=2, max_size=6))
-def test_goals_moved_in_flight_are_not_passed_beyond_the_farthest(legs):
+def test_goals_moved_in_flight_no_overshoot_of_the_farthest(legs):
     """A goal moved nearer may be passed, where another axis needs the limits: not an older one."""
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     corners = [(0.0, 0.0, 10.0)]

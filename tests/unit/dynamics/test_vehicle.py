@@ -60,7 +60,7 @@ def test_it_stays_close_to_its_setpoint_at_full_speed():
     assert fastest == pytest.approx(5.0, abs=0.02)
 
 
-def test_it_stands_with_idle_motors_until_told_of_a_goal_above_the_floor():
+def test_stands_with_idle_motors_until_a_goal_above_the_floor():
     vehicle = at()
     vehicle.goto(0.01, 0.0, 0.0)
     vehicle.advance(500)
@@ -113,7 +113,7 @@ def test_in_the_air_it_starts_hovering():
 @pytest.mark.parametrize(
     "goal", [(100.0, 0.0, 20.0), (60.0, -60.0, 40.0)], ids=["level", "diagonal"]
 )
-def test_braking_at_full_speed_stops_where_predicted_without_turning_back(goal):
+def test_braking_at_full_speed_stops_where_predicted(goal):
     start = (0.0, 0.0, 20.0)
     vehicle = at(*start)
     vehicle.goto(*goal)
@@ -193,7 +193,7 @@ def test_steps_of_any_size_give_the_same_bits():
     assert state([3000]) == state([1] * 3000) == state([7] * 428 + [4]) == state([10] * 300)
 
 
-def test_closed_loop_with_four_times_finer_steps_ends_in_the_same_place():
+def test_closed_loop_with_quarter_steps_ends_in_the_same_place():
     """The integration error of a 5 s flight; a step's error falls with the fourth power."""
     coarse, fine = at(z=1.0), at(z=1.0)
     body = body_constants(VehicleParams(), 0.00025)
@@ -216,7 +216,7 @@ def everything(vehicle: Vehicle) -> tuple[object, ...]:
     return vehicle.position, vehicle.velocity, vehicle.setpoint, vehicle.goal
 
 
-def test_body_gains_and_limits_set_in_flight_hold_from_the_next_standstill():
+def test_body_gains_and_limits_wait_for_the_next_standstill():
     vehicle, other = at(z=10.0), at(z=10.0)
     for each in (vehicle, other):
         each.goto(20.0, 0.0, 10.0)
@@ -264,7 +264,7 @@ def test_wind_and_faults_hold_at_once_whatever_waits():
     assert vehicle.in_force.control.max_speed == 5.0
 
 
-def test_what_waits_is_dropped_where_the_old_values_are_set_again():
+def test_waiting_change_is_dropped_when_the_old_values_return():
     vehicle = at(z=10.0)
     vehicle.goto(20.0, 0.0, 10.0)
     vehicle.advance(1000)

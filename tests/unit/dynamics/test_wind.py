@@ -79,7 +79,7 @@ def test_noise_has_mean_0_and_variance_1_and_no_memory():
     assert max(map(abs, drawn)) <= 3.0
 
 
-def test_gusts_have_the_strength_and_the_length_that_were_asked_for():
+def test_gusts_have_the_requested_strength_and_length():
     chosen = params(mean=(3.0, 0.0, 4.0), gust=2.0, length=0.25)
     air, weather, x, z = initial_air(chosen), weather_of(chosen), [], []
     for _ in range(40_000):
@@ -102,7 +102,7 @@ def flight(chosen: DynamicsParams, steps: int = 1000) -> tuple[float, ...]:
     return vehicle.state
 
 
-def test_the_same_seed_is_the_same_flight_and_another_seed_another():
+def test_same_seed_is_the_same_flight_another_seed_another():
     flights = [flight(params(gust=1.0, seed=seed)) for seed in (0, 0, 1, 2)]
     assert flights[0] == flights[1]
     assert len(set(flights)) == 3
@@ -112,7 +112,7 @@ def test_in_still_air_the_seed_is_nothing():
     assert flight(params(seed=1)) == flight(params(seed=2))
 
 
-def test_neighbouring_seeds_begin_with_winds_that_have_nothing_in_common():
+def test_neighbouring_seeds_begin_with_uncorrelated_winds():
     winds = [initial_air(params(gust=1.0, seed=seed))[:3] for seed in range(2000)]
     for axis in range(3):
         drawn = [wind[axis] for wind in winds]
@@ -167,7 +167,7 @@ def test_a_wind_that_changes_in_flight_is_felt():
     assert vehicle.state == pytest.approx(resting, abs=1e-6)
 
 
-def test_linear_drag_ends_in_the_terminal_velocity_of_the_closed_form():
+def test_linear_drag_matches_the_closed_form_velocity():
     body = body_constants(VehicleParams(drag=0.0, linear_drag=0.5))
     state = (0.0, 0.0, 9000.0, *STILL, *LEVEL, *STILL, *OFF)
     for _ in range(3000):
@@ -175,7 +175,7 @@ def test_linear_drag_ends_in_the_terminal_velocity_of_the_closed_form():
     assert state[5] == pytest.approx(-9.81 / 0.5 * (1.0 - exp(-0.5 * 3.0)), rel=1e-12)
 
 
-def test_rotor_drag_acts_by_the_rotors_speeds_across_and_along_their_axes():
+def test_rotor_drag_acts_across_and_along_the_rotor_axes():
     vehicle = VehicleParams(drag=0.0, gravity=0.0, rotor_drag=RotorDragParams(1e-4, 2e-5))
     turning = (hover_speed(VehicleParams()),) * 4
     state = (0.0, 0.0, 100.0, *STILL, *LEVEL, *STILL, *turning)

@@ -61,7 +61,7 @@ def test_stuck_after_off_it_holds_what_it_gave_last():
     assert given_by(layer, [3.0], 0.2) == [1.0]
 
 
-def test_glitches_are_of_the_size_up_and_down_and_come_at_the_mean_interval():
+def test_glitches_have_the_requested_size_and_mean_interval():
     layer, _ = faults(kind="glitch", magnitude=3.0, interval=2.0)
     found = given_by(layer, [1000.0] * 50_000)
     assert set(found) == {997.0, 1000.0, 1003.0}
@@ -83,14 +83,12 @@ def test_the_same_seed_gives_the_same_glitches(seed: int):
 
 
 @given(st.integers(0, 100), READINGS)
-def test_delayed_it_gives_the_value_of_then_and_nothing_before_the_first(
-    late: int, raw: list[float]
-):
+def test_delay_gives_old_values_and_nothing_before_the_first(late: int, raw: list[float]):
     layer, _ = faults(kind="delay", delay=late / 10)
     assert given_by(layer, raw) == [None] * min(late, len(raw)) + raw[: max(len(raw) - late, 0)]
 
 
-def test_a_delay_put_in_later_gives_old_values_at_once_and_a_new_one_counts():
+def test_delay_set_later_gives_old_values_and_a_new_delay_counts():
     layer, params = faults()
     given_by(layer, [float(n) for n in range(300)])
     params.kind, params.delay = "delay", 10.0
@@ -133,7 +131,7 @@ def test_calibrating_without_a_sample_changes_nothing(barometer: Barometer):
     assert barometer.calibrate(0.0, zero=False) == 0.0
 
 
-def test_the_baseline_is_the_mean_of_the_last_second_with_count_and_spread(barometer: Barometer):
+def test_baseline_is_the_last_second_with_count_and_spread(barometer: Barometer):
     # Two that are a second old or older, then those that count.
     taken(barometer, (0.0, 9.0), (0.5, 9.0), (0.75, 1.0), (1.0, 2.0), (1.5, 6.0))
     assert barometer.calibrate(1.55, zero=True) == 3.0
@@ -146,13 +144,13 @@ def test_one_sample_is_enough(barometer: Barometer):
     assert barometer.baseline == Baseline(1013.75, 1, 0.0)
 
 
-def test_zeroed_it_shows_the_difference_and_how_good_the_baseline_is(barometer: Barometer):
+def test_zeroed_reading_has_the_difference_and_baseline_quality(barometer: Barometer):
     taken(barometer, (0.0, 1013.75), (0.1, 1012.75))
     assert barometer.calibrate(0.1, zero=True) == 1013.25
     assert taken(barometer, (0.2, 1013.5)) == Pressure(100.2, 0.25, 1013.25, 2, 1.0)
 
 
-def test_zeroing_again_starts_from_the_raw_pressure_not_from_the_difference(barometer: Barometer):
+def test_zeroing_again_starts_from_the_raw_pressure(barometer: Barometer):
     taken(barometer, (0.0, 1013.25))
     first = barometer.calibrate(0.0, zero=True)
     taken(barometer, (0.1, 1013.25))
@@ -178,7 +176,7 @@ def test_a_clock_that_starts_anew_leaves_the_old_samples_behind(barometer: Barom
 
 
 @given(st.floats(1, 100), st.floats(0.01, 200))
-def test_readings_that_have_stopped_are_nothing_to_calibrate_with(silent: float, rate: float):
+def test_stopped_readings_cannot_be_calibrated_with(silent: float, rate: float):
     barometer = Barometer(PressureParams(rate=rate))
     taken(barometer, (0.0, 1013.0))
     # Rarer ones than one a second may be two of their periods old.

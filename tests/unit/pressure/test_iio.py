@@ -98,7 +98,7 @@ def test_the_forms_of_drivers():
         b"\xff\xfe\n", b" 101.3\n", "१०१\n".encode(), b"101.3\0", b"--101\n",
     ],
 )  # fmt: skip
-def test_what_is_no_number_or_torn_is_refused_with_what_was_in_it(text: bytes):
+def test_malformed_or_torn_number_is_refused_with_the_text(text: bytes):
     said = refused({INPUT: text})
     assert "/dev7/in_pressure_input holds " in said
     assert ("nothing" if not text else repr(text.decode(errors="replace"))) in said
@@ -132,7 +132,7 @@ def test_which_devices_are_barometers():
 
 
 @given(st.dictionaries(st.sampled_from([INPUT, RAW, SCALE, OFFSET]), st.binary(max_size=20)))
-def test_whatever_the_files_hold_it_is_the_airs_pressure_or_an_error(files: dict[str, bytes]):
+def test_any_file_content_gives_air_pressure_or_an_error(files: dict[str, bytes]):
     try:
         found = read(files)
     except QuadctlError:

@@ -92,7 +92,7 @@ def pascals(of: Simulated, stamps: Iterable[float], boot: str = "a") -> list[flo
 
 
 @given(SEEDS, st.floats(0, 10), st.lists(st.floats(-100, 10_000), min_size=1))
-def test_the_lab_is_bit_for_bit_the_air_and_one_uniform_number_a_reading(
+def test_lab_sensor_is_exactly_air_plus_one_uniform_number(
     seed: int, noise: float, heights: list[float]
 ):
     lab, numbers = sensor("lab", seed, noise), random.Random(seed)
@@ -156,7 +156,7 @@ def test_the_bias_is_one_number_a_boot_within_the_accuracy(name: Profile):
     assert max(map(abs, found)) < part.accuracy + 5 * DRIFT
 
 
-def test_the_bias_of_a_boot_does_not_hang_on_how_long_the_one_before_was():
+def test_bias_of_a_boot_is_independent_of_the_boot_before():
     brief, long = sensor("bmp388"), sensor("bmp388")
     pascals(brief, [0.0])
     pascals(long, [n / 10 for n in range(500)])

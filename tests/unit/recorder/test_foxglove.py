@@ -5,7 +5,7 @@ from quadctl.services.recorder.foxglove import Scene
 from tests.support.bags import BEGAN, pose, state
 
 
-def test_the_frame_is_where_the_vehicle_is_at_the_time_of_the_recording():
+def test_frame_has_the_vehicles_place_and_the_recording_time():
     frame = Scene("uav3").frame(pose(7), BEGAN + 5)
     assert (frame.parent_frame_id, frame.child_frame_id) == ("world", "uav3")
     assert (frame.timestamp.sec, frame.timestamp.nsec) == (BEGAN // 10**9, 5)

@@ -199,7 +199,7 @@ def test_what_is_posted_is_done_by_the_loops_thread(asleep: Asleep):
     assert asleep.does(asleep.loop.post) == asleep.thread.ident
 
 
-def test_while_the_loop_sleeps_what_is_at_once_is_done_by_who_brings_it(asleep: Asleep):
+def test_inline_work_of_a_sleeping_loop_runs_on_callers_thread(asleep: Asleep):
     assert asleep.does(asleep.loop.run_inline) == threading.get_ident()
 
 
@@ -230,7 +230,7 @@ def test_before_its_first_sleep_a_loop_has_the_turn():
     assert done == [1]
 
 
-def test_a_loop_that_waits_for_a_condition_sees_what_is_brought_at_once(asleep: Asleep):
+def test_loop_waiting_for_a_condition_sees_inline_work_at_once(asleep: Asleep):
     brought, seen = list[int](), list[Any]()
     asleep.loop.post(lambda: seen.append(asleep.loop.wait_for(lambda: bool(brought), SOON)))
     while not asleep.loop.waits:
@@ -240,7 +240,7 @@ def test_a_loop_that_waits_for_a_condition_sees_what_is_brought_at_once(asleep: 
     assert seen == [True]
 
 
-def test_what_fails_at_once_ends_the_loop_as_if_it_had_been_posted():
+def test_failing_inline_work_ends_the_loop_like_posted_work():
     made = Asleep()
 
     def fail() -> None:

@@ -39,7 +39,7 @@ class Child:
 
 
 @pytest.mark.parametrize("ready_for", [None, 0.0, 1.99])
-def test_five_quick_deaths_with_growing_delay_and_then_it_is_left_down(ready_for: float | None):
+def test_five_quick_deaths_with_growing_delay_then_left_down(ready_for: float | None):
     child = Child()
     assert [child.lives(ready_for) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
     assert child.life.state == "down"
@@ -71,7 +71,7 @@ def test_less_health_does_not_clear_it():
 
 
 @given(st.lists(st.none() | st.floats(0, 30), max_size=40))
-def test_it_is_down_after_five_quick_deaths_without_ten_good_seconds_between(
+def test_down_after_five_quick_deaths_without_10_good_seconds(
     lives: list[float | None],
 ):
     child, quick = Child(), 0
@@ -138,7 +138,7 @@ def test_silence_counts_from_the_first_answer_on():
     assert life.timed_out(200.0, TIMEOUT) == ""
 
 
-def test_the_silence_of_one_that_must_answer_counts_from_its_readiness_on():
+def test_silence_of_a_node_counts_from_when_it_is_ready():
     life = RestartPolicy(must_answer=True)
     life.started(0.0)
     assert life.timed_out(9.0, TIMEOUT) == ""
@@ -165,7 +165,7 @@ def test_who_could_not_be_heard_is_excused():
     assert life.timed_out(312.5, TIMEOUT) == "no answer for 2 s"
 
 
-def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_delay():
+def test_while_its_name_is_taken_it_retries_for_ever():
     life = RestartPolicy()
     for _ in range(4):
         life.on_exit(1.0)
@@ -179,13 +179,13 @@ def test_while_another_has_its_name_it_tries_again_for_ever_with_the_longest_del
     assert life.on_exit(60.0, 1) is None, "the deaths before still count"
 
 
-def test_the_code_of_a_command_that_has_no_name_on_the_bus_means_nothing():
+def test_exit_code_of_an_unannounced_command_means_nothing():
     life = RestartPolicy(must_announce=False)
     assert [life.on_exit(1.0, 7) for _ in range(5)][-1] is None
     assert not life.taken
 
 
-def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment():
+def test_command_without_announcement_is_ready_after_a_moment():
     life, node = RestartPolicy(must_announce=False), RestartPolicy()
     for one in (life, node):
         one.started(1.0)
@@ -196,7 +196,7 @@ def test_a_command_that_announces_nothing_is_ready_when_it_has_run_for_a_moment(
     assert (life.state, node.state) == ("ready", "starting")
 
 
-def test_a_restart_that_was_asked_for_is_no_death_and_clears_them():
+def test_requested_restart_is_no_death_and_clears_earlier_deaths():
     child = Child()
     assert [child.lives(None) for _ in range(5)][-1] is None
     child.life.on_restart_request()
@@ -212,7 +212,7 @@ def test_our_nodes_in_the_order_in_which_they_start():
         assert process.must_announce
 
 
-def test_the_gate_may_be_silent_for_longer_than_what_the_vehicle_flies_by():
+def test_gate_may_be_silent_for_longer_than_the_flight_nodes():
     patience = {process.name: process.patience for process in table({}, gate=True)}
     assert patience == dict.fromkeys(NODES, 0.0) | {"gate": 10.0}
 
@@ -223,7 +223,7 @@ def test_a_command_takes_a_nodes_place_and_must_announce_itself():
     assert len(processes) == 4
 
 
-def test_other_commands_come_besides_in_the_files_order_and_need_not_announce():
+def test_own_commands_keep_the_file_order_and_need_not_announce():
     processes = table({"viewer": ["view", "a b"], "camera": "cam"})
     assert processes[4:] == (
         Process("viewer", ("view", "a b"), False, True),

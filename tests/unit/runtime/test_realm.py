@@ -107,9 +107,7 @@ def test_the_realm_of_a_shell(monkeypatch: pytest.MonkeyPatch, value: str | None
 
 
 @pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "TMPDIR"])
-def test_a_relative_folder_is_refused_for_each_would_find_another(
-    monkeypatch: pytest.MonkeyPatch, variable: str
-):
+def test_relative_folder_is_refused(monkeypatch: pytest.MonkeyPatch, variable: str):
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     monkeypatch.setenv(variable, "run")
     with pytest.raises(UsageError, match=f"{variable} is run, a relative path") as caught:
@@ -136,7 +134,7 @@ def test_clearing_leaves_what_others_may_hold(root: Path):
     assert set(realm.folder.iterdir()) == {realm.lock, realm.socket}
 
 
-def test_a_write_that_fails_leaves_the_old_text_and_no_half_of_the_new(tmp_path: Path):
+def test_failed_write_keeps_the_old_text_and_no_part_of_the_new(tmp_path: Path):
     path = tmp_path / "run.json"
     path.write_bytes(b"old")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

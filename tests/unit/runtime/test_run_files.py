@@ -60,7 +60,7 @@ def test_half_a_file_that_is_being_written_is_not_read(realm: Realm):
     assert live.read_values(realm, "uav") == Params()
 
 
-def test_a_change_that_the_disk_does_not_take_is_an_error_that_says_so(realm: Realm):
+def test_change_that_the_disk_refuses_is_an_error_that_says_so(realm: Realm):
     live.save_all_values(realm, {"uav": Params()})
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
@@ -95,7 +95,7 @@ def test_a_record_is_read_while_its_run_is_live(realm: Realm):
     assert caught.value.hint == "`quadctl up --realm lab` starts it"
 
 
-def test_where_nothing_ever_ran_nothing_is_live_and_nothing_is_made(realm: Realm):
+def test_without_any_run_nothing_is_live_and_nothing_is_created(realm: Realm):
     other = Realm("other")
     assert not run_files.is_live(other)
     with pytest.raises(Unreachable):

@@ -100,7 +100,7 @@ def test_calls_for_a_boot_to_come_wait_for_it_and_go_with_it():
     assert not clock.schedule.under_way
 
 
-def test_after_its_deadline_a_call_is_dropped_whatever_it_waits_for():
+def test_held_call_is_dropped_at_its_deadline_whatever_it_awaits():
     clock = Clock()
     clock.to("a", 0.0, now=100.0)
     clock.hold(1, "a", 1.0, deadline=105.0)

@@ -48,7 +48,7 @@ def test_a_call_comes_after_the_message_of_its_time():
     assert lines[at - 1 : at + 2] == ["pose 2", "hold", "hold"]
 
 
-def test_a_held_call_comes_within_it_and_the_others_calls_are_left_out():
+def test_held_call_comes_in_its_slice_without_other_services():
     assert [line for line in diary([call(0.01, held=True), call(0.03, service="goto")]) if line != "tick"] == [
         "pose 0", "pose 1", "hold", "pose 2", "pose 3", "pose 4",
     ]  # fmt: skip

@@ -26,7 +26,7 @@ def test_a_hold_brakes_and_then_settles_where_it_came_to_rest():
     assert rig.monitor.ask(OTHER) == ""
 
 
-def test_lost_poses_pause_the_flight_and_nothing_is_taken_until_they_are_back():
+def test_lost_poses_pause_the_flight_and_no_goal_is_taken():
     rig = Rig().moving()
     rig.monitor.lose()
     assert (rig.state.state, rig.state.reason) == ("HOVERING", "paused: no pose for 0.2 s")
@@ -42,7 +42,7 @@ def test_lost_poses_pause_the_flight_and_nothing_is_taken_until_they_are_back():
     assert (rig.monitor.setpoint().position, rig.monitor.setpoint().brake) == (INSIDE, False)
 
 
-def test_beyond_the_grace_the_flight_is_over_also_where_a_pose_comes_then():
+def test_beyond_the_grace_the_flight_ends_even_if_poses_return():
     rig = Rig().moving()
     rig.monitor.lose()
     rig.monitor.silent(1.1, own=0.9)
@@ -118,7 +118,7 @@ def test_a_new_boot_drops_the_goal_says_so_and_takes_off_anew():
 
 
 @pytest.mark.parametrize("z", [0.0, 1.0])
-def test_restarted_it_hovers_where_the_vehicle_is_with_the_cage_on(z: float):
+def test_after_a_restart_it_hovers_in_place_with_the_cage_on(z: float):
     rig = Rig(restarted=True, cage_on=False)
     assert rig.state.cage_on
     here = Position(7.0, 0.0, z)
@@ -233,7 +233,7 @@ def test_a_goal_that_is_new_is_given_its_time():
         assert look(following, count * PERIOD, goal, velocity=STILL) == ""
 
 
-def test_standing_still_is_counted_anew_after_each_move_and_only_on_the_way():
+def test_standing_still_is_counted_per_move_and_only_under_way():
     following = TrackingMonitor()
     for count in range(200):
         still = STILL if count % 20 else POSE.velocity
@@ -267,7 +267,7 @@ def test_the_take_off_is_verified_and_flown():
         (GROUND, 3.0, "outside the cage: z = 3 is beyond [0, 2]"),
     ],
 )
-def test_a_take_off_out_of_the_cage_stays_on_the_ground_and_says_why(
+def test_takeoff_out_of_the_cage_is_refused_with_its_reason(
     start: Position, height: float, reason: str
 ):
     rig = Rig(takeoff=height)
@@ -288,7 +288,7 @@ def test_no_take_off_when_none_is_wanted_or_it_flies_already(takeoff: float, z: 
     assert (state.state, state.goal, state.request) == ("HOVERING", start, 0)
 
 
-def test_the_take_off_gives_way_to_the_first_request_and_that_one_does_not():
+def test_first_request_replaces_the_takeoff_and_the_next_is_busy():
     rig = Rig()
     rig.at(GROUND)
     assert rig.monitor.ask(INSIDE) == ""
@@ -296,7 +296,7 @@ def test_the_take_off_gives_way_to_the_first_request_and_that_one_does_not():
     assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
 
 
-def test_a_refused_request_leaves_the_take_off_going_and_able_to_give_way():
+def test_refused_request_keeps_the_takeoff_going_and_replaceable():
     rig = Rig()
     rig.at(GROUND)
     assert rig.monitor.ask(OUTSIDE) == BEYOND
@@ -332,7 +332,7 @@ def test_no_place_is_refused_even_with_the_cage_off(cage_on: bool, value: float)
     assert rig.state.state == "HOVERING"
 
 
-def test_busy_until_replaced_and_a_refused_replacement_keeps_the_flight():
+def test_busy_until_replaced_and_a_bad_goal_keeps_the_flight():
     rig = Rig().moving()
     assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
     assert rig.monitor.ask(OUTSIDE, replace=True) == BEYOND

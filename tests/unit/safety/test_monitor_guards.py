@@ -88,7 +88,7 @@ def test_the_way_back_comes_nearer_at_every_step():
     assert rig.monitor.ask(INSIDE) == ""
 
 
-def test_a_way_out_that_cannot_be_helped_is_borne_while_the_vehicle_slows_down():
+def test_unavoidable_exit_is_tolerated_while_the_vehicle_slows():
     rig = Rig(cage_on=False).hovering()
     assert rig.monitor.ask(OUTSIDE) == ""
     rig.at(along(4.0), going(5.0))
@@ -99,7 +99,7 @@ def test_a_way_out_that_cannot_be_helped_is_borne_while_the_vehicle_slows_down()
     assert rig.at(along(6.2), going(0.5)).state == "HOVERING"
 
 
-def test_turned_on_it_hovers_in_place_also_where_it_has_arrived_within_the_range():
+def test_cage_on_stops_it_also_when_arrived_within_the_range():
     rig = Rig(cage_on=False, acceptance_range=4.0).hovering()
     assert rig.monitor.ask(OUTSIDE) == ""
     assert rig.at(along(5.5), going(3.0)).state == "HOVERING"
@@ -133,7 +133,7 @@ WALLS = {"east": 5.0, "west": 5.0, "north": 5.0, "south": 5.0, "top": 1.0, "floo
 
 @pytest.mark.parametrize("distance", [0.3, 2.0, 6.0])
 @pytest.mark.parametrize("face", FACES)
-def test_beyond_any_face_it_hovers_and_comes_back_by_goals_inside_alone(face: str, distance: float):
+def test_outside_any_face_it_hovers_and_takes_only_goals_inside(face: str, distance: float):
     def out(metres: float) -> Position:
         """So far beyond the face."""
         way, (x, y, z) = WALLS[face] + metres, astuple(FACES[face])
@@ -168,9 +168,7 @@ def test_the_progress_of_a_way_back_is_told_nobody():
 
 
 @given(NUMBERS, NUMBERS, NUMBERS)
-def test_the_distance_from_the_cage_is_0_inside_and_no_more_than_to_any_point_of_it(
-    x: float, y: float, z: float
-):
+def test_distance_from_the_cage_is_0_inside_never_overestimated(x: float, y: float, z: float):
     point = Position(x, y, z)
     out = beyond(point, CAGE)
     assert (out == 0.0) is (why_outside(point, CAGE) == "")
@@ -180,7 +178,7 @@ def test_the_distance_from_the_cage_is_0_inside_and_no_more_than_to_any_point_of
 
 
 @given(NUMBERS, NUMBERS, st.floats(0.1, 100))
-def test_the_soonest_stop_lies_ahead_by_half_the_square_over_the_deceleration(
+def test_soonest_stop_is_speed_squared_over_twice_deceleration(
     x: float, vx: float, deceleration: float
 ):
     pose = replace(POSE, position=along(x), velocity=going(vx))

@@ -50,7 +50,7 @@ def test_what_it_publishes_and_serves(role: Role):
     assert allowed(role, "listen", topics) == set(topics)
 
 
-def test_safety_alone_writes_setpoints_and_no_pattern_goes_around_it():
+def test_only_safety_writes_setpoints_and_no_pattern_avoids_that():
     keys = ["uav7/input/position", "uav7/input/*", "uav7/**", "uav7/input/$*", "*/input/position"]
     for key in keys:
         writers = {role for role in ROLES if may(role, ["uav7"], "publish", key)}
@@ -59,7 +59,7 @@ def test_safety_alone_writes_setpoints_and_no_pattern_goes_around_it():
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_nobody_has_a_right_to_anothers_vehicle_but_to_know_that_it_is_there(role: Role):
+def test_nobody_has_rights_to_another_vehicle_but_to_see_it(role: Role):
     others = {
         (right, topic)
         for right in get_args(Right)

@@ -85,6 +85,6 @@ def test_counted_stamps_fall_each_in_a_period_of_its_own(hz: float):
     assert topic.period(1e6 - 0.5 / hz) == round(1e6 * hz) - 1
 
 
-def test_at_a_hundred_poses_a_second_every_fifth_begins_a_setpoint_period():
+def test_at_100_poses_a_second_every_fifth_begins_a_period():
     periods = [SETPOINT.period(count / 100) for count in range(1000)]
     assert periods == [count // 5 for count in range(1000)]

@@ -43,7 +43,7 @@ def test_a_topic_of_ours(begun: str, words: list[str]):
 
 
 @pytest.mark.parametrize("key", ["uav/foo", "foo", "other/pose", "uav/camera/left"])
-def test_a_topic_of_anybody_elses_is_offered_by_the_key_that_commands_take(key: str):
+def test_foreign_topic_is_completed_by_its_full_key(key: str):
     assert going_on(engine.topic(key, "", "uav"), "") == [key]
     assert going_on(engine.topic(key, f"/{key[:2]}", "uav"), "/") == [f"/{key}"]
 

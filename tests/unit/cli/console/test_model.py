@@ -82,7 +82,7 @@ def test_a_page_is_sent_what_it_has_not_seen():
 
 
 @given(st.lists(st.sampled_from(["tick", "boot", "sent", "sent and lost"]), max_size=60))
-def test_a_browser_that_loses_pictures_still_gets_every_sample_once(events):
+def test_lost_pictures_lose_the_browser_no_sample(events):
     board, seen, has, boot = flying(), NOTHING_SEEN, [], 0
     for event in [*events, "sent"]:
         if event in {"tick", "boot"}:
@@ -148,7 +148,7 @@ def test_a_refused_goal_is_kept_once_and_goes_with_the_boot():
     assert not board.refused
 
 
-def test_a_waypoint_that_somebody_published_is_kept_where_it_was_refused():
+def test_refused_waypoint_of_another_publisher_is_kept():
     board = flying()
     board.ask(Position(9, 0, 1))
     board.hear_state(state(request=2, reason="outside"))

@@ -26,7 +26,7 @@ def test_the_drawing_has_every_state_and_stays_in_its_frame():
     assert all(0 <= float(x) <= width for x in re.findall(r' x="([\d.]+)"', svg))
 
 
-def test_every_declared_parameter_is_there_with_its_bounds_and_meaning():
+def test_every_parameter_is_shown_with_its_bounds_and_meaning():
     assert set(SETTINGS) == set(catalogue.leaves())
     speed = SETTINGS["dynamics.control.max_speed"]
     assert speed.facts == "[0.01, 100] m/s · default 5.0"

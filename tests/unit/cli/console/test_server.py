@@ -30,7 +30,7 @@ def test_another_sites_page_is_not(origin):
     assert origin in why_refused("127.0.0.1:8470", origin, beyond=False)
 
 
-def test_other_machines_are_let_in_by_address_and_by_this_machines_name_where_asked():
+def test_other_machines_are_allowed_by_address_and_host_name():
     name = socket.gethostname().lower()
     for host in ("192.168.1.7:8470", f"{name}:8470"):
         assert why_refused(host, "", beyond=True) == ""

@@ -86,7 +86,7 @@ def test_a_disk_is_tried_and_left_as_it_was(tmp_path: Path):
     assert (found.refused, list(tmp_path.iterdir())) == ("", [])
 
 
-def test_where_nothing_runs_the_installation_passes_and_the_run_is_a_warning(quadctl: Quadctl):
+def test_without_a_run_the_installation_passes_and_the_run_warns(quadctl: Quadctl):
     said = quadctl("doctor", "--json")
     assert (said.code, said.err) == (0, "")
     checks = {check["name"]: check for check in said.json["checks"]}

@@ -18,7 +18,7 @@ def test_each_is_a_parameter_at_its_default_when_it_is_out(fault: Fault):
     assert active(DEFAULTS | {fault.parameter: fault.value}) == [fault.name]
 
 
-def test_nothing_is_in_by_default_and_a_number_counts_however_small():
+def test_no_fault_is_active_by_default_and_small_numbers_count():
     assert active(DEFAULTS) == active({}) == []
     assert active(DEFAULTS | {"dynamics.wind.gust": 0.1}) == ["gust"]
 

@@ -85,7 +85,7 @@ def test_a_name_that_is_not_there_is_told_with_the_nearest(words: list[str], hin
 
 
 @pytest.mark.parametrize("source", ["", "f.toml"])
-def test_where_no_formation_is_written_the_file_and_the_table_are_named(source: str):
+def test_missing_formation_names_the_file_and_the_table(source: str):
     with pytest.raises(Invalid) as raised:
         named_goals(read(["circle"]), FleetFile(MEMBERS, {}, source))
     assert f"in {source or 'fleet.toml'}: [formations.circle]" in raised.value.hint

@@ -59,7 +59,7 @@ def test_what_belongs_to_the_flight_is_counted():
     assert all(len(bytes.fromhex(found[name])) == 32 for name in names)
 
 
-def test_the_boots_name_and_what_was_before_and_after_do_not_count():
+def test_boot_name_and_messages_around_the_flight_do_not_count():
     other = [replace(m, boot="c") if getattr(m, "boot", "") == "b" else m for m in flight()]
     other = [replace(m, request=m.request + 5) if isinstance(m, SafetyState) else m for m in other]
     later = [pose(31, "c"), state(0.35, 99, boot="c"), reading(0.4)]

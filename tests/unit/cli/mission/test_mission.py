@@ -58,7 +58,7 @@ def test_it_ends_a_while_after_its_last_row_unless_it_says_when():
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from(["hold", "calibrate"])), min_size=1))
-def test_rows_come_in_the_order_of_their_times_equal_ones_as_in_the_file(said):
+def test_rows_are_sorted_by_time_and_ties_keep_the_file_order(said):
     rows = mission({"rows": [{"at": at, "do": do} for at, do in said]}, "m").rows
     kinds = {"hold": HoldStep, "calibrate": Calibrate}
     expected = sorted(said, key=lambda row: row[0])

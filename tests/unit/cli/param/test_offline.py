@@ -102,7 +102,7 @@ def test_tables_are_described_leaf_by_leaf(quadctl: Quadctl):
     assert len([line for line in as_text if line.startswith("safety.virtual_cage.x ")]) == 2
 
 
-def test_a_named_hub_that_is_not_there_is_exit_3_even_for_describe(quadctl: Quadctl):
+def test_missing_named_hub_is_exit_3_even_for_describe(quadctl: Quadctl):
     line = "param describe safety.takeoff --connect unixsock-stream/none.sock"
     assert quadctl(*line.split()).code == 3
 

@@ -23,7 +23,7 @@ TEXT = st.text("abc xyz", max_size=12).map(str.rstrip)
 
 
 @given(st.lists(st.tuples(st.lists(TEXT, max_size=3), st.lists(TEXT, max_size=4)), max_size=8))
-def test_what_is_above_stays_and_the_panel_is_always_the_last_one(frames):
+def test_lines_above_stay_and_the_panel_is_always_last(frames):
     glass, terminal = Glass(), io.StringIO()
     panel = Panel(terminal)
     above: list[str] = []
@@ -36,7 +36,7 @@ def test_what_is_above_stays_and_the_panel_is_always_the_last_one(frames):
         assert glass.seen == "\n".join([*above, *(table or [""])])
 
 
-def test_a_panel_that_a_narrower_terminal_has_wrapped_is_taken_back_whole():
+def test_panel_wrapped_by_a_narrower_terminal_is_erased_whole():
     terminal = io.StringIO()
     panel = Panel(terminal)
     panel.draw("", ["\033[2m" + 25 * "a" + "\033[0m", 10 * "b", ""], 40)

@@ -37,7 +37,7 @@ def test_on_our_topic_what_is_no_waypoint_cannot_be_read(payload: bytes):
         show(message("uav/input/position_request", payload))
 
 
-def test_under_a_strangers_first_chunk_the_name_of_our_topic_says_nothing():
+def test_our_topic_name_under_a_foreign_prefix_implies_no_type():
     assert show(message("camera/pose", b'{"tilt": 3}', "application/json")) == {"tilt": 3}
     other = codec.encoding(Waypoint).replace("#", "#0")
     with pytest.raises(Invalid, match="schema mismatch"):
@@ -82,7 +82,7 @@ def test_a_field_that_is_not_there(path: str, has: str):
     assert has in caught.value.hint
 
 
-def test_what_is_published_on_a_pattern_is_what_it_is_listened_to_as():
+def test_message_published_on_a_pattern_is_decoded_as_subscribed():
     sent = message("uav/**", PACKED)
     assert shown(sent, "uav/input/position_request", "uav") == msgspec.to_builtins(POINT)
     with pytest.raises(Invalid):

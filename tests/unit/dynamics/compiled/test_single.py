@@ -41,7 +41,7 @@ def tell(draws: random.Random, params: DynamicsParams, *several: Vehicle) -> Non
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_it_flies_as_plain_python_does_and_either_goes_on_from_the_other(code: Code, number: int):
+def test_compiled_flight_equals_plain_python_and_may_alternate(code: Code, number: int):
     draws, params, machine = random.Random(number), vehicles(3, 5)[number], MachineCode(code)
     plain, other = Vehicle(params), Vehicle(params)
     single: Fly = machine.single()
@@ -68,7 +68,7 @@ def test_each_vehicle_has_its_own(code: Code):
     assert everything(both[0]) == everything(alone) != everything(both[1])
 
 
-def test_code_that_is_damaged_or_of_another_processor_is_not_loaded(
+def test_code_damaged_or_for_another_processor_is_not_loaded(
     code: Code, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

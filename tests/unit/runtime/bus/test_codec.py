@@ -270,7 +270,7 @@ def test_an_error_has_one_of_five_codes_on_the_wire(error: type[QuadctlError], c
 
 
 @given(st.one_of(st.binary(max_size=64), st.just(b"[" * 100_000)))
-def test_an_error_reply_that_cannot_be_read_is_an_error_all_the_same(payload: bytes):
+def test_unreadable_error_reply_is_still_an_error(payload: bytes):
     assert isinstance(codec.decode_error(payload), QuadctlError)
 
 

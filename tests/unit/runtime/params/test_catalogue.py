@@ -27,7 +27,7 @@ def test_every_leaf_is_there_in_the_files_order_with_its_default():
     assert sections.index("safety") < sections.index("dynamics") < sections.index("supervise")
 
 
-def test_every_leaf_has_a_meaning_and_one_in_a_described_table_has_that_ones():
+def test_every_leaf_has_a_meaning_its_own_or_that_of_its_table():
     leaves = catalogue.leaves()
     assert all(leaf.about for leaf in leaves.values())
     z = leaves["safety.virtual_cage.z"]

@@ -119,14 +119,14 @@ def test_a_bad_change_is_refused_by_name(values: dict[str, Any], said: str):
 
 
 @pytest.mark.parametrize("name", sorted(FIXED_AT_LAUNCH))
-def test_what_is_fixed_at_launch_is_refused_with_the_way_to_set_it(name: str):
+def test_fixed_parameter_is_refused_with_the_way_to_set_it(name: str):
     bench = Bench(name.partition(".")[0])
     value = bench.get(name)[name]
     said = (f"{name} is fixed at launch", f"quadctl up --set {name}=")
     bench.refuses(*said, **{name.replace(".", "__"): value})
 
 
-def test_the_cage_is_turned_by_its_command_alone_so_that_nobody_takes_it_for_on():
+def test_cage_cannot_be_turned_by_parameter_only_by_command():
     Bench().refuses("fixed at launch", "`quadctl cage on`", safety__cage_on=True)
     Bench().refuses("fixed at launch", "`quadctl cage off`", safety__cage_on=False)
 

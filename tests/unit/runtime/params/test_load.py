@@ -157,7 +157,7 @@ def test_a_file_without_an_end_is_refused():
         read(Path("/dev/zero"))
 
 
-def test_a_file_that_is_not_there_is_told_with_where_one_comes_from(tmp_path: Path):
+def test_missing_file_is_reported_with_the_way_to_make_one(tmp_path: Path):
     with pytest.raises(Invalid, match="cannot be read: No such file") as raised:
         read(tmp_path / "none.toml")
     assert "quadctl init" in raised.value.hint
@@ -187,7 +187,7 @@ def test_without_a_file_the_defaults_in_code_count():
     assert params.safety.acceptance_range == 0.5
 
 
-def test_the_file_goes_before_the_defaults_and_set_before_the_file(file: Path):
+def test_file_overrides_defaults_and_set_overrides_the_file(file: Path):
     file.write_text("[safety]\ntakeoff = 2\nvirtual_cage = { x = 3, y = 3, z = 3 }\n")
     params = load(file, ["safety.virtual_cage.x=4"])
     assert params.safety == SafetyParams(takeoff=2.0, virtual_cage=CageParams(4.0, 3.0, 3.0))
@@ -198,7 +198,7 @@ def test_the_last_set_counts():
     assert load(None, ["pressure.rate=1", "pressure.rate=2"]).pressure.rate == 2.0
 
 
-def test_a_running_systems_values_go_before_the_defaults_and_below_set():
+def test_running_values_override_defaults_and_set_overrides_them():
     running = Params(pressure=PressureParams(rate=20.0, noise=0.5))
     params = load(None, ["pressure.rate=30"], running)
     assert params.pressure == PressureParams(rate=30.0, noise=0.5)
@@ -227,7 +227,7 @@ def test_of_another_vehicle_what_differs_is_logged_alone(file: Path):
     assert list(launch_lines(other, other)) == []
 
 
-def test_changing_cage_and_range_in_the_file_alone_changes_the_logged_lines(file: Path):
+def test_cage_and_range_in_the_file_change_the_logged_lines(file: Path):
     file.write_text("[safety]\nacceptance_range = 0.25\nvirtual_cage = { x = 3, y = 3, z = 3 }\n")
     lines = list(launch_lines(load(file).safety))
     assert lines[0] == "Launching with the following parameters:"

@@ -30,7 +30,7 @@ PLAIN = "application/msgpack"
         ("ghost/where", pose(3)),
     ],
 )
-def test_our_types_are_json_by_their_schema_and_come_back_the_same(key, message):
+def test_our_types_become_json_by_schema_and_return_unchanged(key, message):
     payload = codec.encode(message)
     stored = Form(key, codec.encoding(type(message))).stored(payload)
     assert (stored.encoding, stored.type, stored.packed) == (JSON, type(message), True)
@@ -86,7 +86,7 @@ def test_a_pose_that_json_could_not_carry_stays_messagepack():
     assert (stored.encoding, stored.data) == (MSGPACK, pack(bad))
 
 
-def test_a_call_that_asked_for_what_json_cannot_carry_is_kept_as_it_was():
+def test_call_that_json_cannot_represent_is_kept_as_bytes():
     bad = msgspec.structs.replace(refused(1, 2, 3), request={"x": float("inf")})
     stored = Form("uav/@call/goto", codec.encoding(Called)).stored(codec.encode(bad))
     assert restored(stored.data, packed=stored.packed) == codec.encode(bad)

@@ -119,7 +119,7 @@ def test_what_was_recorded_comes_back_as_it_was_on_the_bus(tmp_path):
     assert bag.cut == ""
 
 
-def test_a_key_on_which_different_things_are_said_has_all_of_them(tmp_path):
+def test_key_with_messages_of_different_types_keeps_all(tmp_path):
     said = [
         taken("uav/pose", pose(0), 0),
         taken("uav/pose", b"nonsense", 0.1, "text/plain"),

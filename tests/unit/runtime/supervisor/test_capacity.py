@@ -58,7 +58,7 @@ def test_rates_that_differ_are_named_both():
 @pytest.mark.parametrize(
     "asked", [launch(100, speed=0), launch(100, speed=2), launch(100, without=("dynamics",))]
 )
-def test_a_clock_that_waits_and_a_run_without_dynamics_take_any_number(asked: Launch):
+def test_waiting_clock_or_run_without_dynamics_has_no_limit(asked: Launch):
     capacity.check(asked)
 
 

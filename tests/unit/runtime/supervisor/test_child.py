@@ -31,7 +31,7 @@ def test_however_it_is_cut_into_chunks_the_lines_are_the_same(written: list[str]
     assert texts(lines) == []
 
 
-def test_a_line_says_who_and_when_and_the_last_one_needs_no_newline():
+def test_line_has_name_and_time_and_the_last_needs_no_newline():
     lines = LineBuffer("camera")
     lines.feed(b"one\ntw")
     lines.feed(b"o")
@@ -61,7 +61,7 @@ def test_a_long_line_is_cut_and_the_longest_is_not():
     assert texts(lines) == ["a" * LONGEST, "b" * LONGEST + " ... (cut)", "c"]
 
 
-def test_more_lines_than_may_wait_are_counted_and_the_reader_is_told_to_pause():
+def test_surplus_lines_are_counted_and_the_reader_is_paused():
     lines = LineBuffer("yes")
     assert lines.feed(b"y\n" * FEW)
     assert not lines.feed(b"y\n" * (MOST - FEW))

@@ -68,7 +68,7 @@ def test_it_is_back_when_it_is_ready_as_another_process(realm: Realm):
     later.join()
 
 
-def test_one_that_was_down_and_goes_down_again_is_an_error_at_once(realm: Realm):
+def test_node_down_that_goes_down_again_is_an_error_at_once(realm: Realm):
     before = write(realm, 0, "down", 4)
     with pytest.raises(TimedOut):
         control.wait_restarted(realm, "pressure", before, 0.0)

@@ -32,7 +32,7 @@ def marked(stack: ExitStack, mark: str) -> "subprocess.Popen[bytes]":
     return process
 
 
-def test_a_command_is_found_by_its_own_mark_and_with_the_whole_run(leash: str, stack: ExitStack):
+def test_command_is_found_by_its_own_mark_and_the_runs_mark(leash: str, stack: ExitStack):
     one, other = marked(stack, f"{leash}one/"), marked(stack, f"{leash}one-more/")
     stranger = marked(stack, "4711.1/one/")
     assert descendants.signal_all(f"{leash}one/", signal.SIGTERM) == 1

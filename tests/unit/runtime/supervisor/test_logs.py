@@ -66,7 +66,7 @@ def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path):
     assert (tmp_path / "x.log").read_text() == "first\nsecond\n"
 
 
-def test_a_fault_is_told_once_lines_are_still_shown_and_its_end_is_told(tmp_path: Path):
+def test_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
     shown: list[tuple[str, str]] = []
     logs = Logs(tmp_path / "logs", lambda name, line, at: shown.append((name, line)))
     logs.show("hub", "before")
@@ -125,7 +125,7 @@ class Closed(io.StringIO):
         raise OSError(self.error, os.strerror(self.error))
 
 
-def test_a_closed_terminal_or_a_full_disk_behind_stdout_hurts_nobody(tmp_path: Path):
+def test_closed_terminal_or_full_disk_behind_stdout_does_no_harm(tmp_path: Path):
     for error in (errno.EIO, errno.ENOSPC):
         logs = Logs(tmp_path / "logs", Printer(Closed(error)))
         logs.show("hub", "said")

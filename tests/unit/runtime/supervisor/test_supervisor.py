@@ -59,7 +59,7 @@ class Rig:
         return [said.line for said in self.row.take_said()]
 
 
-def test_asked_to_restart_it_is_ended_and_is_not_ready_before_its_successor_is():
+def test_restart_ends_the_process_and_waits_for_its_successor():
     rig = Rig(must_announce=False)
     assert [rig.turn(now) for now in (0.0, SETTLED / 2, SETTLED)] == ["starting"] * 2 + ["ready"]
     (old,) = rig.children

@@ -9,19 +9,6 @@ from benchmarks.model.flown import fly
 from benchmarks.model.peers import timing
 from benchmarks.model.peers.mujoco_model import xml
 
-MACHINE = {"processor": "2 x Abacus", "python": "3.11", "date": "2026-11-21", "commit": "0a1b2c3",
-           "load": 0.5}  # fmt: skip
-
-
-def document(**rates):
-    measured = {key: {"dynamics": found} for key, found in rates.items()}
-    return {
-        "machine": MACHINE, "flops": 700, "peak": 70.0, "rates": measured, "paired": {},
-        "imports": dict.fromkeys(rates, 0.1), "memory": dict.fromkeys(rates, 12.0),
-        "versions": dict.fromkeys(rates, "1.0"),
-        "missing": {r.key: "not installed" for r in RUNNERS if r.key not in rates},
-    }  # fmt: skip
-
 
 @pytest.mark.parametrize(
     ("theirs", "verdict"), [(100.0, "holds"), (101.0, "missed"), (None, "not compared")]
@@ -56,7 +43,16 @@ def test_a_ratio_in_turn_is_that_of_each_turn(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_table_has_a_line_for_each_and_says_who_is_missing():
-    lines = tables(document(plain={"1": 1e5}, compiled={"1": 1e6, "10000": 3e7})).splitlines()
+    rates = {"plain": {"1": 1e5}, "compiled": {"1": 1e6, "10000": 3e7}}
+    lines = tables({
+        "machine": {"processor": "2 x Abacus", "python": "3.11", "date": "2026-11-21",
+                    "commit": "0a1b2c3", "load": 0.5},
+        "flops": 700, "peak": 70.0, "paired": {},
+        "rates": {key: {"dynamics": found} for key, found in rates.items()},
+        "imports": dict.fromkeys(rates, 0.1), "memory": dict.fromkeys(rates, 12.0),
+        "versions": dict.fromkeys(rates, "1.0"),
+        "missing": {r.key: "not installed" for r in RUNNERS if r.key not in rates},
+    }).splitlines()  # fmt: skip
     assert "| quadctl, plain Python | double, RK4 | 100 k |" in lines[2]
     assert "30 M |" in lines[3]
     assert "30 % |" in lines[3]  # 3e7 steps of 700 operations, of 70 GFLOP/s

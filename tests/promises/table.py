@@ -1,19 +1,13 @@
 """The README's table of promises, made from what is written here and from what was found."""
 
 import ast
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tests.promises.entry import Last, Promise
-from tests.promises.failures import FAILURES
-from tests.promises.flight import FLIGHT
-from tests.promises.orders import ORDERS
-from tests.promises.others import OTHERS
+from tests.promises.promises import PROMISES, Promise
 
 ROOT = Path(__file__).parents[2]
-PROMISES = (*FLIGHT, *FAILURES, *ORDERS, *OTHERS)
 
 Proof = dict[str, Any]
 """`promise`, what was `found`, what is `promised`; `commit`, `date` and `processor` of the run."""
@@ -22,7 +16,11 @@ Proof = dict[str, Any]
 def table(proofs: list[Proof]) -> str:
     """The table, and what its figures were found on."""
     rows = ["| against | promise | held by | last found |", "|---|---|---|---|"]
-    rows += [_row(promise, proofs) for promise in PROMISES]
+    rows += [
+        f"| {each.hazard} | {each.promise} | {'<br>'.join(map(_link, each.tests))}"
+        f" | {_figures(each, proofs)} |"
+        for each in PROMISES
+    ]
     processors = sorted({proof["processor"] for proof in proofs})
     words = (
         "A test's name is its words joined by `_`, with `test_` before them. Bold ones are the long"
@@ -33,7 +31,7 @@ def table(proofs: list[Proof]) -> str:
 
 def owners(proof: Proof) -> list[Promise]:
     """The promises that a proof gives a figure of."""
-    return [each for each in PROMISES if any(_is_of(proof, last) for last in each.last)]
+    return [each for each in PROMISES if any(words in proof["promise"] for words in each.last)]
 
 
 def is_long(test: str) -> bool:
@@ -66,11 +64,6 @@ def _tests(path: str) -> dict[str, bool]:
     }
 
 
-def _row(promise: Promise, proofs: list[Proof]) -> str:
-    tests = "<br>".join(map(_link, promise.tests))
-    return f"| {promise.hazard} | {promise.promise} | {tests} | {_figures(promise, proofs)} |"
-
-
 def _link(test: str) -> str:
     path, _, name = test.partition("::")
     words = f"[{name.removeprefix('test_').replace('_', ' ')}]({path})"
@@ -78,17 +71,10 @@ def _link(test: str) -> str:
 
 
 def _figures(promise: Promise, proofs: list[Proof]) -> str:
-    told = [line for last in promise.last for line in _told(last, proofs)]
+    told = [
+        f"{of and f'{of}: '}{proof['found']}; promised: {proof['promised']} ({proof['commit']})"
+        for words, of in promise.last.items()
+        for proof in proofs
+        if words in proof["promise"]
+    ]
     return "<br>".join(told) or ("not run yet" if promise.last else "")
-
-
-def _told(last: Last, proofs: list[Proof]) -> Iterator[str]:
-    of = f"{last.of}: " if last.of else ""
-    for proof in proofs:
-        if _is_of(proof, last):
-            yield f"{of}{proof['found']}; promised: {proof['promised']} ({proof['commit']})"
-
-
-def _is_of(proof: Proof, last: Last) -> bool:
-    begins: str = proof["promise"]
-    return begins.startswith(last.proof)

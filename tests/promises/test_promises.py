@@ -3,8 +3,8 @@
 import pytest
 
 from benchmarks import readme
-from tests.promises.entry import Promise
-from tests.promises.table import PROMISES, ROOT, is_long, owners, table
+from tests.promises.promises import PROMISES, Promise
+from tests.promises.table import ROOT, is_long, owners, table
 from tests.support.proofs import read
 
 

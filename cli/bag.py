@@ -1,7 +1,6 @@
 """Bag info, check, repair, export."""
 
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -54,9 +53,6 @@ def _row(key: KeyFacts) -> tuple[str, str, str, str]:
     return name, what, str(key.messages), f"{key.hz:.1f}" if key.hz else "-"
 
 
-_FAULT_FOUND = 8
-
-
 def check(options: Options, file: Recording) -> None:
     """Read every message against its schema and look for gaps; exit 8 where something is wrong.
 
@@ -72,8 +68,7 @@ def check(options: Options, file: Recording) -> None:
             output.line(f"FAIL  {fault}")
         verdict = "whole and right" if ok else "not right; `quadctl bag repair` mends what is cut"
         output.line(f"{file}: {found.messages} messages, {verdict}")
-    if not ok:
-        sys.exit(_FAULT_FOUND)
+    output.end(ok=ok)
 
 
 def repair(
@@ -101,14 +96,11 @@ def repair(
             f"{fresh} cannot be written: {error.strerror}", "make room, or name another place: -o"
         ) from error
     said = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
-    if not done.why:
-        output.either(options, {**said, "cut": ""}, f"{file} was whole: {done.messages} messages")
-        return
-    output.either(
-        options,
-        {**said, "cut": done.why},
-        f"{target or file}: {done.messages} messages kept, {done.dropped} bytes of a torn end dropped",
+    kept = f"{done.messages} messages kept, {done.dropped} bytes of a torn end dropped"
+    text = (
+        f"{target or file}: {kept}" if done.why else f"{file} was whole: {done.messages} messages"
     )
+    output.either(options, {**said, "cut": done.why}, text)
 
 
 _TIME = "unix_time"

@@ -1,10 +1,6 @@
-"""Fuzz: hostile payloads in bursts, replies counted.
-
-What a mutation has left valid by chance is not among them: it is decoded here as the nodes do.
-"""
+"""`fuzz`: bursts of hostile payloads, none of them valid by chance, and the count of replies."""
 
 import random
-import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -17,15 +13,14 @@ from msgspec import Struct, inspect
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, here
 from quadctl.cli.declarations import Option
+from quadctl.cli.node.lookup import run_of
 from quadctl.cli.progress import Progress
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
-from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
+from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.process_table import NODES
-from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.security.endpoints import is_secure
 
 _ODD: tuple[Any, ...] = (
@@ -217,9 +212,6 @@ def _code(error: Any) -> str:
     return problem.code
 
 
-_FAULT_FOUND = 8
-
-
 class _Target(NamedTuple):
     key: str
     type: type[Struct]
@@ -263,8 +255,7 @@ def fuzz(
         output.document(document)
     else:
         _tell(document)
-    if faults:
-        sys.exit(_FAULT_FOUND)
+    output.end(ok=not faults)
 
 
 def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, HostilePayload]]:
@@ -294,10 +285,7 @@ def _look(client: Client, options: Options) -> dict[str, Any]:
     found: dict[str, Any] = {
         "boot": state.boot, "requests": state.request, "goal": state.goal, "cage_on": state.cage_on,
     }  # fmt: skip
-    try:
-        run = None if options.connect else run_files.read(Realm(options.realm))
-    except Unreachable:
-        run = None
+    run = run_of(options)
     return found | {f"process of {node.name}": node.pid for node in (run.nodes if run else ())}
 
 

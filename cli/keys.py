@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import msgspec
 
@@ -19,11 +19,10 @@ if TYPE_CHECKING:
     from quadctl.services.runtime.security.identity import Name
 
 FLEET = Path("keys")
+Folder = Annotated[Path, Option("The folder of the fleet's keys.")]
 
 
-def init(
-    options: Options, fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET
-) -> None:
+def init(options: Options, fleet: Folder = FLEET) -> None:
     """Make the keys of a fleet: who has the folder says who belongs to it.
 
     Example: quadctl keys init
@@ -35,9 +34,7 @@ def init(
     output.either(options, {"fleet": str(fleet)}, text)
 
 
-def list_(
-    options: Options, fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET
-) -> None:
+def list_(options: Options, fleet: Folder = FLEET) -> None:
     """List who belongs to the fleet, as what, for which vehicles, and until when.
 
     Example: quadctl keys list
@@ -67,11 +64,7 @@ def day(stamp: float, *, expired: bool = False) -> str:
     return f"{text} (expired)" if expired and stamp <= time.time() else text
 
 
-def revoke(
-    options: Options,
-    name: Annotated[str, Arg("Whose.")],
-    fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET,
-) -> None:
+def revoke(options: Options, name: Annotated[str, Arg("Whose.")], fleet: Folder = FLEET) -> None:
     """Take somebody's certificate from the list that hubs go by; those that run know in 2 s.
 
     A hub on another machine knows it once it has the new names.json of its folder.
@@ -99,7 +92,7 @@ def issue(
         list[str] | None,
         Option("A hub's address or name (default: this machine's).", metavar="HOST"),
     ] = None,
-    fleet: Annotated[Path, Option("The folder of the fleet's keys.")] = FLEET,
+    fleet: Folder = FLEET,
 ) -> None:
     """Issue a certificate for one vehicle, for each of several, or for all where none is said.
 
@@ -133,9 +126,7 @@ def issue(
 
 
 def _known(role: str) -> Role:
-    for known in get_args(Role):
-        if known == role:
-            found: Role = known
-            return found
     roles = get_args(Role)
-    raise UsageError(f"{role} is no role", nearest(role, roles) or f"one of {', '.join(roles)}")
+    if role not in roles:
+        raise UsageError(f"{role} is no role", nearest(role, roles) or f"one of {', '.join(roles)}")
+    return cast("Role", role)

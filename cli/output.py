@@ -70,6 +70,7 @@ def _written() -> Iterator[None]:
         ) from error
 
 
+_FAULT_FOUND = 8
 _WIDEST = 12
 """Characters of a float that are shown as they are."""
 
@@ -137,6 +138,12 @@ def _shown(value: Any, *, quoted: bool = True) -> str:
     if isinstance(value, float):
         return repr(value) if len(repr(value)) <= _WIDEST else f"{value:.9g}"
     return repr(value) if isinstance(value, str) and quoted else str(value)
+
+
+def end(*, ok: bool) -> None:
+    """Leave with exit code 8, a fault found, unless all is well."""
+    if not ok:
+        sys.exit(_FAULT_FOUND)
 
 
 def duration(seconds: float) -> str:

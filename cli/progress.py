@@ -40,26 +40,19 @@ class Progress:
             self._bar.update(self._task, completed=min(max(fraction, 0.0), 1.0), text=text)
 
 
-class FleetProgress:
+class FleetProgress(Progress):
     """Told of every vehicle's way by its own thread."""
 
     def __init__(self, title: str, names: Iterable[str], *, quiet: bool) -> None:
-        self._bar = Progress(title, quiet=quiet)
+        super().__init__(title, quiet=quiet)
         self._flown = dict.fromkeys(names, 0.0)
         self._left = dict.fromkeys(self._flown, 0.0)
 
-    def __enter__(self) -> Self:
-        self._bar.__enter__()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.__exit__()
-
-    def update(self, name: str, left: float, whole: float) -> None:
+    def fly(self, name: str, left: float, whole: float) -> None:
         """A vehicle has so much of its whole way left, m."""
         self._flown[name], self._left[name] = 1 - left / whole, left
         there = sum(flown >= 1 for flown in self._flown.values())
-        self._bar.update(
+        self.update(
             sum(self._flown.values()) / len(self._flown),
             f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go",
         )

@@ -118,10 +118,8 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
 
 
 def _declared(word: Parameter) -> inspect.Parameter:
-    annotation = _annotated(word)
-    if word.required:
-        return _parameter(word.name, annotation)
-    return _parameter(word.name, annotation, word.default)
+    default = inspect.Parameter.empty if word.required else word.default
+    return _parameter(word.name, _annotated(word), default)
 
 
 def _parameter(

@@ -19,11 +19,7 @@ def list_(options: Options) -> None:
     Example: quadctl type list
     """
     names = sorted(definitions())
-    if options.json:
-        output.document(names)
-    else:
-        for name in names:
-            output.line(name)
+    output.either(options, names, "\n".join(names))
 
 
 def show(

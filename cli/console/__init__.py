@@ -1,1 +1,1 @@
-"""Package docstring."""
+"""`quadctl console`: a web page that shows one vehicle and flies it."""

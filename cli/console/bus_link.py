@@ -10,6 +10,7 @@ import msgspec
 
 from quadctl.cli.console.model import TICK, Board
 from quadctl.cli.context import Options
+from quadctl.cli.param.running import nodes_with_params
 from quadctl.schemas.messages import Pose, Position, Pressure, SafetyState
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
@@ -63,10 +64,9 @@ class Link:
     def look_around(self) -> None:
         """Read the processes and parameters now; raises where somebody does not answer."""
         client = self.client
-        nodes = sorted({offer.node for offer in client.endpoints() if offer.type == "GetParams"})
         values: dict[str, Any] = {}
         problem: QuadctlError | None = None
-        for node in nodes:
+        for node in nodes_with_params(client):
             try:
                 values |= client.call(get_params(node), GetParamsRequest([])).values
             except QuadctlError as caught:
@@ -109,10 +109,8 @@ class Link:
         """Follow the vehicle; raises once the hub is gone."""
         poses = client.subscribe(POSE, backlog=1)
         readings = client.subscribe(PRESSURE, backlog=1)
-        states, asked = (
-            client.subscribe(STATE, backlog=_BACKLOG),
-            client.subscribe(REQUEST, backlog=1),
-        )
+        states = client.subscribe(STATE, backlog=_BACKLOG)
+        asked = client.subscribe(REQUEST, backlog=1)
         looked, self._client = 0.0, client
         with self._lock:
             self._board.problem = ""

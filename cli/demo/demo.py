@@ -1,7 +1,6 @@
 """`demo`: the whole lab from start to stop on a realm of its own, checkpoint by checkpoint."""
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,8 +13,6 @@ from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.params.catalogue import lab_params
 from quadctl.services.runtime.realm import DEFAULT
 from quadctl.services.runtime.supervisor.launch import Launch
-
-_FAULT_FOUND = 8
 
 
 def demo(
@@ -55,8 +52,7 @@ def demo(
     else:
         output.line(f"picture of the flight: {picture}")
         output.line("all checkpoints hold" if holds else "some checkpoints do not hold")
-    if not holds:
-        sys.exit(_FAULT_FOUND)
+    output.end(ok=holds)
 
 
 def _fly(number: int, title: str, evidence: list[Any], *, quiet: bool) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Nodes, services, topics, barometer."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from msgspec import Struct
@@ -120,19 +120,26 @@ def schemas(found: Survey) -> Finding:
 
 def servers(found: Survey) -> Finding:
     """One server for each service: announced, and by who answers a call."""
+    answering = {
+        key: len({answer.server for answer in answers if answer.server})
+        for key, answers in found.answers.items()
+    }
+    keys = {offer.key for offer in found.offers if offer.kind == "@srv"}
+    doubled = _doubled(found, "@srv", "served", answering)
+    return alone("servers", doubled, f"one for each of {len(keys)} services")
+
+
+def _doubled(found: Survey, kind: str, done: str, seen: Mapping[str, int]) -> list[str]:
+    """The keys of a kind that several nodes offer, or more are `seen` to serve than offer it."""
+    offers = [offer for offer in found.offers if offer.kind == kind]
     doubled: list[str] = []
-    offers = [offer for offer in found.offers if offer.kind == "@srv"]
     for key in sorted({offer.key for offer in offers}):
         nodes = [offer.node for offer in offers if offer.key == key]
-        answering = {answer.server for answer in found.answers.get(key, ()) if answer.server}
         if len(nodes) > 1:
-            doubled.append(f"{key} is served by {' and '.join(nodes)}")
-        elif len(answering) > 1:
-            doubled.append(
-                f"{key} is served by {nodes[0]} and {len(answering) - 1} more, not announced"
-            )
-    keys = {offer.key for offer in offers}
-    return alone("servers", doubled, f"one for each of {len(keys)} services")
+            doubled.append(f"{key} is {done} by {' and '.join(nodes)}")
+        elif (others := seen.get(key, 0) - 1) > 0:
+            doubled.append(f"{key} is {done} by {nodes[0]} and {others} more, not announced")
+    return doubled
 
 
 def services(found: Survey) -> Iterator[Finding]:
@@ -223,15 +230,8 @@ def topic(
 
 def publishers(found: Survey) -> Finding:
     """One publisher on each topic: announced, and by who stamps the messages."""
-    doubled: list[str] = []
-    offers = [offer for offer in found.offers if offer.kind == "@pub"]
-    for key in sorted({offer.key for offer in offers}):
-        nodes = [offer.node for offer in offers if offer.key == key]
-        heard = found.heard[key].publishers if key in found.heard else 0
-        if len(nodes) > 1:
-            doubled.append(f"{key} is published by {' and '.join(nodes)}")
-        elif heard > 1:
-            doubled.append(f"{key} is published by {nodes[0]} and {heard - 1} more, not announced")
+    heard = {key: stats.publishers for key, stats in found.heard.items()}
+    doubled = _doubled(found, "@pub", "published", heard)
     return alone("publishers", doubled, f"one on each of {len(found.heard)} topics")
 
 

@@ -1,7 +1,6 @@
 """`doctor`: looks at everything that can be wrong, and says how to mend it."""
 
 import os
-import sys
 import time
 from collections.abc import Iterator
 
@@ -16,8 +15,6 @@ from quadctl.cli.doctor.installation import environment, installation
 from quadctl.cli.doctor.run import parameter_file
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.realm import default_name
-
-_FAULT_FOUND = 8
 
 
 def doctor(options: Options) -> None:
@@ -36,8 +33,7 @@ def doctor(options: Options) -> None:
     else:
         for check in checks:
             output.line(text_of(check))
-    if not ok:
-        sys.exit(_FAULT_FOUND)
+    output.end(ok=ok)
 
 
 def _judged(facts: Facts, options: Options) -> Iterator[Finding]:

@@ -8,12 +8,12 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES, Fault, active
 from quadctl.cli.node.control import signalled
+from quadctl.cli.node.lookup import run_of
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import get_params, set_params
 from quadctl.services.runtime import procfs, run_files
-from quadctl.services.runtime import run_files as files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import Invalid, Unreachable, UsageError
+from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import flatten, nearest
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import Realm
@@ -31,14 +31,10 @@ def kept(options: Options) -> dict[str, Any]:
 
 def values_of(realm: Realm, vehicle: str) -> dict[str, Any]:
     """A vehicle's parameters by the realm's folder."""
-    return dict(flatten(files.tables(realm, vehicle)))
+    return dict(flatten(run_files.tables(realm, vehicle)))
 
 
 def _asked(options: Options) -> dict[str, Any]:
-    from quadctl.cli import context
-    from quadctl.schemas.services import GetParamsRequest
-    from quadctl.schemas.topics import get_params
-
     with context.connect(options) as client:
         replies = [
             client.call(get_params(node), GetParamsRequest([])) for node in ("dynamics", "pressure")
@@ -48,13 +44,8 @@ def _asked(options: Options) -> dict[str, Any]:
 
 def frozen(options: Options) -> list[str]:
     """The processes of the run that are stopped by a signal, as `safety-frozen`."""
-    if options.connect:
-        return []
-    try:
-        run = run_files.read(Realm(options.realm))
-    except Unreachable:
-        return []
-    return frozen_of(run)
+    run = run_of(options)
+    return frozen_of(run) if run else []
 
 
 def frozen_of(run: RunState) -> list[str]:
@@ -153,13 +144,9 @@ def _cut(found: str) -> set[str]:
     return {BUS_CUT} if found == "hub-frozen" else set()
 
 
-def _names() -> list[str]:
-    return [fault.name for fault in FAULTS]
-
-
 def _named(name: str) -> Fault:
-    found = next((fault for fault in FAULTS if fault.name == name), None)
-    if found is None:
-        hint = nearest(name, [*_names(), BUS_CUT]) or "`quadctl fault list` shows them"
+    known = {fault.name: fault for fault in FAULTS}
+    if name not in known:
+        hint = nearest(name, [*known, BUS_CUT]) or "`quadctl fault list` shows them"
         raise UsageError(f"there is no fault {name}", hint)
-    return found
+    return known[name]

@@ -1,6 +1,5 @@
 """Fleet goto: words, formations, flights."""
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import fsum
@@ -14,7 +13,7 @@ from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, nobody_sent, row
 from quadctl.cli.progress import FleetProgress
-from quadctl.cli.vehicle.goto import Flight, check_arrive, patience, request_of
+from quadctl.cli.vehicle.goto import Flight, check_arrive, patience, report, request_of
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GotoRequest, GotoResponse
 from quadctl.schemas.topics import GOTO, STATE
@@ -249,8 +248,8 @@ def _watch(
             flight.begin()
             whole = max(flight.distance, 1e-6)
             limit = arrive or (0 if flight.reason else patience(client, whole))
-            flight.watch(limit, lambda left: board.update(member.name, left, whole))
-            board.update(member.name, 0.0, whole)
+            flight.watch(limit, lambda left: board.fly(member.name, left, whole))
+            board.fly(member.name, 0.0, whole)
 
         problems = hubs.ask(members, watch, bounded=False).problems
     for member in members:
@@ -268,15 +267,5 @@ def _is_accepted(asked: _Asked | None) -> bool:
 def _row(
     member: Member, options: Options, asked: _Asked | None, problem: QuadctlError | None
 ) -> Any:
-    flight = asked.flight if asked else None
-    known = flight is not None and math.isfinite(flight.distance)
-    return row(
-        member,
-        options,
-        problem,
-        accepted=_is_accepted(asked),
-        reason=(asked.reply.reason or asked.flight.reason) if asked else "",
-        arrived=flight is not None and flight.arrived,
-        distance=flight.distance if flight and known else None,
-        seconds=flight.seconds if flight and known else None,
-    )
+    said = report(asked.flight, asked.reply) if asked else report(None, GotoResponse(False, ""))
+    return row(member, options, problem, **said)

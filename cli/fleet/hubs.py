@@ -192,6 +192,21 @@ def row(member: Member, options: Options, problem: QuadctlError | None, **more: 
     return {"vehicle": member.name, "hub": hub_of(member, options), **more, "error": error}
 
 
+def tell(
+    options: Options,
+    rows: list[Any],
+    texts: Mapping[str, str],
+    problems: Mapping[str, QuadctlError],
+) -> None:
+    """Print the rows where --json asks for them, a line for each vehicle otherwise; raise as `fail`."""
+    if options.json:
+        output.document(rows)
+    else:
+        for name, text in texts.items():
+            output.line(f"{name}: {text}")
+    fail(problems)
+
+
 def hub_of(member: Member, options: Options) -> str:
     """Its hub's endpoint, or the realm."""
     return member.connect or f"realm {options.realm}"

@@ -7,7 +7,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.fleet.file import Member
-from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, row
+from quadctl.cli.fleet.hubs import File, Hubs, fleet_of, row, tell
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import Flight, check_arrive, distance, patience
 from quadctl.schemas.messages import Pose, Position, SafetyState
@@ -28,17 +28,12 @@ def hold(options: Options, file: File = None) -> None:
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
         heard = hubs.ask(members, _stop, bounded=True)
-    if options.json:
-        output.document(
-            [
-                row(m, options, heard.problems.get(m.name), stopped=m.name in heard.answers)
-                for m in members
-            ]
-        )
-    else:
-        for name in heard.answers:
-            output.line(f"{name}: stopping: hovering at the stopping point")
-    fail(heard.problems)
+    rows = [
+        row(m, options, heard.problems.get(m.name), stopped=m.name in heard.answers)
+        for m in members
+    ]
+    stopped = dict.fromkeys(heard.answers, "stopping: hovering at the stopping point")
+    tell(options, rows, stopped, heard.problems)
 
 
 def _stop(_member: Member, client: Client) -> bool:
@@ -88,24 +83,12 @@ def land_all(
             except KeyboardInterrupt:
                 output.note("stopped waiting: the landings go on; `quadctl fleet hold` stops them")
                 raise
-    landed = heard.answers
-    if options.json:
-        output.document(
-            [
-                row(
-                    m,
-                    options,
-                    heard.problems.get(m.name),
-                    landed=m.name in landed,
-                    position=landed.get(m.name),
-                )
-                for m in members
-            ]
-        )
-    else:
-        for name, at in landed.items():
-            output.line(f"{name}: landed at {at.x:.2f} {at.y:.2f}")
-    fail(heard.problems)
+    rows = []
+    for m in members:
+        at, problem = heard.answers.get(m.name), heard.problems.get(m.name)
+        rows.append(row(m, options, problem, landed=at is not None, position=at))
+    landed = {name: f"landed at {at.x:.2f} {at.y:.2f}" for name, at in heard.answers.items()}
+    tell(options, rows, landed, heard.problems)
 
 
 class _Descent(Flight):
@@ -143,11 +126,11 @@ class _Landing:
             raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
         whole = max(distance(at, goal), 1e-6)
         limit = arrive or patience(self._client, whole) + _IDLE
-        flight.watch(limit, lambda to_go: self._board.update(self._name, to_go, whole))
+        flight.watch(limit, lambda to_go: self._board.fly(self._name, to_go, whole))
         if self._client.latest(STATE).state == "MOVING":
             # It would be busy for ever.
             self._client.call(HOLD, HoldRequest())
-        self._board.update(self._name, 0.0, whole)
+        self._board.fly(self._name, 0.0, whole)
         return flight.pose.position if flight.pose else goal
 
     def _at_rest(self) -> Position:

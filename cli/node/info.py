@@ -72,10 +72,11 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
             params, problem = _params(client, seen, process, deadline)
     stats = stats_of(process.pid) if process.pid else ProcessStats()
     pss = pss_of(process.pid) if process.pid else None
+    said = _document(process, seen, params, stats, pss)
     if options.json:
-        output.document(_document(process, seen, params, stats, pss))
+        output.document(said)
     else:
-        _print(process, seen, params, stats, pss)
+        _print(said)
     if problem is not None:
         raise problem
 
@@ -119,25 +120,27 @@ def _document(
     }
 
 
-def _print(
-    process: ProcessRecord, seen: NodesSeen, params: list[str], stats: ProcessStats, pss: int | None
-) -> None:
+def _print(said: dict[str, Any]) -> None:
     rows = [
-        ("Node:", process.name),
-        ("State:", process.state),
-        ("Pid:", process.pid or "-"),
-        ("Restarts:", process.restarts),
-        ("Since:", _since(stats.uptime)),
-        ("Memory:", f"{_megabytes(pss)} PSS, {_megabytes(stats.rss)} RSS"),
-        ("CPU time:", "-" if stats.cpu is None else f"{stats.cpu:.2f} s"),
+        ("Node:", said["name"]),
+        ("State:", said["state"]),
+        ("Pid:", said["pid"] or "-"),
+        ("Restarts:", said["restarts"]),
+        ("Since:", _since(said["uptime"])),
+        ("Memory:", f"{_megabytes(said['pss'])} PSS, {_megabytes(said['rss'])} RSS"),
+        ("CPU time:", "-" if said["cpu"] is None else f"{said['cpu']:.2f} s"),
     ]
     output.table(rows)
+    rates = (
+        f"{hz:g} Hz" if (hz := topic["declared_hz"]) else "on change" for topic in said["topics"]
+    )
     topics = [
-        f"{offer.key} [{offer.type}] {f'{offer.hz:g} Hz' if offer.hz else 'on change'}"
-        for offer in seen.offered(process.name, "@pub")
+        f"{topic['key']} [{topic['type']}] {rate}"
+        for topic, rate in zip(said["topics"], rates, strict=True)
     ]
-    services = [f"{offer.key} [{offer.type}]" for offer in seen.offered(process.name, "@srv")]
-    for title, items in (("Topics", topics), ("Services", services), ("Parameters", params)):
+    services = [f"{each['key']} [{each['type']}]" for each in said["services"]]
+    parts = (("Topics", topics), ("Services", services), ("Parameters", said["params"]))
+    for title, items in parts:
         output.line(f"{title}:{'' if items else ' none'}")
         for item in items:
             output.line(f" * {item}")

@@ -5,6 +5,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from quadctl.cli import context
 from quadctl.cli.context import Options
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GetParamsRequest
@@ -62,9 +63,7 @@ def run_of(options: Options) -> RunState | None:
 def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
     """A connection; or why there is none, where the supervisor still knows of the run."""
     try:
-        return Client(
-            options.realm, options.vehicle, connect=options.connect, timeout=options.timeout
-        )
+        return context.connect(options)
     except (Unreachable, TimedOut) as problem:
         if run is None:
             raise

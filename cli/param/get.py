@@ -6,10 +6,10 @@ from quadctl.cli import context, output
 from quadctl.cli.concurrent import Answers
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.param.running import ALL, RunningParams, Values
+from quadctl.cli.param.running import ALL, RunningParams, Values, leaves_of
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.schemas.typeinfo import bounds_text, type_name
-from quadctl.services.runtime.errors import Invalid, TimedOut, Unreachable
+from quadctl.services.runtime.errors import TimedOut, Unreachable
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch
 from quadctl.services.runtime.params.names import normal_name
@@ -29,7 +29,8 @@ def describe(
     """
     options, names = context.about_parameters(options, names)
     names = [normal_name(name) for name in names]
-    found = {name: _leaves(name) for name in names}
+    known = catalogue.leaves()
+    found = {name: [known[leaf] for leaf in leaves_of(known, name)] for name in names}
     heard = _present(
         options, {leaf.name.partition(".")[0] for all_ in found.values() for leaf in all_}
     )
@@ -39,16 +40,6 @@ def describe(
     else:
         _print(found, values)
     heard.fail()
-
-
-def _leaves(name: str) -> list[Entry]:
-    leaves = catalogue.leaves().values()
-    part = [leaf for leaf in leaves if leaf.name == name or leaf.name.startswith(f"{name}.")]
-    if not part:
-        from quadctl.services.runtime.params.load import nearest_declared
-
-        raise Invalid(f"there is no parameter {name}", nearest_declared(name))
-    return part
 
 
 def _present(options: Options, tables: set[str]) -> Answers[Values]:

@@ -1,7 +1,7 @@
 """The running system's parameters, by one deadline."""
 
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Self
 
 from quadctl.cli import context
@@ -82,7 +82,7 @@ class RunningParams:
         found = _all_of(self._ask(wanted))
         if any(name.partition(".")[0] in UNSERVED for name in names):
             found |= self._kept(UNSERVED)
-        return {leaf: found[leaf] for name in names for leaf in _leaves(found, name)}
+        return {leaf: found[leaf] for name in names for leaf in leaves_of(found, name)}
 
     def every(self) -> Answers[Values]:
         """What each node answers, users' own among them, and the supervisor's own tables."""
@@ -151,7 +151,8 @@ def _all_of(heard: Answers[Values]) -> Values:
     return {name: value for answer in heard.answers.values() for name, value in answer.items()}
 
 
-def _leaves(found: Values, name: str) -> list[str]:
+def leaves_of(found: Mapping[str, Any], name: str) -> list[str]:
+    """A parameter, or those of a table, among known names; raises Invalid with the nearest name."""
     leaves = [leaf for leaf in found if _in(name, leaf)]
     if not leaves:
         from quadctl.services.runtime.params.load import nearest_declared

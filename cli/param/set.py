@@ -61,8 +61,6 @@ def set_(
 
 def _way_out(values: Values) -> str:
     """What helps where a node has refused values: its reason says no more than what is wrong."""
-    from quadctl.services.runtime.params import catalogue
-
     leaves = {normal_name(name): value for name, value in flatten(values)}
     if switch := next(filter(None, map(catalogue.live_switch, leaves)), ""):
         return f"{switch} changes it at once"

@@ -1,6 +1,7 @@
 """The matplotlib figure."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -61,15 +62,12 @@ def pressure(axes: Any, tracks: dict[str, Track]) -> None:
             linewidth=1,
             label="raw, above its first value" if alone else name,
         )
-        zeroed = [(at, shown) if baseline else (at, None) for at, shown, baseline in track.air]
-        if alone and any(shown is not None for _, shown in zeroed):
-            axes.plot(
-                [at for at, _ in zeroed],
-                _with_gaps(zeroed),
-                color=AIR,
-                label="sensors/pressure, zeroed",
-            )
-            began = next(at for at, shown in zeroed if shown is not None)
+        began = next((at for at, _, baseline in track.air if baseline), None)
+        if alone and began is not None:
+            # Not a number before a calibration: a gap in the line.
+            zeroed = [shown if baseline else math.nan for _, shown, baseline in track.air]
+            times = [at for at, _ in raw]
+            axes.plot(times, zeroed, color=AIR, label="sensors/pressure, zeroed")
             axes.axvline(began, color=TAKEN, linestyle=":", label="calibrate")
     title = (
         "pressure before and after calibration" if alone else "raw pressure, above its first value"
@@ -114,10 +112,6 @@ def _spans(track: Track) -> list[tuple[Phase, float]]:
     """Each phase with the time (s) at which the next one began."""
     pairs = [(phase, after.at) for phase, after in pairwise(track.phases)]
     return [*pairs, (track.phases[-1], track.end)] if track.phases else []
-
-
-def _with_gaps(points: Sequence[tuple[float, float | None]]) -> list[float]:
-    return [float("nan") if value is None else value for _, value in points]
 
 
 _TIME = "simulated time, s"

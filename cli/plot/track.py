@@ -49,7 +49,9 @@ class Track:
         self.taken: list[Spot] = []
         self.refused: list[Spot] = []
         self.boots: list[float] = []
-        self._boot, self._base, self._now = "", 0.0, 0.0
+        self.end = 0.0
+        """The time that it has come to."""
+        self._boot, self._base = "", 0.0
         self._goal: Position | None = None
         self._asked: Waypoint | None = None
 
@@ -58,11 +60,6 @@ class Track:
         """Time and position, m, of all boots."""
         return [point for leg in self.legs for point in leg]
 
-    @property
-    def end(self) -> float:
-        """The time that it has come to."""
-        return self._now
-
     def add(self, message: Struct) -> None:
         """Take a message of this vehicle."""
         match message:
@@ -70,7 +67,7 @@ class Track:
                 self._fly(message)
             case Pressure():
                 at = self._base + message.stamp
-                if at <= self._now + 1:  # else it is of the boot before
+                if at <= self.end + 1:  # else it is of the boot before
                     self.air.append((at, message.pressure, message.baseline))
             case SafetyState() if message.boot == self._boot:
                 self._tell(message)
@@ -82,13 +79,13 @@ class Track:
     def _fly(self, pose: Pose) -> None:
         if pose.boot != self._boot:
             if self._boot:
-                self._base = self._now
-                self.boots.append(self._now)
+                self._base = self.end
+                self.boots.append(self.end)
             self._boot = pose.boot
             self.legs.append([])
-        self._now = max(self._now, self._base + pose.stamp)
+        self.end = max(self.end, self._base + pose.stamp)
         p = pose.position
-        self.legs[-1].append((self._now, p.x, p.y, p.z))
+        self.legs[-1].append((self.end, p.x, p.y, p.z))
 
     def _tell(self, state: SafetyState) -> None:
         at = max(self._base + state.stamp, self.phases[-1].at if self.phases else 0.0)
@@ -108,7 +105,7 @@ class Track:
     def _ask(self, call: Called) -> None:
         if call.response.get("accepted") is False:
             x, y, z = (float(call.request[axis]) for axis in "xyz")
-            self.refused.append(Spot(self._now, x, y, z))
+            self.refused.append(Spot(self.end, x, y, z))
 
 
 class RecordedFlight:

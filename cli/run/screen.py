@@ -10,7 +10,6 @@ import re
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from types import TracebackType
 from typing import NamedTuple, Self, TextIO
 
 from quadctl.cli.output import duration
@@ -215,19 +214,14 @@ class Screen:
         self._echo.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the lines, and nothing else."""
         try:
             if self._rates is not None:
                 self._rates.close()
             self._draw([], _size().columns)
         finally:
-            self._echo.__exit__(kind, error, trace)
+            self._echo.__exit__(None, None, None)
 
     def emit(self, name: str, line: str, at: float) -> None:
         """Have a process's line shown at the next look."""

@@ -16,7 +16,7 @@ def list_(options: Options) -> None:
     Example: quadctl service list
     """
     with context.connect(options) as client:
-        offers = [offer for offer in client.endpoints() if offer.kind == "@srv"]
+        offers = call.services(client)
     if options.json:
         output.document(
             [{"name": o.name, "key": o.key, "type": o.type, "node": o.node} for o in offers]

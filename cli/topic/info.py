@@ -5,9 +5,9 @@ from typing import Annotated, Any
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
 from quadctl.cli.declarations import Arg
-from quadctl.cli.names import single_key
+from quadctl.cli.names import declared, single_key
 from quadctl.schemas.keyexpr import EndpointInfo
-from quadctl.schemas.topics import TOPICS, Topic, topic_of
+from quadctl.schemas.topics import TOPICS, Topic
 from quadctl.schemas.typeinfo import definition, schema_hash
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.params.names import nearest
@@ -50,18 +50,16 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
         # Over a network a hub tells of listeners those alone who may publish.
         heard = outlet.is_heard() if outlet else None
-        declared = topic_of(key)
-        if declared is not None and declared.key(options.vehicle) != key:
-            declared = None
+        ours = declared(key, options.vehicle)
         found = [offer for offer in offers if offer.key == key]
-        if not found and not (declared and heard):
+        if not found and not (ours and heard):
             nobody = _nobody(key, offers, heard=bool(heard))
-            raise client.explained(nobody, declared.node if declared else "")
-    said = _described(key, found, declared) | {"listened": heard}
+            raise client.explained(nobody, ours.node if ours else "")
+    said = _described(key, found, ours) | {"listened": heard}
     if options.json:
         output.document(said)
         return
-    output.table(_rows(said, declared.doc if declared else ""))
+    output.table(_rows(said, ours.doc if ours else ""))
     output.line(said["definition"] or "its fields are not known to this quadctl")
 
 
@@ -73,15 +71,15 @@ def _may_publish(options: Options, key: str) -> bool:
     return permissions.allows(options.connect, "publish", key)
 
 
-def _described(key: str, found: list[EndpointInfo], declared: Topic[Any] | None) -> dict[str, Any]:
+def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> dict[str, Any]:
     """What its publishers say of a topic, or without any what our contract says."""
     type_: Any
     if found:
         name, digest, hz = found[0].type, found[0].hash, found[0].hz
         type_ = next((topic.type for topic in TOPICS if topic.type.__name__ == name), None)
     else:
-        assert declared is not None  # noqa: S101 - the caller's promise
-        type_, hz = declared.type, declared.hz
+        assert ours is not None  # noqa: S101 - the caller's promise
+        type_, hz = ours.type, ours.hz
         name, digest = type_.__name__, schema_hash(type_)
     fields = definition(type_) if type_ and schema_hash(type_) == digest else ""
     return {

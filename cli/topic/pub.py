@@ -9,9 +9,9 @@ from quadctl.cli import context, output
 from quadctl.cli.concurrent import Pace
 from quadctl.cli.context import Options, about_topic
 from quadctl.cli.declarations import Arg, Option, is_number
-from quadctl.cli.names import single_key
+from quadctl.cli.names import declared, single_key
 from quadctl.cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
-from quadctl.schemas.topics import TOPICS, Topic, topic_of
+from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
@@ -65,7 +65,7 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
     """
     if form and form not in FORMS:
         raise UsageError(f"--as {form}: no such form", f"it is one of {', '.join(FORMS)}")
-    topic = _declared(key, vehicle)
+    topic = declared(key, vehicle)
     if topic is not None:
         if form:
             raise Invalid(
@@ -84,14 +84,9 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
 
 def split_once(key: str, vehicle: str, words: list[str]) -> tuple[list[str], bool]:
     """The words without rostopic's -1 where it is not a value for a key; whether there was one."""
-    if (topic := _declared(key, vehicle)) is None:
+    if (topic := declared(key, vehicle)) is None:
         return without_once(words, None)
     return without_once(words, len(topic.type.__struct_fields__), topic.type.__name__)
-
-
-def _declared(key: str, vehicle: str) -> Topic[Any] | None:
-    topic = topic_of(key)
-    return topic if topic is not None and key == topic.key(vehicle) else None
 
 
 def _form_of(words: list[str]) -> str:
@@ -109,10 +104,7 @@ def _bytes(words: list[str], form: str) -> bytes:
             raise Invalid(
                 f"{' '.join(words)[:80]} is not hex: {error}", "write two digits a byte"
             ) from error
-    return _data(table_of(words), form)
-
-
-def _data(value: Any, form: str) -> bytes:
+    value = table_of(words)
     try:
         return msgspec.json.encode(value) if form == "json" else msgspec.msgpack.encode(value)
     except (OverflowError, TypeError, RecursionError, UnicodeEncodeError) as error:
@@ -184,11 +176,8 @@ def _count(rate: float | None, count: int | None, *, once: bool) -> int | None:
 
 
 def _warn(key: str, vehicle: str) -> None:
-    declared = topic_of(key)
-    if declared is not None and declared.node and key == declared.key(vehicle):
-        output.note(
-            f"warning: {key} is {declared.node}'s own: who reads it cannot tell yours from it"
-        )
+    if (topic := declared(key, vehicle)) is not None and topic.node:
+        output.note(f"warning: {key} is {topic.node}'s own: who reads it cannot tell yours from it")
 
 
 def _nobody(client: Client, key: str) -> QuadctlError:

@@ -11,7 +11,7 @@ from quadctl.cli.context import LONGEST_TIMEOUT, Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.progress import Progress
 from quadctl.schemas.messages import PAUSED, Pose, Position, SafetyState
-from quadctl.schemas.services import GetParamsRequest, GotoRequest
+from quadctl.schemas.services import GetParamsRequest, GotoRequest, GotoResponse
 from quadctl.schemas.topics import GOTO, POSE, STATE, Topic, get_params
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
@@ -101,21 +101,20 @@ class Flight:
             self.distance = distance(message.position, self.goal)
             self.seconds = message.stamp - self._began
             return
-        state = message
-        if not state.boot:
+        if not message.boot:
             # Safety was started anew, and has seen nothing yet; what comes next says so.
             return
-        if self._moving and state.reason.startswith(PAUSED):
-            self.paused = state.reason
+        if self._moving and message.reason.startswith(PAUSED):
+            self.paused = message.reason
             return
-        if state.goal == self.goal:
+        if message.goal == self.goal:
             self.paused = ""
-            self._moving = self._moving or state.state == "MOVING"
-            self.arrived = self._moving and state.state == "HOVERING"
-        elif self._moving and state.state != "VERIFYING":
+            self._moving = self._moving or message.state == "MOVING"
+            self.arrived = self._moving and message.state == "HOVERING"
+        elif self._moving and message.state != "VERIFYING":
             other = "another goal was accepted in its place"
-            self.reason = state.reason or (
-                other if state.state == "MOVING" else "safety holds the vehicle elsewhere"
+            self.reason = message.reason or (
+                other if message.state == "MOVING" else "safety holds the vehicle elsewhere"
             )
 
 
@@ -148,7 +147,7 @@ def goto(
         elif not no_wait:
             problem = _watch(client, flight, arrive, quiet=as_json)
     if as_json:
-        output.document(_report(flight, reply.accepted, reply.reason or flight.reason))
+        output.document(report(flight, reply))
     elif flight.arrived:
         output.line(f"arrived within {flight.distance:.2f} m after {flight.seconds:.2f} s")
     if problem is not None:
@@ -188,14 +187,15 @@ def _watch(
     return None
 
 
-def _report(flight: Flight, accepted: bool, reason: str) -> dict[str, Any]:
-    known = math.isfinite(flight.distance)
+def report(flight: Flight | None, reply: GotoResponse) -> dict[str, Any]:
+    """What --json prints of a verdict and the flight after it, which is None without an answer."""
+    known = flight is not None and math.isfinite(flight.distance)
     return {
-        "accepted": accepted,
-        "reason": reason,
-        "arrived": flight.arrived,
-        "distance": flight.distance if known else None,
-        "seconds": flight.seconds if known else None,
+        "accepted": reply.accepted,
+        "reason": reply.reason or (flight.reason if flight else ""),
+        "arrived": flight is not None and flight.arrived,
+        "distance": flight.distance if flight and known else None,
+        "seconds": flight.seconds if flight and known else None,
     }
 
 

@@ -1,4 +1,4 @@
-"""Bag info, check, repair, export."""
+"""`bag info`, `check`, `repair` and `export`."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""Campaign."""
+"""`campaign`: many flights in a process of its own, and the report of them."""
 
 import os
 import subprocess

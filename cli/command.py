@@ -1,4 +1,4 @@
-"""Runs a line of the `quadctl` command, and leaves the process with the code that says how it went."""
+"""One line of the `quadctl` command, from the words to the exit code of the process."""
 
 import gc
 import os

@@ -1,4 +1,4 @@
-"""Every command and where it is written: a new one is a function, and a line here."""
+"""The table of all commands and their functions. A new command is a function, and a line here."""
 
 from collections.abc import Callable
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Ask several nodes at once; paced sending."""
+"""Questions to several nodes at once, and paced sending."""
 
 import threading
 import time

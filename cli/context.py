@@ -1,4 +1,4 @@
-"""The common options; which vehicle is meant; connect()."""
+"""The common options, the vehicle that they mean, and the connection to its hub."""
 
 import os
 from collections.abc import Mapping

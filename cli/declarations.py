@@ -1,7 +1,7 @@
-"""How a command declares its words: once, for the quick parser and for Typer alike.
+"""Declarations of a command's words, for the fast parser and for Typer alike.
 
     def goto(options: Options, x: Annotated[float, Arg("East, m.")],
-             replace: Annotated[bool, Opt("Change course.")] = False) -> None:
+             replace: Annotated[bool, Option("Change course.")] = False) -> None:
 
 The docstring is the help, its `Example:` line included.
 """

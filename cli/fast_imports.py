@@ -1,8 +1,8 @@
-"""Loads msgspec without what it brings along and no command of ours needs.
+"""An import of msgspec without those of its own imports that no command needs.
 
-Together that takes 25 ms of every command: what it would take from typing_extensions has been in
-typing since 3.11; textwrap serves docstrings in JSON Schemas; of datetime it wants the part that
-is written in C; and no message of ours has a UUID or a Decimal, which it asks for to know them.
+They take 25 ms of every command. typing has had the names from typing_extensions since 3.11,
+textwrap only formats docstrings in JSON Schemas, the C part of datetime suffices, and no message of
+ours has a UUID or a Decimal.
 """
 
 import gc

@@ -1,7 +1,7 @@
-"""Reads a well-formed line without importing Typer (a Typer line costs three times the processor time of a whole command).
+"""The parser of well-formed lines, without Typer.
 
-What is not plainly right - an unknown option, a missing word, `--help` - is left to Typer, which
-reads the same declarations and says what is wrong with it.
+Importing Typer costs three times the processor time of a whole command. An unknown option, a
+missing word or `--help` is left to Typer, which reads the same declarations and explains the error.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""`fuzz`: bursts of hostile payloads, none of them valid by chance, and the count of replies."""
+"""`fuzz`: bursts of hostile payloads, none of them valid by chance, and a count of the replies."""
 
 import random
 import threading

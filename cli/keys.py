@@ -1,4 +1,4 @@
-"""Keys init, issue, list, revoke."""
+"""`keys init`, `issue`, `list` and `revoke`."""
 
 import time
 from pathlib import Path

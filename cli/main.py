@@ -1,4 +1,4 @@
-"""The way into the `quadctl` command: from here on Ctrl-C is no error, also while it is imported."""
+"""The entry point of the `quadctl` command. Ctrl-C is no error, not even during the imports."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""From what a user types to what there is: topics, services and types by any of their names."""
+"""Topics, services and types by any of the names that a user may type."""
 
 import re
 from typing import Any

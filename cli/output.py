@@ -1,4 +1,4 @@
-"""Stdout and stderr: text, tables, JSON, closed or full streams."""
+"""Output to stdout and stderr: text, tables and JSON, also to closed or full streams."""
 
 import os
 import sys

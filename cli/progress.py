@@ -1,4 +1,4 @@
-"""Progress bars."""
+"""Progress bars for one vehicle or a fleet."""
 
 import sys
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""A run of a command's own: it lasts as long as the command, however that ends."""
+"""A run of a command's own, ended with the command however that ends."""
 
 import contextlib
 import signal

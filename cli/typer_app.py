@@ -1,6 +1,6 @@
-"""The commands as a Typer app, which helps, completes, and says what is wrong with a line.
+"""The commands as a Typer app: help, completion and error messages.
 
-Typer reads the line and no more: the command itself is run by who asked.
+Typer only reads the line. The caller runs the command.
 """
 
 import inspect

@@ -1,4 +1,4 @@
-"""Type list, type show."""
+"""`type list` and `type show`."""
 
 from collections.abc import Mapping
 from typing import Annotated

@@ -1,1 +1,1 @@
-"""Completing words in a shell: read from the same declarations as a line is, without Typer."""
+"""Shell completion from the declarations of the commands, without Typer."""

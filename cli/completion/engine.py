@@ -1,7 +1,4 @@
-"""What fits an unfinished line; live names.
-
-Spellings that do not go on it are left out by who asks for them.
-"""
+"""Completions of an unfinished line, live names among them."""
 
 import contextlib
 import os

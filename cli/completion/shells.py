@@ -1,8 +1,8 @@
-"""How each shell says what has been typed so far, and hears what fits.
+"""The protocol of each shell: the line typed so far, and the words that fit.
 
 The script that a shell runs at TAB calls `quadctl` with `_QUADCTL_COMPLETE=complete_SHELL` and the
-line in its environment. bash takes a word apart at the characters of COMP_WORDBREAKS, `=` and `:`
-among them, and replaces the last part alone; it is told no more than that.
+line in its environment. bash splits a word at the characters of COMP_WORDBREAKS, e.g. `=` and `:`,
+and replaces only the last part; only that part is printed for it.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""What a page may do: the calls that the commands of the same name make, and no other."""
+"""The actions of a page: the same calls as the commands of those names."""
 
 from collections.abc import Callable
 from typing import Any, Protocol

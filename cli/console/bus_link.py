@@ -1,4 +1,4 @@
-"""The console's ear on the bus: one connection for a vehicle, made again whenever it is lost."""
+"""The bus connection of the console: one per vehicle, restored after each loss."""
 
 import contextlib
 import threading

@@ -1,4 +1,4 @@
-"""Console: address, port, browser."""
+"""`console`: the address and port to listen on, the URLs, and the browser."""
 
 import errno
 import importlib.util

@@ -1,4 +1,4 @@
-"""What the page knows and is sent (pure)."""
+"""The state of a console page and the frames sent to it. Pure."""
 
 import math
 from collections import deque

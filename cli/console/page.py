@@ -1,4 +1,4 @@
-"""One page: layout and feed."""
+"""The layout of one page, and its feed of frames."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""Flight, readings, safety, faults, processes, verdicts."""
+"""The panels of a page: flight, readings, safety, faults, processes and verdicts."""
 
 import math
 from functools import partial

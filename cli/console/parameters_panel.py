@@ -1,4 +1,4 @@
-"""Every parameter, a table at a time: its value to be edited, its bounds and its meaning."""
+"""The parameter panel: one table at a time, with editable values, bounds and meanings."""
 
 from functools import partial
 from typing import Any

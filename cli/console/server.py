@@ -1,4 +1,4 @@
-"""Web server on a thread; who may talk to it."""
+"""The web server of the console on its thread, and the guard that refuses foreign requests."""
 
 import ipaddress
 import secrets

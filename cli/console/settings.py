@@ -1,4 +1,4 @@
-"""The parameters as a page shows them: a table at a time, each with how it is edited. Pure."""
+"""The parameters by table, each with its way of editing. Pure."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal

@@ -1,4 +1,4 @@
-"""The lab's four checkpoints, each flown on a live system and reported with its evidence."""
+"""The four checkpoints of the lab, flown on a live system, with the evidence of each."""
 
 import math
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""`demo`: the whole lab from start to stop on a realm of its own, checkpoint by checkpoint."""
+"""`demo`: the whole lab on a realm of its own, checkpoint by checkpoint."""
 
 import os
 from pathlib import Path

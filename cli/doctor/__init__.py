@@ -1,1 +1,1 @@
-"""`quadctl doctor`: everything that can be wrong."""
+"""`quadctl doctor`: checks of the installation, the machine and the run."""

@@ -1,4 +1,4 @@
-"""Nodes, services, topics, barometer."""
+"""Checks of the bus: nodes, schemas, services, topics, clocks and the barometer."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any

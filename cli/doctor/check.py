@@ -1,4 +1,4 @@
-"""What a check says: its verdict, the evidence, and the command that mends it."""
+"""The finding of a check: its verdict, the evidence, and the command that mends it."""
 
 import re
 from collections.abc import Iterable

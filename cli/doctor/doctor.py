@@ -1,4 +1,4 @@
-"""`doctor`: looks at everything that can be wrong, and says how to mend it."""
+"""`doctor`: all checks in order, with a hint for each that fails."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""All facts under one deadline."""
+"""All facts that `doctor` judges, gathered under one deadline."""
 
 import os
 import threading

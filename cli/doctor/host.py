@@ -1,4 +1,4 @@
-"""Disk, CPU, clock, realm folder."""
+"""Checks of the machine: disk, processor, clock, and the folder of a realm."""
 
 import contextlib
 import os

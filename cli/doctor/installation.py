@@ -1,6 +1,6 @@
-"""Python, packages, whose `services` is imported.
+"""Checks of the installation: Python, packages, and the origin of the modules imported.
 
-Releases are compared, and what comes after them (`rc1`, `.post2`) is left out of account.
+Versions are compared by release; suffixes such as `rc1` and `.post2` do not count.
 """
 
 import hashlib

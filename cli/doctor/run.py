@@ -1,4 +1,4 @@
-"""Supervisor and processes; parameter file against the nodes."""
+"""Checks of a run: supervisor, processes, and its parameters against the file."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""`quadctl fault`: what goes wrong, to order."""
+"""`quadctl fault`: faults put in on purpose."""

@@ -1,4 +1,4 @@
-"""The faults that can be put in by name, each as the parameter that makes it. Pure."""
+"""The faults by name, each with the parameter that causes it. Pure."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Fault list, inject, clear."""
+"""`fault list`, `inject` and `clear`."""
 
 import time
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""The fleet file: vehicles by name, where each is, and formations.
+"""The fleet file: vehicles by name, the hub of each, and formations.
 
 [vehicles]
 uav0 = {}                                              # on this realm's hub, or --connect's

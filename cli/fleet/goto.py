@@ -1,4 +1,4 @@
-"""Fleet goto: words, formations, flights."""
+"""`fleet goto`: the goals typed, formations, and the flights of all vehicles."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

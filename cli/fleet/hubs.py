@@ -1,4 +1,4 @@
-"""Several hubs at once; who belongs to the fleet; one verdict of many."""
+"""Connections to several hubs, the members of the fleet, and one verdict for all of them."""
 
 import os
 import re

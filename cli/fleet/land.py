@@ -1,4 +1,4 @@
-"""Fleet hold, fleet land-all."""
+"""`fleet hold` and `fleet land-all`."""
 
 import time
 from typing import Annotated

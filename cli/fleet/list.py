@@ -1,4 +1,4 @@
-"""`fleet list`: where all are, and what they do."""
+"""`fleet list`: the place and state of every vehicle."""
 
 import time
 

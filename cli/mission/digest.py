@@ -1,7 +1,7 @@
-"""What a flight left on the bus, and its digests: equal flights have equal ones. Pure.
+"""The record of a flight and its digests, equal for equal flights. Pure.
 
-Names that differ from one run to the next are left out: the boot's, and the count of requests
-before it. So is the wording of reasons, which may differ from one version to the next.
+Excluded is all that differs from run to run or from version to version: the boot's name, the count
+of requests before it, and the wording of reasons.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Fly: schedule every call, then reset and watch."""
+"""`fly`: every call of a mission scheduled ahead, then a reset and the flight."""
 
 import os
 import threading

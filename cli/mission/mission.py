@@ -1,4 +1,4 @@
-"""A mission: what is asked of the vehicle at which simulated time. Pure.
+"""A mission file: requests to the vehicle, each at a simulated time. Pure.
 
 end = 12.0
 rows = [

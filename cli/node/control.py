@@ -1,4 +1,4 @@
-"""Node restart, node kill."""
+"""`node restart` and `node kill`."""
 
 import os
 import signal

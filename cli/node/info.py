@@ -1,4 +1,4 @@
-"""Node list, node info."""
+"""`node list` and `node info`."""
 
 import time
 from typing import Annotated, Any

@@ -1,4 +1,4 @@
-"""Node logs, follow."""
+"""`node logs`, with `--follow`."""
 
 import os
 import time

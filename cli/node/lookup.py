@@ -1,4 +1,4 @@
-"""Nodes by the run record and by the bus; ask one for parameters."""
+"""The nodes by the run record and by the bus, and the parameters of one."""
 
 import contextlib
 from typing import Any

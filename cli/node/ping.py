@@ -1,4 +1,4 @@
-"""`node ping`: whether a node's loop turns, and how quickly it answers."""
+"""`node ping`: round trips through the loop of a node."""
 
 import contextlib
 import time

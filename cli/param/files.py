@@ -1,4 +1,4 @@
-"""Param dump, load, diff, save."""
+"""`param dump`, `load`, `diff` and `save`."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

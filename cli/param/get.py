@@ -1,4 +1,4 @@
-"""Param list, get, describe."""
+"""`param list`, `get` and `describe`."""
 
 from typing import Annotated, Any
 

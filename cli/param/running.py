@@ -1,4 +1,4 @@
-"""The running system's parameters, by one deadline."""
+"""The parameters of the running system, read and set under one deadline."""
 
 import time
 from collections.abc import Collection, Iterable, Mapping

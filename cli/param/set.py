@@ -1,4 +1,4 @@
-"""`param set`: changes the parameters of a running node."""
+"""`param set`: a change to the parameters of a running node."""
 
 from typing import Annotated
 

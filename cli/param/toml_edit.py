@@ -1,4 +1,4 @@
-"""A parameter file changed in place: comments, order and format stay, and so does all else of it."""
+"""Edits of a parameter file in place, with comments, order and format kept."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""The matplotlib figure."""
+"""The picture of a flight as a matplotlib figure."""
 
 import math
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""`plot`: a picture of a flight that was recorded, or of what is flown now."""
+"""`plot`: a picture of a recorded flight or of a live one."""
 
 import time
 from pathlib import Path

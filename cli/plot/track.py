@@ -1,4 +1,4 @@
-"""What there is to draw of a flight, vehicle by vehicle, gathered from its messages."""
+"""The tracks of a flight by vehicle, gathered from its messages."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple

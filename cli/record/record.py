@@ -1,4 +1,4 @@
-"""Record: starts the recorder and shows its progress."""
+"""`record`: the recorder as a process, and its progress."""
 
 import contextlib
 import signal

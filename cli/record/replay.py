@@ -1,4 +1,4 @@
-"""`replay`: says on the bus again what was recorded there."""
+"""`replay`: a recording published on the bus again."""
 
 import time
 from collections.abc import Iterator

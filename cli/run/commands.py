@@ -1,4 +1,4 @@
-"""Status, down and init: what loads nothing of the supervisor."""
+"""`status`, `down` and `init`, without the imports of the supervisor."""
 
 import time
 from pathlib import Path

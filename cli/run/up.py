@@ -1,4 +1,4 @@
-"""Up and hub: start a run."""
+"""`up` and `hub`: the start of a run."""
 
 import json
 import os

@@ -1,1 +1,1 @@
-"""`quadctl service`: what can be called."""
+"""`quadctl service`: the services on the bus."""

@@ -1,4 +1,4 @@
-"""Service call."""
+"""`service call`."""
 
 from typing import Annotated, Any
 

@@ -1,4 +1,4 @@
-"""Service list, service info."""
+"""`service list` and `service info`."""
 
 from typing import Annotated
 

@@ -1,1 +1,1 @@
-"""`quadctl topic`: what is published."""
+"""`quadctl topic`: the topics on the bus."""

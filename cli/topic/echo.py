@@ -1,4 +1,4 @@
-"""Topic echo."""
+"""`topic echo`."""
 
 import time
 from typing import Annotated, Any

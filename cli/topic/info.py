@@ -1,4 +1,4 @@
-"""Topic list, topic info."""
+"""`topic list` and `topic info`."""
 
 from typing import Annotated, Any
 

@@ -1,4 +1,4 @@
-"""Topic pub."""
+"""`topic pub`."""
 
 import time
 from typing import Annotated, Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Topic hz, bw, delay."""
+"""`topic hz`, `bw` and `delay`."""
 
 import math
 import time

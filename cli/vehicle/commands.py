@@ -1,4 +1,4 @@
-"""Hold, reset, calibrate, cage on|off|show."""
+"""`hold`, `reset`, `calibrate` and `cage on`, `off` and `show`."""
 
 import time
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Goto, and watching a flight to its end."""
+"""`goto`: one flight, followed to its end."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""`state`: what the automaton is doing."""
+"""`state`: the state of the automaton and the pose of the vehicle."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any

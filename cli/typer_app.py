@@ -105,9 +105,9 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
 
     run.__doc__ = command.__doc__
     run.__annotations__ = {"ctx": typer.Context} | {w.name: _annotated(w) for w in words}
-    run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        parameters=[_parameter("ctx", typer.Context), *map(_declared, words)]
-    )
+    placed = [_parameter("ctx", typer.Context)]
+    placed += [_parameter(w.name, _annotated(w), w.required, w.default) for w in words]
+    run.__signature__ = inspect.Signature(placed)  # type: ignore[attr-defined]
     app.command(
         name,
         cls=_Command,
@@ -117,16 +117,12 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
     )(run)
 
 
-def _declared(word: Parameter) -> inspect.Parameter:
-    default = inspect.Parameter.empty if word.required else word.default
-    return _parameter(word.name, _annotated(word), default)
-
-
 def _parameter(
-    name: str, annotation: Any, default: Any = inspect.Parameter.empty
+    name: str, annotation: Any, required: bool = True, default: Any = None
 ) -> inspect.Parameter:
+    taken = inspect.Parameter.empty if required else default
     kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, annotation=annotation, default=default)
+    return inspect.Parameter(name, kind, annotation=annotation, default=taken)
 
 
 def _annotated(word: Parameter) -> Any:

@@ -61,7 +61,9 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
         if name not in leaves:
             node = name.partition(".")[0]
             abouts.setdefault(node, f"of the node {node}")
-            found.setdefault(node, []).append(_unknown(name, node))
+            found.setdefault(node, []).append(
+                Setting(name, name.removeprefix(f"{node}."), "text", (), "", "", fixed=False)
+            )
     return [Table(name, abouts[name], tuple(own)) for name, own in found.items()]
 
 
@@ -95,7 +97,3 @@ def _facts(leaf: Entry, way: Way) -> Iterator[str]:
     yield f"default {catalogue.word(leaf.default)}"
     if fixed_at_launch(leaf.name):
         yield "set at launch"
-
-
-def _unknown(name: str, node: str) -> Setting:
-    return Setting(name, name.removeprefix(f"{node}."), "text", (), "", "", fixed=False)

@@ -152,7 +152,7 @@ def goto(
         accepted: list[str] = []
         with _told_of(accepted):
             asked, problems = _ask(hubs, members, requests, accepted, options)
-            flying = [member for member in members if _is_accepted(asked.get(member.name))]
+            flying = [m for m in members if (one := asked.get(m.name)) and one.reply.accepted]
             if flying and not no_wait:
                 problems |= _watch(hubs, flying, asked, arrive, quiet=options.json)
     if options.json:
@@ -258,10 +258,6 @@ def _watch(
             way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
             output.line(f"{member.name}: arrived {way}")
     return problems
-
-
-def _is_accepted(asked: _Asked | None) -> bool:
-    return asked is not None and asked.reply.accepted
 
 
 def _row(

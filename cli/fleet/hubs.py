@@ -66,7 +66,10 @@ class Hubs:
         try:
             shared = found.result(max(ends - time.monotonic(), 0))
         except TimeoutError as error:
-            raise late(connect, timeout) from error
+            raise TimedOut(
+                f"{connect or 'the hub'} did not answer within {timeout:g} s",
+                "is its machine there, is its process frozen, does the network let you through?",
+            ) from error
         return shared.beside(vehicle, max(round(ends - time.monotonic(), 2), 0.01))
 
     def ask(
@@ -91,14 +94,6 @@ class Hubs:
 
         within = timeout + _SLACK if bounded else None
         return ask_each(by_name, one, within, all_or_none=all_or_none)
-
-
-def late(connect: str, timeout: float) -> TimedOut:
-    """What is known of a hub that lets nobody in."""
-    return TimedOut(
-        f"{connect or 'the hub'} did not answer within {timeout:g} s",
-        "is its machine there, is its process frozen, does the network let you through?",
-    )
 
 
 File = Annotated[

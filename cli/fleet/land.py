@@ -27,17 +27,13 @@ def hold(options: Options, file: File = None) -> None:
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, _stop, bounded=True)
+        heard = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()), bounded=True)
     rows = [
         row(m, options, heard.problems.get(m.name), stopped=m.name in heard.answers)
         for m in members
     ]
     stopped = dict.fromkeys(heard.answers, "stopping: hovering at the stopping point")
     tell(options, rows, stopped, heard.problems)
-
-
-def _stop(_member: Member, client: Client) -> bool:
-    return client.call(HOLD, HoldRequest()).success
 
 
 _STOPPING = 5.0

@@ -93,7 +93,8 @@ class MissionFlight:
         for service in {service.name: service for _, service, _ in calls}.values():
             self._client.wait_for_server(service)
         for row, service, request in calls:
-            self.rows.append((row, self._ahead(service, request, row.at, _nothing)))
+            # The outcome of a row is looked at when the flight is over.
+            self.rows.append((row, self._ahead(service, request, row.at, lambda: None)))
         # While a node holds a call it is in lock-step: its last one is for the end.
         for node in NODES:
             asked = GetParamsRequest([node])
@@ -154,10 +155,6 @@ class MissionFlight:
         for node in NODES:
             values |= self._client.call(get_params(node), GetParamsRequest([])).values
         return values
-
-
-def _nothing() -> None:
-    """A row's outcome is looked at when the flight is over."""
 
 
 def fly(

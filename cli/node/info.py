@@ -47,9 +47,6 @@ def list_(options: Options) -> None:
     output.table([("NAME", "STATE", "PID", "RESTARTS", "TOPICS", "SERVICES"), *rows])
 
 
-_MEGABYTE = 1e6
-
-
 def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]) -> None:
     """Show a node: its process, topics, services, parameters, memory and CPU time.
 
@@ -154,4 +151,4 @@ def _since(uptime: float | None) -> str:
 
 
 def _megabytes(size: int | None) -> str:
-    return "-" if size is None else f"{size / _MEGABYTE:.1f} MB"
+    return "-" if size is None else f"{size / 1e6:.1f} MB"

@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from functools import partial
 from typing import Annotated
 
 from quadctl.cli import context, output
@@ -70,7 +71,9 @@ class _Pings:
         begun = time.monotonic()
         for number in range(count):
             time.sleep(max(begun + number * interval - time.monotonic(), 0))
-            heard = self._round(asked, time.monotonic() + self._client.timeout if number else ends)
+            until = time.monotonic() + self._client.timeout if number else ends
+            names = [name for name in asked if name not in self._problems]
+            heard = ask_each(names, partial(self._once, asked, until))
             self._problems |= heard.problems
             for name, took in heard.answers.items():
                 self._took.setdefault(name, []).append(took)
@@ -82,21 +85,17 @@ class _Pings:
             self._sum_up(name, all_)
         Answers(self._took, self._problems).fail()
 
-    def _round(self, asked: dict[str, ProcessRecord], until: float) -> Answers[float]:
-        names = [name for name in asked if name not in self._problems]
-        return ask_each(names, lambda name: self._once(asked[name], until))
-
     def _sum_up(self, name: str, took: list[float]) -> None:
         least, mean, most = (1000 * t for t in (min(took), sum(took) / len(took), max(took)))
         said = {"node": name, "n": len(took), "min": least, "avg": mean, "max": most}
         shown = f"{least:.2f}/{mean:.2f}/{most:.2f} ms"
         output.either(self._options, said, f"{name}: {len(took)} pongs, min/avg/max {shown}")
 
-    def _once(self, process: ProcessRecord, until: float) -> float:
+    def _once(self, asked: dict[str, ProcessRecord], until: float, name: str) -> float:
         """How long an answer took, s."""
         begun = time.monotonic()
         # No node has a parameter of that name: that it says so shows that its loop turns.
         with contextlib.suppress(Invalid):
             left = max(until - begun, 0.001)
-            params_of(self._client, process, [f"{process.name}.ping"], left)
+            params_of(self._client, asked[name], [f"{name}.ping"], left)
         return time.monotonic() - begun

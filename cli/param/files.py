@@ -73,10 +73,13 @@ def known_of(values: Values, running: Values) -> Values:
     return {name: value for name, value in values.items() if name.partition(".")[0] in known}
 
 
-def lines(found: Iterable[Change]) -> None:
-    """Print changes, one a line."""
-    for change in found:
-        output.line(str(change))
+def tell(options: Options, document: Any, found: Iterable[Change]) -> None:
+    """Print a document where --json asks for one, changes a line each otherwise."""
+    if options.json:
+        output.document(document)
+    else:
+        for change in found:
+            output.line(str(change))
 
 
 def _shown(value: Any) -> str:
@@ -98,10 +101,7 @@ def diff(
     with RunningParams(options) as running:
         now = running.whole()
     found = changes(known_of(said, now), now)
-    if options.json:
-        output.document([change.document("file", "running") for change in found])
-    else:
-        lines(found)
+    tell(options, [change.document("file", "running") for change in found], found)
 
 
 def dump(
@@ -153,10 +153,8 @@ def save(
         text = edited(read_text(file), {own + change.name: change.after for change in found})
         _verify(text, said | {change.name: change.after for change in found}, file, options)
         replace(file, text.encode())
-    if options.json:
-        output.document({"file": str(file), "changed": [change.document() for change in found]})
-    else:
-        lines(found)
+    changed = [change.document() for change in found]
+    tell(options, {"file": str(file), "changed": changed}, found)
 
 
 def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:
@@ -184,10 +182,7 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
         _check(now | wanted, file)
         _refuse_fixed(found, file)
         _set(running, found)
-    if options.json:
-        output.document([change.document() for change in found])
-    else:
-        lines(found)
+    tell(options, [change.document() for change in found], found)
 
 
 def _said(file: Path, options: Options) -> Values:

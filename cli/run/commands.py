@@ -31,12 +31,10 @@ def down(options: Options) -> None:
     output.either(options, said, f"realm {options.realm} is down")
 
 
-_DEFAULT_FILE = Path("quad.toml")
+DEFAULT_FILE = Path("quad.toml")
 
 
-def init(
-    options: Options, file: Annotated[Path, Arg("Where to write it.")] = _DEFAULT_FILE
-) -> None:
+def init(options: Options, file: Annotated[Path, Arg("Where to write it.")] = DEFAULT_FILE) -> None:
     """Write the parameter file with every key, its unit, default and meaning.
 
     Example: quadctl init my_lab.toml

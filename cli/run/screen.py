@@ -200,7 +200,8 @@ class Screen:
         self._colour = has_colour()
         self._panel = Panel(sys.stdout)
         self._waiting = _Sheet(self._colour)
-        self._printer = Printer(self._waiting)
+        self.emit = Printer(self._waiting)
+        """Have a process's line shown at the next look."""
         self._rates: RateProbe | None = None
         self._shares = Shares()
         self._taken = Measurements({}, {}, {})
@@ -222,10 +223,6 @@ class Screen:
             self._draw([], _size().columns)
         finally:
             self._echo.__exit__(None, None, None)
-
-    def emit(self, name: str, line: str, at: float) -> None:
-        """Have a process's line shown at the next look."""
-        self._printer(name, line, at)
 
     def look(self, supervisor: Supervisor) -> None:
         """Bring the screen up to date."""

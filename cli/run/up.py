@@ -12,7 +12,7 @@ from msgspec import structs
 from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.run.commands import status
+from quadctl.cli.run.commands import DEFAULT_FILE, status
 from quadctl.cli.run.screen import Screen, for_lines, is_live
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.process_table import NODES
@@ -23,7 +23,6 @@ from quadctl.services.runtime.supervisor.daemon import start_in_background as in
 from quadctl.services.runtime.supervisor.launch import Launch
 from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
-_DEFAULT_FILE = Path("quad.toml")
 Detach = Annotated[bool, Option("Return when all processes are ready.", ("--detach", "-d"))]
 Listen = Annotated[
     list[str] | None,
@@ -62,7 +61,7 @@ def up(
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
-    source = file or (_DEFAULT_FILE if _DEFAULT_FILE.exists() else None)
+    source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
     stem = options.named or DEFAULT
     names = [stem] if vehicles is None else load.names(stem, vehicles)
     network = reached(listen, options.connect)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
 
-from quadctl.schemas.topics import TOPICS
+from quadctl.schemas.topics import TOPICS, Topic, topic_of
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Unreachable, UsageError
 from quadctl.services.runtime.realm import (
@@ -166,6 +166,12 @@ def about_topic(options: Options, name: str) -> Options:
         return options
     there = _there(options)
     return _named(options, bare, there, there[0]) if len(there) > 1 else options
+
+
+def own_topic(key: str, vehicle: str) -> Topic[Any] | None:
+    """The topic of the vehicle that has a full key; None where the key is anybody else's."""
+    topic = topic_of(key)
+    return topic if topic is not None and key == topic.key(vehicle) else None
 
 
 def anyone(options: Options) -> Options:

@@ -103,9 +103,8 @@ def _take(word: Parameter, value: str | None, line: Iterator[str], values: dict[
 
 def _put(word: Parameter, text: str, values: dict[str, Any]) -> None:
     if word.type in {int, float} and "_" in text and is_number(text):
-        raise UsageError(
-            f"'{text}' is no number", "write it without the _"
-        )  # Python reads 1_0 as ten
+        # Python reads 1_0 as ten.
+        raise UsageError(f"'{text}' is no number", "write it without the _")
     value = word.type(text)
     if isinstance(word.said, Option) and word.said.min is not None and value < word.said.min:
         raise _Declined

@@ -5,15 +5,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from quadctl.schemas.topics import (
-    SERVICES,
-    TOPICS,
-    Service,
-    Topic,
-    get_params,
-    set_params,
-    topic_of,
-)
+from quadctl.schemas.topics import SERVICES, TOPICS, Service, get_params, set_params, topic_of
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
@@ -39,12 +31,6 @@ def checked_key(name: str, vehicle: str) -> str:
     if len(key) > _LONGEST_KEY or not re.fullmatch(rf"{_CHUNK}(/{_CHUNK})*", key):
         raise Invalid(f"'{name[:80]}' is no key", "write it as sensors/pressure or uav/**")
     return _canonical(key) if "*" in key else key
-
-
-def declared(key: str, vehicle: str) -> Topic[Any] | None:
-    """The topic of the vehicle's own that has a full key; None where the key is anybody else's."""
-    topic = topic_of(key)
-    return topic if topic is not None and key == topic.key(vehicle) else None
 
 
 def single_key(name: str, vehicle: str) -> str:

@@ -64,13 +64,8 @@ class Plot(ui.element, component="assets/plot.js"):
         What was before a change of the field `since` is left out.
         """
         super().__init__()
-        self._props |= {
-            "field": field,
-            "title": title,
-            "read": read,
-            "since": since,
-            "least": least,
-        }
+        self._props |= {"field": field, "title": title, "read": read}
+        self._props |= {"since": since, "least": least}
 
 
 def floor_point(event: GenericEventArguments) -> tuple[float, float]:

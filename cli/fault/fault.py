@@ -99,8 +99,7 @@ def inject(
 
 
 def clear(
-    options: Options,
-    name: Annotated[str, Arg("A fault (default: all that are in).")] = "",
+    options: Options, name: Annotated[str, Arg("A fault (default: all that are in).")] = ""
 ) -> None:
     """Take a fault out, or all of them; a frozen process goes on.
 

@@ -128,12 +128,10 @@ def _print(said: dict[str, Any]) -> None:
         ("CPU time:", "-" if said["cpu"] is None else f"{said['cpu']:.2f} s"),
     ]
     output.table(rows)
-    rates = (
-        f"{hz:g} Hz" if (hz := topic["declared_hz"]) else "on change" for topic in said["topics"]
-    )
     topics = [
-        f"{topic['key']} [{topic['type']}] {rate}"
-        for topic, rate in zip(said["topics"], rates, strict=True)
+        f"{topic['key']} [{topic['type']}] {f'{hz:g} Hz' if hz else 'on change'}"
+        for topic in said["topics"]
+        for hz in [topic["declared_hz"]]
     ]
     services = [f"{each['key']} [{each['type']}]" for each in said["services"]]
     parts = (("Topics", topics), ("Services", services), ("Parameters", said["params"]))

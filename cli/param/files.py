@@ -132,8 +132,7 @@ def dump(
 
 
 def save(
-    options: Options,
-    file: Annotated[Path, Arg("The file to bring up to date.")] = DEFAULT_FILE,
+    options: Options, file: Annotated[Path, Arg("The file to bring up to date.")] = DEFAULT_FILE
 ) -> None:
     """Write what the running system has into a parameter file; comments and order stay.
 

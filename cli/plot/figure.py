@@ -97,10 +97,7 @@ def states(axes: Any, tracks: dict[str, Track]) -> None:
     axes.set_yticks(range(len(tracks)), list(tracks) if len(tracks) > 1 else ["safety"])
     axes.set_ylim(-0.6, len(tracks) - 0.4)
     handles = [Patch(color=colour, label=name) for name, colour in STATES.items()]
-    handles += [
-        Patch(color=TAKEN, label="cage on"),
-        Patch(color=REFUSED, label="cage off"),
-    ]
+    handles += [Patch(color=TAKEN, label="cage on"), Patch(color=REFUSED, label="cage off")]
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=5, fontsize=8,
         frameon=False, handlelength=1.2, columnspacing=1.2,

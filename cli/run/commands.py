@@ -1,4 +1,4 @@
-"""`status`, `down` and `init`, without the imports of the supervisor."""
+"""`status`, `down` and `init`, without an import of the supervisor itself."""
 
 import time
 from pathlib import Path

@@ -25,8 +25,7 @@ from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 Detach = Annotated[bool, Option("Return when all processes are ready.", ("--detach", "-d"))]
 Listen = Annotated[
-    list[str] | None,
-    Option("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT"),
+    list[str] | None, Option("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT")
 ]
 Insecure = Annotated[
     bool, Option("Let listeners that are not encrypted be reached from other machines.")
@@ -123,10 +122,7 @@ def _go_on(_supervisor: Supervisor, _failed: str) -> None:
 
 
 def hub(
-    options: Options,
-    detach: Detach = False,
-    listen: Listen = None,
-    insecure: Insecure = False,
+    options: Options, detach: Detach = False, listen: Listen = None, insecure: Insecure = False
 ) -> None:
     """Run a hub without a vehicle, for others to meet at; with --connect it joins that other one.
 

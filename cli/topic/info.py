@@ -3,9 +3,9 @@
 from typing import Annotated, Any
 
 from quadctl.cli import context, output
-from quadctl.cli.context import Options, about_topic
+from quadctl.cli.context import Options, about_topic, own_topic
 from quadctl.cli.declarations import Arg
-from quadctl.cli.names import declared, single_key
+from quadctl.cli.names import single_key
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import TOPICS, Topic
 from quadctl.schemas.typeinfo import definition, schema_hash
@@ -50,7 +50,7 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
         # Over a network a hub tells of listeners those alone who may publish.
         heard = outlet.is_heard() if outlet else None
-        ours = declared(key, options.vehicle)
+        ours = own_topic(key, options.vehicle)
         found = [offer for offer in offers if offer.key == key]
         if not found and not (ours and heard):
             nobody = _nobody(key, offers, heard=bool(heard))

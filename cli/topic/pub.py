@@ -7,9 +7,9 @@ import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.concurrent import Pace
-from quadctl.cli.context import Options, about_topic
+from quadctl.cli.context import Options, about_topic, own_topic
 from quadctl.cli.declarations import Arg, Option, is_number
-from quadctl.cli.names import declared, single_key
+from quadctl.cli.names import single_key
 from quadctl.cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
 from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime.bus import codec
@@ -65,7 +65,7 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
     """
     if form and form not in FORMS:
         raise UsageError(f"--as {form}: no such form", f"it is one of {', '.join(FORMS)}")
-    topic = declared(key, vehicle)
+    topic = own_topic(key, vehicle)
     if topic is not None:
         if form:
             raise Invalid(
@@ -84,7 +84,7 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
 
 def split_once(key: str, vehicle: str, words: list[str]) -> tuple[list[str], bool]:
     """The words without rostopic's -1 where it is not a value for a key; whether there was one."""
-    if (topic := declared(key, vehicle)) is None:
+    if (topic := own_topic(key, vehicle)) is None:
         return without_once(words, None)
     return without_once(words, len(topic.type.__struct_fields__), topic.type.__name__)
 
@@ -176,7 +176,7 @@ def _count(rate: float | None, count: int | None, *, once: bool) -> int | None:
 
 
 def _warn(key: str, vehicle: str) -> None:
-    if (topic := declared(key, vehicle)) is not None and topic.node:
+    if (topic := own_topic(key, vehicle)) is not None and topic.node:
         output.note(f"warning: {key} is {topic.node}'s own: who reads it cannot tell yours from it")
 
 

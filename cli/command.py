@@ -45,8 +45,7 @@ def main() -> None:
             QuadctlError(text, "please report this, with the lines above"), as_json=as_json
         )
         code = QuadctlError.exit_code
-    # Sessions are closed and streams flushed; the interpreter's own farewell takes 5 ms more.
-    os._exit(code)
+    _leave(code)
 
 
 def _run(words: list[str]) -> None:
@@ -76,3 +75,8 @@ def _check_encoding(words: list[str]) -> None:
         except UnicodeEncodeError as error:
             shown = word.encode(errors="backslashreplace").decode()
             raise UsageError(f"{shown} is not UTF-8", "write it in this terminal's own") from error
+
+
+def _leave(code: int) -> None:
+    # Sessions are closed and streams flushed; the interpreter's own farewell takes 5 ms more.
+    os._exit(code)

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Self, TextIO
 
 from quadctl.cli.output import duration
-from quadctl.cli.run.usage import Shares
 from quadctl.services.runtime.procfs import stats_of
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -190,6 +189,26 @@ _STOPPED = 3.0
 """Seconds without a look, after which this process was stopped and the shell has written here."""
 _LEAVE = 3
 """Rows of the terminal that the table leaves to the lines, at least."""
+
+
+class Shares:
+    """Shares of a core, from the CPU times of two looks."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, tuple[float, float]] = {}
+
+    def look(self, taken: Mapping[int, float], now: float) -> dict[int, float]:
+        """Return per cent of a core by pid, since the previous look at the process.
+
+        `taken` has the CPU time (s) by pid, `now` is a clock's time (s).
+        """
+        shares = {
+            pid: 100 * (cpu - self._last[pid][0]) / (now - self._last[pid][1])
+            for pid, cpu in taken.items()
+            if pid in self._last and now > self._last[pid][1]
+        }
+        self._last = {pid: (cpu, now) for pid, cpu in taken.items()}
+        return shares
 
 
 class Screen:

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadctl.cli.output import duration
-from quadctl.cli.run.screen import Measurements, Panel, lines
-from quadctl.cli.run.usage import Shares
+from quadctl.cli.run.screen import Measurements, Panel, Shares, lines
 from quadctl.services.runtime.run_files import ProcessRecord
 from tests.support.screen import Glass
 

@@ -1,7 +1,7 @@
-"""Whether a vehicle can hold its place with its controller in its wind. SI units.
+"""Check that a vehicle can hold its place with its controller in its wind. SI units.
 
-The acceleration to spare is the worst direction's in closed form. The damping is that of the
-linear loop from position to thrust: cascaded gains, and the motors' lag with half a control period.
+The spare acceleration is the worst direction's, in closed form. The damping is that of the linear
+loop from position to thrust: cascaded gains, and the motors' lag plus half a control period.
 """
 
 from math import cos, hypot, sin, sqrt, tan

@@ -1,8 +1,10 @@
-"""The barometer's own parameters: which sensor it is, and what is wrong with it."""
+"""Parameters of the barometer: the sensor and its faults."""
 
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct, field
+from msgspec import Struct, field
+
+from quadctl.schemas.units import described
 
 Profile = Literal["lab", "ms5611", "bmp280", "bmp388"]
 
@@ -25,29 +27,19 @@ class FaultParams(Struct, forbid_unknown_fields=True):
 
     kind: Annotated[
         Literal["none", "stuck", "off", "glitch", "delay"],
-        Meta(
-            description="stuck: the last value again and again; off: no readings;"
-            " glitch: spikes now and then; delay: old values",
-            extra={"unit": ""},
+        described(
+            "stuck: the last value again and again; off: no readings;"
+            " glitch: spikes now and then; delay: old values"
         ),
     ] = "none"
     magnitude: Annotated[
         float,
-        Meta(ge=0, le=100, description="size of a glitch, up or down", extra={"unit": "hPa"}),
+        described("size of a glitch, up or down", "hPa", ge=0, le=100),
     ] = 1.0
     interval: Annotated[
-        float,
-        Meta(
-            ge=0.01,
-            le=3600,
-            description="time between glitches, in the mean",
-            extra={"unit": "s"},
-        ),
+        float, described("time between glitches, in the mean", "s", ge=0.01, le=3600)
     ] = 1.0
-    delay: Annotated[
-        float,
-        Meta(ge=0, le=10, description="how old delayed values are", extra={"unit": "s"}),
-    ] = 1.0
+    delay: Annotated[float, described("how old delayed values are", "s", ge=0, le=10)] = 1.0
 
 
 class PressureParams(Struct, forbid_unknown_fields=True):
@@ -55,46 +47,37 @@ class PressureParams(Struct, forbid_unknown_fields=True):
 
     source: Annotated[
         Literal["sim", "iio"],
-        Meta(
-            description="sim: the air at the vehicle's height; iio: a real sensor of this machine,"
-            " through Linux's IIO files",
-            extra={"unit": ""},
+        described(
+            "sim: the air at the vehicle's height; iio: a real sensor of this machine,"
+            " through Linux's IIO files"
         ),
     ] = "sim"
     iio: Annotated[
         str,
-        Meta(
-            description="the real sensor's folder, such as /sys/bus/iio/devices/iio:device0;"
-            " empty: the first one that has pressure",
-            extra={"unit": ""},
+        described(
+            "the real sensor's folder, such as /sys/bus/iio/devices/iio:device0;"
+            " empty: the first one that has pressure"
         ),
     ] = ""
     profile: Annotated[
         Profile,
-        Meta(
-            description="the sensor simulated: the lab's ideal one, or a part with its own noise,"
-            " steps, bias and drift",
-            extra={"unit": ""},
+        described(
+            "the sensor simulated: the lab's ideal one, or a part with its own noise,"
+            " steps, bias and drift"
         ),
     ] = "lab"
     rate: Annotated[
         float,
-        Meta(
+        described(
+            "readings per second; a part bounds it further:"
+            f" {', '.join(f'{part} {most:g}' for part, most in MOST_RATE.items())}",
+            "Hz",
             gt=0,
             le=200,
-            description="readings per second; a part bounds it further:"
-            f" {', '.join(f'{part} {most:g}' for part, most in MOST_RATE.items())}",
-            extra={"unit": "Hz"},
         ),
     ] = 10.0
     noise: Annotated[
-        float,
-        Meta(
-            ge=0,
-            le=10,
-            description="half-width of the uniform noise of the profile lab",
-            extra={"unit": "hPa"},
-        ),
+        float, described("half-width of the uniform noise of the profile lab", "hPa", ge=0, le=10)
     ] = LAB_NOISE
     fault: FaultParams = field(default_factory=FaultParams)
 

@@ -1,8 +1,8 @@
 """Keys on the wire: the liveliness grammar, and key-expression inclusion without Zenoh.
 
     uav/@node/safety                                               the node is ready
-    uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state  it publishes that at 1 Hz
-    uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto            it answers that service
+    uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state  a topic of it, at 1 Hz
+    uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto            a service of it
 
 The last chunk is the full key of the topic or service, `/` written `%`.
 """

@@ -1,4 +1,4 @@
-"""Everything published, with the vectors it is made of."""
+"""Messages of the topics, and the vectors in them."""
 
 from typing import Any, Literal
 

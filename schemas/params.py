@@ -1,4 +1,4 @@
-"""The parameter file: safety, dynamics, hub, supervisor.
+"""Parameters of safety, dynamics, hub and supervisor: the classes behind the TOML file.
 
 `quadctl init`, `param describe`, the checks at launch and `param set` all read these classes.
 Values that a node reads at its next step change at once with `param set`.
@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 
 from quadctl.schemas.barometer import PressureParams
-from quadctl.schemas.units import Metres
+from quadctl.schemas.units import Metres, described
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 PORTS = ("tcp", "tls", "quic", "udp", "ws")
@@ -25,27 +25,20 @@ class FlightFaultParams(Struct, forbid_unknown_fields=True):
 
     pose: Annotated[
         Literal["none", "frozen", "delayed", "jump"],
-        Meta(
-            description="frozen: the last one again and again; delayed: old ones; jump: off the"
-            " true place",
-            extra={"unit": ""},
+        described(
+            "frozen: the last one again and again; delayed: old ones; jump: off the true place"
         ),
     ] = "none"
-    delay: Annotated[
-        float,
-        Meta(gt=0, le=10, description="how old a delayed pose is", extra={"unit": "s"}),
-    ] = 0.5
-    jump: Annotated[
-        float,
-        Meta(ge=-1000, le=1000, description="how far off a pose jumps, in x", extra={"unit": "m"}),
-    ] = 3.0
+    delay: Annotated[float, described("how old a delayed pose is", "s", gt=0, le=10)] = 0.5
+    jump: Annotated[float, described("how far off a pose jumps, in x", "m", ge=-1000, le=1000)] = (
+        3.0
+    )
     motors: Annotated[
         float,
-        Meta(
+        described(
+            "share of their thrust that the motors give, unknown to the controller",
             ge=0.5,
             le=1,
-            description="share of their thrust that the motors give, unknown to the controller",
-            extra={"unit": ""},
         ),
     ] = 1.0
 
@@ -55,25 +48,16 @@ class HubParams(Struct, forbid_unknown_fields=True):
 
     transport: Annotated[
         Literal["auto", "unix", "tcp"],
-        Meta(
-            description="unix: a socket in the realm's folder; tcp: a loopback port with a password;"
-            " auto: unix where there is such a thing",
-            extra={"unit": ""},
+        described(
+            "unix: a socket in the realm's folder; tcp: a loopback port with a password;"
+            " auto: unix where there is such a thing"
         ),
     ] = "auto"
     listen: Annotated[
-        list[str],
-        Meta(
-            description="further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447",
-            extra={"unit": ""},
-        ),
+        list[str], described("further Zenoh endpoints to listen on, such as tcp/127.0.0.1:7447")
     ] = field(default_factory=list)
     connect: Annotated[
-        list[str],
-        Meta(
-            description="other hubs to join, by their endpoints, such as tls/field.local:7447",
-            extra={"unit": ""},
-        ),
+        list[str], described("other hubs to join, by their endpoints, such as tls/field.local:7447")
     ] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -113,16 +97,11 @@ class MeanWindParams(Struct, forbid_unknown_fields=True):
 class WindParams(Struct, forbid_unknown_fields=True):
     """The air, made the same again at each boot by `dynamics.seed`."""
 
-    mean: Annotated[
-        MeanWindParams,
-        Meta(description="steady wind, the way that the air goes", extra={"unit": "m/s"}),
-    ] = field(default_factory=MeanWindParams)
-    gust: Annotated[
-        float, Meta(ge=0, le=20, description="RMS of gusts on each axis", extra={"unit": "m/s"})
-    ] = 0.0
-    gust_length: Annotated[
-        float, Meta(ge=0.1, le=1000, description="length scale of gusts", extra={"unit": "m"})
-    ] = 10.0
+    mean: Annotated[MeanWindParams, described("steady wind, the way that the air goes", "m/s")] = (
+        field(default_factory=MeanWindParams)
+    )
+    gust: Annotated[float, described("RMS of gusts on each axis", "m/s", ge=0, le=20)] = 0.0
+    gust_length: Annotated[float, described("length scale of gusts", "m", ge=0.1, le=1000)] = 10.0
 
 
 CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
@@ -141,63 +120,49 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
     """The safety automaton."""
 
     acceptance_range: Annotated[
-        float,
-        Meta(gt=0, le=100, description="a goal nearer than this is reached", extra={"unit": "m"}),
+        float, described("a goal nearer than this is reached", "m", gt=0, le=100)
     ] = 0.5
     cage_on: Annotated[
         bool,
-        Meta(
-            description="whether the cage is on at launch; `quadctl cage on` and `off` turn it later",
-            extra={"unit": ""},
-        ),
+        described("whether the cage is on at launch; `quadctl cage on` and `off` turn it later"),
     ] = True
     virtual_cage: Annotated[
-        CageParams,
-        Meta(description="x in [-x, x], y in [-y, y], z in [0, z]", extra={"unit": "m"}),
+        CageParams, described("x in [-x, x], y in [-y, y], z in [0, z]", "m")
     ] = field(default_factory=CageParams)
     takeoff: Annotated[
         float,
-        Meta(
-            ge=0,
-            le=10_000,
-            description="height of the first goal above the start; 0 stays on the ground",
-            extra={"unit": "m"},
+        described(
+            "height of the first goal above the start; 0 stays on the ground", "m", ge=0, le=10_000
         ),
     ] = 1.0
     pose_timeout: Annotated[
         float,
-        Meta(
-            ge=0.05,
-            le=10,
-            description="a pose older than this pauses the flight: the vehicle brakes",
-            extra={"unit": "s"},
+        described(
+            "a pose older than this pauses the flight: the vehicle brakes", "s", ge=0.05, le=10
         ),
     ] = 0.2
     max_speed: Annotated[
         float,
-        Meta(
+        described(
+            "a pose that would take more speed than this to reach stops the flight",
+            "m/s",
             gt=0,
             le=1000,
-            description="a pose that would take more speed than this to reach stops the flight",
-            extra={"unit": "m/s"},
         ),
     ] = 10.0
     max_deceleration: Annotated[
         float,
-        Meta(
+        described(
+            "a flight that even so hard a stop would not end in the cage is stopped",
+            "m/s^2",
             gt=0,
             le=1000,
-            description="a flight that even so hard a stop would not end in the cage is stopped",
-            extra={"unit": "m/s^2"},
         ),
     ] = 10.0
     margin: Annotated[
         float,
-        Meta(
-            ge=0,
-            le=10,
-            description="how far the vehicle may be off before these stop it; more in wind",
-            extra={"unit": "m"},
+        described(
+            "how far the vehicle may be off before these stop it; more in wind", "m", ge=0, le=10
         ),
     ] = 0.01
 
@@ -214,55 +179,35 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
     """The simulated vehicle."""
 
     start: Annotated[
-        StartParams,
-        Meta(
-            description="where the vehicle stands at boot, from the next reset", extra={"unit": "m"}
-        ),
+        StartParams, described("where the vehicle stands at boot, from the next reset", "m")
     ] = field(default_factory=StartParams)
     rate: Annotated[
         float,
-        Meta(
-            ge=20,
-            le=1000,
-            description="poses per second, so that a period is whole milliseconds",
-            extra={"unit": "Hz"},
-        ),
+        described("poses per second, so that a period is whole milliseconds", "Hz", ge=20, le=1000),
     ] = 100.0
     speed: Annotated[
-        float,
-        Meta(
-            ge=0,
-            le=1000,
-            description="simulated seconds per second; 0 is as fast as it goes",
-            extra={"unit": ""},
-        ),
+        float, described("simulated seconds per second; 0 is as fast as it goes", ge=0, le=1000)
     ] = 1.0
     seed: Annotated[
         int,
-        Meta(
-            ge=0,
-            lt=2**31,
-            description="of all random numbers, the gusts and the sensors' noise among them",
-            extra={"unit": ""},
+        described(
+            "of all random numbers, the gusts and the sensors' noise among them", ge=0, lt=2**31
         ),
     ] = 0
     setpoint_timeout: Annotated[
         float,
-        Meta(
-            ge=0.05,
-            le=10,
-            description="a setpoint older than this makes the vehicle brake to a hover",
-            extra={"unit": "s"},
+        described(
+            "a setpoint older than this makes the vehicle brake to a hover", "s", ge=0.05, le=10
         ),
     ] = 0.15
     grace: Annotated[
         float,
-        Meta(
+        described(
+            "a flight goes on by itself after poses or setpoints were missing for up to"
+            " this long; after more it is over",
+            "s",
             ge=0,
             le=10,
-            description="a flight goes on by itself after poses or setpoints were missing for up to"
-            " this long; after more it is over",
-            extra={"unit": "s"},
         ),
     ] = 1.0
     wind: WindParams = field(default_factory=WindParams)
@@ -285,13 +230,7 @@ class SuperviseParams(Struct, forbid_unknown_fields=True):
     """How `quadctl up` looks after its processes."""
 
     answer_timeout: Annotated[
-        float,
-        Meta(
-            ge=0.5,
-            le=60,
-            description="a process silent for longer is restarted",
-            extra={"unit": "s"},
-        ),
+        float, described("a process silent for longer is restarted", "s", ge=0.5, le=60)
     ] = 2.0
 
 
@@ -305,10 +244,7 @@ class Params(Struct, forbid_unknown_fields=True):
     supervise: SuperviseParams = field(default_factory=SuperviseParams)
     processes: Annotated[
         dict[str, str | list[str]],
-        Meta(
-            description="commands to run in place of a node of ours, or besides them",
-            extra={"unit": ""},
-        ),
+        described("commands to run in place of a node of ours, or besides them"),
     ] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -1,11 +1,11 @@
-"""Who may do what: one table, from which the hub's access control is made.
+"""Rights of each role: the table behind the hub's access control.
 
-A role is had for named vehicles or for all (`*`). Keys stand without the vehicle, which comes before
-them. What is not allowed here is denied; a new topic is heard, and a new service called, by
-operators alone until it is listed for others.
+A role is given for named vehicles or for all (`*`). Keys stand without the vehicle, which comes before
+them. Everything not listed is denied; a new topic or service is for operators alone until it is
+listed for others.
 
-What is the user's own needs no line here: its topics are below `VEHICLE/own/`, its services below
-`VEHICLE/@srv/own/`, and its nodes are called `own-NAME`.
+A user's own needs no line here: topics below `VEHICLE/own/`, services below `VEHICLE/@srv/own/`,
+nodes named `own-NAME`.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Every request and response; the call envelope and the error reply."""
+"""Requests and responses of the services, the call envelope and the error reply."""
 
 from typing import Annotated, Any, Literal
 

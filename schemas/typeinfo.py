@@ -1,4 +1,4 @@
-"""A type as text, as a digest and as JSON Schema."""
+"""Message types as text, as a digest and as JSON Schema."""
 
 import zlib
 from collections.abc import Iterator

@@ -1,10 +1,10 @@
-"""Bounded number types: the one place that says how far a value on the wire may go.
+"""Bounded number types of the wire, and the description of a parameter.
 
 The bounds refuse NaN and infinity too, because a comparison with NaN never holds.
 Metres end at 10 km: nothing in a lab is further away, and squares stay far from overflow.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
@@ -21,3 +21,8 @@ Count = Annotated[int, Meta(ge=0, le=2**53)]
 """Ends where a double stops counting exactly, so that JSON readers agree."""
 Text = Annotated[str, Meta(max_length=1_000)]
 Boot = Annotated[str, Meta(max_length=64)]
+
+
+def described(description: str, unit: str = "", **bounds: Any) -> Meta:
+    """Return the description, unit (none by default) and bounds (`ge`, `gt`, `le`, `lt`) of a parameter."""
+    return Meta(description=description, extra={"unit": unit}, **bounds)

@@ -1,4 +1,4 @@
-"""The vehicle's own parameters: body, rotors, controller. Defaults are the lab's simulator's.
+"""Parameters of the vehicle: body, rotors, controller. Defaults are those of the lab's simulator.
 
 The lower bounds keep divisors away from 0 and motions within what 1 ms steps can follow.
 """
@@ -6,6 +6,8 @@ The lower bounds keep divisors away from 0 and motions within what 1 ms steps ca
 from typing import Annotated
 
 from msgspec import Meta, Struct, field
+
+from quadctl.schemas.units import described
 
 
 class InertiaParams(Struct, forbid_unknown_fields=True):
@@ -26,53 +28,29 @@ class RotorDragParams(Struct, forbid_unknown_fields=True):
 class VehicleParams(Struct, forbid_unknown_fields=True):
     """Body and rotors of a quadrotor in X configuration."""
 
-    mass: Annotated[float, Meta(ge=0.01, le=1000, description="mass", extra={"unit": "kg"})] = 1.0
-    inertia: Annotated[
-        InertiaParams, Meta(description="principal moments of inertia", extra={"unit": "kg m^2"})
-    ] = field(default_factory=InertiaParams)
-    arm: Annotated[
-        float,
-        Meta(ge=0.01, le=10, description="rotor's distance from the centre", extra={"unit": "m"}),
-    ] = 0.08
+    mass: Annotated[float, described("mass", "kg", ge=0.01, le=1000)] = 1.0
+    inertia: Annotated[InertiaParams, described("principal moments of inertia", "kg m^2")] = field(
+        default_factory=InertiaParams
+    )
+    arm: Annotated[float, described("rotor's distance from the centre", "m", ge=0.01, le=10)] = 0.08
     thrust_coefficient: Annotated[
-        float,
-        Meta(
-            ge=1e-9, le=0.01, description="thrust per squared speed", extra={"unit": "N/(rad/s)^2"}
-        ),
+        float, described("thrust per squared speed", "N/(rad/s)^2", ge=1e-9, le=0.01)
     ] = 1.91e-6
     torque_coefficient: Annotated[
-        float,
-        Meta(
-            ge=1e-10,
-            le=1e-4,
-            description="drag torque per squared speed",
-            extra={"unit": "N m/(rad/s)^2"},
-        ),
+        float, described("drag torque per squared speed", "N m/(rad/s)^2", ge=1e-10, le=1e-4)
     ] = 2.6e-7
     max_motor_speed: Annotated[
-        float, Meta(ge=100, le=100_000, description="motor speed limit", extra={"unit": "rad/s"})
+        float, described("motor speed limit", "rad/s", ge=100, le=100_000)
     ] = 2200.0
     motor_lag: Annotated[
-        float,
-        Meta(
-            ge=0.001, le=10, description="first-order time constant of a motor", extra={"unit": "s"}
-        ),
+        float, described("first-order time constant of a motor", "s", ge=0.001, le=10)
     ] = 0.02
-    gravity: Annotated[
-        float, Meta(ge=0, le=100, description="gravity", extra={"unit": "m/s^2"})
-    ] = 9.81
-    drag: Annotated[
-        float, Meta(ge=0, le=100, description="force per |v| v", extra={"unit": "N/(m/s)^2"})
-    ] = 0.1
-    linear_drag: Annotated[
-        float, Meta(ge=0, le=10, description="force per v", extra={"unit": "N/(m/s)"})
-    ] = 0.0
+    gravity: Annotated[float, described("gravity", "m/s^2", ge=0, le=100)] = 9.81
+    drag: Annotated[float, described("force per |v| v", "N/(m/s)^2", ge=0, le=100)] = 0.1
+    linear_drag: Annotated[float, described("force per v", "N/(m/s)", ge=0, le=10)] = 0.0
     rotor_drag: Annotated[
         RotorDragParams,
-        Meta(
-            description="force per motor speed and airspeed, summed over the rotors",
-            extra={"unit": "N/(rad/s)/(m/s)"},
-        ),
+        described("force per motor speed and airspeed, summed over the rotors", "N/(rad/s)/(m/s)"),
     ] = field(default_factory=RotorDragParams)
 
 
@@ -80,43 +58,24 @@ class ControlParams(Struct, forbid_unknown_fields=True):
     """Cascade controller and the limits of the setpoint it follows."""
 
     position_gain: Annotated[
-        float,
-        Meta(ge=0.01, le=100, description="position error to velocity", extra={"unit": "1/s"}),
+        float, described("position error to velocity", "1/s", ge=0.01, le=100)
     ] = 1.6
     velocity_gain: Annotated[
-        float,
-        Meta(ge=0.01, le=100, description="velocity error to acceleration", extra={"unit": "1/s"}),
+        float, described("velocity error to acceleration", "1/s", ge=0.01, le=100)
     ] = 4.0
     attitude_gain: Annotated[
-        float,
-        Meta(ge=0.01, le=1000, description="attitude error to body rates", extra={"unit": "1/s"}),
+        float, described("attitude error to body rates", "1/s", ge=0.01, le=1000)
     ] = 9.0
     rate_gain: Annotated[
-        float,
-        Meta(
-            ge=0.01,
-            le=1000,
-            description="body rate error to angular acceleration",
-            extra={"unit": "1/s"},
-        ),
+        float, described("body rate error to angular acceleration", "1/s", ge=0.01, le=1000)
     ] = 28.0
-    max_tilt: Annotated[
-        float, Meta(ge=0.05, le=1.4, description="tilt limit", extra={"unit": "rad"})
-    ] = 0.7
+    max_tilt: Annotated[float, described("tilt limit", "rad", ge=0.05, le=1.4)] = 0.7
     max_speed: Annotated[
-        float,
-        Meta(ge=0.01, le=100, description="speed limit of the setpoint", extra={"unit": "m/s"}),
+        float, described("speed limit of the setpoint", "m/s", ge=0.01, le=100)
     ] = 5.0
     max_acceleration: Annotated[
-        float,
-        Meta(
-            ge=0.01,
-            le=100,
-            description="acceleration limit of the setpoint",
-            extra={"unit": "m/s^2"},
-        ),
+        float, described("acceleration limit of the setpoint", "m/s^2", ge=0.01, le=100)
     ] = 5.0
     max_jerk: Annotated[
-        float,
-        Meta(ge=0.1, le=10_000, description="jerk limit of the setpoint", extra={"unit": "m/s^3"}),
+        float, described("jerk limit of the setpoint", "m/s^3", ge=0.1, le=10_000)
     ] = 40.0

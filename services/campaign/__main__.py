@@ -1,7 +1,7 @@
-"""A campaign's process: reads an order from stdin, tells its progress and its report on stdout.
+"""Process of a campaign: an order on stdin, progress and report on stdout.
 
-`quadctl campaign` starts it: the command itself imports neither safety nor dynamics. It ends where
-stdin does.
+`quadctl campaign` starts it: the command itself imports neither safety nor dynamics. It ends when its
+stdin is closed.
 """
 
 import os

@@ -1,8 +1,8 @@
-"""A batch flown period by period; which monitors must be asked.
+"""Batch of flights, flown period by period, and the filter for the monitors worth asking.
 
-A pose moves the automaton only where one of the conditions of its rows for `Seen` may hold. Each
-is told here of all vehicles at once, with slack to the side on which the monitor is asked; what the
-monitor then decides is its own. The tests fly with and without, to the same states.
+A pose moves the automaton only if one of the conditions of its rules for `Seen` may hold. The filter
+tests these for all vehicles at once, with slack on the side of asking; the decision is left to the
+monitor. The tests fly with and without the filter, to the same states.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""One flight's safety: the monitor that flies live, fed with poses and the rows of a mission."""
+"""Safety of one simulated flight: the live monitor, fed with poses and the rows of a mission."""
 
 from math import inf, isfinite
 

@@ -1,4 +1,4 @@
-"""A random mission and its events."""
+"""Random missions: the events of a flight and their draw."""
 
 from collections.abc import Iterator, Sequence
 from math import inf, nan, nextafter

@@ -1,11 +1,11 @@
-"""Oracle, log of a flight, report.
+"""Log, excursion and report of simulated flights.
 
 The digest covers no wording: neither a reason's nor a log line's.
 
-Counted is how far the true position goes beyond the cage in force. A vehicle that was inside when
-the cage came on or got its bounds must not go beyond it. One that was put outside by that, or
-could no longer stop inside, may go as far as its stopping point at that instant, and never out
-again where it has come nearer since.
+The excursion is how far the true position goes beyond the cage in force. A vehicle that was inside
+when the cage came on or got its bounds must not go beyond it. A vehicle that was put outside by that,
+or could no longer stop inside, may go as far as its stopping point at that instant, and never out
+again once it has come nearer.
 """
 
 import hashlib

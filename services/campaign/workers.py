@@ -1,6 +1,6 @@
-"""Worker processes and the JSON lines between them.
+"""Worker processes of a campaign, and the JSON lines between them.
 
-It ends at once where stdin does, in the middle of a batch too: whoever gave it the job is gone.
+A worker ends at once when its stdin is closed, even in the middle of a batch: its parent is gone.
 """
 
 import gc

@@ -1,4 +1,4 @@
-"""The vehicle's process: flies to the setpoint it hears, and brakes when it hears none."""
+"""Process of the vehicle: flies to the newest setpoint, and brakes without one."""
 
 import math
 

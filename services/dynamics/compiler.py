@@ -1,9 +1,8 @@
-"""Compile one vehicle in the background, cache the machine code.
+"""Compilation of one vehicle in the background, and the cache of its machine code.
 
-Loading takes llvmlite alone, and 0.1 s; numba, which makes it, would take many times that.
-
-It takes a while, so it has a process of its own, which gives way to all others and ends where its
-stdin does: whoever wanted it is gone. Of several only the first makes it, the others wait.
+Loading takes llvmlite alone, and 0.1 s; numba, which makes the code, would take many times that: it
+runs in a process of its own, which gives way to all others and ends when its stdin is closed. Of
+several such processes one compiles, the others wait.
 """
 
 import ctypes

@@ -1,7 +1,7 @@
 """Cascade control: position, velocity, attitude, body rates; yaw is held at 0.
 
-Every error is taken against a setpoint that is smooth up to its snap, and what the setpoint asks
-for is fed forward at each level: acceleration and drag as force, jerk as body rates, snap as
+Every error is taken against a setpoint that is smooth up to its snap, and the setpoint's demand
+is fed forward at each level: acceleration and drag as force, jerk as body rates, snap as
 torque. The mean wind counts as known, as if estimated: without it the vehicle would hover beside
 its setpoint, downwind. Feedback is then left with gusts and other disturbances.
 

@@ -1,16 +1,10 @@
-"""Standing, spin-up, flying, hopping, landing, at rest; the room a stop takes.
+"""Modes of a flight: standing, spin-up, flying, hopping, landing, at rest; the room a stop takes.
 
-It stands with idle motors, spins them up, flies, or lands. Over the floor it hops, and it lands from
-straight above: a way along the floor or down to it aslant would scrape it, and touching it takes away
-all speed. A vehicle at rest stands
-still to the bit until it is told of something new: the steps that are left out would only stir the
-last digits.
+Over the floor the vehicle hops, and it lands from straight above: a path along the floor, or
+diagonally down to it, would scrape it, and touching it takes away all speed. A vehicle at rest stands
+still to the bit until its next command: further steps would only stir the last digits.
 
-World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
-is an `if` on its own.
-
-World frame ENU, SI units. Straight-line text, as in rigidbody.py; where a choice saves work, it
-is an `if` on its own.
+World frame ENU, SI units. Straight-line text, as in rigidbody.py.
 """
 
 from math import nan

@@ -1,7 +1,7 @@
-"""Times the vehicle's text in plain Python: `python -P -m quadctl.services.dynamics.pace`.
+"""Speed of the model in plain Python: `python -P -m quadctl.services.dynamics.pace`.
 
-Prints the seconds that one integration step takes here, in flight. It takes some 30 ms beside the
-start of Python.
+Prints the seconds that one integration step takes on this machine, in flight. Takes some 30 ms
+besides the start of Python.
 """
 
 import statistics

@@ -1,4 +1,4 @@
-"""Mixing: collective thrust and body torques to four motor speed commands.
+"""Mixer: collective thrust and body torques to four motor speed commands.
 
 Straight-line text, as in rigidbody.py. SI units, body frame FLU.
 """

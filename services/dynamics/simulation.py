@@ -1,4 +1,4 @@
-"""The vehicle as its process flies it: one boot after another, the setpoints that each follows, its poses."""
+"""Simulation of the vehicle's process: its boots, the setpoints that each follows, its poses."""
 
 import math
 import os

@@ -3,17 +3,15 @@
 Each axis is a triple integrator (position, velocity, acceleration) with limits of speed,
 acceleration and jerk. Each period it takes the highest acceleration that the limits permit, for as
 long as the time-minimal stop would still end short of the goal; from then on it follows that
-stop, whose three pieces are integrated in closed form. There is no plan to throw away: a goal
-moved in flight, or a new share, only asks anew on which side of the goal the stop would end.
+stop, whose three pieces are integrated in closed form. There is no plan to throw away: with a goal
+moved in flight, or a new share, only the side of the goal on which the stop ends is computed again.
 
 The three axes share the limits so that their vector sums keep them, and so that a path from rest
 is a straight line. Three equal first-order lags then round the steps of the jerk: a vehicle whose
-torque lags cannot follow those, and would pass the goal by centimetres; with the lags the setpoint
-can be flown exactly. A lagged path stays between the goal and its start, because a lag is a
-weighted mean.
+torque lags cannot follow those, and would pass the goal by centimetres. A lagged path stays between
+the goal and its start, because a lag is a weighted mean.
 
-World frame ENU, SI units; all limits are positive. Straight-line text, as in rigidbody.py; where a
-choice saves work, it is an `if` on its own.
+World frame ENU, SI units; all limits are positive. Straight-line text, as in rigidbody.py.
 
 Over 500 lines: axes, shares and lags are one computation, and each is checked only through all.
 """
@@ -173,7 +171,7 @@ the period in lags, the snap's lead in lags, and the periods after which an imag
 
 Axis = tuple[float, ...]
 """9 floats: position, velocity and acceleration of the path, the goal, the side of it that a stop
-ends on (see axis.py), the share of the limits (0 to 1), and the jerk after one, two and three lags.
+ends on (see `peak`), the share of the limits (0 to 1), and the jerk after one, two and three lags.
 """
 
 

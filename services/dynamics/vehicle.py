@@ -1,4 +1,4 @@
-"""The simulated vehicle: rigid body, rotors, controller and setpoint, stepped together.
+"""Simulated vehicle: rigid body, rotors, controller and setpoint, stepped together.
 
 World frame ENU, body frame FLU, SI units; quaternions w, x, y, z, body to world. Time is the
 count of integration steps, so equal calls give equal bits.
@@ -30,7 +30,7 @@ Lane = tuple[State, Motors, Plan, FlightMode, Air]
 """All that a vehicle is at one moment: state, motors' command, plan and mode, and its air."""
 
 Fly = Callable[[State, Motors, Plan, FlightMode, Air, Constants, int, int], Lane]
-"""`pilot.fly`, or what does the same to the bit."""
+"""`flight_modes.fly`, or what does the same to the bit."""
 
 
 def constants_of(params: DynamicsParams) -> Constants:

@@ -1,8 +1,8 @@
-"""Moving air: a steady wind, and gusts that make the same flight again from the same seed.
+"""Moving air: a steady wind, and gusts that are the same in every flight with the same seed.
 
 A gust is Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes: white noise
-through a first-order lag. What carries it past the vehicle is the mean wind and its own turbulence,
-so its time is the length scale over the speed of both.
+through a first-order lag. The mean wind and its own turbulence carry it past the vehicle, so its
+time constant is the length scale over the speed of both.
 
 The noise must be the same to the bit in plain Python and compiled. Three multiplicative
 generators with different moduli run in whole numbers below 2^53, which floats hold exactly; a draw

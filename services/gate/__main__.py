@@ -1,7 +1,7 @@
-"""The gate: lets other machines reach the hub, each for what its certificate's role allows.
+"""Gate: the way of other machines to the hub, limited to the rights of their certificates' roles.
 
-A process of its own, so that what strangers send never meets the process that the vehicle flies by,
-and so that a revoked name costs a moment of the network and none of the flight.
+A process of its own: what strangers send never meets the process that the vehicle flies by, and a
+revoked name costs a moment of the network and none of the flight.
 """
 
 from quadctl.schemas.params import Params

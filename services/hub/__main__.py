@@ -1,4 +1,4 @@
-"""The hub: a Zenoh router that every other process is a client of."""
+"""Hub: the Zenoh router that every other process is a client of."""
 
 from quadctl.schemas.params import Params
 from quadctl.services.runtime.bus import router

@@ -1,4 +1,4 @@
-"""The process: when a reading is taken, what is published."""
+"""Process of the barometer: the times of its readings, their publication, and calibration."""
 
 import logging
 import math

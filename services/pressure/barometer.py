@@ -1,4 +1,4 @@
-"""Baseline and faults over raw readings (pure)."""
+"""Baseline and faults over raw readings. Pure."""
 
 import math
 from bisect import bisect_right

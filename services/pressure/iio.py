@@ -1,4 +1,4 @@
-"""A real sensor through Linux IIO.
+"""Real pressure sensor through Linux IIO.
 
 Linux's Documentation/ABI/testing/sysfs-bus-iio: `in_pressure_input` is the pressure in kPa; a
 driver that leaves the arithmetic to its reader has (`in_pressure_raw` + `in_pressure_offset`) x

@@ -1,6 +1,6 @@
-"""Standard atmosphere, noise, drift, real parts (pure).
+"""Simulated sensor: standard atmosphere, noise, drift, real parts. Pure.
 
-How many readings a second each gives bounds a parameter, so it stands in `schemas/barometer.py`.
+The readings per second of each part bound a parameter, and stand in `schemas/barometer.py`.
 Temperature coefficients are left out, since nothing here has a temperature that they could act on,
 and so is the lag of a part's own filter; what the filter does to the noise is in the noise.
 """

@@ -1,4 +1,4 @@
-"""The process, and its progress on stdout.
+"""Process of the recorder, with its progress on stdout.
 
 python -P -m quadctl.services.recorder -o FILE [--key KEY]... [--duration S] [--attended]
 """

@@ -1,7 +1,7 @@
-"""Foxglove messages, and the scene made of them (pure).
+"""Foxglove messages, and the scene made of them. Pure.
 
-Fields are theirs (https://docs.foxglove.dev/docs/visualization/message-schemas), m and rad. Shapes
-that we do not draw are empty lists, which a reader expects to be there.
+Fields follow https://docs.foxglove.dev/docs/visualization/message-schemas, m and rad. Shapes
+that are not drawn are empty lists, because readers expect the fields.
 """
 
 from itertools import product

@@ -1,4 +1,4 @@
-"""A recording as it grows: what came, and what viewers draw of it."""
+"""Growing recording: messages from the bus, and the scene that viewers draw of them."""
 
 import time
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""How every process of the system starts and ends."""
+"""Start and end of every process of the system."""
 
 import argparse
 import logging
@@ -49,7 +49,7 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
 
     Reads the command line (`--help` tells), opens the session, serves the node's parameters
     and calls `run(node, params)`, once for each of several vehicles, which take turns. `opening` replaces
-    the way the session is opened, and opens it again where `run` raises Reopen.
+    the way the session is opened, and opens it again where `run` raises ReopenSession.
     """
     options = _parse(name)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)

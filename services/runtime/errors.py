@@ -1,4 +1,4 @@
-"""Everything that can go wrong, and the exit code each ends a command with.
+"""Errors of the system, each with the exit code of a command that ends with it.
 
     QuadctlError (1)
     ├── UsageError (2)

@@ -1,4 +1,4 @@
-"""The event loop: Executor, its queue, and several nodes on one thread (greenlets)."""
+"""Event loops: an Executor for one node, or several that take turns on one thread (greenlets)."""
 
 import math
 import threading
@@ -294,12 +294,12 @@ class _GreenletQueue(CallbackQueue):
         self._rouse, self._sleep, self._is_roused = rouse, sleep, False
 
     def put(self, item: Item) -> None:
-        """As Inbox.put."""
+        """As CallbackQueue.put."""
         super().put(item)
         self._be_roused()
 
     def wait(self, deadline: float) -> Item | None:
-        """As Inbox.wait; what is there already comes after the others' turns."""
+        """As CallbackQueue.wait; what is there already comes after the others' turns."""
         if len(self):
             self._be_roused()
         self._sleep(self, deadline)

@@ -1,4 +1,4 @@
-"""A lock that the kernel releases when its holder dies, however it dies."""
+"""Lock on a file, released by the kernel however its holder dies."""
 
 import contextlib
 import os

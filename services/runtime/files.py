@@ -1,4 +1,4 @@
-"""A file that is made anew: nothing that is there is written over."""
+"""New files: existing ones are never overwritten."""
 
 import errno
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""A node: a service of one vehicle on the bus, with one loop whose turn its handlers take."""
+"""Node: a service of one vehicle on the bus, with one loop for all its handlers."""
 
 import logging
 import time
@@ -175,7 +175,7 @@ class Node:
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Announce the node; then as Loop.ticks, at a rate that parameters may change."""
+        """Announce the node; then as Executor.ticks, at a rate that parameters may change."""
         self.ready()
         return self.executor.ticks(hz)
 

@@ -1,4 +1,4 @@
-"""The process table: what runs, and when a dead one is started again. Pure."""
+"""Processes of a run, and the policy of their restarts. Pure."""
 
 import re
 import sys

@@ -1,4 +1,4 @@
-"""Figures of a process from Linux's /proc. Other systems have none, and every figure is None there."""
+"""Figures of a process from Linux's /proc; None on other systems."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""A realm: one isolated run of the system, and the folder that everything of it lives in."""
+"""Realm: one isolated run of the system, and its folder."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""What a run keeps in its folder for others to read: run.json and parameter values (imports nothing heavy)."""
+"""Files that a run keeps for commands: run.json and parameter values. Imports nothing heavy."""
 
 from typing import Any, Literal
 

@@ -1,7 +1,7 @@
 """Server side of a service: dispatch, exactly-once, scheduled calls, call log.
 
-The clock is a boot of the simulation and a time in it. A call is made for the boot that is now or
-for one that is yet to begin; once its boot is over it is never executed.
+The clock is a boot of the simulation and a time in it. A call is for the present boot or a future
+one; it is never executed once its boot is over.
 """
 
 import logging

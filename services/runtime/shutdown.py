@@ -1,4 +1,4 @@
-"""How a process learns that it shall end."""
+"""Signals to end a process: SIGINT, SIGTERM, and the death of its supervisor."""
 
 import ctypes
 import os

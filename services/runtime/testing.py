@@ -1,8 +1,8 @@
-"""A node's world from a list instead of a bus: what it hears and is asked, in order.
+"""Bus in a list: a node's messages and calls in order, without Zenoh.
 
     said = play("safety", run, params, [(POSE, pose), ...], calls)
 
-The service's own `run` is what is played, without Zenoh and as fast as it goes.
+The service's own `run` is executed, as fast as it goes.
 """
 
 import logging

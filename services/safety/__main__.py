@@ -1,4 +1,4 @@
-"""Safety's process: verifies every goal, and alone tells the vehicle where to go."""
+"""Process of safety: verifies every goal, and alone publishes setpoints."""
 
 import time
 

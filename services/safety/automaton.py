@@ -1,4 +1,4 @@
-"""RULES, conditions, actions and step(): everything that moves it in one file (h11's Rule 1).
+"""Safety automaton: RULES, conditions, actions and step(). Everything that moves it is in this file.
 
     HOVERING -> VERIFYING -> MOVING -> HOVERING
 

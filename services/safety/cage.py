@@ -1,8 +1,8 @@
-"""The virtual cage; stopping distance.
+"""Virtual cage, and the stopping distance of a vehicle in it.
 
-Nothing keeps it from passing the points up to there, so this is what has to stay inside, as in
-the approach speeds of other autopilots: at each distance from a wall there is a speed from which
-it still stops before it.
+A vehicle passes every point up to its stopping point, so that is what has to stay inside, as in the
+approach speeds of other autopilots: at each distance from a wall there is a speed from which it still
+stops before the wall.
 """
 
 from math import dist, sqrt

@@ -1,4 +1,4 @@
-"""What the automaton is made of: its states, its events, what it sees and what it remembers."""
+"""Data of the automaton: its states, events, world and situation."""
 
 from enum import Enum
 

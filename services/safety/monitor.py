@@ -1,4 +1,4 @@
-"""Feeds the automaton; detects a vehicle that does not follow."""
+"""Monitor: feeds the automaton; TrackingMonitor: detects a vehicle that does not follow."""
 
 from collections.abc import Callable
 from math import inf

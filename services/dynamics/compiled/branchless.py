@@ -1,8 +1,8 @@
-"""The setpoint's everyday period, without branches, for processors that take vehicles by the dozen.
+"""Everyday period of the setpoint without branches, for processors that take vehicles by the dozen.
 
-`setpoint.advance` has loops for what is rare: finding the moment from which an axis brakes, and
-sharing the limits anew. Here such a period is only told from the others, which are done as there,
-to the bit. Straight-line text, as in rigidbody.py; SI units.
+`trajectory.advance` has loops for what is rare: finding the moment from which an axis brakes, and
+sharing the limits anew. Such a period is only detected here, and then computed as there, to the bit.
+Straight-line text, as in rigidbody.py; SI units.
 """
 
 from quadctl.services.dynamics.controller import PERIOD
@@ -19,9 +19,9 @@ from quadctl.services.dynamics.trajectory import (
 NOTHING = 0.0
 """The setpoint is at rest: no new plan."""
 PLAIN = 1.0
-"""The new plan is `setpoint.advance`'s."""
+"""The new plan is `trajectory.advance`'s."""
 RARE = 2.0
-"""The new plan is not: ask `setpoint.advance`."""
+"""The new plan is not: ask `trajectory.advance`."""
 
 
 def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:

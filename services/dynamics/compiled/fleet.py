@@ -1,4 +1,4 @@
-"""CompiledFleet: thousands of vehicles."""
+"""CompiledFleet: thousands of vehicles in compiled code."""
 
 from collections.abc import Sequence
 from types import ModuleType

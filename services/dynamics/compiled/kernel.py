@@ -2,8 +2,8 @@
 
 A block holds WIDTH vehicles, a row of each number, so that the processor takes several vehicles
 at once through what has no branches: the controller, the mixer, the integration step, and the
-setpoint but for what is rare there, which the vehicles that need it do one after another.
-Floating point stays strict; fast arithmetic would gain nothing and cost the equality to the bit.
+setpoint except for its rare periods, which are computed one vehicle after another.
+Floating point stays strict: fast arithmetic would gain nothing and cost the equality to the bit.
 """
 
 import ast

@@ -23,7 +23,7 @@ FIXED = Struct(f"{sum(CONSTANTS.values())}d")
 
 
 class Single:
-    """What `pilot.fly` does, to the bit, in compiled code; each vehicle needs one of its own."""
+    """What `flight_modes.fly` does, to the bit, in compiled code; each vehicle needs one of its own."""
 
     def __init__(self, step: Step, numbers: Any, fixed: Any) -> None:
         """`step` works on these two buffers, of the sizes of NUMBERS and FIXED."""
@@ -41,7 +41,7 @@ class Single:
         start: int,
         steps: int,
     ) -> Lane:
-        """As `pilot.fly`."""
+        """As `flight_modes.fly`."""
         if mode[2] >= PERIODS_TO_REST:
             return state, command, plan, mode, air
         if constants is not self._packed:

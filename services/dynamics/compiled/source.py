@@ -1,8 +1,8 @@
-"""The model's functions as one flat module (ast); generated-module cache.
+"""The model's functions as one flat syntax tree, and a cache of generated modules.
 
-The functions of the model are straight-line text in several modules. Here they are read, those
-that a caller asks for with all that they call, and put into one syntax tree, which a backend turns
-into what runs. Annotations and docstrings are left out, and constants become their values.
+The model is straight-line text in several modules. The requested functions are read with everything
+that they call, and merged into one tree for a backend. Annotations and docstrings are dropped,
+constants become their values.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""The caller's side of a service."""
+"""Client side of a service: calls with decoded or raw payloads."""
 
 import os
 import time
@@ -30,7 +30,7 @@ class ServiceClient(Generic[Q, R]):
         self._encoding = codec.encoding(service.request)
 
     def call(self, request: Q, timeout: float, boot: str = "", *, again: bool = False) -> R:
-        """Send one request and return its reply; waits and raises as an Asker does."""
+        """Send one request and return its reply; waits and raises as RawServiceClient does."""
         try:
             payload = codec.encode(request)
         except (OverflowError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""Command side: Client, hub connection watch, latched get, raw publisher."""
+"""Command side of the bus: Client, the watch on its hub connection, latched get, raw publisher."""
 
 import time
 from typing import TYPE_CHECKING, Self, TypeVar

@@ -1,4 +1,4 @@
-"""MessagePack with schema digest; error replies; anything as plain data."""
+"""MessagePack with a schema digest, error replies, and any payload as plain data."""
 
 import math
 import threading

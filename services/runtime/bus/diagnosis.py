@@ -1,4 +1,4 @@
-"""Why nobody answers: who is frozen is told from who is not there."""
+"""Explanations of missing answers: frozen, gone, denied or never there."""
 
 from typing import Protocol
 

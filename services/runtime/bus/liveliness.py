@@ -1,4 +1,4 @@
-"""Asking the bus who is there."""
+"""Queries to the hub about live nodes, vehicles and their endpoints."""
 
 import zenoh
 

@@ -1,4 +1,4 @@
-"""Node side: Publisher and Subscription."""
+"""Node side of a topic: Publisher and Subscription."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""Undecoded subscriber (recorder) and publisher (replay)."""
+"""Undecoded traffic: the recorder's subscriber and the replay's publisher."""
 
 import contextlib
 import time

@@ -1,4 +1,4 @@
-"""Open the hub and the gate (router sessions), TCP linger fix."""
+"""Router sessions of the hub and the gate, and their TCP links without linger."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""Open a client session; find the hub or say why not.
+"""Client sessions: Zenoh's configuration, and the connection to a realm's hub.
 
 Nothing listens on a network port unless it is asked to, and multicast is off. The settings were
 measured; the reason stands beside each.

@@ -1,4 +1,4 @@
-"""What a command hears: messages as they come, and those of topics decoded."""
+"""Queues of received messages for commands, raw or decoded."""
 
 import time
 from contextlib import suppress

@@ -1,8 +1,8 @@
-"""One snapshot of the whole bus for doctor: nodes, rates, answers.
+"""Snapshot of the whole bus for `quadctl doctor`: nodes, rates, answers.
 
-Nothing is changed by it. A service other than `get_params` is called with an empty request
-whose deadline has passed: that its server says `expired` shows that its loop turns. Only a
-stranger's server that heeds neither would do anything.
+It changes nothing. A service other than `get_params` is called with an empty request whose
+deadline has passed: a server that replies `expired` has a running loop. Only a third-party server
+that checks neither deadline nor payload would execute the call.
 """
 
 import contextlib

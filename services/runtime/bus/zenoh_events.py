@@ -1,4 +1,4 @@
-"""What Zenoh tells us: is somebody at the other end, did the link break; its threads' state."""
+"""Zenoh's events: a matching end, a lost link; and the Python state of its threads."""
 
 import ctypes
 import threading

@@ -1,4 +1,4 @@
-"""Every parameter with unit and bounds; quad.toml template; TOML writing."""
+"""Catalogue of all parameters with unit and bounds; the template of quad.toml; TOML writing."""
 
 import re
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,4 @@
-"""Get/set on a running node; writes its values to the run's folder.
-
-Each file is written by that node alone.
-"""
+"""Parameters of a running node: get, set, and the file of its values, written by the node alone."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Defaults + TOML + --set -> Params, for one vehicle or many."""
+"""Checked parameters from defaults, TOML and `--set`, for one vehicle or many."""
 
 import math
 import re
@@ -154,7 +154,7 @@ def load_vehicles(
     """Each vehicle's parameters; a table named after it says what it has otherwise.
 
     Unless they say where, several start on a grid of 2 m around `dynamics.start`, and each has a
-    seed of its own, counted up from `dynamics.seed`. Raises Invalid as params.load does.
+    seed of its own, counted up from `dynamics.seed`. Raises Invalid as `load`.
     """
     return of(*gather(file, settings), vehicles)
 

@@ -1,4 +1,4 @@
-"""Values by dotted names, as people write them: `safety.virtual_cage.x=3`."""
+"""Dotted names of values, as people write them: `safety.virtual_cage.x=3`."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any

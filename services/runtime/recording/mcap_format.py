@@ -1,8 +1,8 @@
-"""How a message of the bus stands in a recording, and comes back out of it. Pure.
+"""Form of a bus message in a recording, and the way back. Pure.
 
-Viewers read JSON, so what JSON carries to the bit stands there as JSON: the topics of ours by
-their types, and of others each map of MessagePack that comes back the same. Anything else stays
-the bytes that it was.
+Viewers read JSON, so a message that JSON carries to the bit is stored as JSON: our topics by their
+types, other maps of MessagePack if they come back the same. Anything else stays the bytes that it
+was.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Read a recording, also a truncated one; its summary."""
+"""Reader of recordings, truncated ones too, and their summary."""
 
 import os
 import struct

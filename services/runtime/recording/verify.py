@@ -1,4 +1,4 @@
-"""Check a recording against its schemas; repair a truncated one."""
+"""Check of a recording against its schemas, and repair of a truncated one."""
 
 from collections.abc import Iterator
 from pathlib import Path

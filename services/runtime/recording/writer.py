@@ -1,4 +1,4 @@
-"""Write MCAP in whole chunks, safely on a full disk."""
+"""Writer of MCAP files in whole chunks, safe on a full disk."""
 
 import contextlib
 import os

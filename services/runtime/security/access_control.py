@@ -1,8 +1,8 @@
-"""Roles and names -> Zenoh access control; watches the list.
+"""Zenoh's access control from roles and the list of names, and the watch on that list.
 
-Everything is denied that is not listed, and nothing is kept out by a denial: a rule counts only where
-its key covers all of the message's, so that a denial of `uav/input/position` would not meet what is put
-on `uav/input/*`. The one denial that there is spares everybody news.
+Everything not listed is denied, and no rule relies on a denial: a rule counts only if its key
+covers all of the message's, so a denial of `uav/input/position` would miss a message put on
+`uav/input/*`. The one denial that exists only saves traffic.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""A fleet's own certificate authority: P-256 keys, and certificates that are good for days."""
+"""Certificate authority of a fleet: P-256 keys, and certificates that are good for days."""
 
 import datetime as dt
 import ipaddress

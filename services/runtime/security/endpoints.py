@@ -1,4 +1,4 @@
-"""What an endpoint is, which are encrypted, and which must not be opened without it. Pure."""
+"""Endpoints: their form, the encrypted ones, and those that must not be opened in plain. Pure."""
 
 import re
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Who we are: a folder with certificate and key."""
+"""Identity of a process: a folder with certificate and key."""
 
 import os
 import sys

@@ -1,6 +1,6 @@
-"""What our certificate allows, and why a handshake failed.
+"""Rights of our certificate, and reasons of a failed handshake.
 
-The hub enforces; this says why. Without a certificate, on the Unix socket, all is allowed.
+The hub enforces; this module explains. Without a certificate, on the Unix socket, all is allowed.
 """
 
 import socket

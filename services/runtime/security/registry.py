@@ -1,4 +1,4 @@
-"""Issued and revoked names of a fleet."""
+"""Names of a fleet: issued, listed, revoked."""
 
 import re
 import shutil

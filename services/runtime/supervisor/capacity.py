@@ -1,4 +1,4 @@
-"""How many vehicles plain Python can fly on this machine; asked before a run of several starts.
+"""Limit on the vehicles that this machine flies in plain Python; checked before a launch of several.
 
 The extra `fleet` brings numba, which flies them compiled: then nothing is timed or refused.
 """

@@ -1,4 +1,4 @@
-"""One child process: its pipe reader and bounded line buffer."""
+"""Child process: its start and end, the reader of its pipe, its bounded line buffer."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Ask a run from outside to restart a process or to stop."""
+"""Requests to a run from outside: restart a process, stop the run."""
 
 import contextlib
 import os

@@ -1,7 +1,7 @@
-"""`up -d`: start a supervisor in the background, and its main().
+"""Background supervisor of `up -d`: its start, and its main().
 
-Reads a Launch, one line, from stdin, and writes one Settled to stdout when all are ready or one failed.
-A run that is owned ends when its stdin does: with its owner, even by kill -9, on every platform.
+Reads a Launch, one line, from stdin, and writes one StartupResult to stdout when all are ready or one
+failed. An owned run ends when its stdin does: with its owner, even by kill -9, on every platform.
 """
 
 import os

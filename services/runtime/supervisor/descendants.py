@@ -1,16 +1,13 @@
-"""Kill whatever a user's command started; parent-death exec wrapper and watcher.
+"""Everything that a user's command starts: bound to the supervisor's life, found and killed.
 
-Our own nodes watch their stdin for that; a stranger's command knows nothing of it. On Linux the
-kernel is asked to kill it; elsewhere it is up to the command to end when its stdin does. The
-command takes this process's place, so its pid is the one that was started.
+Our own nodes watch their stdin; a user's command knows nothing of that. It is started through this
+module, which has Linux kill it with the supervisor and then becomes the command, with the same pid;
+on other systems the command has to end when its stdin does.
 
-A command is started with a mark in its environment, which all that it starts inherits, in
-whatever session and under whatever parent. What has cleared its environment and also left its
-command's process group (`env -i setsid ..`), has written over it, or runs as another user, is not
-found; where there is no /proc, only the process group is reached.
-
-A command's first process dies with the supervisor by its leash; what that one has started would
-not. Runs only beside a user's commands, and only on Linux, where they can be found.
+What it starts in turn is found by a mark in its environment, inherited in whatever session and under
+whatever parent. Not found: a process that has cleared its environment and left the command's process
+group (`env -i setsid ..`), has overwritten it, or runs as another user. Without /proc only the
+process group is reached. A watcher beside such commands kills the marked ones with the supervisor.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""What a run is launched with; takes the realm, writes its files."""
+"""Launch of a run: its settings, its lock on the realm, its files."""
 
 import contextlib
 import os

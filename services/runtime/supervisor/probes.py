@@ -1,4 +1,4 @@
-"""Readiness and liveness over the bus; message rates."""
+"""Probes over the bus: readiness, liveness and message rates."""
 
 import threading
 import time

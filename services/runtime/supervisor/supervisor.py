@@ -1,4 +1,4 @@
-"""Run(): the supervisor's loop and one ManagedProcess per row."""
+"""Supervisor: the loop over a ManagedProcess for each row of the process table."""
 
 import signal
 import time

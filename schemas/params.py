@@ -30,15 +30,14 @@ class FlightFaultParams(Struct, forbid_unknown_fields=True):
         ),
     ] = "none"
     delay: Annotated[float, described("how old a delayed pose is", "s", gt=0, le=10)] = 0.5
-    jump: Annotated[float, described("how far off a pose jumps, in x", "m", ge=-1000, le=1000)] = (
-        3.0
-    )
+    jump: Annotated[
+        float,
+        described("how far off a pose jumps, in x", "m", ge=-1000, le=1000),
+    ] = 3.0
     motors: Annotated[
         float,
         described(
-            "share of their thrust that the motors give, unknown to the controller",
-            ge=0.5,
-            le=1,
+            "share of their thrust that the motors give, unknown to the controller", ge=0.5, le=1
         ),
     ] = 1.0
 

@@ -27,8 +27,10 @@ def _written_out(part: dict[str, Any], types: dict[str, Any]) -> dict[str, Any]:
     if "enum" in whole:
         whole.setdefault("type", "string")
     if whole.get("type") == "object":
-        fields = whole.get("properties", {})
-        whole["properties"] = {name: _written_out(field, types) for name, field in fields.items()}
+        properties = whole.get("properties", {})
+        whole["properties"] = {
+            name: _written_out(field, types) for name, field in properties.items()
+        }
     for inner in ("items", "additionalProperties"):
         if isinstance(whole.get(inner), dict):
             whole[inner] = _written_out(whole[inner], types)
@@ -55,9 +57,16 @@ def service_definition(request: type[Struct], response: type[Struct]) -> str:
     return "\n".join(part for part in (definition(request), "---", definition(response)) if part)
 
 
+def fields(type_: type[Struct]) -> tuple[inspect.Field, ...]:
+    """Return the fields of a type, with their types."""
+    described = inspect.type_info(type_)
+    assert isinstance(described, inspect.StructType)  # noqa: S101 - a Struct is one
+    return described.fields
+
+
 def parts(type_: type[Struct]) -> Iterator[type[Struct]]:
     """The types of a type's fields that have fields themselves, and of theirs."""
-    for field in inspect.type_info(type_).fields:  # type: ignore[attr-defined]
+    for field in fields(type_):
         if isinstance(field.type, inspect.StructType):
             yield field.type.cls
             yield from parts(field.type.cls)

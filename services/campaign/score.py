@@ -160,8 +160,8 @@ def inside(point: Point, size: Point) -> bool:
 def farthest(corners: Sequence[Sequence[float]], size: Point) -> float:
     """How far beyond the cage (m) a vehicle can get that stays in the box around some points."""
     outs = [
-        max(_out(value, *wall) for value in values)
-        for values, wall in zip(zip(*corners, strict=True), _walls(size), strict=True)
+        max(max(low - value, value - high, 0.0) for value in values)
+        for values, (low, high) in zip(zip(*corners, strict=True), _walls(size), strict=True)
     ]
     return sqrt(sum(out * out for out in outs))
 
@@ -169,10 +169,6 @@ def farthest(corners: Sequence[Sequence[float]], size: Point) -> float:
 def _walls(size: Point) -> tuple[tuple[float, float], ...]:
     cx, cy, cz = size
     return (-cx, cx), (-cy, cy), (0.0, cz)
-
-
-def _out(value: float, low: float, high: float) -> float:
-    return max(low - value, value - high, 0.0)
 
 
 class Score:

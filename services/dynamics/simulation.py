@@ -242,9 +242,5 @@ class Simulation:
         if setpoint.brake:
             self._vehicle.brake()
         elif accepts:
-            self._vehicle.goto(*_xyz(setpoint.position))
+            self._vehicle.goto(*structs.astuple(setpoint.position))
         self._braked = setpoint.brake or not accepts
-
-
-def _xyz(position: Position) -> tuple[float, float, float]:
-    return position.x, position.y, position.z

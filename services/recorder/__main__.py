@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
 def _attended(options: argparse.Namespace, node: Node, params: Params) -> None:
     """Run, and tell whoever has started it how it went."""
     if not options.attended:
-        run(options, node, params, _tell_nobody)
+        run(options, node, params, lambda _facts: None)
         return
     node.log.setLevel(logging.WARNING)
     attendant = Attendant(node)
@@ -197,10 +197,6 @@ def _leave_nothing(realm: Realm, node: Node) -> None:
     (realm.folder / f"{node.vehicle}.{node.name}.lock").unlink(missing_ok=True)
     with contextlib.suppress(OSError):
         realm.folder.rmdir()
-
-
-def _tell_nobody(_facts: dict[str, object]) -> None:
-    """The log has all that matters."""
 
 
 if __name__ == "__main__":

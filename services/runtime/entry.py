@@ -89,7 +89,11 @@ def _run(
                         raise
                 else:
                     ending.on_shutdown(crew.stop)
-                    again = _again(crew)
+                    try:
+                        crew.run()
+                        again = False
+                    except ReopenSession:
+                        again = True
                     patience = time.monotonic() + _FORGOTTEN
             again = again and not ending.wait(_REST)
     return 0
@@ -109,15 +113,6 @@ def _check_welcome(opened: zenoh.Session, connect: str) -> None:
         from quadctl.services.runtime.security import permissions
 
         permissions.welcome(opened, connect, _HUB_WAIT)
-
-
-def _again(crew: MultiNodeExecutor) -> bool:
-    """Run the services to their end; whether they are to begin again."""
-    try:
-        crew.run()
-    except ReopenSession:
-        return True
-    return False
 
 
 def _executor_of(
@@ -155,13 +150,9 @@ def _parse(name: str) -> argparse.Namespace:
     return options
 
 
-def _vehicles(options: argparse.Namespace) -> list[str]:
-    said = os.environ.get("QUADCTL_VEHICLES") or os.environ.get("QUADCTL_VEHICLE")
-    return options.vehicle or (said or DEFAULT).split(",")
-
-
 def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
-    vehicles = [vehicle_name(vehicle) for vehicle in _vehicles(options)]
+    said = os.environ.get("QUADCTL_VEHICLES") or os.environ.get("QUADCTL_VEHICLE") or DEFAULT
+    vehicles = [vehicle_name(vehicle) for vehicle in options.vehicle or said.split(",")]
     found = {}
     for vehicle in vehicles:
         running = None if options.config else live.read_values(realm, vehicle)

@@ -16,7 +16,7 @@ from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.raw import RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed
 from quadctl.services.runtime.executor import Executor
-from quadctl.services.runtime.server import Schedule, Server, call_log_of
+from quadctl.services.runtime.server import CallLog, Schedule, Server
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -125,7 +125,9 @@ class Node:
 
         Raises AlreadyServed when another node answers it.
         """
-        journal = call_log_of(self._session, self.vehicle, service, self._schedule)
+        journal = None
+        if not service.reads:
+            journal = CallLog(self._session, self.vehicle, service, self._schedule)
         server = Server(self.vehicle, service, handler, self._schedule, journal)
         for other in self._others:
             if other.key == server.key:

@@ -29,10 +29,14 @@ _LONGEST_SOCKET_PATH = 100
 
 
 def vehicle_name(name: str) -> str:
-    """The name, when it can be the first chunk of a key; raises UsageError otherwise."""
+    """Return the name if it can be the first chunk of a key; raises UsageError otherwise."""
+    return _checked(name, "a vehicle")
+
+
+def _checked(name: str, what: str) -> str:
     if not _NAME.fullmatch(name):
         raise UsageError(
-            f"'{name}' is no name for a vehicle",
+            f"'{name}' is no name for {what}",
             "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
         )
     return name
@@ -78,12 +82,7 @@ class Realm:
     asked = _Within("asked")
 
     def __init__(self, name: str) -> None:
-        if not _NAME.fullmatch(name):
-            raise UsageError(
-                f"'{name}' is no name for a realm",
-                "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
-            )
-        self.name = name
+        self.name = _checked(name, "a realm")
         self.path = os.path.join(_root(), name)
         self.endpoint = f"unixsock-stream/{self.path}/hub.sock"
         if len(os.fsencode(self.path)) + len("/hub.sock") > _LONGEST_SOCKET_PATH:

@@ -141,13 +141,6 @@ class CallLog:
         )
 
 
-def call_log_of(
-    session: zenoh.Session, vehicle: str, service: Service[Any, Any], schedule: Schedule
-) -> CallLog | None:
-    """The journal of a service, None of one that changes nothing."""
-    return None if service.reads else CallLog(session, vehicle, service, schedule)
-
-
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 

@@ -178,7 +178,9 @@ class Safety:
 def run(node: Node, params: Params) -> None:
     """Step on the poses at 20 Hz; a clock of our own watches that they keep coming."""
     _log_launch(node, params)
-    node.publisher(INFO).put(_info(node.vehicle))
+    services = {service.name: service.node for service in SERVICES}
+    topics = {topic.name: topic.node for topic in TOPICS}
+    node.publisher(INFO).put(Info(node.vehicle, services, topics))
     safety = Safety(node, params)
     node.wait_for(lambda: safety.monitor.fresh, _FIRST_POSE)
     safety.serve()
@@ -203,14 +205,6 @@ def _log_launch(node: Node, params: Params) -> None:
             node.log.info(line)
     if node.restarted:
         node.log.warning("restarted: the cage is on")
-
-
-def _info(vehicle: str) -> Info:
-    return Info(
-        vehicle,
-        {service.name: service.node for service in SERVICES},
-        {topic.name: topic.node for topic in TOPICS},
-    )
 
 
 if __name__ == "__main__":

@@ -37,20 +37,14 @@ def why_outside(point: Position, cage: CageSize) -> str:
 
 def beyond(point: Position, cage: CageSize) -> float:
     """How far from the cage a point lies, m; 0 inside."""
-    x, y, z = excess(point, cage)
+    x = _past(point.x, -cage.x, cage.x)
+    y = _past(point.y, -cage.y, cage.y)
+    z = _past(point.z, 0.0, cage.z)
     return sqrt(x * x + y * y + z * z)
 
 
-def excess(point: Position, cage: CageSize) -> tuple[float, float, float]:
-    """How far a point lies beyond the nearest wall on each axis, m, signed; 0 between them."""
-    return (
-        _past(point.x, -cage.x, cage.x),
-        _past(point.y, -cage.y, cage.y),
-        _past(point.z, 0.0, cage.z),
-    )
-
-
 def _past(value: float, low: float, high: float) -> float:
+    """How far a value lies beyond the nearer bound, signed; 0 between them."""
     # NaN is in no interval, and comes out as it is.
     return 0.0 if low <= value <= high else value - (high if value > high else low)
 

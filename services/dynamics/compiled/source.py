@@ -108,11 +108,13 @@ class _Flat(ast.NodeTransformer):
 
     def function(self, node: ast.FunctionDef) -> ast.FunctionDef:
         """A function of the module, under its flat name."""
-        arguments = [ast.arg(argument.arg) for argument in node.args.args]
-        stored = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and _is_stored(n)]
-        self._locals = {argument.arg for argument in arguments} | set(stored)
-        body = [self.visit(statement) for statement in node.body[1:]]  # after its docstring
-        return _define(self._names[node.name], arguments, body)
+        arguments = [argument.arg for argument in node.args.args]
+        names = [n for n in ast.walk(node) if isinstance(n, ast.Name)]
+        self._locals = {*arguments, *(n.id for n in names if isinstance(n.ctx, ast.Store))}
+        made = ast.parse(f"def {self._names[node.name]}({', '.join(arguments)}): pass").body[0]
+        assert isinstance(made, ast.FunctionDef)  # noqa: S101 - the text is one
+        made.body = [self.visit(statement) for statement in node.body[1:]]  # after its docstring
+        return made
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
         name = node.id
@@ -132,18 +134,6 @@ class _Flat(ast.NodeTransformer):
         return ast.Name(name, ast.Load())
 
 
-def _define(name: str, arguments: list[ast.arg], body: list[ast.stmt]) -> ast.FunctionDef:
-    """A function definition without anything that the text has no use for."""
-    signature = ast.arguments(
-        posonlyargs=[], args=arguments, kwonlyargs=[], kw_defaults=[], defaults=[]
-    )
-    made = ast.parse(f"def {name}(): pass").body[0]
-    if not isinstance(made, ast.FunctionDef):
-        raise TypeError(name)
-    made.args, made.body = signature, body
-    return made
-
-
 def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:
     """Names that a module imports of the model: its own name, the module, and the name there."""
     package = flight_modes.__name__.rpartition(".")[0]
@@ -153,10 +143,6 @@ def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:
             for alias in node.names:
                 name = alias.asname or alias.name
                 yield (name, origin, alias.name) if origin else (name, alias.name, None)
-
-
-def _is_stored(name: ast.Name) -> bool:
-    return isinstance(name.ctx, ast.Store)
 
 
 def _short(module: ModuleType) -> str:

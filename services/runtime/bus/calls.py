@@ -11,7 +11,7 @@ from quadctl.schemas.services import Call
 from quadctl.schemas.topics import Service
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.codec import to_jsonable
-from quadctl.services.runtime.bus.zenoh_events import MatchingListener
+from quadctl.services.runtime.bus.zenoh_events import ONE_SERVER, MatchingListener
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
 _LOST = 0.1
@@ -44,11 +44,7 @@ class RawServiceClient:
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._session, self._key = session, key
-        self._querier = session.declare_querier(
-            self._key,
-            target=zenoh.QueryTarget.BEST_MATCHING,
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
+        self._querier = session.declare_querier(self._key, **ONE_SERVER)
         self._server = MatchingListener(self._querier)
 
     def call(
@@ -72,9 +68,8 @@ class RawServiceClient:
                 payload=payload,
                 encoding=encoding,
                 attachment=ticket,
-                target=zenoh.QueryTarget.BEST_MATCHING,
-                consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=left,
+                **ONE_SERVER,
             )
             for reply in replies:
                 return read(reply, self._key, timeout)

@@ -11,7 +11,11 @@ from quadctl.schemas.topics import Service, Topic, topic_of
 from quadctl.services.runtime.bus import codec, liveliness
 from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
 from quadctl.services.runtime.bus.session import connect_to_hub
-from quadctl.services.runtime.bus.zenoh_events import DisconnectListener, MatchingListener
+from quadctl.services.runtime.bus.zenoh_events import (
+    ALL_SERVERS,
+    DisconnectListener,
+    MatchingListener,
+)
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -98,12 +102,7 @@ def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) ->
     )
     while (left := deadline - time.monotonic()) > 0:
         # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
-        for reply in session.get(
-            key,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=left,
-        ):
+        for reply in session.get(key, timeout=left, **ALL_SERVERS):
             if reply.ok is None:
                 if isinstance(why, Invalid):
                     continue  # that something came says more than that no more did

@@ -62,14 +62,6 @@ def _key(name: Any) -> str:
     return name if isinstance(name, str) else msgspec.json.encode(_carried(name)).decode()
 
 
-def _msgpack(payload: bytes) -> Any:
-    return msgspec.msgpack.decode(payload)
-
-
-def _json(payload: bytes) -> Any:
-    return msgspec.json.decode(payload)
-
-
 def _text(payload: bytes) -> str:
     text = payload.decode()
     if any(ord(char) < ord(" ") and char not in "\t\r\n" for char in text):
@@ -79,11 +71,11 @@ def _text(payload: bytes) -> str:
 
 Reader = Callable[[bytes], Any]
 _READERS: dict[str, tuple[Reader, ...]] = {
-    "application/msgpack": (_msgpack,),
-    "application/json": (_json,),
-    "text/json": (_json,),
+    "application/msgpack": (msgspec.msgpack.decode,),
+    "application/json": (msgspec.json.decode,),
+    "text/json": (msgspec.json.decode,),
 }
-_ANY: tuple[Reader, ...] = (_json, _text, _msgpack)
+_ANY: tuple[Reader, ...] = (msgspec.json.decode, _text, msgspec.msgpack.decode)
 
 
 M = TypeVar("M", bound=Struct)

@@ -141,8 +141,7 @@ class RecorderSubscriber:
     def ask(self, key: str) -> None:
         """Have what latched topics hold come as well, where it is listened to."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
-        target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
-        self._session.get(key, callback, target=target, consolidation=consolidation, timeout=1.0)
+        self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
 
     def has_held(self) -> bool:
         """Whether the hub is there, and was so since this was last asked.

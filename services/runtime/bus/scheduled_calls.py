@@ -53,9 +53,8 @@ class FutureCall(Generic[Q, R]):
             payload=codec.encode(request),
             encoding=codec.encoding(service.request),
             attachment=codec.encode(ticket),
-            target=zenoh.QueryTarget.BEST_MATCHING,
-            consolidation=zenoh.ConsolidationMode.NONE,
             timeout=patience,
+            **zenoh_events.ONE_SERVER,
         )
 
     def _on_reply(self, reply: zenoh.Reply) -> None:

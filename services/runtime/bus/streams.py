@@ -46,9 +46,8 @@ class RawSubscriber:
 
     def ask(self, session: zenoh.Session, key: str, timeout: float) -> None:
         """Have what is held under a key, of a latched topic, come before all messages."""
-        target, consolidation = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
-        session.get(key, callback, target=target, consolidation=consolidation, timeout=timeout)
+        session.get(key, callback, timeout=timeout, **zenoh_events.ALL_SERVERS)
 
     @property
     def waiting(self) -> int:

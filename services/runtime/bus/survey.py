@@ -22,6 +22,7 @@ from quadctl.schemas.services import Call, GetParamsRequest, GetParamsResponse
 from quadctl.schemas.topics import SERVICES, get_params, set_params
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.session import Address, open_client
+from quadctl.services.runtime.bus.zenoh_events import ALL_SERVERS
 from quadctl.services.runtime.errors import Invalid, TimedOut
 from quadctl.services.runtime.security.endpoints import is_secure
 
@@ -206,9 +207,8 @@ class _Surveyor:
                     zenoh.handlers.Callback(self._replies(key), self._on_end, indirect=False),
                     payload=codec.encode(GetParamsRequest([])) if asks else b"",
                     attachment=codec.encode(ticket),
-                    target=zenoh.QueryTarget.ALL,
-                    consolidation=zenoh.ConsolidationMode.NONE,
                     timeout=left,
+                    **ALL_SERVERS,
                 )
                 self._pending += 1
 

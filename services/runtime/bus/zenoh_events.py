@@ -7,6 +7,14 @@ from typing import Any
 
 import zenoh
 
+ALL_SERVERS: Any = {
+    "target": zenoh.QueryTarget.ALL,
+    "consolidation": zenoh.ConsolidationMode.NONE,
+}
+"""Arguments of a query for the answers of all, none held back."""
+ONE_SERVER: Any = {**ALL_SERVERS, "target": zenoh.QueryTarget.BEST_MATCHING}
+"""Arguments of a query for the answer of one."""
+
 _KEPT = 16
 """Changes that are kept until somebody asks; the oldest go first, and one that is left says enough."""
 

@@ -7,7 +7,7 @@ from typing import Any
 from msgspec import Struct, inspect, to_builtins
 
 from quadctl.schemas.params import FIXED_AT_LAUNCH, LIVE_SWITCHES, Params
-from quadctl.schemas.typeinfo import bounds_text
+from quadctl.schemas.typeinfo import bounds_text, fields
 from quadctl.services.runtime.params.names import put, value_of
 from quadctl.services.runtime.run_files import UNSERVED
 
@@ -35,7 +35,7 @@ class Section(Struct, frozen=True):
 
 def sections() -> Iterator[Section]:
     """Every table of the file, each after the one that it stands in."""
-    for field in _fields(Params):
+    for field in fields(Params):
         inner = _bare(field.type)
         if isinstance(inner, inspect.StructType):
             yield from _sections(field.encode_name, inner)
@@ -76,16 +76,9 @@ def live_switch(name: str) -> str:
     return LIVE_SWITCHES.get(name, "")
 
 
-def _fields(cls: type[Struct]) -> tuple[inspect.Field, ...]:
-    """The fields of a struct, with their types."""
-    described = inspect.type_info(cls)
-    assert isinstance(described, inspect.StructType)  # noqa: S101 - a Struct is one
-    return described.fields
-
-
 def _sections(name: str, type_: inspect.StructType) -> Iterator[Section]:
     defaults, nested, entries = type_.cls(), [], []
-    for field in _fields(type_.cls):
+    for field in fields(type_.cls):
         path = f"{name}.{field.encode_name}"
         about, inner = _said(field.type, "description"), _bare(field.type)
         if isinstance(inner, inspect.StructType) and not about:

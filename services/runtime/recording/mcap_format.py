@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Struct, inspect
 
 from quadctl.schemas.topics import TOPICS, topic_of
+from quadctl.schemas.typeinfo import fields
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
@@ -49,7 +50,9 @@ class Form:
         self._type = _TYPES.get(codec.type_name(said), named)
         self._exact = self._type is not None and said == codec.encoding(self._type)
         # A free table may hold what JSON has no word for, as the infinity that was asked for.
-        self._free = self._type is not None and _has_free_tables(self._type)
+        self._free = self._type is not None and any(
+            isinstance(field.type, inspect.DictType) for field in fields(self._type)
+        )
 
     def stored(self, payload: bytes) -> Stored:
         """The message in the best form that keeps all of it."""
@@ -72,9 +75,10 @@ class Form:
         except Invalid:
             return None
         # What a stranger has put beside our fields would be lost.
-        if not self._exact and msgspec.msgpack.decode(payload).keys() - _names(self._type):
-            return None
-        return message
+        if self._exact:
+            return message
+        names = {field.encode_name for field in fields(self._type)}
+        return None if msgspec.msgpack.decode(payload).keys() - names else message
 
     def _is_json_table(self, payload: bytes) -> bool:
         if not (self._said.startswith(_JSON_ENCODINGS) or payload[:1] == b"{"):
@@ -100,17 +104,3 @@ def _as_json(payload: bytes) -> bytes | None:
         return data if restored(data, packed=True) == payload else None
     except _BAD:
         return None
-
-
-def _has_free_tables(type_: type[Struct]) -> bool:
-    return any(isinstance(each.type, inspect.DictType) for each in _fields(type_))
-
-
-def _names(type_: type[Struct]) -> set[str]:
-    return {each.encode_name for each in _fields(type_)}
-
-
-def _fields(type_: type[Struct]) -> tuple[inspect.Field, ...]:
-    described = inspect.type_info(type_)
-    assert isinstance(described, inspect.StructType)  # noqa: S101 - a Struct is one
-    return described.fields

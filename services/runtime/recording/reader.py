@@ -165,9 +165,6 @@ def _parts(record: McapRecord) -> Iterator[McapRecord]:
         yield record
 
 
-_PREFIX = "quadctl."
-
-
 class KeyFacts(Struct, frozen=True):
     """What came on one key: of which type or encoding, how many, and how many a second."""
 
@@ -239,7 +236,7 @@ def _facts(
     keys = [
         KeyFacts(
             channel.topic,
-            schema.name.removeprefix(_PREFIX) if schema else "",
+            schema.name.removeprefix("quadctl.") if schema else "",
             channel.metadata.get(writer.SAID, channel.message_encoding),
             count,
             (count - 1) / seconds if seconds and count > 1 else 0.0,

@@ -53,8 +53,8 @@ def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, An
         if name.expires > now:
             named.update(name.vehicles)
             groups.setdefault((name.role, tuple(name.vehicles)), []).append(name.common_name)
-    rules = [_rule("own", "ingress", [*_MESSAGES, *_ASK], _EVERYWHERE)]
-    rules += [_rule("own", "egress", [*_MESSAGES, *_ASK], _EVERYWHERE)]
+    everything = [*_MESSAGES, *_ASK]
+    rules = [_rule("own", flow, everything, _EVERYWHERE) for flow in ("ingress", "egress")]
     subjects: list[dict[str, Any]] = [{"id": "own", "link_protocols": [link]}]
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["own"]}]
     for (role, vehicles), certificates in groups.items():

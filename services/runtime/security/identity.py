@@ -47,7 +47,9 @@ class Identity:
         for file in (FLEET, CERTIFICATE, KEY, ABOUT):
             if not os.access(self.path(file), os.R_OK):
                 raise UsageError(f"the identity {folder} has no {file} that can be read", _ASK)
-        _refuse_readable(self.path(KEY))
+        key = self.path(KEY)
+        if sys.platform != "win32" and os.stat(key).st_mode & 0o077:
+            raise UsageError(f"{key} can be read by others on this machine", f"chmod 600 {key}")
         try:
             with open(self.path(ABOUT), "rb") as about:
                 self.name = msgspec.json.decode(about.read(), type=Name)
@@ -99,8 +101,3 @@ def needed(endpoint: str) -> Identity:
             f"say --identity DIR, or set {VARIABLE}; DIR is what `quadctl keys issue` has made",
         )
     return found
-
-
-def _refuse_readable(key: str) -> None:
-    if sys.platform != "win32" and os.stat(key).st_mode & 0o077:
-        raise UsageError(f"{key} can be read by others on this machine", f"chmod 600 {key}")

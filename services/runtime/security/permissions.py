@@ -25,9 +25,8 @@ from quadctl.services.runtime.security.identity import (
 )
 
 _ASK = "`quadctl keys list`, where the fleet's keys are, shows whose certificates are good"
-_WRONG_NAME = 62
-"""X509_V_ERR_HOSTNAME_MISMATCH; 64 is the same of an address."""
-_WRONG_ADDRESS = 64
+_WRONG_HOST = {62, 64}
+"""X509_V_ERR_HOSTNAME_MISMATCH, and the same of an address."""
 
 
 def why(endpoint: str, timeout: float) -> QuadctlError:
@@ -72,7 +71,7 @@ def _shake(who: Identity, host: str, port: int, timeout: float) -> QuadctlError 
 
 
 def _not_ours(who: Identity, host: str, problem: ssl.SSLCertVerificationError) -> QuadctlError:
-    if problem.verify_code in {_WRONG_NAME, _WRONG_ADDRESS}:
+    if problem.verify_code in _WRONG_HOST:
         return Unreachable(
             f"the hub's certificate is not made out to {host}",
             f"issue it anew with --host {host}, or say an address that it is made out to",
@@ -160,17 +159,16 @@ def tell_apart(
     """
     if not is_secure(connect):
         return
-    offered = any(offer.key == key for offer in offers)
-    if offered or (not offers and _informs(session, key.partition("/")[0])):
+    served = any(offer.key == key for offer in offers)
+    if not offers:
+        info = INFO.key(key.partition("/")[0])
+        served = any(reply.ok for reply in session.get(info, timeout=_LOOK))
+    if served:
         raise NotAllowed(
             f"not allowed: {connect} keeps {needed(connect).name.common_name} from {key}",
             "it is served: the hub's list of names says less than your certificate, or its quadctl is"
             " another version",
         )
-
-
-def _informs(session: zenoh.Session, vehicle: str) -> bool:
-    return any(reply.ok for reply in session.get(INFO.key(vehicle), timeout=_LOOK))
 
 
 def _one(who: Name) -> str:

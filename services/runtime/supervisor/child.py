@@ -133,13 +133,7 @@ class Child:
         if not process.stranger and fork.possible():
             self._popen = ForkedProcess(process.command[-1], environment, folder, both=True)
         else:
-            holder = (
-                sys.executable,
-                "-P",
-                "-m",
-                "quadctl.services.runtime.supervisor.descendants",
-                str(os.getpid()),
-            )
+            holder = (sys.executable, "-P", "-m", descendants.__name__, str(os.getpid()))
             self._popen = subprocess.Popen(
                 (*holder, *process.command) if process.stranger else process.command,
                 stdin=subprocess.PIPE,

@@ -9,72 +9,68 @@ from msgspec import Struct, structs
 from quadctl.schemas.params import CageParams, SafetyParams
 
 
-class GotoEvent(Struct, frozen=True, tag=True):
-    """A goal is asked for, m; it may be no place at all."""
+class _Event(Struct, frozen=True, tag=True):
+    """One thing that happens in a mission, at a simulated time, s."""
 
     at: float
+
+
+class GotoEvent(_Event, frozen=True):
+    """A goal is asked for, m; it may be no place at all."""
+
     x: float
     y: float
     z: float
     replace: bool
 
 
-class HoldEvent(Struct, frozen=True, tag=True):
+class HoldEvent(_Event, frozen=True):
     """A stop is asked for."""
 
-    at: float
 
-
-class CageEvent(Struct, frozen=True, tag=True):
+class CageEvent(_Event, frozen=True):
     """The cage is turned on or off."""
 
-    at: float
     on: bool
 
 
-class Resize(Struct, frozen=True, tag=True):
+class Resize(_Event, frozen=True):
     """The cage gets other bounds, m."""
 
-    at: float
     x: float
     y: float
     z: float
 
 
-class Range(Struct, frozen=True, tag=True):
+class Range(_Event, frozen=True):
     """The acceptance range gets another value, m."""
 
-    at: float
     metres: float
 
 
-class Deaf(Struct, frozen=True, tag=True):
+class Deaf(_Event, frozen=True):
     """For so long (s) no pose reaches safety."""
 
-    at: float
     seconds: float
 
 
-class Mute(Struct, frozen=True, tag=True):
+class Mute(_Event, frozen=True):
     """For so long (s) no setpoint reaches the vehicle."""
 
-    at: float
     seconds: float
 
 
-class Jump(Struct, frozen=True, tag=True):
+class Jump(_Event, frozen=True):
     """One pose says that the vehicle is elsewhere, by so much, m."""
 
-    at: float
     x: float
     y: float
     z: float
 
 
-class Late(Struct, frozen=True, tag=True):
+class Late(_Event, frozen=True):
     """A pose of some time ago (s) comes again, after newer ones."""
 
-    at: float
     age: float
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.campaign.score import Floats
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet
 from quadctl.services.dynamics.compiled.kernel import CONSTANTS, WIDTH, span
 from quadctl.services.dynamics.flight_modes import Point, periods_of, room
 from quadctl.services.dynamics.vehicle import Vehicle
 
-Floats = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.intp]
 Box = tuple[Point, Point]
 """Its lowest and its highest corner, m."""

@@ -124,9 +124,6 @@ class Simulated:
         if boot != self._boot:
             self._boot, self._bias = boot, self._boots.uniform(-1, 1)
             self._drift.begin(stamp, self._boots)
-        return self._shown(part, air, stamp)
-
-    def _shown(self, part: Part, air: float, stamp: float) -> float:
         wandered = DRIFT * self._drift.at(stamp, self._noise)
         noise = self._noise.gauss(0, part.noise)
         pascals = air * _PASCALS + part.accuracy * self._bias + wandered + noise

@@ -130,7 +130,11 @@ def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> 
     if not options.output:
         raise UsageError("there is no file to record to", "name one: -o FILE")
     path = Path(options.output)
-    notes = _notes(node)
+    notes = {
+        "quadctl": version("quadctl"),
+        "vehicle": node.vehicle,
+        "began": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+    }
     if options.local:
         notes["params"] = msgspec.json.encode(params).decode()
     recording = Recording(_next_free(path) if node.restarted else path, notes)
@@ -174,14 +178,6 @@ def _write(recording: Recording, tap: RecorderSubscriber) -> None:
         if left > 0:
             time.sleep(_PAUSE)
     recording.flush()
-
-
-def _notes(node: Node) -> dict[str, str]:
-    return {
-        "quadctl": version("quadctl"),
-        "vehicle": node.vehicle,
-        "began": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-    }
 
 
 def _next_free(path: Path) -> Path:

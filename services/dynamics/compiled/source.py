@@ -122,7 +122,12 @@ class _Flat(ast.NodeTransformer):
             return node
         if name in self._names and callable(getattr(self._module, name)):
             return self._called(self._names[name])
-        return ast.Constant(_number(getattr(self._module, name)))
+        value = getattr(self._module, name)
+        if not isinstance(value, (int, float)):
+            raise TypeError(
+                f"the model's text uses {value!r}, which is neither its own nor a number"
+            )
+        return ast.Constant(value)
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if not isinstance(node.value, ast.Name):
@@ -147,9 +152,3 @@ def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:
 
 def _short(module: ModuleType) -> str:
     return module.__name__.rpartition(".")[2]
-
-
-def _number(value: object) -> float:
-    if isinstance(value, (int, float)):
-        return value
-    raise TypeError(f"the model's text uses {value!r}, which is neither its own nor a number")

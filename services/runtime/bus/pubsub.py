@@ -174,13 +174,10 @@ class Subscription(Generic[M]):
                 codec.check_schema(type_, said)
             self._value = codec.decode_fields(type_, payload)
         except Invalid as error:
-            self._complain(error)
+            # Said once per kind of fault: a stranger at 1 kHz must not fill the log.
+            if error.message != self._complaint:
+                self._complaint = error.message
+                _log.warning("ignored a message on %s: %s", self._topic.name, error.message)
             return False
         self._received = received
         return True
-
-    def _complain(self, error: Invalid) -> None:
-        # Said once per kind of fault: a stranger at 1 kHz must not fill the log.
-        if error.message != self._complaint:
-            self._complaint = error.message
-            _log.warning("ignored a message on %s: %s", self._topic.name, error.message)

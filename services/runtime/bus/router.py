@@ -103,8 +103,10 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     try:
         return open_with(config, TWO_THREADS)
     except zenoh.ZError as error:
+        # Without the places in Zenoh's source.
+        why = str(error).partition(" at /")[0].rstrip(". ")
         raise QuadctlError(
-            f"{', '.join(listen) or 'the gate'} cannot be opened: {_plainly(error)}",
+            f"{', '.join(listen) or 'the gate'} cannot be opened: {why}",
             "is the port another's, or the address not this machine's?",
         ) from error
 
@@ -119,8 +121,3 @@ def _router(address: Address) -> dict[str, Any]:
     # Routers sleep this long before they answer; there is nobody to scout for.
     config["scouting"]["delay"] = 0
     return config
-
-
-def _plainly(error: zenoh.ZError) -> str:
-    """What Zenoh says, without the places in its source."""
-    return str(error).partition(" at /")[0].rstrip(". ")

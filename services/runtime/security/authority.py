@@ -52,7 +52,7 @@ class Authority:
         """Make a new fleet's key and certificate; raises UsageError where there is one already."""
         if (folder / FLEET_KEY).exists():
             raise UsageError(f"{folder} has a fleet's keys already", "name another --fleet")
-        key, now = ec.generate_private_key(ec.SECP256R1()), _now()
+        key, now = ec.generate_private_key(ec.SECP256R1()), dt.datetime.now(dt.UTC)
         itself = _named(f"quadctl fleet {secrets.token_hex(4)}")
         builder = (
             x509.CertificateBuilder(itself, itself, key.public_key(), x509.random_serial_number())
@@ -77,7 +77,7 @@ class Authority:
             .issuer_name(self._certificate.subject)
             .public_key(key.public_key())
             .serial_number(x509.random_serial_number())
-            .not_valid_before(_now() - _SLACK)
+            .not_valid_before(dt.datetime.now(dt.UTC) - _SLACK)
             .not_valid_after(dt.datetime.fromtimestamp(name.expires, dt.UTC))
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(_usage(signs=False), critical=True)
@@ -120,10 +120,6 @@ def _host(host: str) -> x509.GeneralName:
 
 def _named(text: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
-
-
-def _now() -> dt.datetime:
-    return dt.datetime.now(dt.UTC)
 
 
 def _usage(*, signs: bool) -> x509.KeyUsage:

@@ -103,8 +103,9 @@ def check(connect: str, right: Right, *asked: str) -> None:
     for key in asked:
         if not allows(connect, right, key):
             who = needed(connect).name
+            article = "an" if who.role[0] in "aeiou" else "a"
             raise NotAllowed(
-                f"not allowed: {_one(who)} may not {_TO.get(right, right)} {key}"
+                f"not allowed: {article} {who.role} of {who.of} may not {_TO.get(right, right)} {key}"
                 f" (your certificate {who.common_name})",
                 _instead(who, right),
             )
@@ -169,11 +170,6 @@ def tell_apart(
             "it is served: the hub's list of names says less than your certificate, or its quadctl is"
             " another version",
         )
-
-
-def _one(who: Name) -> str:
-    article = "an" if who.role[0] in "aeiou" else "a"
-    return f"{article} {who.role} of {who.of}"
 
 
 def _instead(who: Name, right: Right) -> str:

@@ -54,9 +54,8 @@ def _campaign(order: Order) -> None:
 
     # The first one compiles the vehicle, where that must be; the others find it compiled.
     first = Worker()
-    note = threading.Timer(
-        _PATIENCE, say, [{"note": "compiling the vehicle, once for this machine"}]
-    )
+    said = {"note": "compiling the vehicle, once for this machine"}
+    note = threading.Timer(_PATIENCE, say, [said])
     note.start()
     first.fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()

@@ -47,7 +47,6 @@ class GoalLatch:
 
 _LONGEST = 10.0
 """Seconds of poses that are kept; `dynamics.fault.delay` asks for no more."""
-
 _SLACK = 1e-6
 """What times that are multiples of a period may be off by rounding, s."""
 

@@ -85,7 +85,6 @@ PREFIX = "application/msgpack;quadctl."
 
 encode = msgspec.msgpack.encode
 
-
 _building = threading.Lock()
 """msgspec shows a type that is half built to a second thread, whose process then crashes."""
 

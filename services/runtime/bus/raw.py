@@ -97,10 +97,8 @@ def _refuse_beside_the_living(session: zenoh.Session, vehicle: str, keys: dict[s
 
 _MOST_BYTES = 256 << 20
 """Payloads that may wait; beyond, what comes is lost, and counted."""
-
-
 _SETTLE = 0.5
-"""Seconds that the hub has for that."""
+"""Seconds that the hub has to send the rest at the end."""
 
 
 class RawMessage(NamedTuple):

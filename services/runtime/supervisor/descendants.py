@@ -80,7 +80,7 @@ _WATCHED = f"{MARK}_WATCHED"
 
 
 def watch(leash: str) -> ForkedProcess:
-    """Start a warden; it acts when our end of its stdin closes, however that comes."""
+    """Start a watcher; it kills the marked when our end of its stdin closes, however that comes."""
     return ForkedProcess(
         "quadctl.services.runtime.supervisor.descendants", {_WATCHED: leash}, "/", both=True
     )

@@ -35,7 +35,7 @@ class DiskFault:
         try:
             write()
         except FileNotFoundError:
-            # No fault of the disk: somebody has removed the folder, which the run's home mends.
+            # No fault of the disk: somebody has removed the folder, which RunDirectory repairs.
             return False
         except OSError as error:
             if not self._fault:

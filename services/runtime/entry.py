@@ -82,15 +82,15 @@ def _run(
             with opening(address, next(iter(fleet.values())), realm) as opened:
                 _check_welcome(opened, options.connect)
                 try:
-                    crew = _executor_of(name, run, fleet, opened, realm)
+                    executor = _executor_of(name, run, fleet, opened, realm)
                 except AlreadyServed:
                     # Hubs further away may still hold our own last session for alive.
                     if time.monotonic() > patience:
                         raise
                 else:
-                    ending.on_shutdown(crew.stop)
+                    ending.on_shutdown(executor.stop)
                     try:
-                        crew.run()
+                        executor.run()
                         again = False
                     except ReopenSession:
                         again = True
@@ -121,16 +121,16 @@ def _executor_of(
     """The service of every vehicle, about to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
     single = len(fleet) == 1
-    crew, first = MultiNodeExecutor(single=single), next(iter(fleet.values()))
+    executor, first = MultiNodeExecutor(single=single), next(iter(fleet.values()))
     for vehicle, params in fleet.items():
         like = None if params is first else first
-        loop = crew.new_executor()
+        own = executor.new_executor()
         node = Node(
-            name, vehicle, opened, loop, restarted=restarted, reference_params=like, single=single
+            name, vehicle, opened, own, restarted=restarted, reference_params=like, single=single
         )
         _serve_params(node, params, realm)
-        crew.add_node(loop, partial(run, node, params))
-    return crew
+        executor.add_node(own, partial(run, node, params))
+    return executor
 
 
 def _parse(name: str) -> argparse.Namespace:

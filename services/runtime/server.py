@@ -64,7 +64,7 @@ class Schedule:
         if not self._boot:
             raise NotReady(
                 "no simulated time is known here",
-                "is dynamics up? `quadctl status`; a node of your own calls `node.clock`",
+                "is dynamics up? `quadctl status`; a node of your own calls `node.advance_sim_time`",
             )
         call = call._replace(boot=call.boot or self._boot)
         if call.boot == self._boot and call.at <= self._stamp:

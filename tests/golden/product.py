@@ -27,10 +27,9 @@ from quadctl.schemas.topics import (
     set_params,
 )
 from quadctl.schemas.typeinfo import bounds_text, parts, schema_hash, type_name
-from quadctl.services.runtime.bus import codec as wire
+from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import WIRE_ERRORS, QuadctlError
-from quadctl.services.runtime.params import catalogue as declared
-from quadctl.services.runtime.params import catalogue as template
+from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.names import LAB_NODES
 from quadctl.services.runtime.process_table import NODES
 
@@ -70,11 +69,11 @@ __all__ = [
     "wire_types",
 ]  # fmt: skip
 
-encode, encode_error, encoding = wire.encode, wire.encode_error, wire.encoding
-decode, decode_call, decode_error = wire.decode, wire.decode_call, wire.decode_error
-error_encoding = wire.ERROR_ENCODING
+encode, encode_error, encoding = codec.encode, codec.encode_error, codec.encoding
+decode, decode_call, decode_error = codec.decode, codec.decode_call, codec.decode_error
+error_encoding = codec.ERROR_ENCODING
 wire_errors = WIRE_ERRORS
-default_file = template.render
+default_file = catalogue.render
 console_scripts = distribution("quadctl").entry_points
 
 
@@ -112,15 +111,15 @@ def parameters() -> list[dict[str, Any]]:
             "unit": leaf.unit,
             "bounds": bounds_text(leaf.type),
             "default": msgspec.to_builtins(leaf.default),
-            "fixed_at_launch": declared.fixed_at_launch(leaf.name),
+            "fixed_at_launch": catalogue.fixed_at_launch(leaf.name),
         }
-        for leaf in declared.leaves().values()
+        for leaf in catalogue.leaves().values()
     ]
 
 
 def tables() -> list[str]:
     """Return the dotted name of every table of the file."""
-    return list(declared.tables())
+    return list(catalogue.tables())
 
 
 def command_line() -> Any:

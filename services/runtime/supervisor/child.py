@@ -23,7 +23,7 @@ FEW = 50
 """Lines at once that are nothing unusual; the reader pauses after more."""
 
 
-_OLD_IMPORT = re.compile(rb"ModuleNotFoundError: No module named '(schemas|services|cli)\b")
+_OLD_IMPORT = re.compile(r"ModuleNotFoundError: No module named '(schemas|services|cli)\b")
 
 
 class LogLine(NamedTuple):
@@ -83,16 +83,20 @@ class LineBuffer:
 
     def _add(self, pieces: list[bytes]) -> None:
         now = time.time()
-        # A node written for an older release: its own error cannot name the new import.
-        old = next((found for piece in pieces if (found := _OLD_IMPORT.match(piece))), None)
-        if old:
-            top = old[1].decode()
-            hint = f"hint: quadctl is one package now: write `from quadctl.{top}` for `from {top}`"
-            pieces = [*pieces, hint.encode()]
         with self._lock:
             room = MOST - len(self._waiting)
-            self._waiting += [LogLine(now, self._name, _text(piece)) for piece in pieces[:room]]
+            lines = [line for piece in pieces[:room] for line in _explained(_text(piece))]
+            self._waiting += [LogLine(now, self._name, line) for line in lines[:room]]
             self._dropped += max(len(pieces) - room, 0)
+
+
+def _explained(line: str) -> tuple[str, ...]:
+    """Return a line, and the new import behind an error that cannot name it: a node of an older release."""
+    if not (old := _OLD_IMPORT.match(line)):
+        return (line,)
+    top = old[1]
+    hint = f"hint: quadctl is one package now: write `from quadctl.{top}` for `from {top}`"
+    return line, hint
 
 
 def _text(raw: bytes) -> str:

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from quadctl.services.runtime.supervisor import logs as disk
-from quadctl.services.runtime.supervisor import logs as logfile
+from quadctl.services.runtime.supervisor import logs as log_module
 from quadctl.services.runtime.supervisor.logs import DiskFault, LogFile, Logs, Printer
 
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(logfile, "LARGEST", 100)
+    monkeypatch.setattr(log_module, "LARGEST", 100)
     return 100
 
 
@@ -48,7 +47,7 @@ def test_a_full_file_is_kept_once(tmp_path: Path, small: int):
 
 
 def test_the_bound_is_some_megabytes():
-    assert 1e6 < logfile.LARGEST < 1e7
+    assert 1e6 < log_module.LARGEST < 1e7
 
 
 def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path):
@@ -96,7 +95,7 @@ def test_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
 
 def test_a_fault_is_not_looked_at_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     probed: list[Path] = []
-    monkeypatch.setattr(disk, "probe", probed.append)
+    monkeypatch.setattr(log_module, "probe", probed.append)
     broken = DiskFault(tmp_path, lambda line: None)
     assert broken.probe(1.0) == ""
     assert broken.try_write(lambda: None)

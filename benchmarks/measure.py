@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import document, readme, report
+from benchmarks import document, report, tables
 from benchmarks.effort import QUICK, Effort
 from benchmarks.results import Results
 from benchmarks.rows import BY_KEY, GROUPS, ROWS
@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
             signal.signal(signal.SIGTERM, before)
     if options.write:
         _save(FILE, found)
-        readme.write(found)
+        tables.write(found)
     if options.out is not None:
         _save(options.out, found)
     return verdict(found) if options.check else 0
@@ -93,7 +93,9 @@ def _parser() -> argparse.ArgumentParser:
                         help=f"measure this part alone: {', '.join(GROUPS)}")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="a trial with few repetitions")
     parser.add_argument("--check", action="store_true", help="exit 1 where a bar is missed")
-    parser.add_argument("--write", action="store_true", help="figures.json and the README's table")
+    parser.add_argument(
+        "--write", action="store_true", help="write figures.json and docs/figures.md"
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures there, as JSON")
     parser.add_argument(
         "--file", type=Path, metavar="FILE", help="judge this file; measure nothing"

@@ -2,7 +2,7 @@
 
     python -m benchmarks.model [--only NAME]... [--write] [--check] [--out FILE]
 
-Peers are installed below .cache when first needed. With --write: model.json and the README's table.
+Peers are installed below .cache when first needed. With --write: write model.json and docs/figures.md.
 """
 
 import argparse
@@ -12,11 +12,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks import machine, readme
+from benchmarks import machine
 from benchmarks.model import environments
 from benchmarks.model.environments import Missing
 from benchmarks.model.figures import BARS, PAIRED, RUNNERS, Runner, tables
 from benchmarks.model.flops import step_flops
+from benchmarks.tables import replace
 
 FILE = Path(__file__).parents[1] / "model.json"
 _OURS = ("plain", "compiled")
@@ -51,7 +52,7 @@ def main() -> int:
     for path in ([FILE] if options.write else []) + ([options.out] if options.out else []):
         path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     if options.write:
-        readme.replace("model", tables(found))
+        replace("figures.md", "model", tables(found))
     verdicts = [bar.verdict(found["rates"], found["paired"]) for bar in BARS]
     return 1 if options.check and "missed" in verdicts else 0
 
@@ -82,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     names = [runner.key for runner in RUNNERS]
     parser.add_argument("--only", action="append", choices=names, help="measure this one alone")
-    parser.add_argument("--write", action="store_true", help="model.json and the README's table")
+    parser.add_argument("--write", action="store_true", help="write model.json and docs/figures.md")
     parser.add_argument("--check", action="store_true", help="exit 1 where a bar is missed")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures there, as JSON")
     return parser

@@ -1,4 +1,4 @@
-"""The README's table of promises, made from what is written here and from what was found."""
+"""Table of docs/promises.md, made from the promises and from the results of the long counts."""
 
 import ast
 from functools import cache
@@ -10,11 +10,11 @@ from tests.promises.promises import PROMISES, Promise
 ROOT = Path(__file__).parents[2]
 
 Proof = dict[str, Any]
-"""`promise`, what was `found`, what is `promised`; `commit`, `date` and `processor` of the run."""
+"""A result of a long count: `promise`, `found`, `promised`; `commit`, `date`, `processor` of the run."""
 
 
 def table(proofs: list[Proof]) -> str:
-    """The table, and what its figures were found on."""
+    """Return the table, and below it the processors of the runs."""
     rows = ["| against | promise | held by | last found |", "|---|---|---|---|"]
     rows += [
         f"| {each.hazard} | {each.promise} | {'<br>'.join(map(_link, each.tests))}"
@@ -23,19 +23,19 @@ def table(proofs: list[Proof]) -> str:
     ]
     processors = sorted({proof["processor"] for proof in proofs})
     words = (
-        "A test's name is its words joined by `_`, with `test_` before them. Bold ones are the long"
-        f" counts, run by `make prove`; found on {', '.join(processors)}."
+        "The name of a test is `test_` and its words joined by `_`. The long counts ran on"
+        f" {', '.join(processors)}."
     )
     return "\n".join([*rows, "", words]) + "\n"
 
 
 def owners(proof: Proof) -> list[Promise]:
-    """The promises that a proof gives a figure of."""
+    """Return the promises that show the result of this proof."""
     return [each for each in PROMISES if any(words in proof["promise"] for words in each.last)]
 
 
 def is_long(test: str) -> bool:
-    """Whether a test, by its node id, is left to `make prove`; raises LookupError for none."""
+    """Return whether `make prove` alone runs a test (a node id); raise LookupError if there is none."""
     path, _, name = test.partition("::")
     found = _tests(path)
     if name not in found:
@@ -45,7 +45,7 @@ def is_long(test: str) -> bool:
 
 @cache
 def _tests(path: str) -> dict[str, bool]:
-    """The tests of a file, and whether each is a long one; none of a file that there is not."""
+    """Return the tests of a file, each with whether it is a long count; empty if there is no file."""
     file = ROOT / path
     if not file.is_file():
         return {}
@@ -66,15 +66,15 @@ def _tests(path: str) -> dict[str, bool]:
 
 def _link(test: str) -> str:
     path, _, name = test.partition("::")
-    words = f"[{name.removeprefix('test_').replace('_', ' ')}]({path})"
+    words = f"[{name.removeprefix('test_').replace('_', ' ')}](../{path})"
     return f"**{words}**" if is_long(test) else words
 
 
 def _figures(promise: Promise, proofs: list[Proof]) -> str:
-    told = [
+    shown = [
         f"{of and f'{of}: '}{proof['found']}; promised: {proof['promised']} ({proof['commit']})"
         for words, of in promise.last.items()
         for proof in proofs
         if words in proof["promise"]
     ]
-    return "<br>".join(told) or ("not run yet" if promise.last else "")
+    return "<br>".join(shown) or ("not run yet" if promise.last else "")

@@ -1,8 +1,8 @@
-"""Every promise has tests that there are, and the README tells what was last found of each."""
+"""Every promise has existing tests, and docs/promises.md shows their last results."""
 
 import pytest
 
-from benchmarks import readme
+from benchmarks.tables import between
 from tests.promises.promises import PROMISES, Promise
 from tests.promises.table import ROOT, is_long, owners, table
 from tests.support.proofs import read
@@ -32,7 +32,7 @@ def test_every_figure_is_of_one_promise():
     assert found == dict.fromkeys(found, 1)
 
 
-def test_the_readme_has_the_table_that_is_made_from_all_this():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    made = readme.between(text, "proofs", table(read()))
-    assert text == made, "`python -m tests.support.proofs` makes it anew"
+def test_the_page_has_the_generated_table():
+    text = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
+    made = between(text, "proofs", table(read()))
+    assert text == made, "`python -m tests.support.proofs` writes it again"

@@ -1,30 +1,31 @@
-"""What the long counts have found, kept in a file that the README's table is made from.
+"""Results of the long counts, kept in a file from which the table of docs/promises.md is made.
 
-`python -m tests.support.proofs` makes that table anew, as after a change of what is promised.
+`python -m tests.support.proofs` writes that table again, e.g. after a promise has changed.
 """
 
 from pathlib import Path
 
 import msgspec
 
-from benchmarks import machine, readme
+from benchmarks import machine
+from benchmarks.tables import replace
 from tests.promises.table import Proof, table
 
 FILE = Path(__file__).parents[2] / "benchmarks" / "proofs.json"
 
 
 class Proofs:
-    """Collects what the tests of one run have found."""
+    """Results that the tests of one run have found."""
 
     def __init__(self) -> None:
         self._found: list[Proof] = []
 
     def add(self, promise: str, found: str, promised: str) -> None:
-        """What was found of a promise; whether it holds is for the test to assert."""
+        """Add the result of a promise; the test itself asserts that the promise holds."""
         self._found.append({"promise": promise, "found": found, "promised": promised})
 
     def write(self) -> None:
-        """Put them in the place of what was found before, and the table into the README."""
+        """Replace the earlier results of the same promises, in the file and on the page."""
         if not self._found:
             return
         about = machine.described()
@@ -32,19 +33,19 @@ class Proofs:
         kept = {proof["promise"]: proof for proof in read()}
         kept |= {proof["promise"]: proof | here for proof in self._found}
         FILE.write_bytes(msgspec.json.format(msgspec.json.encode(list(kept.values())), indent=1))
-        tell()
+        write_table()
 
 
 def read() -> list[Proof]:
-    """What has been found so far."""
+    """Return the results so far."""
     found: list[Proof] = msgspec.json.decode(FILE.read_bytes()) if FILE.exists() else []
     return found
 
 
-def tell() -> None:
-    """Make the README's table anew."""
-    readme.replace("proofs", table(read()))
+def write_table() -> None:
+    """Write the table of docs/promises.md."""
+    replace("promises.md", "proofs", table(read()))
 
 
 if __name__ == "__main__":
-    tell()
+    write_table()

@@ -1,4 +1,4 @@
-"""The README's table, made from the file of figures."""
+"""Tables that machines write into the pages of docs/, and the table of figures."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,22 +9,22 @@ from benchmarks.document import figures
 from benchmarks.report import limits, number, ratio
 from benchmarks.rows import Row
 
-_README = Path(__file__).parents[1] / "README.md"
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 def write(document: Mapping[str, Any]) -> None:
-    """Put the table between its two marks."""
-    replace("figures", table(document))
+    """Write the table of figures into its page."""
+    replace("figures.md", "figures", table(document))
 
 
-def replace(name: str, table: str) -> None:
-    """Put a table between the marks of that name."""
-    text = _README.read_text(encoding="utf-8")
-    _README.write_text(between(text, name, table), encoding="utf-8")
+def replace(page: str, name: str, table: str) -> None:
+    """Replace the table between the marks of that name on a page of docs/."""
+    file = DOCS / page
+    file.write_text(between(file.read_text(encoding="utf-8"), name, table), encoding="utf-8")
 
 
 def between(text: str, name: str, table: str) -> str:
-    """The text with what stands between the marks replaced."""
+    """Return the text with everything between the marks of that name replaced."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     head, rest = text.split(begin)
     _, tail = rest.split(end)
@@ -32,7 +32,7 @@ def between(text: str, name: str, table: str) -> str:
 
 
 def table(document: Mapping[str, Any]) -> str:
-    """The figures as a table, and what they were measured on."""
+    """Return the figures as a table, with the machine and the versions of the run."""
     rows = [
         "| median (p99) | quadctl | raw Zenoh | ROS 1 | bar | |",
         "|---|---|---|---|---|---|",
@@ -43,8 +43,6 @@ def table(document: Mapping[str, Any]) -> str:
     measured = (
         f"Measured by `make prove` on {machine['processor']}, Python {machine['python']},"
         f" {packages}, {machine['date']}, commit {machine['commit']}."
-        " A peer's cell has its median and ours divided by it; [benchmarks](benchmarks/README.md)"
-        " says how each is measured."
     )
     rows += ["", measured]
     return "\n".join(rows) + "\n"

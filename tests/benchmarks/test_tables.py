@@ -1,6 +1,6 @@
 import pytest
 
-from benchmarks import readme, report
+from benchmarks import report, tables
 from benchmarks.bars import AtMost, AtMostTimes, summarise
 from benchmarks.document import entry
 from benchmarks.parts import PARTS
@@ -24,7 +24,7 @@ def document(**figures):
 
 
 def test_each_row_tells_ours_the_peers_the_bar_and_the_verdict():
-    lines = readme.table(
+    lines = tables.table(
         document(
             call_command=({"ours": [50.0, 60.0, 90.0], "raw": [20.0], "ros": [900.0]}, {}, ""),
             topic_list=({"ours": [70.0]}, {"ros": "not installed"}, ""),
@@ -49,9 +49,9 @@ def test_each_row_tells_ours_the_peers_the_bar_and_the_verdict():
 
 def test_only_what_is_between_the_marks_changes():
     text = "before\n<!-- figures -->\nold\n<!-- /figures -->\nafter\n"
-    fresh = readme.between(text, "figures", "new\n")
+    fresh = tables.between(text, "figures", "new\n")
     assert fresh == "before\n<!-- figures -->\nnew\n<!-- /figures -->\nafter\n"
-    assert readme.between(fresh, "figures", "new\n") == fresh
+    assert tables.between(fresh, "figures", "new\n") == fresh
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
-"""The automaton's table, drawn: text for docs/safety.md, which a test holds equal to it."""
+"""Diagram and tables of the automaton for docs/safety.md; a test compares them with the page."""
 
 from quadctl.services.safety.automaton import RULES, Rule
 from quadctl.services.safety.model import State
 
 
 def diagram() -> str:
-    """What changes the state, as a mermaid state diagram."""
+    """Return every change of state as a mermaid state diagram."""
     lines = ["stateDiagram-v2", f"    [*] --> {State.HOVERING.name}"]
     arrows: dict[tuple[State, State], list[str]] = {}
     for rule in RULES:
@@ -17,7 +17,7 @@ def diagram() -> str:
 
 
 def table() -> str:
-    """Every row, in the order in which they are tried."""
+    """Return every row, in the order in which they are tried."""
     rows = ["| at | on | when | to | do |", "|---|---|---|---|---|"]
     for rule in RULES:
         to = rule.to.name if rule.to is not rule.at else ""
@@ -27,13 +27,13 @@ def table() -> str:
 
 
 def words() -> str:
-    """What events, conditions and actions say of themselves, each once."""
+    """Return the first docstring line of each event, condition and action."""
     parts: list[tuple[str, str | None]] = []
     for rule in RULES:
         parts += [(part.__name__, part.__doc__) for part in (rule.on, rule.when, rule.do)]
     return "\n".join(
-        f"- `{name}`: {(said or '').strip().partition(chr(10))[0]}"
-        for name, said in sorted(dict(parts).items(), key=lambda part: part[0].lower())
+        f"- `{name}`: {(text or '').strip().partition(chr(10))[0]}"
+        for name, text in sorted(dict(parts).items(), key=lambda part: part[0].lower())
     )
 
 

@@ -1,4 +1,4 @@
-"""Writes what the automaton's table says into docs/safety.md: `python -m docs.draw`."""
+"""Command that writes the automaton's table into docs/safety.md: `python -m docs.draw`."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ _BEGIN, _END = "<!-- table -->\n", "<!-- /table -->"
 
 
 def drawn(page: str) -> str:
-    """The page with all between its marks made anew from the table."""
+    """Return the page with everything between its marks generated again."""
     head, _, rest = page.partition(_BEGIN)
     _, _, tail = rest.partition(_END)
     made = f"{diagram()}\n\n{words()}\n\n{table()}"

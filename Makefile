@@ -1,5 +1,5 @@
-# Everything from a bare checkout, with make and Python >= 3.11 alone; nothing outside it changes.
-# `make test PYTHON=python3.12` takes another Python, in an environment of its own, .venv-3.12.
+# Everything from a bare checkout, with only make and Python >= 3.11; nothing outside it changes.
+# `make test PYTHON=python3.12` uses another Python, in the environment .venv-3.12.
 
 FITS = -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))'
 PYTHONS := python3 python3.13 python3.12 python3.11
@@ -13,7 +13,7 @@ endif
 
 READY := $(VENV)/.ready
 RUN := $(VENV)/bin/python
-# Half of what the tests do is to wait, so one more than there are processors.
+# The tests wait half of the time, so one more worker than processors.
 WORKERS = $(shell $(RUN) -c 'import os; print(min(os.cpu_count() + 1, 6))')
 LOCK := .cache/lock/bin/uv pip compile pyproject.toml --quiet --universal --generate-hashes \
 	--no-config --no-header --no-annotate
@@ -22,7 +22,7 @@ export PIP_CACHE_DIR := $(CURDIR)/.cache/pip
 export UV_CACHE_DIR := $(CURDIR)/.cache/uv
 export MPLCONFIGDIR := $(CURDIR)/.cache/matplotlib
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
-# A shell with ROS sourced would bring its packages and pytest plugins along.
+# A shell with ROS sourced would add its packages and pytest plugins.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 
 .PHONY: demo test prove check lock clean
@@ -33,7 +33,7 @@ demo: $(READY)
 test: $(READY)
 	$(RUN) -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 20
 
-prove: $(READY)  ## The long counts; writes the figures of the README's table.
+prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md.
 	$(RUN) -m pytest -m prove
 	$(RUN) -m benchmarks.measure --write --check
 
@@ -51,10 +51,10 @@ $(READY): requirements-dev.lock pyproject.toml $(RUN)
 	$(RUN) -m pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
-# Missing, or a link to a Python that is gone: set up again.
+# If this is missing, or links to a Python that is gone, set up again.
 $(RUN): ;
 
-lock:  ## Pins what pyproject.toml asks for; UPGRADE=--upgrade takes the newest of everything.
+lock:  ## Pins the requirements of pyproject.toml; UPGRADE=--upgrade takes the newest versions.
 	$(PYTHON) -m venv --clear .cache/lock
 	.cache/lock/bin/python -m pip install --quiet uv==0.13.8
 	$(LOCK) --group dev $(UPGRADE) -o requirements-dev.lock

@@ -1,4 +1,4 @@
-"""The bars a figure can be held to, and the verdict. Pure."""
+"""Limits of a figure (bars), and the verdict on them. Pure."""
 
 import statistics
 from collections.abc import Mapping, Sequence
@@ -12,55 +12,55 @@ NAMES: Mapping[Side, str] = {"ours": "ours", "raw": "raw Zenoh", "ros": "ROS 1"}
 Verdict = Literal["holds", "missed", "not compared", "failed"]
 
 Run = Mapping[Side, Sequence[float]]
-"""What one run measured of each side."""
+"""Values that one run measured, by side."""
 
 
 @dataclass(frozen=True)
 class AtMost:
-    """The median of ours is no larger."""
+    """Bar that our median must not exceed."""
 
     limit: float
 
     def text(self, unit: str) -> str:
-        """As `<= 65 ms`."""
+        """Return the bar as text, e.g. `<= 65 ms`."""
         return f"<= {self.limit:g} {unit}".rstrip()
 
     def verdict(self, figure: "Figure") -> Verdict:
-        """Whether the median keeps it."""
+        """Return whether our median keeps the bar."""
         return _verdict(figure.sides["ours"].median <= self.limit)
 
 
 @dataclass(frozen=True)
 class AtLeast:
-    """The median of ours is no smaller."""
+    """Bar that our median must reach."""
 
     limit: float
 
     def text(self, unit: str) -> str:
-        """As `>= 100000 /s`."""
+        """Return the bar as text, e.g. `>= 100000 /s`."""
         return f">= {self.limit:.10g} {unit}".rstrip()
 
     def verdict(self, figure: "Figure") -> Verdict:
-        """Whether the median keeps it."""
+        """Return whether our median keeps the bar."""
         return _verdict(figure.sides["ours"].median >= self.limit)
 
 
 @dataclass(frozen=True)
 class AtMostTimes:
-    """The ratio of our median to a peer's, measured in the same run, is no larger."""
+    """Bar that the ratio of our median to a peer's, measured in the same run, must not exceed."""
 
     factor: float
     peer: Side
 
     def text(self, _unit: str) -> str:
-        """As `<= 1.2 x raw Zenoh`, or `<= ROS 1 / 13` where it is a fraction of one."""
+        """Return the bar as text, e.g. `<= 1.2 x raw Zenoh`, or `<= ROS 1 / 13` for a factor under 1."""
         part = 1 / self.factor
         if part > 1 and abs(part - round(part)) < 1e-9:
             return f"<= {NAMES[self.peer]} / {round(part)}"
         return f"<= {self.factor:g} x {NAMES[self.peer]}"
 
     def verdict(self, figure: "Figure") -> Verdict:
-        """Whether the median of the runs' ratios keeps it; not compared without the peer."""
+        """Return whether the median of the runs' ratios keeps the bar; not compared without the peer."""
         ratio = figure.ratio(self.peer)
         return "not compared" if ratio is None else _verdict(ratio <= self.factor)
 
@@ -70,7 +70,7 @@ Bar = AtMost | AtLeast | AtMostTimes
 
 @dataclass(frozen=True)
 class Summary:
-    """One side's median and its bad tail: the 99th percentile, or the 1st where more is better."""
+    """Median of one side and its bad tail: the 99th percentile, or the 1st where more is better."""
 
     median: float
     tail: float
@@ -79,10 +79,10 @@ class Summary:
 
 @dataclass(frozen=True)
 class Figure:
-    """What was measured of one row.
+    """Measurements of one row.
 
-    `ratios` has, for each peer, ours divided by the peer's median, run by run. `missing` says
-    why a side has no values; `error` why the row could not be measured.
+    `ratios` has our median divided by each peer's, run by run. `missing` has the reason for a
+    side without values, `error` the reason for a row without measurements.
     """
 
     sides: Mapping[Side, Summary]
@@ -91,13 +91,13 @@ class Figure:
     error: str = ""
 
     def ratio(self, peer: Side) -> float | None:
-        """The median of the runs' ratios to a peer, None without the peer."""
+        """Return the median of the runs' ratios to a peer, None without the peer."""
         ratios = self.ratios.get(peer)
         return statistics.median(ratios) if ratios else None
 
 
 def judge(figure: Figure, bars: Sequence[Bar]) -> Verdict:
-    """The verdict of a row: the worst of its bars'; a missing peer leaves the others in force."""
+    """Return the worst verdict of the bars; without a peer, the bars of the others still count."""
     if figure.error or "ours" not in figure.sides:
         return "failed"
     verdicts = [bar.verdict(figure) for bar in bars]
@@ -110,7 +110,7 @@ def judge(figure: Figure, bars: Sequence[Bar]) -> Verdict:
 def summarise(
     runs: Sequence[Run], missing: Mapping[Side, str], error: str, *, more_is_better: bool
 ) -> Figure:
-    """The figure of a row's runs."""
+    """Return the figure that a row's runs give."""
     sides, ratios = {}, {}
     for side in SIDES:
         pooled = [value for run in runs for value in run.get(side, ())]
@@ -123,7 +123,7 @@ def summarise(
 
 
 def percentile(values: Sequence[float], part: float) -> float:
-    """The value below which that part of the values lies, by the nearest rank."""
+    """Return the value below which that part of the values lies, by the nearest rank."""
     ordered = sorted(values)
     return ordered[round(part * (len(ordered) - 1))]
 

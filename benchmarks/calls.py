@@ -1,4 +1,4 @@
-"""A call on a connection that stands: typed, on bare Zenoh, and in rospy, block by block in turn."""
+"""Calls on an open connection: typed, on bare Zenoh and in rospy, block by block in turn."""
 
 from benchmarks import ros
 from benchmarks.effort import Effort
@@ -11,7 +11,7 @@ _REQUEST_BYTES = 9
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Each run with fresh processes: where they land on the cores moves all their values."""
+    """Measure each run with fresh processes, because their places on the cores shift all values."""
     if why := ros.absent():
         results.missing(["call", "call_persistent"], "ros", why)
     for run in range(effort.runs):

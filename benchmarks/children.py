@@ -1,4 +1,4 @@
-"""The outside of the measuring processes: started, asked, and ended without fail."""
+"""Measuring processes from outside: start, request, and a sure end."""
 
 import contextlib
 import json
@@ -15,19 +15,19 @@ from typing import Any, Self
 
 PYTHON = (sys.executable, "-P", "-m")
 _TOP = {"PYTHONPATH": str(Path(__file__).parents[1])}
-"""Where a measuring process finds the package `benchmarks`, which is not installed."""
+"""Path of the package `benchmarks`, which is not installed, for measuring processes."""
 _GRACE = 5.0
 
 
 class Failed(Exception):
-    """A process did not do what it was started for."""
+    """Failure of a measuring process."""
 
 
 @contextmanager
 def process(
     command: Sequence[str], environment: Mapping[str, str]
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """A process in a group of its own; what is left of the group is killed in the end."""
+    """Start a process in its own group; on exit, kill the rest of the group."""
     started = subprocess.Popen(
         command, env=_TOP | dict(environment), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, start_new_session=True,
@@ -39,7 +39,7 @@ def process(
 
 
 def end(started: subprocess.Popen[bytes]) -> None:
-    """As Ctrl-C would, then without mercy, its whole group."""
+    """End the whole group: with SIGINT, then with SIGKILL."""
     if started.poll() is None:
         started.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -50,7 +50,7 @@ def end(started: subprocess.Popen[bytes]) -> None:
 
 
 class Worker:
-    """A process that answers what it is asked, in JSON lines; ends with its `with` block."""
+    """Process that answers requests in JSON lines; it ends with its `with` block."""
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
         self._name = " ".join(command)
@@ -76,17 +76,17 @@ class Worker:
             self._process.stdout.close()
 
     def ready(self) -> None:
-        """Wait until it can be asked; raises Failed."""
+        """Wait until the process accepts requests; raise Failed if it does not."""
         self.answer(20.0)
 
     def tell(self, do: str, **arguments: object) -> None:
-        """Ask, and leave the answer for later."""
+        """Send a request without reading the answer."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps({"do": do, **arguments}).encode() + b"\n")
         self._process.stdin.flush()
 
     def answer(self, timeout: float = 60.0) -> Any:
-        """The answer to the oldest open question; raises Failed."""
+        """Return the answer to the oldest open request; raise Failed without one."""
         pipe = self._process.stdout
         assert pipe is not None
         readable, _, _ = select.select([pipe], [], [], timeout)
@@ -98,14 +98,14 @@ class Worker:
         return json.loads(line)
 
     def ask(self, do: str, timeout: float = 60.0, **arguments: object) -> Any:
-        """Ask and wait for the answer; raises Failed."""
+        """Send a request and return the answer; raise Failed without one."""
         self.tell(do, **arguments)
         return self.answer(timeout)
 
 
 @contextmanager
 def workers(*wanted: tuple[Sequence[str], Mapping[str, str]]) -> Iterator[list[Worker]]:
-    """Several workers, started side by side and all ready."""
+    """Start several workers side by side, and wait until all are ready."""
     with contextlib.ExitStack() as stack:
         started = [stack.enter_context(Worker(*each)) for each in wanted]
         for worker in started:

@@ -21,7 +21,7 @@ _LONGEST = 30.0
 
 @dataclass(frozen=True)
 class Command:
-    """One row: what each side types for the same thing. Bare Zenoh: a verb and a key."""
+    """Row with the command line of each side for the same task; for bare Zenoh a verb and a key."""
 
     key: str
     ours: str
@@ -50,7 +50,7 @@ COMMANDS = (
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """All of them, one after the other, over and over, so that noise falls on all alike."""
+    """Measure all commands in turn, many times, so that noise affects all of them alike."""
     keys = [command.key for command in COMMANDS]
     with ExitStack() as stack:
         home = stack.enter_context(running())
@@ -92,7 +92,7 @@ def _once(
 
 
 def whole(words: Sequence[str], environment: Mapping[str, str]) -> float:
-    """Seconds from starting a command to its end, its output read; raises Failed."""
+    """Return the time (s) of a command until its end, its output read; raise Failed if it fails."""
     began = time.perf_counter()
     try:
         done = subprocess.run(

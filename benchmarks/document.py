@@ -1,4 +1,4 @@
-"""The file of figures: written by a run, read by whoever judges or shows them."""
+"""File of figures: a run writes it; tables and verdicts read it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from benchmarks.rows import BY_KEY, Row
 
 
 def entry(row: Row, figure: Figure) -> dict[str, Any]:
-    """A row and its figure, for JSON."""
+    """Return a row and its figure for JSON."""
     about = {
         "key": row.key,
         "group": row.group,
@@ -24,7 +24,7 @@ def entry(row: Row, figure: Figure) -> dict[str, Any]:
 
 
 def figures(document: Mapping[str, Any]) -> list[tuple[Row, Figure]]:
-    """The rows of a file with their figures. The bars are the table's, not the file's."""
+    """Return the rows of a file with their figures; the bars come from the table, not the file."""
     return [
         (BY_KEY[found["key"]], msgspec.convert(found, Figure))
         for found in document["figures"]
@@ -33,5 +33,5 @@ def figures(document: Mapping[str, Any]) -> list[tuple[Row, Figure]]:
 
 
 def verdicts(document: Mapping[str, Any]) -> dict[str, Verdict]:
-    """The verdict on each row of a file."""
+    """Return the verdict on each row of a file."""
     return {row.key: judge(figure, row.bars) for row, figure in figures(document)}

@@ -1,11 +1,11 @@
-"""How often each thing is measured."""
+"""Numbers of repetitions."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Repetitions; what the README's figures are made with."""
+    """Repetitions; the default ones make the figures of docs/figures.md."""
 
     commands: int = 30
     ros_commands: int = 15

@@ -1,4 +1,4 @@
-"""The two ends of a service or a topic, of each side: the hub, the master, the workers."""
+"""Both ends of a service or a topic on each side, with the hub and the master."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -13,7 +13,7 @@ _Command = tuple[Sequence[str], Mapping[str, str]]
 
 
 class Ends(NamedTuple):
-    """The one that calls or publishes, and those that serve or listen."""
+    """One end that calls or publishes, and the ends that serve or subscribe."""
 
     sender: Worker
     receivers: list[Worker]
@@ -21,9 +21,9 @@ class Ends(NamedTuple):
 
 @contextmanager
 def ends(sender: str, receiver: str, receivers: int, size: int) -> Iterator[dict[Side, Ends]]:
-    """A fresh hub, a fresh master, and the ends of each side that is there, ready.
+    """Start a hub, a master, and the ends of each installed side; wait until all are ready.
 
-    `sender` and `receiver` are roles of the workers, `size` what bare Zenoh sends, bytes.
+    `sender` and `receiver` are roles of the workers, `size` is the payload of bare Zenoh (bytes).
     """
     with ExitStack() as stack:
         home = stack.enter_context(hub())
@@ -39,7 +39,7 @@ def ends(sender: str, receiver: str, receivers: int, size: int) -> Iterator[dict
             makers["ros"] = stack.enter_context(ros.master(home.folder / "ros")).node
         found: dict[Side, Ends] = {}
         for side, make in makers.items():
-            # The receiving ends first: a caller then finds its server, a publisher its audience.
+            # The receiving ends first, so that a caller finds its server, a publisher its subscribers.
             names = [f"{receiver}{number}" for number in range(receivers)]
             heard = stack.enter_context(workers(*(make(name, receiver) for name in names)))
             (sent,) = stack.enter_context(workers(make(sender, sender)))

@@ -1,4 +1,4 @@
-"""How well the vehicle flies, as the pose topic of the real system tells it."""
+"""Flight quality, measured on the pose topic of the real system."""
 
 import json
 import math
@@ -15,7 +15,7 @@ _HZ = 100
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Steps of 3 m along x, there and back, and the hover after each."""
+    """Measure steps of 3 m along x, there and back, and the hover after each."""
     with running() as where:
         where.quadctl("goto", "0", "0", "1")
         time.sleep(_SECONDS / 2)
@@ -32,7 +32,7 @@ def measure(results: Results, effort: Effort) -> None:
 
 
 def fly(where: Home, goal: float) -> list[tuple[float, float, float]]:
-    """Poses (simulated s since the flight began, x, y) of one step."""
+    """Fly one step; return its poses (simulated s since the start, x, y)."""
     count = str(int(_SECONDS * _HZ))
     words = [QUADCTL, "topic", "echo", "pose", "-n", count, "--json"]
     with subprocess.Popen(words, env=where.environment, stdout=subprocess.PIPE, text=True) as echo:
@@ -40,11 +40,11 @@ def fly(where: Home, goal: float) -> list[tuple[float, float, float]]:
         echo.stdout.readline()
         where.quadctl("goto", "--no-wait", f"{goal:g}", "0", "1")
         poses = [json.loads(line) for line in echo.stdout]
-    # The request's own instant is not on the topic: the flight begins with the first motion.
+    # The instant of the request is not on the topic, so the flight begins with the first motion.
     began = next(p["stamp"] for p in poses if abs(p["velocity"]["x"]) > 1e-6)
     return [(p["stamp"] - began, p["position"]["x"], p["position"]["y"]) for p in poses]
 
 
 def first_within(left: list[tuple[float, float]], reach: float) -> float:
-    """The last time (s) at which the distance (m) was beyond reach."""
+    """Return the last time (s) at which the distance (m) was beyond `reach`."""
     return max(stamp for stamp, distance in left if distance > reach)

@@ -1,4 +1,4 @@
-"""Memory, processor time, and how fast the dead are forgotten."""
+"""Memory, processor time, and the time until a dead node leaves the listings."""
 
 import itertools
 import os
@@ -16,13 +16,13 @@ from benchmarks.system import QUADCTL, Home, hub, running
 _CORNERS = ((2, 0, 1), (2, 2, 1.5), (0, 2, 1), (0, 0, 1))
 _LEG_SECONDS = 2.5
 _SETTLED = 10.0
-"""Seconds from launch in which the vehicle takes off and comes to rest."""
+"""Time (s) from launch in which the vehicle takes off and comes to rest."""
 _QUICK_DEATH = 2.2
-"""A node that dies sooner after it was ready counts as a fault at start."""
+"""Shortest life (s) of a node; the supervisor counts an earlier death as a fault at start."""
 
 
 def measure_flight(results: Results, effort: Effort) -> None:
-    """Processor time of the system while it flies, and memory of its nodes."""
+    """Measure the processor time of the system in flight, and the memory of its nodes."""
     with running() as where:
         time.sleep(_SETTLED)
         flight = shares(where, effort.seconds, fly=True)
@@ -33,7 +33,7 @@ def measure_flight(results: Results, effort: Effort) -> None:
 
 
 def measure_nodes(results: Results, _effort: Effort) -> None:
-    """Memory of a node that shares its pages with no sibling, and of a rospy node."""
+    """Measure the memory of a node that shares no pages with a sibling, and of a rospy node."""
     with ExitStack() as stack:
         where = stack.enter_context(hub())
         pressure = [*PYTHON, "quadctl.services.pressure"]
@@ -52,7 +52,7 @@ def measure_nodes(results: Results, _effort: Effort) -> None:
 
 
 def measure_gone(results: Results, effort: Effort) -> None:
-    """From `kill -9` of a node until a bare Zenoh listener is told that all of it has gone."""
+    """Measure the time from `kill -9` of a node until bare Zenoh reports all its tokens as gone."""
     with running() as where:
         watcher = [*PYTHON, "benchmarks.raw.watcher", where.endpoint, "uav/@node/pressure/**"]
         with workers((watcher, where.raw)) as (seen,):
@@ -70,7 +70,7 @@ def measure_gone(results: Results, effort: Effort) -> None:
 
 
 def shares(where: Home, seconds: float, *, fly: bool) -> dict[str, float]:
-    """Each process's share of one core, %, while it hovers or flies for so long."""
+    """Return each process's share of one core (%) while the vehicle hovers or flies."""
     names = where.processes()
     before, began = proc.busy_of(names), time.monotonic()
     corners = itertools.cycle(_CORNERS)

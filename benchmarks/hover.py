@@ -1,4 +1,4 @@
-"""What the hovering system costs, and the same messages on the peers with nothing behind them."""
+"""Cost of the hovering system, and of the same messages alone on the peers."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -17,14 +17,14 @@ from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.session import TWO_THREADS
 
 Processes = Callable[[], dict[int, str]]
-"""Those of a side, by pid, with a name for each."""
+"""Function that returns the processes of a side: names by pid."""
 
 _SETTLED = 10.0
-"""Seconds from launch in which the vehicle takes off and comes to rest."""
+"""Time (s) from launch in which the vehicle takes off and comes to rest."""
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Processor time and memory of all processes, each side in turn."""
+    """Measure processor time and memory of all processes, each side in turn."""
     sides: dict[Side, Callable[[], AbstractContextManager[Processes]]] = {
         "ours": _ours,
         "raw": _raw,
@@ -80,7 +80,7 @@ def _ros() -> Iterator[Processes]:
 
 
 def _sizes() -> dict[str, int]:
-    """Bytes of what each of our nodes sends at its rate."""
+    """Return the size (bytes) of each periodic message of our nodes."""
     place = Position(1.25, -2.5, 1.0625)
     return {
         "vehicle": len(codec.encode(pose(1000))),

@@ -1,4 +1,4 @@
-"""How long the system takes to come up and to go, and whether it leaves anything behind."""
+"""Times of launch and end of the system, and leftovers."""
 
 import json
 import signal
@@ -15,7 +15,7 @@ _LONGEST = 20.0
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Launch, Ctrl-C and sudden death, ours and ROS's in turn."""
+    """Measure launch, Ctrl-C and sudden death, ours and ROS's in turn."""
     if why := ros.absent():
         results.missing(["launch", "interrupt"], "ros", why)
     with home() as where:
@@ -31,7 +31,7 @@ def measure(results: Results, effort: Effort) -> None:
 
 
 def measure_leftovers(results: Results, effort: Effort) -> None:
-    """Many starts and stops; one thing left in any of them is too much, so it is their sum."""
+    """Count the leftovers of many starts and stops; one is too many, so the figure is their sum."""
     with home() as where:
         left = [what for _ in range(effort.cycles) for what in leftovers(where)]
     results.add("leftovers", "ours", [float(len(left))])
@@ -40,7 +40,7 @@ def measure_leftovers(results: Results, effort: Effort) -> None:
 
 
 def launch(where: Home) -> float:
-    """Seconds of `up -d`, which returns when all answer; stopped again."""
+    """Return the time (s) of `up -d`, which returns when all answer; then stop the run."""
     began = time.perf_counter()
     try:
         where.quadctl("up", "-d")
@@ -50,7 +50,7 @@ def launch(where: Home) -> float:
 
 
 def foreground(where: Home) -> subprocess.Popen[bytes]:
-    """A run in the foreground, ready."""
+    """Start a run in the foreground, and wait until it is ready."""
     run = subprocess.Popen(
         [QUADCTL, "up"], env=where.environment, stdout=subprocess.DEVNULL, start_new_session=True
     )
@@ -66,7 +66,7 @@ def foreground(where: Home) -> subprocess.Popen[bytes]:
 
 
 def interrupt(where: Home) -> float:
-    """Seconds from Ctrl-C until the last process is gone."""
+    """Return the time (s) from Ctrl-C until the last process is gone."""
     run = foreground(where)
     try:
         found = where.pids()
@@ -80,7 +80,7 @@ def interrupt(where: Home) -> float:
 
 
 def orphan(where: Home) -> float:
-    """Seconds from the supervisor's death until the last of its children is gone."""
+    """Return the time (s) from the supervisor's death until its last child is gone."""
     run = foreground(where)
     try:
         found = where.pids()
@@ -92,7 +92,7 @@ def orphan(where: Home) -> float:
 
 
 def leftovers(where: Home) -> list[str]:
-    """The processes and files that a start and a stop leave behind, at the moment `down` ends."""
+    """Return the processes and files that exist after a start and a stop when `down` ends."""
     where.quadctl("up", "-d")
     found = where.processes()
     where.quadctl("down")
@@ -101,7 +101,7 @@ def leftovers(where: Home) -> list[str]:
 
 
 def roslaunch(graph: ros.Ros) -> tuple[float, float]:
-    """Seconds of a `roslaunch` of five nodes to the first message of each, and of its Ctrl-C."""
+    """Return the times (s) of a `roslaunch` of five nodes until all publish, and of its Ctrl-C."""
     first = graph.folder / "first.json"
     began = time.monotonic()
     run = subprocess.Popen(

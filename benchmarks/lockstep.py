@@ -1,4 +1,4 @@
-"""How fast simulated time goes in lock-step, with the real processes and every pose recorded."""
+"""Speed of simulated time in lock-step, with the real processes and every pose recorded."""
 
 import json
 from pathlib import Path
@@ -10,13 +10,13 @@ from quadctl.services.dynamics.compiler import have_made
 
 _MISSION = Path(__file__).parents[1] / "examples" / "mission.toml"
 _HOVER = 'end = 60.0\nrows = [{ at = 3.0, do = "calibrate" }]\n'
-"""Take-off, and then a vehicle at rest: what is left is the bus and the processes on it."""
+"""Mission of a take-off and a vehicle at rest: the cost is that of the bus and its processes."""
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Simulated seconds per second, of the hover and of the mission that is our example.
+    """Measure simulated seconds per second, in hover and in the example mission.
 
-    The vehicle's machine code, which a run has made once for a machine, is there by then.
+    The vehicle's compiled code exists by then: it is made once per machine.
     """
     have_made()
     with running("--set", "dynamics.speed=0") as where:

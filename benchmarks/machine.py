@@ -1,4 +1,4 @@
-"""What was measured, where and when."""
+"""Description of the machine, the versions and the date of a run."""
 
 import os
 import platform
@@ -14,7 +14,7 @@ _CPUINFO = Path("/proc/cpuinfo")
 
 
 def described() -> dict[str, Any]:
-    """For the file of figures."""
+    """Return the description for the file of figures."""
     packages = {name: metadata.version(name) for name in _PACKAGES}
     if not ros.absent():
         packages["rospy"] = _said("dpkg-query", "-W", "-f", "${Version}", "python3-rospy")
@@ -25,7 +25,7 @@ def described() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         "packages": packages,
-        # What else ran beside the benchmark stretches every figure; ratios suffer less.
+        # Other load on the machine increases every figure; ratios change less.
         "load": round(os.getloadavg()[0], 1),
     }
 

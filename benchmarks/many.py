@@ -1,4 +1,4 @@
-"""What several vehicles of one run take, all of them on their way."""
+"""Cost of several vehicles in one run, all of them in flight."""
 
 import time
 from collections import Counter
@@ -19,16 +19,16 @@ _HZ, _LEAST_HZ = 20, 19
 _SETTLED = 5.0
 _LEG_SECONDS = 2.5
 _AWAY = ((1.0, 0.0, 1.0), (1.0, 1.0, 1.5), (0.0, 1.0, 1.0), (0.0, 0.0, 2.0))
-"""Goals, m, from where a vehicle started."""
+"""Goals (m), relative to the start of a vehicle."""
 _WIDE = ("--set", "safety.virtual_cage.x=100", "--set", "safety.virtual_cage.y=100")
-"""They start on a grid that is larger than the usual cage."""
+"""Options for a larger cage: the grid of starts is larger than the default one."""
 _COUNTS = (1, 10, 100)
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Processor time of the whole run, and of it what falls to one vehicle.
+    """Measure the processor time of the whole run, and per vehicle.
 
-    The vehicle's machine code, which a run has made once for a machine, is there by then.
+    The vehicle's compiled code exists by then: it is made once per machine.
     """
     have_made()
     share = 0.0
@@ -41,7 +41,7 @@ def measure(results: Results, effort: Effort) -> None:
 
 
 def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> float:
-    """The run's share of one core, %, for so long; raises Failed where poses are missing."""
+    """Return the run's share of one core (%) for so long; raise Failed if poses are missing."""
     names = [f"uav{number}" for number in range(count)]
     homes: dict[str, tuple[float, float]] = {}
     heard: Counter[str] = Counter()

@@ -1,10 +1,10 @@
-"""Measures quadctl beside bare Zenoh and ROS 1, in one run, and holds it to its bars.
+"""Command that measures quadctl beside bare Zenoh and ROS 1 in one run, with a verdict per bar.
 
     python -m benchmarks.measure [--only GROUP]... [--quick] [--check] [--write] [--out FILE]
     python -m benchmarks.measure --file FILE --check
 
-Prints each figure beside its peers and its bars. A row that cannot be measured is reported as
-failed and does not stop the others; a peer that is not installed is said to be so.
+It prints each figure with its peers and its bars. A row that cannot be measured is reported as
+failed and does not stop the others; a peer that is not installed is reported as such.
 """
 
 import argparse
@@ -26,7 +26,7 @@ _CTRL_C = 130
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, print, write, judge; the exit code."""
+    """Measure, print, write and judge; return the exit code."""
     options = _parser().parse_args(arguments)
     if options.write and (options.only or options.quick or options.file):
         _parser().error("--write is for a whole run: leave out --only, --quick and --file")
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
         for row, figure in document.figures(found):
             print(report.line(row, figure))
     else:
-        # However it is ended, what it started is ended with it.
+        # However the run ends, the processes that it started end with it.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
         try:
             found = run(options.only or GROUPS, QUICK if options.quick else Effort())
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def run(groups: Iterable[str], effort: Effort) -> dict[str, Any]:
-    """Measure the groups, printing as it goes; the document of it."""
+    """Measure the groups, print each row when it is done, and return the document."""
     from benchmarks import machine
     from benchmarks.parts import PARTS
 
@@ -62,7 +62,7 @@ def run(groups: Iterable[str], effort: Effort) -> dict[str, Any]:
             continue
         try:
             part.measure(results, effort)
-        except Exception as error:  # noqa: BLE001 - a part that fails is reported, the others go on
+        except Exception as error:  # noqa: BLE001 - a part that fails is reported, the others continue
             traceback.print_exc()
             results.fail(part.keys, f"{type(error).__name__}: {error}")
         for key in part.keys:
@@ -72,7 +72,7 @@ def run(groups: Iterable[str], effort: Effort) -> dict[str, Any]:
 
 
 def verdict(found: dict[str, Any]) -> int:
-    """1 where a row missed its bar or could not be measured, else 0; says which."""
+    """Return 1 if a row missed its bar or was not measured, else 0; print these rows."""
     bad = {
         key: said for key, said in document.verdicts(found).items() if said in {"missed", "failed"}
     }
@@ -90,13 +90,15 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", action="append", choices=GROUPS, metavar="GROUP",
-                        help=f"measure this part alone: {', '.join(GROUPS)}")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="a trial with few repetitions")
-    parser.add_argument("--check", action="store_true", help="exit 1 where a bar is missed")
+                        help=f"measure only this part: {', '.join(GROUPS)}")  # fmt: skip
+    parser.add_argument("--quick", action="store_true", help="trial with few repetitions")
+    parser.add_argument("--check", action="store_true", help="exit 1 if a bar is missed")
     parser.add_argument(
         "--write", action="store_true", help="write figures.json and docs/figures.md"
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures there, as JSON")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the figures to FILE, as JSON"
+    )
     parser.add_argument(
         "--file", type=Path, metavar="FILE", help="judge this file; measure nothing"
     )

@@ -1,9 +1,9 @@
-"""Where each millisecond of one command goes: `python -m benchmarks.milliseconds [WORD...]`.
+"""Command that splits one command's time into stages: `python -m benchmarks.milliseconds [WORD...]`.
 
-Runs the command (by default one service call) many times on a running system and prints the
-median of each stage, in time passed and in processor time (which a busy machine stretches
-less), and that of the installed command from outside, in turn. The stages are those of the same
-command in an interpreter that keeps the time, which costs a few milliseconds.
+It runs a command (by default one service call) many times on a running system. It prints the median
+of each stage, in elapsed time and in processor time (which a busy machine increases less), and in turn
+the median of the installed command from outside. An interpreter that keeps the time measures the
+stages of the same command; that costs a few milliseconds.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def main() -> int:
     passed: defaultdict[str, list[float]] = defaultdict(list)
     worked: defaultdict[str, list[float]] = defaultdict(list)
     with running() as home:
-        # Caches and bytecode warm up first.
+        # The first run warms up caches and bytecode.
         whole([QUADCTL, *options.words], home.environment)
         for _ in range(options.runs):
             for clock, taken in ((time.monotonic, passed), (time.process_time, worked)):
@@ -51,7 +51,7 @@ def main() -> int:
 
 
 def stages(home: Home, clock: Callable[[], float], words: Sequence[str]) -> dict[str, float]:
-    """Seconds of each stage of one run, by a clock of `time`, and their sum."""
+    """Return the seconds of each stage of one run, by a clock of `time`, and their sum."""
     entry = metadata.distribution("quadctl").entry_points["quadctl"].value
     outside = clock is time.monotonic
     started = clock() if outside else 0.0
@@ -62,7 +62,7 @@ def stages(home: Home, clock: Callable[[], float], words: Sequence[str]) -> dict
     ended = clock()
     said = json.loads(done.stderr.splitlines()[-1])
     found: dict[str, float] = said["stages"]
-    # Another process's processor clock cannot tell what the exit takes.
+    # The processor clock of another process cannot measure the exit.
     found["exit"] = ended - said["left"] if outside else 0.0
     return found | {"whole": sum(found.values())}
 

@@ -1,4 +1,4 @@
-"""The console's page: how soon it is there, and what it costs to show it."""
+"""The console's page: time until it shows the vehicle, and its cost."""
 
 import json
 import subprocess
@@ -14,11 +14,11 @@ from tests.support.browser import Browser, Tab, browser
 
 _LIVE = "document.body?.dataset.link === 'live'"
 _SETTLED = 3.0
-"""Seconds in which a page that has come up is drawn."""
+"""Time (s) in which a page is fully drawn."""
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """Seconds until a page shows the vehicle; then one page at 10 Hz, of a hovering vehicle."""
+    """Measure the time until a page shows the vehicle; then one page at 10 Hz in hover."""
     if chromium.found() is None:
         raise Failed(chromium.MISSING)
     with running() as where, browser() as shown:

@@ -1,4 +1,4 @@
-"""The parts of a run: which function measures which rows."""
+"""Parts of a run, each a function and the rows that it measures."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

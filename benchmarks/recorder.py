@@ -1,4 +1,4 @@
-"""What recording costs, and how much of it there may be."""
+"""The recorder's cost, and its highest rate."""
 
 import itertools
 import json
@@ -26,7 +26,7 @@ _ENCODING = codec.encoding(type(pose(0)))
 
 
 def measure(results: Results, effort: Effort) -> None:
-    """The recorder's share of a core beside the default system in flight; and a flood of poses."""
+    """Measure the recorder's share of a core in flight, and its rate in a flood of poses."""
     with home() as where:
         where.quadctl("up", "-d", "--record", str(where.folder / "flight.mcap"))
         time.sleep(_SETTLED)
@@ -39,7 +39,7 @@ def measure(results: Results, effort: Effort) -> None:
 
 
 def _rate(where: Home) -> float:
-    """Typed messages a second, put without pause, of which none is lost; raises Failed else."""
+    """Return the rate (1/s) of typed messages put without pause; raise Failed if one is lost."""
     file = where.folder / "flood.mcap"
     command = [QUADCTL, "record", "flood/*", "-o", str(file), "--json"]
     recorder = subprocess.Popen(command, env=where.environment, stdout=subprocess.PIPE)
@@ -54,7 +54,7 @@ def _rate(where: Home) -> float:
             publisher.put(codec.encode(pose(sent)))
             if time.monotonic() > end:
                 break
-        # Until what was on its way has come: the recorder says once a second how far it is.
+        # Wait for messages in transit: the recorder reports its count once a second.
         for line in recorder.stdout:
             if json.loads(line)["messages"] >= sent or time.monotonic() > end + _LONGEST:
                 break

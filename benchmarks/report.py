@@ -1,11 +1,11 @@
-"""Figures as lines for a person and as cells for a table. Pure."""
+"""Text of figures: lines for the terminal, cells for a table. Pure."""
 
 from benchmarks.bars import NAMES, Figure, Side, judge
 from benchmarks.rows import Row
 
 
 def line(row: Row, figure: Figure) -> str:
-    """One row, as it is printed during the run."""
+    """Return the line that is printed for a row during the run."""
     verdict = judge(figure, row.bars)
     if verdict == "failed":
         return f"{row.name:48} FAILED: {figure.error}"
@@ -23,18 +23,18 @@ def line(row: Row, figure: Figure) -> str:
 
 
 def limits(row: Row) -> str:
-    """The row's bars in words."""
+    """Return the row's bars as text."""
     return ", ".join(bar.text(row.unit) for bar in row.bars)
 
 
 def ratio(figure: Figure, peer: Side) -> str:
-    """Ours to a peer's, the median of the runs."""
+    """Return the median ratio of ours to a peer's as text."""
     found = figure.ratio(peer)
     return "-" if found is None else number(found)
 
 
 def number(value: float) -> str:
-    """Three digits that mean something, without an exponent where none is needed."""
+    """Return three significant digits, without an exponent if possible."""
     if value == 0 or abs(value) >= 1000:
         return f"{value:.0f}"
     return f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""ROS 1, where Debian's packages of it are installed: found, configured, started, ended."""
+"""ROS 1 from Debian's packages: detection, configuration, start and end."""
 
 import os
 import socket
@@ -23,7 +23,7 @@ _NEEDED = "import rospy, std_srvs.srv, std_msgs.msg, geometry_msgs.msg"
 
 @cache
 def absent() -> str:
-    """Why there is no ROS to compare with, empty where there is one."""
+    """Return the reason why ROS is missing, empty if it is installed."""
     lacking = [tool for tool in _TOOLS if not (_BIN / tool).exists()]
     if len(lacking) == len(_TOOLS):
         return "not installed"
@@ -37,14 +37,14 @@ def absent() -> str:
 
 @dataclass(frozen=True)
 class Ros:
-    """A place for one ROS graph: its master's port and its folder."""
+    """Place of one ROS graph: the port of its master and its folder."""
 
     port: int
     folder: Path
 
     @property
     def environment(self) -> dict[str, str]:
-        """What ROS's processes find; nothing of ours is in it."""
+        """Return the environment of ROS processes, without our packages."""
         return _bare() | {
             "PYTHONPATH": str(ROOT),
             "HOME": str(self.folder),
@@ -60,7 +60,7 @@ class Ros:
         }
 
     def run(self, *command: str, check: bool = True) -> str:
-        """What a command prints; raises CalledProcessError where it fails."""
+        """Return the output of a command; raise CalledProcessError if it fails."""
         done = subprocess.run(
             command, env=self.environment, stdin=subprocess.DEVNULL, capture_output=True,
             text=True, timeout=30, check=check,
@@ -68,31 +68,31 @@ class Ros:
         return done.stdout
 
     def wait(self, command: Sequence[str], word: str, within: float = 60.0) -> None:
-        """Until a command prints a word; raises Failed."""
+        """Wait until a command prints a word; raise Failed after the time."""
         deadline = time.monotonic() + within
         while word not in self.run(*command, check=False):
             if time.monotonic() > deadline:
                 raise Failed(f"{' '.join(command)} does not show {word}")
 
     def node(self, *words: str) -> tuple[Sequence[str], Mapping[str, str]]:
-        """A worker of benchmarks/ros1/node.py."""
+        """Return the command and environment of a worker of benchmarks/ros1/node.py."""
         return (PYTHON, "-m", "benchmarks.ros1.node", *words), self.environment
 
     def traffic(self, role: str, size: int) -> list[str]:
-        """The command that starts a node which sends so many bytes as often as one of ours."""
+        """Return the command of a node that sends `size` bytes as often as one of our nodes."""
         return [PYTHON, str(PACKAGE / "traffic.py"), role, str(size)]
 
     def pids(self) -> list[int]:
-        """Every live process of the graph."""
+        """Return the pids of every live process of the graph."""
         return started_with("ROS_MASTER_URI", self.environment["ROS_MASTER_URI"])
 
     def lab(self) -> list[str]:
-        """The command that starts the lab's node."""
+        """Return the command of the lab's node."""
         return [PYTHON, str(PACKAGE / "lab.py")]
 
 
 def place(folder: Path) -> Ros:
-    """A graph of its own on a free port; nothing is started."""
+    """Return a new graph on a free port; start nothing."""
     folder.mkdir()
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -101,7 +101,7 @@ def place(folder: Path) -> Ros:
 
 @contextmanager
 def master(folder: Path) -> Iterator[Ros]:
-    """A running roscore."""
+    """Run a roscore."""
     ros = place(folder)
     with process(["roscore", "-p", str(ros.port)], ros.environment):
         ros.wait(["rosnode", "list"], "/rosout")

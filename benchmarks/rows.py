@@ -1,4 +1,4 @@
-"""The table: every figure, its unit and the bars it is held to, one entry each."""
+"""Table of every figure with its unit and its bars."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ GROUPS = (
 
 @dataclass(frozen=True)
 class Row:
-    """A figure of a group; `key` is its name in figures.json."""
+    """Figure of a group; `key` is its name in figures.json."""
 
     group: str
     key: str
@@ -22,12 +22,12 @@ class Row:
 
     @property
     def more_is_better(self) -> bool:
-        """Whether the bad tail is the low one."""
+        """Return whether the low tail is the bad one."""
         return any(isinstance(bar, AtLeast) for bar in self.bars)
 
     @property
     def per_second(self) -> float:
-        """What a time in seconds is multiplied by for this row's unit."""
+        """Return the factor from seconds to this row's unit."""
         return {"ms": 1e3, "us": 1e6}.get(self.unit, 1.0)
 
 
@@ -53,8 +53,8 @@ ROWS = (
     Row("launches", "launch", "launch until all answer", "s", (AtMost(0.3),)),
     Row("launches", "interrupt", "Ctrl-C until nothing is left", "s", (AtMost(0.5),)),
     Row("launches", "orphan", "`kill -9` of `up` until no process is left", "s", (AtMost(2),)),
-    Row("launches", "leftovers", "processes and files left by many starts and stops, all told", "", (AtMost(0),)),
-    Row("footprint", "node_memory", "memory of a node (PSS), the largest of ours", "MB",
+    Row("launches", "leftovers", "processes and files left by many starts and stops, in sum", "", (AtMost(0),)),
+    Row("footprint", "node_memory", "memory of a node (PSS), our largest", "MB",
         (AtMost(25),)),
     Row("footprint", "lone_memory", "memory of a node started alone (PSS)", "MB", (AtMost(25),)),
     Row("footprint", "system_memory", "memory of the whole system (PSS)", "MB", (AtMost(100),)),

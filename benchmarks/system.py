@@ -1,4 +1,4 @@
-"""A real system to measure, on a realm of its own, driven as a user drives it."""
+"""Real system under measurement on a separate realm, driven like a user drives it."""
 
 import contextlib
 import json
@@ -23,26 +23,26 @@ _LONGEST = 10.0
 
 
 class Home:
-    """A folder that realms live in, and the environment of the commands that use it."""
+    """Folder of realms, and the environment of the commands that use them."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        # Commands start warm, with bytecode, whatever this shell has set.
+        # Commands start warm, with bytecode, even if this shell turns bytecode off.
         kept = {name: value for name, value in os.environ.items() if not name.startswith(_PRIVATE)}
         self.environment = kept | {"XDG_RUNTIME_DIR": str(folder), "QUADCTL_REALM": REALM}
 
     @property
     def endpoint(self) -> str:
-        """Where the realm's hub listens."""
+        """Return the endpoint of the realm's hub."""
         return f"unixsock-stream/{self.folder / 'quadctl' / REALM / 'hub.sock'}"
 
     @property
     def raw(self) -> dict[str, str]:
-        """The environment of a bare Zenoh process: with the threads that our clients have."""
+        """Return the environment of a bare Zenoh process, with the threads of our clients."""
         return self.environment | {"ZENOH_RUNTIME": session.CLIENT_THREADS}
 
     def quadctl(self, *words: str) -> str:
-        """What a command prints; raises CalledProcessError where it fails."""
+        """Return the output of a command; raise CalledProcessError if it fails."""
         done = subprocess.run(
             [QUADCTL, *words], env=self.environment, stdin=subprocess.DEVNULL,
             capture_output=True, text=True, timeout=30, check=True,
@@ -50,27 +50,27 @@ class Home:
         return done.stdout
 
     def nodes(self) -> dict[str, dict[str, Any]]:
-        """What `status` says of each node, by name."""
+        """Return the row of each node in `status`, by name."""
         status: Any = json.loads(self.quadctl("status", "--json"))
         return {node["name"]: node for node in status["nodes"]}
 
     def processes(self) -> dict[int, str]:
-        """Every live process that was started in this home, by pid, with a name."""
+        """Return every live process that was started in this home: names by pid."""
         status: Any = json.loads(self.quadctl("status", "--json"))
         names = {node["pid"]: node["name"] for node in status["nodes"]}
         names[status["pid"]] = "supervisor"
         return {pid: names.get(pid, f"pid {pid}") for pid in self.pids()}
 
     def pids(self) -> list[int]:
-        """Every live process that was started in this home, recorded or not."""
+        """Return the pids of all live processes of this home, recorded or not."""
         return started_with("XDG_RUNTIME_DIR", str(self.folder))
 
 
 @contextmanager
 def home() -> Iterator[Home]:
-    """A home in a fresh folder; whatever still runs there in the end is ended.
+    """Create a home in a fresh folder; on exit, end all processes of that home.
 
-    Its name is short: a Unix socket's path may have 100 characters.
+    The folder's name is short, because a Unix socket's path may have 100 characters.
     """
     with tempfile.TemporaryDirectory(prefix="qb-", dir="/tmp") as folder:
         where = Home(Path(folder))
@@ -88,7 +88,7 @@ def home() -> Iterator[Home]:
 
 @contextmanager
 def running(*words: str) -> Iterator[Home]:
-    """The whole system, up; its home takes it down again."""
+    """Start the whole system; its home stops it again."""
     with home() as where:
         where.quadctl("up", "-d", *words)
         yield where
@@ -96,13 +96,13 @@ def running(*words: str) -> Iterator[Home]:
 
 @contextmanager
 def hub() -> Iterator[Home]:
-    """Our hub, alone."""
+    """Start our hub alone."""
     with home() as where, process([*PYTHON, "quadctl.services.hub"], where.environment):
         yield where
 
 
 def started_with(name: str, value: str) -> list[int]:
-    """Every live process with this in its environment."""
+    """Return the pids of live processes with this variable in their environment."""
     mark = os.fsencode(f"{name}={value}\0")
     found = []
     for path in Path("/proc").glob("[0-9]*"):
@@ -110,12 +110,12 @@ def started_with(name: str, value: str) -> list[int]:
             if mark in (path / "environ").read_bytes():
                 found.append(int(path.name))
         except OSError:
-            continue  # it ended while we looked, or is another user's
+            continue  # ended during the scan, or belongs to another user
     return [pid for pid in found if alive(pid)]
 
 
 def alive(pid: int) -> bool:
-    """Whether a process is there and no zombie."""
+    """Return whether a process exists and is no zombie."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
     except (FileNotFoundError, ProcessLookupError):
@@ -124,7 +124,7 @@ def alive(pid: int) -> bool:
 
 
 def gone_after(found: list[int], within: float = _LONGEST) -> float:
-    """Seconds until none of the processes is left; raises Failed beyond `within`."""
+    """Return the seconds until all processes have ended; raise Failed beyond `within`."""
     began = time.perf_counter()
     while any(alive(pid) for pid in found):
         if time.perf_counter() - began > within:

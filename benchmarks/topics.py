@@ -1,4 +1,4 @@
-"""One way from a publisher to a handler: typed, on bare Zenoh, and in rospy, in turn."""
+"""One-way times from a publisher to a handler: typed, on bare Zenoh and in rospy, in turn."""
 
 import time
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ _CONNECTED_WITHIN = 10.0
 
 
 def measure_one(results: Results, effort: Effort) -> None:
-    """1 to 1, at two rates, and as fast as it goes."""
+    """Measure 1 to 1, at two rates and at the highest rate."""
     _absent(results, ["topic_100", "topic_1000", "throughput"])
     for run in range(effort.runs):
         with ends("publish", "listen", 1, _POSE_BYTES) as sides:
@@ -33,7 +33,7 @@ def measure_one(results: Results, effort: Effort) -> None:
 
 
 def measure_fan(results: Results, effort: Effort) -> None:
-    """1 to 8."""
+    """Measure 1 to 8."""
     _absent(results, ["topic_fan"])
     for run in range(effort.runs):
         with ends("publish", "listen", _FAN, _POSE_BYTES) as sides:
@@ -49,17 +49,17 @@ def _absent(results: Results, keys: list[str]) -> None:
 
 
 def _settle(sides: Iterable[Ends]) -> None:
-    """Until every subscriber hears its publisher; raises Failed."""
+    """Wait until every subscriber receives messages; raise Failed if one does not."""
     for end in sides:
         deadline = time.monotonic() + _CONNECTED_WITHIN
         while not _heard_by_all(end):
             if time.monotonic() > deadline:
-                raise Failed("a subscriber hears nothing of its publisher")
+                raise Failed("a subscriber receives no message of its publisher")
         _ages(end, 100, 1000)
 
 
 def _ages(end: Ends, count: int, hz: float) -> list[float]:
-    """The ages of `count` messages at each of the receivers, pooled."""
+    """Return the ages (s) of `count` messages at all receivers together."""
     end.sender.ask("publish", count=count, hz=hz)
     for receiver in end.receivers:
         receiver.tell("take", count=count)

@@ -1,4 +1,4 @@
-"""The inside of a measuring process: it does what it is asked on stdin and answers on stdout.
+"""Loop of a measuring process: requests on stdin, answers on stdout.
 
 Standard library only: the ROS side runs it too, under another Python.
 """
@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 
 def serve(**verbs: Callable[..., Any]) -> NoReturn:
-    """Answer one JSON line with another until stdin ends; then leave, whatever threads run."""
+    """Answer each JSON line with another until stdin ends; then exit, even if threads still run."""
     print(json.dumps("ready"), flush=True)
     for line in sys.stdin:
         asked = json.loads(line)
@@ -22,7 +22,7 @@ def serve(**verbs: Callable[..., Any]) -> NoReturn:
 
 
 def timed(call: Callable[[], object], count: int) -> list[float]:
-    """Seconds that each of `count` calls took."""
+    """Return the seconds of each of `count` calls."""
     times = []
     for _ in range(count):
         began = time.perf_counter()
@@ -32,7 +32,7 @@ def timed(call: Callable[[], object], count: int) -> list[float]:
 
 
 def paced(put: Callable[[int], object], count: int, hz: float) -> None:
-    """Call `put` with a running number, `count` times at a rate."""
+    """Call `put` with a running number, `count` times at `hz`."""
     start = time.monotonic()
     for number in range(count):
         left = start + number / hz - time.monotonic()
@@ -42,7 +42,7 @@ def paced(put: Callable[[int], object], count: int, hz: float) -> None:
 
 
 def flood(put: Callable[[int], object], seconds: float) -> None:
-    """Call `put` as fast as it goes."""
+    """Call `put` without pause."""
     number, end = 0, time.monotonic() + seconds
     while time.monotonic() < end:
         for _ in range(50):
@@ -51,20 +51,20 @@ def flood(put: Callable[[int], object], seconds: float) -> None:
 
 
 class Arrivals:
-    """When messages came, and how old they were; both in seconds."""
+    """Arrival times and ages of messages, both in seconds."""
 
     def __init__(self) -> None:
         self._ages: list[float] = []
         self._times: list[float] = []
 
     def add(self, sent: float) -> None:
-        """A message that was sent at a time of the monotonic clock."""
+        """Add a message with its send time by the monotonic clock."""
         now = time.monotonic()
         self._times.append(now)
         self._ages.append(now - sent)
 
     def take(self, count: int, within: float = 1.0) -> list[float]:
-        """The ages of what came; waits for `count` of them, at most so long."""
+        """Return the ages (s) of received messages; wait for `count` of them, at most `within` s."""
         deadline = time.monotonic() + within
         while len(self._ages) < count and time.monotonic() < deadline:
             time.sleep(0.005)
@@ -73,7 +73,7 @@ class Arrivals:
         return ages
 
     def rate(self, quiet: float = 0.3) -> float:
-        """Messages a second from the first to the last, once none has come for a while."""
+        """Return messages a second from the first to the last, after `quiet` s without one."""
         seen = -1
         while seen != len(self._times):
             seen = len(self._times)

@@ -1,8 +1,8 @@
-"""Measures how fast the flight model is beside its peers, each in turn in a process of its own.
+"""Command that measures the flight model beside its peers, in turn, each in a separate process.
 
     python -m benchmarks.model [--only NAME]... [--write] [--check] [--out FILE]
 
-Peers are installed below .cache when first needed. With --write: write model.json and docs/figures.md.
+Peers are installed below .cache when first needed. --write writes model.json and docs/figures.md.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def main() -> int:
 
 
 def _measured(runner: Runner) -> str:
-    """What a runner printed of its figures; raises Missing."""
+    """Return the figures that a runner printed; raise Missing if it cannot run."""
     key = runner.key
     if runner.peer:
         return environments.run(runner.peer, f"{key}_speed")
@@ -67,7 +67,7 @@ def _measured(runner: Runner) -> str:
 
 
 def _said(*words: str) -> str:
-    """What a module of ours printed; raises Missing where it fails."""
+    """Return the output of one of our modules; raise Missing if it fails."""
     done = subprocess.run(
         [sys.executable, "-m", *words],
         cwd=environments.ROOT, capture_output=True, text=True, check=False,
@@ -82,10 +82,12 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = [runner.key for runner in RUNNERS]
-    parser.add_argument("--only", action="append", choices=names, help="measure this one alone")
+    parser.add_argument("--only", action="append", choices=names, help="measure only this one")
     parser.add_argument("--write", action="store_true", help="write model.json and docs/figures.md")
-    parser.add_argument("--check", action="store_true", help="exit 1 where a bar is missed")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures there, as JSON")
+    parser.add_argument("--check", action="store_true", help="exit 1 if a bar is missed")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the figures to FILE, as JSON"
+    )
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Our compiled fleet, and its step alone, without setpoint and pilot."""
+"""Compiled fleet, and its step alone, without setpoint generator and pilot."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -25,9 +25,9 @@ def compiled() -> ModuleType:
 def on_their_way(
     count: int, module: ModuleType
 ) -> tuple[CompiledFleet, Callable[[int, int], None]]:
-    """A fleet, and what takes its vehicles through calls of STEPS steps each with no setpoint.
+    """Return a fleet, and a function that steps it without a setpoint, STEPS steps a call.
 
-    Of every four steps the one with this number is a control step; with -1 none is.
+    The function's second argument is the control step among every four; -1 for none.
     """
     fleet = CompiledFleet([flying()] * count, module)
     send(fleet.goto, count)

@@ -1,9 +1,9 @@
-"""Compares our flights with rotorpy's and mujoco's, and keeps theirs for the tests.
+"""Command that compares our flights with rotorpy's and mujoco's, and stores theirs for the tests.
 
     python -m benchmarks.model.crosscheck [--write]
 
-Each peer flies in an environment of its own, below .cache, which is made when first needed. With
---write their flights are kept in tests/unit/dynamics/data. Exit 1 where one of ours differs too much.
+Each peer flies in a separate environment below .cache, created when first needed. --write stores
+their flights in tests/unit/dynamics/data. Exit 1 if one of our flights differs too much.
 """
 
 import argparse

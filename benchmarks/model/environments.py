@@ -1,4 +1,4 @@
-"""The peers' own Python environments, below .cache: made when first asked for."""
+"""Python environments of the peers below .cache, created when first needed."""
 
 import os
 import subprocess
@@ -14,15 +14,15 @@ PACKAGES = {
     "mujoco": ("mujoco==4.0.0", "numpy"),
     "crazyflow": ("crazyflow==0.4.0",),
 }
-"""What pip installs for each."""
+"""Packages that pip installs, by peer."""
 
 
 class Missing(Exception):
-    """A peer cannot be had on this machine."""
+    """Absence of a peer that cannot be installed or run on this machine."""
 
 
 def python(peer: str) -> Path:
-    """The interpreter of a peer's environment, with the peer in it; raises Missing."""
+    """Return the interpreter of a peer's environment with the peer installed; raise Missing."""
     folder = _HOME / peer
     interpreter = folder / "bin" / "python"
     ready = folder / ".ready"
@@ -39,9 +39,9 @@ def python(peer: str) -> Path:
 
 
 def run(peer: str, module: str, *arguments: str) -> str:
-    """What a module of peers/ prints in a peer's environment; raises Missing where it fails."""
+    """Return the output of a module of peers/ in a peer's environment; raise Missing if it fails."""
     command = [str(python(peer)), "-m", f"benchmarks.model.peers.{module}", *arguments]
-    # One thread each: vehicle-steps per second are those of one core.
+    # One thread each: the figures are per core.
     one = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     environment = os.environ | one | {"JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The figures of one run: who was measured, the bars, and the README's two tables. Pure."""
+"""Figures of one run: simulators, bars, and the two tables of docs/figures.md. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from benchmarks.report import number
 
 @dataclass(frozen=True)
 class Runner:
-    """One who flies; `numbers` says of which type and by which scheme, `peer` whose environment."""
+    """Simulator with its number format and integrator (`numbers`) and its environment (`peer`)."""
 
     key: str
     name: str
@@ -30,16 +30,16 @@ RUNNERS = (
 )
 
 Rates = Mapping[str, Mapping[str, Mapping[str, float]]]
-"""Vehicle-steps per second by runner, by what was run and by the number of vehicles as text."""
+"""Vehicle-steps per second by runner, mode and number of vehicles (as text)."""
 
 
 Paired = Mapping[str, float]
-"""Ratios that were measured by themselves, in turn slice by slice (paired.py), by their bar's key."""
+"""Ratios measured separately, in alternating slices (paired.py), by the key of their bar."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """Ours at least so many times a peer's, steps without a controller, in one run."""
+    """Least ratio of our speed to a peer's, for steps without a controller, in one run."""
 
     ours: str
     count: int
@@ -49,11 +49,11 @@ class Bar:
 
     @property
     def key(self) -> str:
-        """As `compiled:reference`."""
+        """Return the key, e.g. `compiled:reference`."""
         return f"{self.ours}:{self.peer}"
 
     def ratio(self, rates: Rates, paired: Paired) -> float | None:
-        """Ours divided by the peer's; None where the peer was not measured."""
+        """Return our speed divided by the peer's; None if the peer was not measured."""
         if self.key in paired:
             return paired[self.key]
         theirs = rates.get(self.peer, {}).get("dynamics", {}).get(str(self.peers_count))
@@ -61,7 +61,7 @@ class Bar:
         return ours / theirs if ours and theirs else None
 
     def verdict(self, rates: Rates, paired: Paired) -> Verdict:
-        """Whether the ratio reaches it."""
+        """Return whether the ratio reaches the bar."""
         ratio = self.ratio(rates, paired)
         if ratio is None:
             return "not compared"
@@ -69,7 +69,7 @@ class Bar:
 
 
 PAIRED = Bar("compiled", 10_000, 0.9, "reference", 10_000)
-"""Too near to 1 for two measurements after one another."""
+"""Bar too near to 1 for two separate measurements."""
 BARS = (
     Bar("plain", 1, 40, "rotorpy", 1),
     Bar("compiled", 10_000, 1000, "rotorpybatch", 10_000),
@@ -79,7 +79,7 @@ BARS = (
 
 
 def tables(document: Mapping[str, Any]) -> str:
-    """The speeds, and the bars with their verdicts."""
+    """Return the tables of speeds and of bars with their verdicts."""
     heads = ["vehicle-steps per second of one core", "", *(f"{count:,}" for count in COUNTS)]
     heads += ["with controller", "whole flight", "of peak", "import", "memory"]
     lines = [f"| {' | '.join(heads)} |", "|---|---|" + "---:|" * (len(heads) - 2)]
@@ -124,7 +124,7 @@ def _line(runner: Runner, document: Mapping[str, Any]) -> str:
 
 
 def _same_model(key: str) -> bool:
-    """Whether a runner's step has the operations that were counted."""
+    """Return whether a runner's step has the operations that were counted."""
     return key in {"plain", "compiled", "reference"}
 
 

@@ -1,4 +1,4 @@
-"""How many floating point operations a step takes, counted while it runs."""
+"""Count of the floating point operations of a step while it runs."""
 
 import math
 from typing import Any
@@ -11,7 +11,7 @@ from quadctl.services.dynamics.rotor import hover_speed
 
 
 class _Counted(float):
-    """A number that counts what is done with it."""
+    """Number that counts its operations."""
 
     count = 0
 
@@ -49,7 +49,7 @@ def _root(x: Any) -> Any:
 
 
 def step_flops() -> int:
-    """Additions, multiplications, divisions and roots of one step in still air; signs are free."""
+    """Count additions, multiplications, divisions and roots of one step in still air; signs are free."""
     vehicle = DynamicsParams().vehicle
     motors = (_Counted(hover_speed(vehicle)),) * 4
     numbers = (0.0, 0.0, 1000.0, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3)

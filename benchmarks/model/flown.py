@@ -1,15 +1,15 @@
-"""Our flight of a scenario: the model's own step, with nothing around it."""
+"""Our flight of a scenario: the model's step alone."""
 
 from benchmarks.model.scenario import COMMAND, RECORD, Flight, start
 from quadctl.schemas.vehicle import InertiaParams, RotorDragParams, VehicleParams
 from quadctl.services.dynamics.rigidbody import STEP, State, body_constants, step
 
 _NO_LAG = 1e-6
-"""Over which a motor is at its command in a step, to the bit (s)."""
+"""Motor lag (s) so short that a motor reaches its command within a step, to the bit."""
 
 
 def vehicle_of(flight: Flight) -> VehicleParams:
-    """The scenario's vehicle as parameters."""
+    """Return the scenario's vehicle as parameters."""
     v = flight.vehicle
     return VehicleParams(
         mass=v["mass"],
@@ -26,7 +26,7 @@ def vehicle_of(flight: Flight) -> VehicleParams:
 
 
 def fly(flight: Flight) -> list[State]:
-    """The 13 numbers of each state after RECORD s, 2 RECORD s and so on."""
+    """Return the 13 numbers of each state after RECORD s, 2 RECORD s and so on."""
     body = body_constants(vehicle_of(flight))
     motors = (flight.hover,) * 4
     state: State = (*start(flight), *motors)

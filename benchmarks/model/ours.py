@@ -1,8 +1,8 @@
-"""How fast the model is as plain Python and compiled: `python -m benchmarks.model.ours NAME`.
+"""Speed of the model as plain Python and compiled: `python -m benchmarks.model.ours NAME`.
 
 Three things are timed: `dynamics`, the step alone with constant commands; `control`, with the
-controller every fourth step, on a setpoint that stands still; and `flight`, with everything: the
-setpoint generator, the pilot, and the wind where there is one.
+controller every fourth step, on a constant setpoint; and `flight`, with everything: the
+setpoint generator, the pilot, and the wind if there is any.
 """
 
 import sys

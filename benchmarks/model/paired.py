@@ -1,7 +1,7 @@
-"""Ours compiled beside the same by hand in C++, in one process and in turn, slice by slice.
+"""Our compiled step beside the same step by hand in C++, in one process, in alternating slices.
 
-Both go through code that is as fast as it can be, so that what tells them apart is less than what
-the processor's speed wanders between two measurements.
+Both are so fast that their difference is smaller than the drift of the processor's speed between two
+separate measurements.
 """
 
 import json

@@ -1,4 +1,4 @@
-// The same step by hand in C++, on the compiler's vectors: what the processor gives without Python.
+// The same step by hand in C++, on the compiler's vectors: the speed of the processor without Python.
 //
 // Classical Runge-Kutta at 1 ms, double precision, strict (-ffp-contract=off), L vehicles at a time,
 // kept in registers for all steps of a call. Blocks of L: 17 rows of state, 4 of commands.

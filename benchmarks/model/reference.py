@@ -1,4 +1,4 @@
-"""How fast the step is by hand in C++ (reference.cpp), and the peak of one core."""
+"""Speed of the step by hand in C++ (reference.cpp), and the peak of one core."""
 
 import ctypes
 import subprocess
@@ -26,10 +26,10 @@ Doubles = npt.NDArray[np.float64]
 
 
 class Reference:
-    """The compiled library, with the default vehicle's numbers."""
+    """Compiled library with the default vehicle's numbers."""
 
     def __init__(self) -> None:
-        """Compile it; raises Missing where there is no compiler."""
+        """Compile the library; raise Missing without a compiler."""
         _LIBRARY.parent.mkdir(exist_ok=True)
         try:
             subprocess.run([*_COMPILE, str(_SOURCE), "-o", str(_LIBRARY)], check=True)
@@ -50,14 +50,14 @@ class Reference:
         )  # fmt: skip
 
     def run(self, name: str, states: Doubles, commands: Doubles, steps: int) -> None:
-        """Let `dynamics` or `controlled` run so many steps on blocks of (rows, lanes)."""
+        """Run `dynamics` or `controlled` for `steps` steps on blocks of (rows, lanes)."""
         getattr(self._library, name)(
             *(ctypes.c_void_p(a.ctypes.data) for a in (states, commands)),
             ctypes.c_long(len(states)), ctypes.c_long(steps), self._body, self._control,
         )  # fmt: skip
 
     def blocks(self, state: State, count: int) -> tuple[Doubles, Doubles]:
-        """So many vehicles in this state, with commands that hold their motors' speeds."""
+        """Return `count` vehicles in this state, with commands that hold their motors' speeds."""
         size = -(-count // self.lanes)
         values = np.array(state)[None, :, None]
         return (
@@ -66,7 +66,7 @@ class Reference:
         )
 
     def peak(self) -> float:
-        """GFLOP/s of one core in double precision."""
+        """Return the peak of one core in double precision (GFLOP/s)."""
         self._library.multiply_add(ctypes.c_long(_TURNS // 10))
         best = 0.0
         for _ in range(5):
@@ -78,7 +78,7 @@ class Reference:
 
 
 def hovering() -> State:
-    """High up, hovering, and turning a little."""
+    """Return a state high up, hovering, and turning a little."""
     motors = (hover_speed(DynamicsParams().vehicle),) * 4
     return (0.0, 0.0, 1000.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.05, *motors)
 
@@ -116,7 +116,7 @@ def _doubles(*values: float) -> ctypes.Array[ctypes.c_double]:
 
 
 def _aligned(values: Doubles) -> Doubles:
-    """A copy that begins where a vector may."""
+    """Return a copy aligned for vectors."""
     room = np.empty(values.size + 8)
     first = -room.ctypes.data % 64 // 8
     copy = room[first : first + values.size].reshape(values.shape)

@@ -1,4 +1,4 @@
-"""The flights that we and a peer fly alike, open loop. Standard library only: peers read it too."""
+"""Flights that we and a peer fly alike, open loop. Standard library only: peers import it too."""
 
 import hashlib
 import json
@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, field
 from math import sin, sqrt
 
 RECORD = 0.1
-"""Time between the states that are compared, s."""
+"""Time (s) between compared states."""
 COMMAND = 0.01
-"""Time that a command is held, s."""
+"""Time (s) for which a command is held."""
 
 Motors = tuple[float, float, float, float]
 
@@ -22,28 +22,28 @@ _VEHICLE = {
 
 @dataclass(frozen=True)
 class Flight:
-    """A vehicle, the air, and how its motors are commanded; SI units, frames as in rigidbody.py."""
+    """Vehicle, air and motor commands; SI units, frames as in rigidbody.py."""
 
     metres: float
-    """What positions may differ by."""
+    """Largest permitted difference (m) of positions."""
     attitude: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     rates: tuple[float, float, float] = (0.1, -0.2, 0.3)
     velocity: tuple[float, float, float] = (0.5, 0.0, 0.0)
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turns: bool = True
-    """Whether the motors differ."""
+    """True if the motors differ."""
     seconds: float = 2.0
     height: float = 1000.0
-    """High: a floor would change a flight that meets it without a word."""
+    """Height (m) of the start: high, because a floor would change a flight silently."""
     vehicle: Mapping[str, float] = field(default_factory=lambda: dict(_VEHICLE))
 
     @property
     def hover(self) -> float:
-        """Motor speed that carries the weight, rad/s."""
+        """Return the motor speed (rad/s) that carries the weight."""
         return sqrt(self.vehicle["mass"] * self.vehicle["gravity"] / 4 / self.vehicle["thrust"])
 
     def command(self, number: int) -> Motors:
-        """Motor speeds that are commanded in this COMMAND, in our order of rotors, rad/s."""
+        """Return the commanded motor speeds (rad/s) of one COMMAND, in our order of rotors."""
         t = number * COMMAND
         waves = ((0.03, 7, 0), (0.03, 9, 1), (0.025, 8, 2), (0.03, 6, 3))
         if not self.turns:
@@ -54,7 +54,7 @@ class Flight:
 
 FLIGHTS = {
     "rotorpy": Flight(2e-9, wind=(2.0, -1.0, 0.5)),
-    # Rotorpy takes each rotor's own airspeed, we take the centre's: alike where nothing turns.
+    # Rotorpy uses the airspeed of each rotor, we use the centre's: equal without rotation.
     "rotorpy_rotor_drag": Flight(
         2e-9,
         attitude=(0.9, 0.3, -0.3, 0.1),
@@ -65,22 +65,22 @@ FLIGHTS = {
     ),
     "mujoco": Flight(1e-10, vehicle=_VEHICLE | {"lag": 0.0, "drag": 0.0}),
 }
-"""By the name of the recorded flight, which begins with the peer's."""
+"""Flights by the name of their recording, which begins with the name of the peer."""
 
 
 def peer(name: str) -> str:
-    """Who flew it."""
+    """Return the peer of a recording."""
     return name.partition("_")[0]
 
 
 def digest(flight: Flight) -> str:
-    """Sixteen digits that change with any number of a flight but its tolerance."""
+    """Return sixteen digits that change with every number of a flight except its tolerance."""
     numbers = {name: value for name, value in asdict(flight).items() if name != "metres"}
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def start(flight: Flight) -> tuple[float, ...]:
-    """Position, velocity, attitude at unit length, and body rates."""
+    """Return position, velocity, attitude at unit length, and body rates."""
     length = sqrt(sum(q * q for q in flight.attitude))
     attitude = (q / length for q in flight.attitude)
     return (0.0, 0.0, flight.height, *flight.velocity, *attitude, *flight.rates)

@@ -1,13 +1,13 @@
-"""The vehicles that the benchmark flies: high up, and on their way where there is a setpoint."""
+"""Vehicles of the benchmark: high up, and in flight if there is a setpoint."""
 
 from collections.abc import Callable
 
 from quadctl.schemas.params import DynamicsParams, StartParams
 
 FAR = 1e5
-"""A goal that no flight here reaches, m."""
+"""Distance (m) of a goal that no flight here reaches."""
 STEPS = 100
-"""Steps in a call of what is compiled."""
+"""Steps per call of compiled code."""
 
 
 def flying() -> DynamicsParams:
@@ -15,6 +15,6 @@ def flying() -> DynamicsParams:
 
 
 def send(goto: Callable[[int, float, float, float], None], count: int) -> None:
-    """Each to a goal of its own, by its fleet's command."""
+    """Send each vehicle to a different goal, by the command of its fleet."""
     for number in range(count):
         goto(number, FAR, FAR - number, 1000.0)

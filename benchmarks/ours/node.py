@@ -1,4 +1,4 @@
-"""Our typed ends of a service and a topic: `python -m benchmarks.ours.node REALM NAME ROLE`.
+"""Typed ends of a service and a topic: `python -m benchmarks.ours.node REALM NAME ROLE`.
 
 ROLE is serve, call, listen or publish.
 """
@@ -21,7 +21,7 @@ _WAIT = 5.0
 
 
 def pose(number: int) -> Pose:
-    """A pose with every field filled; its stamp is the monotonic clock."""
+    """Return a pose with every field filled; its stamp is the monotonic clock."""
     return Pose(
         "0123456789abcdef", number, time.monotonic(),
         Position(1.25, -2.5, 1.0625), Velocity(0.1, 0.2, 0.3),
@@ -30,7 +30,7 @@ def pose(number: int) -> Pose:
 
 
 def main(realm: str, name: str, role: str) -> None:
-    """Be one end of a service or a topic."""
+    """Run one end of a service or a topic."""
     session = open_client(address_of(Realm(realm)), wait=_WAIT)
     if role == "call":
         caller = ServiceClient(session, VEHICLE, TOGGLE_CAGE)
@@ -50,7 +50,7 @@ def main(realm: str, name: str, role: str) -> None:
     else:
         node.listen(POSE, lambda message: arrivals.add(message.stamp), inline=True)
     node.ready()
-    # The loop is the main thread's, as in every node; what the benchmark asks comes beside it.
+    # The loop has the main thread, as in every node; a second thread reads the benchmark's requests.
     asked = {"take": arrivals.take, "rate": arrivals.rate}
     threading.Thread(target=serve, kwargs=asked, daemon=True).start()
     node.spin()

@@ -1,8 +1,8 @@
-"""One command, run as its console script would, that tells where its time went.
+"""Runner of one command like its console script, with the seconds of each stage.
 
 `stages.py CLOCK STARTED MODULE:FUNCTION WORD...`, run as a script: CLOCK is a function of `time`,
-monotonic or process_time, STARTED when it was started by that clock, s. The last line on stderr
-is JSON: seconds by stage, and when it left.
+monotonic or process_time, STARTED the time (s) of its start by that clock. The last line on stderr
+is JSON: seconds by stage, and the time of its exit.
 """
 
 import sys
@@ -22,7 +22,7 @@ _REST = "import our own, and what they need"
 
 
 class Imports:
-    """Books the time of imports to msgspec, to zenoh, and to the rest; each without the others."""
+    """Times of imports for msgspec, zenoh and the rest, each without the others."""
 
     def __init__(self) -> None:
         self.took = dict.fromkeys([*(f"import {name}" for name in _PACKAGES), _REST], 0.0)
@@ -32,7 +32,7 @@ class Imports:
         builtins.__import__ = self
 
     def __call__(self, name: str, *rest: Any, **more: Any) -> Any:
-        """Import a module, in the name of the package that wants it."""
+        """Import a module and add its time to the package that imports it."""
         root = name.partition(".")[0]
         here = f"import {root}" if root in _PACKAGES else (self._open or [_REST])[-1]
         self._book()
@@ -45,7 +45,7 @@ class Imports:
 
     @property
     def total(self) -> float:
-        """All of it, s."""
+        """Return the sum of all times (s)."""
         return sum(self.took.values())
 
     def _book(self) -> None:
@@ -56,7 +56,7 @@ class Imports:
 
 
 def main(started: float, entry: str, words: list[str]) -> None:
-    """Run the command; it ends the process itself."""
+    """Run the command, which ends the process itself."""
     imports, marks = Imports(), {}
 
     def marked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,6 +1,6 @@
-"""What a command costs on bare Zenoh: import, open, one thing, close.
+"""Command on bare Zenoh, for its cost: import, open, one operation, close.
 
-`command.py ENDPOINT get|list|echo|put KEY`: written as bare as it goes, no check of anything.
+`command.py ENDPOINT get|list|echo|put KEY`: as short as possible, without any check.
 """
 
 import os

@@ -1,7 +1,7 @@
-"""The same ends on bare Zenoh, no types and no promises: `node.py ENDPOINT NAME ROLE BYTES`.
+"""Ends of a service and a topic on bare Zenoh: `node.py ENDPOINT NAME ROLE BYTES`.
 
-ROLE is serve, call, listen or publish; payloads are of so many bytes. The route is ours (clients
-of a hub on a Unix socket) and so is `ZENOH_RUNTIME`, which comes with the environment.
+They have no types and no guarantees. ROLE is serve, call, listen or publish; payloads have BYTES
+bytes. The route (clients of a hub on a Unix socket) and `ZENOH_RUNTIME` are the same as ours.
 """
 
 import struct
@@ -18,7 +18,7 @@ _STAMP = struct.Struct("<d")
 
 
 def main(endpoint: str, role: str, size: str) -> None:
-    """Be one end of a service or a topic."""
+    """Run one end of a service or a topic."""
     session = opened(endpoint)
     filling = bytes(int(size))
     if role == "call":

@@ -1,4 +1,4 @@
-"""Bare Zenoh's way to a hub."""
+"""Session of bare Zenoh with a hub."""
 
 import json
 
@@ -8,7 +8,7 @@ _HUB_WAIT_MS = 5000
 
 
 def opened(endpoint: str) -> zenoh.Session:
-    """A client as the Zenoh manual has it, with our nodes' settings; waits for the hub."""
+    """Open a client like the Zenoh manual, with our nodes' settings; wait for the hub."""
     retry = {"period_init_ms": 10, "period_max_ms": 10, "period_increase_factor": 1}
     config = {
         "mode": "client",

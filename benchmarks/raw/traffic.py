@@ -1,7 +1,7 @@
-"""The traffic of our system on bare Zenoh, nothing behind it: `traffic.py ENDPOINT ROLE BYTES`.
+"""Traffic of our system on bare Zenoh, without its work: `traffic.py ENDPOINT ROLE BYTES`.
 
-ROLE is hub, vehicle (100 Hz, and hears what it is told), monitor (hears the vehicle, tells it
-something at 20 Hz) or sensor (hears the vehicle, publishes at 10 Hz): written as bare as it goes.
+ROLE is hub, vehicle (publishes at 100 Hz, receives setpoints), monitor (receives from the vehicle,
+publishes to it at 20 Hz) or sensor (receives from the vehicle, publishes at 10 Hz).
 """
 
 import itertools
@@ -19,7 +19,7 @@ HEARS = {"vehicle": "raw/monitor", "monitor": "raw/vehicle", "sensor": "raw/vehi
 
 
 def hub(endpoint: str) -> NoReturn:
-    """The router of all."""
+    """Run the router."""
     config = {
         "mode": "router",
         "listen": {"endpoints": [endpoint]},
@@ -32,7 +32,7 @@ def hub(endpoint: str) -> NoReturn:
 
 
 def main(endpoint: str, role: str, size: str) -> None:
-    """Publish and listen until killed."""
+    """Publish and subscribe until killed."""
     if role == "hub":
         hub(endpoint)
     session, message, hz = opened(endpoint), bytes(int(size)), HZ[role]

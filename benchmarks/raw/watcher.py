@@ -1,4 +1,4 @@
-"""Sees on bare Zenoh when a node's liveliness goes: `watcher.py ENDPOINT PATTERN`."""
+"""Watcher of liveliness tokens on bare Zenoh: `watcher.py ENDPOINT PATTERN`."""
 
 import sys
 import threading
@@ -13,7 +13,7 @@ _LONGEST = 5.0
 
 
 class Watcher:
-    """The tokens that are there, and when the last of them went."""
+    """Current tokens, and the time at which the last of them went."""
 
     def __init__(self) -> None:
         self._there: set[str] = set()
@@ -21,7 +21,7 @@ class Watcher:
         self._changed = threading.Condition()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
-        """A token came or went."""
+        """Add or remove a token."""
         with self._changed:
             key = str(sample.key_expr)
             if sample.kind == zenoh.SampleKind.PUT:
@@ -33,12 +33,12 @@ class Watcher:
             self._changed.notify_all()
 
     def count(self) -> int:
-        """How many are there."""
+        """Return the number of tokens."""
         with self._changed:
             return len(self._there)
 
     def gone(self, since: float) -> float:
-        """Seconds from a time of the monotonic clock until none was left."""
+        """Return the seconds from `since` (monotonic clock) until no token was left."""
         with self._changed:
             if not self._changed.wait_for(lambda: self._gone_at > since, _LONGEST):
                 raise TimeoutError(f"still listed: {sorted(self._there)}")

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Writes when the first message of each of the four talkers came to the file $FIRST."""
+"""Node that writes the time of the first message of all four talkers to the file $FIRST."""
 
 import json
 import os

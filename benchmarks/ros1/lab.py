@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The lab's node, as small as it goes: 10 Hz pressure, a parameter, the cage's service."""
+"""Node of the lab, as small as possible: 10 Hz pressure, a parameter, the cage's service."""
 
 import contextlib
 

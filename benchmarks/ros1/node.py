@@ -1,6 +1,6 @@
-"""The same ends in rospy: `python3 -m benchmarks.ros1.node NAME ROLE`, the system's Python.
+"""Ends of a service and a topic in rospy: `python3 -m benchmarks.ros1.node NAME ROLE`.
 
-ROLE is serve, call, listen or publish. Queues are as long as the lab's, 10.
+ROLE is serve, call, listen or publish. Queues are 10 long, like the lab's. The Python is the system's.
 """
 
 import sys
@@ -14,11 +14,11 @@ from benchmarks.worker import Arrivals, flood, paced, serve, timed
 
 SERVICE, TOPIC, QUEUE = "/bench/toggle_cage", "/bench/pose", 10
 _FRAME = "world" + "x" * 72
-"""Fills the message to about 150 bytes."""
+"""Frame name that fills the message to about 150 bytes."""
 
 
 def main(name: str, role: str) -> None:
-    """Be one end of a service or a topic."""
+    """Run one end of a service or a topic."""
     rospy.init_node(name, disable_signals=True)
     if role == "call":
         rospy.wait_for_service(SERVICE, 10)

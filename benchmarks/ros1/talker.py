@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""A node that publishes a pose at 50 Hz."""
+"""Node that publishes a pose at 50 Hz."""
 
 import contextlib
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The traffic of our system in rospy, nothing behind it: `traffic.py ROLE BYTES`, as on bare Zenoh."""
+"""Traffic of our system in rospy, without its work: `traffic.py ROLE BYTES`, as on bare Zenoh."""
 
 import contextlib
 import sys
@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 HZ = {"vehicle": 100, "monitor": 20, "sensor": 10}
 HEARS = {"vehicle": "monitor", "monitor": "vehicle", "sensor": "vehicle"}
 REST = 72
-"""Bytes of the message beside its name of a frame."""
+"""Size (bytes) of the message without the name of its frame."""
 
 role, size = sys.argv[1:]
 rospy.init_node(role)

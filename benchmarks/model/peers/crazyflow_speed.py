@@ -1,10 +1,10 @@
-"""How fast crazyflow is: JAX on the processor, single precision, RK4 at 1 ms, 100 steps a call."""
+"""Speed of crazyflow: JAX on the processor, single precision, RK4 at 1 ms, 100 steps a call."""
 
 import time
 from importlib import metadata
 
 BEGAN = time.perf_counter()
-import jax  # noqa: E402 - what is timed is the import of all it needs
+import jax  # noqa: E402 - the import with all dependencies is timed
 import numpy as np  # noqa: E402
 from crazyflow.control import Control  # noqa: E402
 from crazyflow.sim import Sim  # noqa: E402
@@ -27,7 +27,7 @@ def main() -> None:
 
 
 def measured(count: int, control: Control) -> float:
-    """Vehicle-steps per second with constant rotor speeds, or with the controller at 250 Hz."""
+    """Return vehicle-steps per second, with constant rotor speeds or the controller at 250 Hz."""
     simulation = Sim(
         n_worlds=count, n_drones=1, control=control, integrator=Integrator.rk4, freq=1000,
         state_freq=250, attitude_freq=250, body_rate_freq=250, force_torque_freq=250, device="cpu",

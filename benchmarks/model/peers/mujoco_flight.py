@@ -1,6 +1,6 @@
-"""A scenario's flight by mujoco's Runge-Kutta of order four at 1 ms; run in its environment.
+"""Flight of a scenario by mujoco's Runge-Kutta of order four at 1 ms, in mujoco's environment.
 
-Prints JSON: the version and the 13 numbers of each recorded state.
+It prints JSON: the version and the 13 numbers of each recorded state.
 """
 
 import json

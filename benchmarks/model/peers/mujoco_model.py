@@ -1,11 +1,11 @@
-"""The vehicle as mujoco reads it: a free body with four motors that push along its z axis."""
+"""Vehicle in mujoco's format: a free body with four motors that push along its z axis."""
 
 from collections.abc import Mapping
 from math import sqrt
 
 
 def xml(vehicle: Mapping[str, float], integrator: str, *, lag: bool) -> str:
-    """A model; each motor is controlled by its thrust, N, in our order of rotors."""
+    """Return a model; each motor is controlled by its thrust (N), in our order of rotors."""
     lever, v = vehicle["arm"] / sqrt(2), vehicle
     ratio = v["torque"] / v["thrust"]
     places = ((lever, lever, 1), (-lever, lever, -1), (-lever, -lever, 1), (lever, -lever, -1))

@@ -1,4 +1,4 @@
-"""How fast mujoco is: Runge-Kutta of order four at 1 ms, in C, exact motor lag, no air and no floor."""
+"""Speed of mujoco: Runge-Kutta of order four at 1 ms, in C, exact motor lag, no air, no floor."""
 
 import time
 

@@ -1,6 +1,6 @@
-"""A scenario's flight by rotorpy's own equations, solved by DOP853; run in rotorpy's environment.
+"""Flight of a scenario by rotorpy's equations, solved by DOP853, in rotorpy's environment.
 
-Prints JSON: the version and the 13 numbers of each recorded state.
+It prints JSON: the version and the 13 numbers of each recorded state.
 """
 
 import json

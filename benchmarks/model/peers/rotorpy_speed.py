@@ -1,10 +1,10 @@
-"""How fast rotorpy flies one vehicle at 1 ms: scipy's RK45 with rotorpy's own tolerances."""
+"""Speed of rotorpy for one vehicle at 1 ms: scipy's RK45 with rotorpy's tolerances."""
 
 import time
 from importlib import metadata
 
 BEGAN = time.perf_counter()
-import numpy as np  # noqa: E402 - what is timed is the import of all it needs
+import numpy as np  # noqa: E402 - the import with all dependencies is timed
 from rotorpy.controllers.quadrotor_control import SE3Control  # noqa: E402
 from rotorpy.trajectories.hover_traj import HoverTraj  # noqa: E402
 from rotorpy.vehicles.hummingbird_params import quad_params  # noqa: E402

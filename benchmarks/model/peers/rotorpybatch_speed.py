@@ -1,10 +1,10 @@
-"""How fast rotorpy flies many vehicles at 1 ms: torch in double precision, RK4, one thread."""
+"""Speed of rotorpy for many vehicles at 1 ms: torch in double precision, RK4, one thread."""
 
 import time
 from importlib import metadata
 
 BEGAN = time.perf_counter()
-import torch  # noqa: E402 - what is timed is the import of all it needs
+import torch  # noqa: E402 - the import with all dependencies is timed
 from rotorpy.controllers.quadrotor_control import BatchedSE3Control  # noqa: E402
 from rotorpy.vehicles.hummingbird_params import quad_params  # noqa: E402
 from rotorpy.vehicles.multirotor import BatchedMultirotor, BatchedMultirotorParams  # noqa: E402
@@ -15,7 +15,7 @@ from benchmarks.model.peers.timing import rate, tell  # noqa: E402
 
 _STEP, _CONTROL = 0.001, 4
 _COUNTS = (1, 10, 100, 1000, 10_000)
-"""100 000 would take it minutes to set up."""
+"""Numbers of vehicles; 100 000 would take rotorpy minutes to set up."""
 
 
 def main() -> None:
@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def fleet(count: int):
-    """Two runs of so many vehicles: with constant commands, and with a controller every 4 ms."""
+    """Return two runs of `count` vehicles: constant commands, and a controller every 4 ms."""
     hover = float((quad_params["mass"] * 9.81 / 4 / quad_params["k_eta"]) ** 0.5)
     device = torch.device("cpu")
     params = BatchedMultirotorParams([dict(quad_params) for _ in range(count)], count, device)

@@ -1,4 +1,4 @@
-"""How fast something goes, in any environment. Standard library only."""
+"""Measurement of speed in any environment. Standard library only."""
 
 import json
 import statistics
@@ -7,20 +7,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 COUNTS = (1, 10, 100, 1000, 10_000, 100_000)
-"""Vehicles at once."""
+"""Numbers of vehicles that step together."""
 _ROUNDS = 4
 _SECONDS = 0.2
-"""What one round takes, about; the best of the rounds counts, what else ran only slows them."""
+"""Length (s) of one round, about. The best round counts, because other load only slows a round."""
 
 _TURNS = 41
-"""Slices of each side where two are compared in turn."""
+"""Number of slices of each side if two sides alternate."""
 
 Rates = dict[str, dict[int, float]]
-"""Vehicle-steps per second of processor, by what was run and the number of vehicles."""
+"""Vehicle-steps per second of processor time, by mode and number of vehicles."""
 
 
 def rate(run: Callable[[int], None], vehicle_steps: float) -> float:
-    """Vehicle-steps per second of processor of `run(calls)`, where each call makes that many."""
+    """Return vehicle-steps per second of processor time of `run(calls)`, `vehicle_steps` a call."""
     run(1)  # compiled, loaded, allocated
     calls, seconds = 1, 0.0
     while seconds < _SECONDS:
@@ -32,10 +32,10 @@ def rate(run: Callable[[int], None], vehicle_steps: float) -> float:
 
 
 def in_turn(ours: Callable[[int], None], theirs: Callable[[int], None]) -> float:
-    """How many times as fast ours is, both of one call that does as much: the median of many ratios.
+    """Return the speed of ours divided by theirs for calls of equal work: the median of many ratios.
 
-    The two sides of each ratio ran at once after one another, the first in turn: the processor's
-    speed, which wanders by itself, is the same for both.
+    The two sides of each ratio run directly after each other, in alternating order, so the
+    processor's speed, which drifts, is the same for both.
     """
     sides = [ours, theirs]
     for run in sides:
@@ -49,18 +49,18 @@ def in_turn(ours: Callable[[int], None], theirs: Callable[[int], None]) -> float
 
 
 def _timed(run: Callable[[int], None], calls: int) -> float:
-    # Processor time, of all threads: what else runs on the machine takes none of it.
+    # Processor time of all threads: other load on the machine does not count.
     began = time.process_time()
     run(calls)
     return time.process_time() - began
 
 
 def memory() -> float:
-    """What the process has in memory, MB."""
+    """Return the memory of this process (MB)."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * 4096 / 1e6
 
 
 def tell(version: str, imported: float, rates: Rates) -> None:
-    """Print what was measured, for the one who asked; `imported` is the import's time, s."""
+    """Print the measurements as JSON for the parent; `imported` is the time of the import (s)."""
     print(json.dumps({"version": version, "import": imported, "memory": memory(), "rates": rates}))

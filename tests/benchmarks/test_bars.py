@@ -12,7 +12,7 @@ def figure(*runs, missing=None, error="", more_is_better=False):
 
 
 @given(NUMBERS)
-def test_the_percentiles_are_values_that_were_measured_in_order(values):
+def test_percentiles_are_measured_values_in_order(values):
     low, middle, high = (percentile(values, part) for part in (0.01, 0.5, 0.99))
     assert min(values) <= low <= middle <= high <= max(values)
     assert {low, middle, high} <= set(values)
@@ -48,25 +48,25 @@ def test_the_ratio_is_the_median_of_the_runs_ratios():
         (AtMostTimes(2, "ros"), "not compared"),
     ],
 )
-def test_a_bar_judges_the_median_of_ours(bar, verdict):
+def test_a_bar_judges_our_median(bar, verdict):
     assert judge(figure({"ours": [9, 10, 99], "raw": [5]}), [bar]) == verdict
 
 
-def test_a_missing_peer_leaves_the_absolute_bar_in_force():
+def test_without_a_peer_the_absolute_bar_still_counts():
     alone = figure({"ours": [10]}, missing={"ros": "not installed"})
     bars = [AtMost(9), AtMostTimes(0.5, "ros")]
     assert judge(alone, bars) == "missed"
     assert judge(alone, [AtMost(10), bars[1]]) == "not compared"
 
 
-def test_what_was_not_measured_has_failed_and_never_holds():
+def test_a_row_without_measurements_has_failed():
     assert judge(figure(error="it broke"), [AtMost(1)]) == "failed"
     assert judge(figure({"ours": [1]}, error="it broke"), [AtMost(1)]) == "failed"
     assert judge(figure({"raw": [1]}), []) == "failed"
 
 
-def test_a_bar_reads_as_it_is_meant():
-    # The README's table has the others.
+def test_the_text_of_a_bar():
+    # docs/figures.md has the others.
     assert AtMost(0).text("") == "<= 0"
     assert AtLeast(100_000).text("/s") == ">= 100000 /s"
     assert AtMostTimes(1.2, "raw").text("us") == "<= 1.2 x raw Zenoh"

@@ -12,7 +12,7 @@ HOLDS, BAR, MISSES = 60.0, 65.0, 70.0
 
 @pytest.fixture
 def pretended(monkeypatch):
-    """Runs in which a part claims a value, or fails, instead of measuring."""
+    """Pretend runs in which a part reports a value, or fails, instead of measuring."""
 
     def pretend(**values):
         def part(key, value):
@@ -29,11 +29,11 @@ def pretended(monkeypatch):
 
 
 def only(found, *keys):
-    """Return the document with these rows alone: what no part has measured would have failed."""
+    """Return the document with only these rows; a row that no part has measured would fail."""
     return found | {"figures": [entry for entry in found["figures"] if entry["key"] in keys]}
 
 
-def test_a_row_that_fails_says_so_and_does_not_stop_the_others(pretended, capsys):
+def test_a_failed_row_is_reported_and_does_not_stop_the_others(pretended, capsys):
     pretended(param_get=RuntimeError("it broke"), type_show=HOLDS - 20)
     found = measure.run(["commands"], measure.QUICK)
     printed = capsys.readouterr().out.splitlines()
@@ -44,7 +44,7 @@ def test_a_row_that_fails_says_so_and_does_not_stop_the_others(pretended, capsys
 
 
 @pytest.mark.parametrize(("value", "code"), [(HOLDS, 0), (BAR, 0), (MISSES, 1)])
-def test_a_run_and_its_file_are_judged_by_the_tables_bars(pretended, tmp_path, capsys, value, code):
+def test_a_run_and_its_file_are_judged_by_the_same_bars(pretended, tmp_path, capsys, value, code):
     pretended(param_get=value)
     found = only(measure.run(["commands"], measure.QUICK), "param_get")
     assert measure.verdict(found) == code
@@ -56,7 +56,7 @@ def test_a_run_and_its_file_are_judged_by_the_tables_bars(pretended, tmp_path, c
     assert ("missed: `param get`" in capsys.readouterr().err) == bool(code)
 
 
-def test_the_file_says_on_what_it_was_measured(pretended, tmp_path):
+def test_the_file_describes_the_machine(pretended, tmp_path):
     pretended(param_get=HOLDS)
     file = tmp_path / "figures.json"
     # The group's other rows were not measured.
@@ -66,13 +66,13 @@ def test_the_file_says_on_what_it_was_measured(pretended, tmp_path):
     assert {"eclipse-zenoh", "msgspec"} <= machine["packages"].keys()
 
 
-def test_a_part_of_a_run_is_never_written_over_the_whole(capsys):
+def test_a_partial_run_never_overwrites_the_file(capsys):
     with pytest.raises(SystemExit) as left:
         measure.main(["--only", "commands", "--write"])
     assert left.value.code == 2
 
 
-def test_worker_answers_a_question_and_is_waited_for_at_its_end():
+def test_a_worker_answers_a_request_and_ends():
     loop = "from benchmarks.worker import serve; import os; serve(pid=os.getpid)"
     with workers(([*PYTHON[:-1], "-c", loop], dict(os.environ))) as (worker,):
         pid = worker.ask("pid")

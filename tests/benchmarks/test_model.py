@@ -1,4 +1,4 @@
-"""The benchmark of the flight model: what is made of its figures."""
+"""Benchmark of the flight model: tables and bars from its figures."""
 
 import pytest
 
@@ -27,7 +27,7 @@ def test_interleaved_ratio_counts_before_separate_measurements(ratio, verdict):
     assert PAIRED.verdict(rates, {PAIRED.key: ratio}) == verdict
 
 
-def test_a_ratio_in_turn_is_that_of_each_turn(monkeypatch: pytest.MonkeyPatch):
+def test_a_ratio_in_turn_cancels_the_speed_of_each_turn(monkeypatch: pytest.MonkeyPatch):
     # A processor that is half as fast in every other turn; ours takes 2 s where theirs takes 3.
     clock, runs = [0.0], [0]
 
@@ -42,7 +42,7 @@ def test_a_ratio_in_turn_is_that_of_each_turn(monkeypatch: pytest.MonkeyPatch):
     assert timing.in_turn(side(2.0), side(3.0)) == 1.5
 
 
-def test_the_table_has_a_line_for_each_and_says_who_is_missing():
+def test_the_table_has_a_line_for_each_and_names_missing_peers():
     rates = {"plain": {"1": 1e5}, "compiled": {"1": 1e6, "10000": 3e7}}
     lines = tables({
         "machine": {"processor": "2 x Abacus", "python": "3.11", "date": "2026-11-21",
@@ -67,9 +67,9 @@ def test_every_bar_is_between_runners():
     assert {bar.ours for bar in BARS} | {bar.peer for bar in BARS} <= known
 
 
-def test_a_step_has_the_operations_that_its_text_has():
-    # In still air. A change of the model's text that adds one operation is seen here, because the
-    # benchmark's share of a core's peak is made of them.
+def test_a_step_has_the_operations_of_its_text():
+    # In still air. One more operation in the model's text shows here, because the benchmark's share
+    # of a core's peak is computed from this count.
     assert step_flops() == 543
 
 

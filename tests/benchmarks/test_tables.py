@@ -23,7 +23,7 @@ def document(**figures):
     return {"machine": MACHINE, "figures": found}
 
 
-def test_each_row_tells_ours_the_peers_the_bar_and_the_verdict():
+def test_a_row_has_ours_the_peers_the_bar_and_the_verdict():
     lines = tables.table(
         document(
             call_command=({"ours": [50.0, 60.0, 90.0], "raw": [20.0], "ros": [900.0]}, {}, ""),
@@ -47,7 +47,7 @@ def test_each_row_tells_ours_the_peers_the_bar_and_the_verdict():
     )
 
 
-def test_only_what_is_between_the_marks_changes():
+def test_only_the_text_between_the_marks_changes():
     text = "before\n<!-- figures -->\nold\n<!-- /figures -->\nafter\n"
     fresh = tables.between(text, "figures", "new\n")
     assert fresh == "before\n<!-- figures -->\nnew\n<!-- /figures -->\nafter\n"
@@ -69,7 +69,7 @@ def test_report_line_explains_a_missing_comparison():
     assert line.endswith("NOT COMPARED")
 
 
-def test_the_tables_rows_are_named_once_and_measured_by_one_part():
+def test_every_row_is_named_once_and_measured_by_one_part():
     assert len(BY_KEY) == len(ROWS)
     assert {row.group for row in ROWS} == set(GROUPS)
     measured = [key for part in PARTS for key in part.keys]

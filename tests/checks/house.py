@@ -1,9 +1,9 @@
-"""The house checks: file lengths, layers, lint, format and types.
+"""House checks: file lengths, layers, lint, format and types.
 
     python tests/checks/house.py [--root FOLDER] [CHECK...]
 
-With no CHECK, all. Prints what fails and why; exit 1 where any does. `make check` and the tests
-run this same script, the latter also on copies with a fault put in.
+Without CHECK it runs all. It prints each failure with its reason, and exits with 1 if there is one.
+`make check` and the tests run this script, the tests also on copies with faults.
 """
 
 import argparse
@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("schemas", "services", "cli", "tests", "benchmarks")
 LONGEST = 500
 REASON = f"Over {LONGEST} lines: "
-"""The beginning of a paragraph, in a longer module's docstring, that says why it is one module."""
+"""Start of the docstring paragraph that gives the reason for a longer module."""
 
 
 def length(root: Path) -> str:
@@ -28,7 +28,7 @@ def length(root: Path) -> str:
         for file in sorted((root / package).rglob("*.py"))
     }
     return "\n".join(
-        f"{file.as_posix()}: {lines} lines: over {LONGEST}, say why in its docstring, or split it"
+        f"{file.as_posix()}: {lines} lines: over {LONGEST}: give the reason in its docstring, or split it"
         for file, text in texts.items()
         if (lines := len(text.splitlines())) > LONGEST and f"\n{REASON}" not in text
     )
@@ -53,9 +53,9 @@ def types(root: Path) -> str:
 
 
 def run(root: Path, *command: str) -> str:
-    """What the command printed, if it failed; the root's packages go before installed ones.
+    """Return the output of a command if it failed; the root's packages precede installed ones.
 
-    import-linter breaks lines at 80 columns otherwise, and the names in them.
+    COLUMNS is wide because import-linter breaks lines, and the names in them, at 80 columns.
     """
     done = subprocess.run(
         command,

@@ -1,4 +1,4 @@
-"""Every house check sees its faults: all are put into one copy of the tree, each must be named."""
+"""House checks on a copy of the tree with all kinds of faults: each fault must be reported."""
 
 import shutil
 import subprocess
@@ -8,7 +8,7 @@ import pytest
 
 from tests.checks import house
 
-# mypy looks at the whole tree, and mostly for the first time.
+# mypy reads the whole tree, mostly for the first time.
 pytestmark = pytest.mark.timeout(300)
 
 IMPURE = ("time", "random", "os", "pathlib", "threading", "zenoh", "quadctl.services.runtime.node")
@@ -56,7 +56,7 @@ def root(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def seen(root):
-    """What each check says of the copy with all the faults in it."""
+    """Return the output of each check on the copy with all faults."""
     for importer, module in IMPORTS:
         file = (
             root / importer.removeprefix("quadctl.").replace(".", "/") / f"{fault_name(module)}.py"
@@ -73,7 +73,7 @@ def seen(root):
 
 
 @pytest.mark.parametrize(("importer", "module"), IMPORTS)
-def test_a_forbidden_import_is_seen(seen, importer, module):
+def test_a_forbidden_import_is_reported(seen, importer, module):
     assert f"{importer}.{fault_name(module)} -> {module} (l.1)" in seen["imports"]
 
 
@@ -88,16 +88,16 @@ def test_a_forbidden_import_is_seen(seen, importer, module):
         ("types", "cli/fault_wrong.py:3: error: Incompatible types in assignment"),
     ],
 )
-def test_a_fault_is_seen(seen, check, named):
+def test_a_fault_is_reported(seen, check, named):
     assert named in seen[check]
 
 
-def test_of_types_nothing_but_the_faults_is_seen(seen):
+def test_the_type_check_reports_only_the_faults(seen):
     found = [line for line in seen["types"].splitlines() if "/fault_" not in line.partition(":")[0]]
     assert found == []
 
 
-def test_500_lines_are_not_too_many(seen):
+def test_500_lines_are_allowed(seen):
     assert "no_fault_500" not in seen["length"]
 
 

@@ -1,4 +1,4 @@
-"""The tree passes every house check; what takes long, the types, test_checks_can_fail looks at."""
+"""House checks of the tree; test_checks_can_fail.py covers the types, which take long."""
 
 import pytest
 

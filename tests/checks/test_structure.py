@@ -1,4 +1,4 @@
-"""The product's modules: no cycle of imports, and one meaning a name."""
+"""Modules of the product: no import cycles, and one meaning per name."""
 
 import ast
 from collections import defaultdict
@@ -16,11 +16,11 @@ FILES = {
 }
 RUNTIME = "quadctl.services.runtime"
 TWICE: set[str] = set()
-"""Names that two public classes may share, each with its reason beside it."""
+"""Names that two public classes may share, each with its reason."""
 
 
 def imported(module: str) -> Iterator[str]:
-    """Modules of ours that a module imports: at its top, in functions, and for types alone."""
+    """Yield our modules that a module imports: at its top, in functions, and only for types."""
     for node in ast.walk(ast.parse(FILES[module].read_bytes())):
         if isinstance(node, ast.ImportFrom) and node.module:
             for alias in node.names:
@@ -41,14 +41,14 @@ def cycle(graph: Mapping[str, Iterable[str]]) -> list[str]:
 GRAPH = {module: [name for name in imported(module) if name in FILES] for module in FILES}
 
 
-def test_no_cycle_of_imports_lazy_and_typing_only_ones_counted():
+def test_no_import_cycle_with_lazy_and_typing_imports():
     assert len(GRAPH) > 150
     assert cycle(GRAPH) == []
 
 
 def test_no_cycle_between_the_folders_of_the_runtime():
     def part(module: str) -> str:
-        # A folder is one part; each module at the root is a part of its own.
+        # A folder is one part; each module at the root is one part too.
         return module.removeprefix(f"{RUNTIME}.").partition(".")[0]
 
     graph = defaultdict(set)
@@ -59,11 +59,11 @@ def test_no_cycle_between_the_folders_of_the_runtime():
     assert cycle(graph) == []
 
 
-def test_a_cycle_is_seen():
+def test_a_cycle_is_found():
     assert cycle({"a": ["b"], "b": ["c"], "c": ["a"]})
 
 
-def test_no_module_of_ours_imports_the_facade():
+def test_no_module_imports_the_facade():
     assert [module for module in FILES if "quadctl" in imported(module)] == []
 
 

@@ -1,4 +1,4 @@
-"""What the product imports is asked for by pyproject.toml, and not by chance there."""
+"""Imports of the product: pyproject.toml declares exactly these packages."""
 
 import ast
 import sys
@@ -14,9 +14,9 @@ ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 FOLDERS = ("cli", "services", "schemas")
 OF = {"yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
-"""Distributions whose module has another name."""
+"""Distributions by the different name of their module."""
 BELOW = {"fastapi": "nicegui", "uvicorn": "nicegui", "llvmlite": "numba", "zstandard": "mcap"}
-"""What a declared one is made of, and used along with it."""
+"""Declared packages by the name of a dependency that is imported too."""
 
 
 def imported() -> Iterator[str]:

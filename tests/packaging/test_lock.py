@@ -1,4 +1,4 @@
-"""The locks pin what pyproject.toml asks for, on every Python it names, and name no host."""
+"""Lock files: they pin the requirements of pyproject.toml on every Python, and name no host."""
 
 import re
 import tomllib
@@ -28,7 +28,7 @@ def pins(lock: str) -> list[Requirement]:
 
 
 @pytest.mark.parametrize("lock", LOCKS)
-def test_a_lock_holds_pins_and_hashes_alone(lock):
+def test_a_lock_has_only_pins_and_hashes(lock):
     assert [
         line for line in lines(lock) if not PIN.fullmatch(line) and not HASH.fullmatch(line)
     ] == []
@@ -37,7 +37,7 @@ def test_a_lock_holds_pins_and_hashes_alone(lock):
 @pytest.mark.parametrize("python", ["3.11.0", "3.12.0", "3.13.0"])
 @pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
 @pytest.mark.parametrize("lock", LOCKS)
-def test_what_is_asked_for_is_pinned_once(lock, platform, python):
+def test_every_requirement_is_pinned_once(lock, platform, python):
     here = {"python_full_version": python, "python_version": python[:4], "sys_platform": platform}
     pinned: dict[str, str] = {}
     for pin in pins(lock):
@@ -50,6 +50,6 @@ def test_what_is_asked_for_is_pinned_once(lock, platform, python):
         )
 
 
-def test_users_get_what_is_tested():
+def test_users_get_the_tested_versions():
     pinned, tested = ({(p.name, str(p.specifier)) for p in pins(lock)} for lock in LOCKS)
     assert pinned <= tested

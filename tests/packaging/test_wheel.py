@@ -1,4 +1,4 @@
-"""The built wheel, in a fresh environment, from a folder that is not the checkout."""
+"""Built wheel in a fresh environment, used outside the checkout."""
 
 import os
 import shutil
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.timeout(240)
 
 
 def run(*command: str | Path, cwd: Path) -> str:
-    """Stdout of a command that ends well, with nothing of this environment's Python in sight."""
+    """Return the stdout of a successful command, without this environment's Python variables."""
     env = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     done = subprocess.run(
         command, cwd=cwd, env=env, capture_output=True, encoding="utf-8", timeout=200, check=False
@@ -30,7 +30,7 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory) -> Path:
-    """A folder with the wheel and the sdist, both built from the checkout."""
+    """Build wheel and sdist from the checkout into a folder."""
     folder = tmp_path_factory.mktemp("dist")
     run(
         *(sys.executable, "-m", "build", "--no-isolation", "--wheel", "--sdist"),
@@ -53,7 +53,7 @@ def elsewhere(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def scripts(wheel, elsewhere, tmp_path_factory) -> Path:
-    """The commands of a fresh environment that holds the wheel and its pinned dependencies."""
+    """Install the wheel and its pinned dependencies in a fresh environment; return its commands."""
     venv = tmp_path_factory.mktemp("fresh") / "venv"
     run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=elsewhere)
     pip = (sys.executable, "-m", "pip", "--python", venv, "install", "--quiet", "--no-compile")
@@ -62,7 +62,7 @@ def scripts(wheel, elsewhere, tmp_path_factory) -> Path:
     return venv / SCRIPTS
 
 
-def test_the_wheel_holds_one_package_alone(wheel):
+def test_the_wheel_has_one_package(wheel):
     run(sys.executable, "-m", "check_wheel_contents", wheel, cwd=ROOT)
     names = zipfile.ZipFile(wheel).namelist()
     dist_info = f"quadctl-{VERSION}.dist-info"
@@ -75,7 +75,7 @@ def test_the_wheel_holds_one_package_alone(wheel):
 def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):
     [sdist] = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
-        # 3.11.0 to 3.11.3 know no filters, and Debian ships 3.11.2.
+        # 3.11.0 to 3.11.3 have no filters, and Debian ships 3.11.2.
         archive.extraction_filter = getattr(tarfile, "data_filter", lambda member, _: member)
         archive.extractall(tmp_path)
     [source] = tmp_path.iterdir()
@@ -84,7 +84,7 @@ def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):
     assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
-def test_the_package_is_the_wheels(scripts, elsewhere):
+def test_the_package_comes_from_the_wheel(scripts, elsewhere):
     code = (
         "import quadctl.schemas.topics, quadctl; print(quadctl.__file__, quadctl.Node.__module__)"
     )
@@ -94,7 +94,7 @@ def test_the_package_is_the_wheels(scripts, elsewhere):
     assert VERSION in run(scripts / "python", "-m", "quadctl", "--version", cwd=elsewhere)
 
 
-def test_a_student_with_modules_of_our_folders_names_flies(scripts, tmp_path):
+def test_modules_named_like_our_folders_do_no_harm(scripts, tmp_path):
     for name in ("schemas", "services", "cli"):
         (tmp_path / f"{name}.py").write_text("raise ImportError('the student's own')\n")
     shutil.copy(ROOT / "examples" / "my_safety.py", tmp_path)
@@ -109,7 +109,7 @@ def test_a_student_with_modules_of_our_folders_names_flies(scripts, tmp_path):
         run(quadctl, "down", *flags, cwd=tmp_path)
 
 
-def test_quadctl_runs_anywhere(scripts, elsewhere):
+def test_quadctl_runs_in_any_folder(scripts, elsewhere):
     quadctl = scripts / "quadctl"
     assert "calibrate" in run(quadctl, "--help", cwd=elsewhere)
     assert VERSION in run(quadctl, "--version", cwd=elsewhere)

@@ -1,4 +1,4 @@
-"""The links of the pages lead to files that are there, and are named after them."""
+"""Links on the pages: each leads to an existing file of its name."""
 
 import re
 from pathlib import Path
@@ -37,5 +37,5 @@ def test_every_link_leads_to_a_file_of_its_name(page: Path):
             assert target.endswith(text), f"{text} names another file than {target}"
 
 
-def test_there_are_links():
+def test_the_pages_have_links():
     assert sum(len(links(page)) for page in PAGES) > 100

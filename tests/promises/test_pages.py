@@ -1,4 +1,4 @@
-"""Every command block of the README and of docs/ runs as it stands, each page on a realm of its own."""
+"""Command blocks of README and docs/: each runs unchanged, each page on a separate realm."""
 
 import os
 import shutil
@@ -100,12 +100,12 @@ def test_the_blocks_of_a_page_run_in_order(page: Path, folder: Lab):
     eventually(lambda: not folder.processes(), 5.0, lambda: "the page ends what it starts")
 
 
-def test_no_block_is_of_a_language_that_is_not_read():
+def test_every_block_has_a_known_language():
     languages = {(page.name, b.language) for page in PAGES for b in blocks(page)}
     assert {(page, language) for page, language in languages if language not in READ} == set()
 
 
-def test_what_is_left_out_is_on_a_page():
+def test_every_command_left_out_is_on_a_page():
     shown = {
         command.bare
         for page in PAGES

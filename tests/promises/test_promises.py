@@ -8,26 +8,26 @@ from tests.promises.table import ROOT, is_long, owners, table
 from tests.support.proofs import read
 
 
-def test_every_hazard_stands_there_once():
+def test_every_hazard_has_one_entry():
     hazards = [promise.hazard for promise in PROMISES]
     assert sorted(set(hazards)) == sorted(hazards)
 
 
 @pytest.mark.parametrize("promise", PROMISES, ids=lambda promise: promise.hazard)
-def test_a_promise_is_held_by_tests_that_there_are(promise: Promise):
-    assert any(not is_long(test) for test in promise.tests), "one of every day at least"
+def test_every_promise_is_held_by_existing_tests(promise: Promise):
+    assert any(not is_long(test) for test in promise.tests), "at least one everyday test"
     # A figure comes from a long count.
     assert not promise.last or any(map(is_long, promise.tests))
 
 
-def test_a_test_that_there_is_not_is_told():
+def test_a_missing_test_is_reported():
     with pytest.raises(LookupError, match="there is no tests/promises"):
         is_long("tests/promises/test_promises.py::test_none")
     with pytest.raises(LookupError, match="there is no tests/none"):
         is_long("tests/none.py::test_none")
 
 
-def test_every_figure_is_of_one_promise():
+def test_every_figure_belongs_to_one_promise():
     found = {proof["promise"]: len(owners(proof)) for proof in read()}
     assert found == dict.fromkeys(found, 1)
 

@@ -37,5 +37,13 @@ def test_every_link_leads_to_a_file_of_its_name(page: Path):
             assert target.endswith(text), f"{text} names another file than {target}"
 
 
+def test_the_readme_is_short_and_links_to_every_page():
+    readme = ROOT / "README.md"
+    assert readme.stat().st_size <= 8000
+    linked = {(ROOT / target.partition("#")[0]).resolve() for _, target in links(readme)}
+    pages = {page for page in PAGES if page.parent != ROOT / "examples"} - {readme}
+    assert pages - linked == set()
+
+
 def test_the_pages_have_links():
     assert sum(len(links(page)) for page in PAGES) > 100

@@ -4,19 +4,19 @@ from typing import Any
 
 import pytest
 from msgspec.structs import replace
+from packaging.requirements import Requirement
 
 from quadctl.cli.doctor import bus, host, installation, run
 from quadctl.cli.doctor.check import Finding, failed, passed, text_of, warned, with_options
 from quadctl.cli.doctor.host import MB, DiskSpace, Folder, Neighbours, ProcessFacts
-from quadctl.cli.doctor.installation import PACKAGES, Installed, Requirement
+from quadctl.cli.doctor.installation import Installed
 from quadctl.cli.doctor.run import Settings
 from quadctl.services.runtime.errors import Invalid, Unreachable
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
-OURS = dict.fromkeys(PACKAGES, "/ours")
 INSTALLED = Installed(
-    "3.11.7", ">=3.11", {"numpy": "2.2.0"}, [Requirement("numpy", "<3,>=2.2")], "/ours",
-    OURS, OURS, {}, [],
+    "3.11.7", ">=3.11", {"numpy": "2.2.0"}, [Requirement("numpy<3,>=2.2")], "/ours",
+    "/ours", "/ours", [], [],
 )  # fmt: skip
 READY = ProcessRecord("pressure", 7, "ready", 0)
 RUN = RunState("lab", 5, ["uav"], [READY])
@@ -43,11 +43,13 @@ def verdict(check: Finding) -> str:
         ("FAIL", installation.packages, {"versions": {"numpy": "1.26.4"}}),
         ("FAIL", installation.packages, {"versions": {"numpy": "3.0.0"}}),
         ("FAIL", installation.packages, {"versions": {"numpy": None}}),
+        ("FAIL", installation.packages, {"versions": {"numpy": "nonsense"}}),
+        ("PASS", installation.packages, {"versions": {"numpy": "2.4rc1"}}),
         ("PASS", installation.imports, {}),
-        ("WARN", installation.imports, {"here": OURS | {"quadctl": "/home/student"}}),
-        ("FAIL", installation.imports, {"found": OURS | {"quadctl": "/elsewhere"}}),
-        ("FAIL", installation.imports, {"found": OURS | {"quadctl": ""}}),
-        ("FAIL", installation.imports, {"claimed": {"quadctl": ["other"]}}),
+        ("WARN", installation.imports, {"here": "/home/student"}),
+        ("FAIL", installation.imports, {"found": "/elsewhere"}),
+        ("FAIL", installation.imports, {"found": ""}),
+        ("FAIL", installation.imports, {"claimed": ["other"]}),
         ("FAIL", installation.imports, {"altered": ["quadctl/cli/main.py"]}),
     ],
 )

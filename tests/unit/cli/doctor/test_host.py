@@ -9,39 +9,10 @@ from pathlib import Path
 import pytest
 
 from quadctl.cli.doctor.host import folder, look_at_disk, neighbours, process
-from quadctl.cli.doctor.installation import Requirement, requirement, satisfies
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.realm import Realm
 from tests.support.command_line import Quadctl
 from tests.support.running import eventually
-
-
-@pytest.mark.parametrize(
-    ("version", "bounds", "within"),
-    [
-        ("1.10.2", "<2,>=1.10", True), ("1.9.9", "<2,>=1.10", False), ("2.0.0", "<2,>=1.10", False),
-        ("2", ">=2.0.0", True), ("3.11.7", ">=3.11", True), ("3.9", ">=3.11", False),
-        ("1.4.5", "~=1.4", True), ("2.0", "~=1.4", False), ("1.4.5", "==1.4.*", False),
-        ("1.4", "!=1.4.0", False), ("1.5rc1", ">1.4,<=1.5", True), ("nonsense", ">=1", False),
-        ("1.0", "", True),
-    ],
-)  # fmt: skip
-def test_version_bounds(version: str, bounds: str, within: bool):
-    assert satisfies(version, bounds) == within
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("eclipse-zenoh<2,>=1.10", Requirement("eclipse-zenoh", "<2,>=1.10")),
-        ("numpy (>=2.2)", Requirement("numpy", ">=2.2")),
-        ("typer[all] >=0.26", Requirement("typer", ">=0.26")),
-        ("plain", Requirement("plain", "")),
-        ("tomli>=1; python_version < '3.11'", None),
-    ],
-)
-def test_requirements(text: str, found: Requirement | None):
-    assert requirement(text) == found
 
 
 def test_a_realm_that_is_not_there_that_is_and_that_has_died(

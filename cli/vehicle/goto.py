@@ -143,7 +143,7 @@ def goto(
             output.line("accepted" if reply.accepted else "rejected")
         problem: QuadctlError | None = None
         if not reply.accepted:
-            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` say more")
+            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` show more")
         elif not no_wait:
             problem = _watch(client, flight, arrive, quiet=as_json)
     if as_json:

@@ -146,7 +146,7 @@ def test_nobody_serves_another_vehicle(room: Lab):
         3,
         "",
         (
-            "error: nobody serves other/@srv/goto now: this run has no vehicle other\n"
+            "error: no node serves other/@srv/goto now: this run has no vehicle other\n"
             "  try: it has uav\n"
         ),
     )

@@ -43,7 +43,8 @@ a goal that is no place: NaN, infinite, of the wrong type
   next sound call is answered
   - cli/exit_codes: commands_that_cannot_be_fail_by_their_codes
   - unit/safety/monitor: no_place_is_refused_even_with_the_cage_off
-  - bus/fuzz: nothing_wrong_is_taken_and_nothing_ends nor_in_a_hundred_thousand
+  - bus/fuzz: fuzzed_payloads_are_refused_and_end_no_process
+    a_hundred_thousand_fuzzed_payloads_end_no_process
   = fuzzed payloads on every service and topic
 a goal while another is being flown to
   answered as busy, exit 5; with `--replace` verified and flown
@@ -152,9 +153,9 @@ setpoints stop: safety or the hub freezes, the link between them is cut
   - flight/kills: a_freeze
   - flight/stalls: safety_that_was_held_up_stops_the_flight_and_says_why
     setpoints_to_a_goal_given_up_by_a_stop_are_ignored
-  - bus/links: vehicle_hovers_while_safety_is_cut_off_then_recovers
+  - bus/links: the_vehicle_hovers_while_safety_is_cut_off_then_recovers
   - flight/kills: a_hundred_freezes
-  - bus/links: cuts_of_five_seconds_again_and_again
+  - bus/links: repeated_cuts_of_five_seconds
   = safety <- SIGSTOP of safety in flight
   = hub <- SIGSTOP of hub in flight
   = cut <- 200 ms each way and cuts of 5 s between safety and hub
@@ -187,19 +188,20 @@ the disk fills up while recording
   - unit/runtime/recording/writer: a_full_device_is_told
 a viewer that is slow or stands still
   it loses what is oldest; nobody else misses anything, and safety answers as soon as ever
-  - bus/links: a_stalled_viewer_gets_the_newest_and_holds_up_nobody
-  - bus/slow_readers: no_answer_to_a_pose_is_missed_beside_a_stalled_viewer and_it_comes_as_soon
+  - bus/links: a_stalled_viewer_gets_the_newest_and_delays_no_one
+  - bus/slow_readers: no_answer_to_a_pose_is_missed_beside_a_stalled_viewer
+    answers_beside_a_stalled_viewer_come_as_soon
   = a viewer of all keys that stands still
 a command comes late or twice
   executed once at most, and never after its deadline
-  - bus/calls: the_same_id_is_executed_once_and_answered_alike
-    past_its_deadline_a_call_is_expired_and_not_executed
-    a_server_that_ended_in_mid_call_is_not_asked_again
-  - bus/links: cut_link_executes_no_call_twice_or_late cuts_of_five_seconds_again_and_again
+  - bus/calls: a_repeated_id_is_executed_once_and_answered_the_same
+    a_call_past_its_deadline_expires_and_is_not_executed
+    a_call_is_not_repeated_when_its_server_ends_in_mid_call
+  - bus/links: a_cut_link_executes_no_call_twice_or_late repeated_cuts_of_five_seconds
   = 200 ms each way and cuts of 5 s between operator and hub
 two operators at once
   one queue, one order; each reply is that of its request
-  - bus/operators: two_operators_have_one_queue two_operators_and_a_thousand_gotos
+  - bus/operators: two_operators_share_one_queue two_operators_share_one_queue_for_a_thousand_gotos
   = two operators at once
 a second safety process
   refuses to start, exit 7; of a hundred started together on a machine one stays
@@ -230,7 +232,8 @@ a parameter file with a fault in it
   - supervisor/bad_files: a_faulty_file_starts_nothing_and_says_where_it_is_wrong
 another version's messages
   refused with both hashes named, nothing is decoded as something else
-  - bus/calls: another_schema_is_refused_and_both_are_named a_topic_with_another_schema_is_not_taken
+  - bus/calls: another_schema_is_refused_and_both_hashes_are_named
+    a_message_of_another_schema_is_ignored
   - cli/transcripts: another_versions_reply_is_told_from_ours
 strangers on the network
   unasked, nothing listens; across machines both sides show certificates, and who is not allowed to
@@ -245,7 +248,8 @@ a certificate that is revoked
   = a revoked certificate
 a classroom of runs on one machine
   none hears of another
-  - bus/many: three_realms_never_hear_of_one_another thirty_realms_for_a_minute
+  - bus/many: three_realms_receive_nothing_from_each_other
+    thirty_realms_for_a_minute_receive_nothing_from_each_other
   = 30 realms side by side
 thirty students on one network
   each flies his own and nobody else's; the teacher sees, stops and lands all; in flight nobody
@@ -266,7 +270,7 @@ thirty students on one network
   = until his last message; another's longest gap at the teacher's, at home <- network, one revoked
 a thousand vehicles on one hub
   no message is lost
-  - bus/many: the_telemetry_of_fifty_vehicles the_telemetry_of_a_thousand_vehicles
+  - bus/many: no_telemetry_of_fifty_vehicles_is_lost no_telemetry_of_a_thousand_vehicles_is_lost
   = telemetry of 1000 vehicles
 """
 

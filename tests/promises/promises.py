@@ -102,7 +102,7 @@ a goal on the wall itself
   - flight/checkpoint_2: the_boundary_belongs_to_the_cage
 a cage too small to hold the vehicle
   less than 0.2 m is refused: in a file, on the command line, in flight
-  - supervisor/bad_files: a_faulty_file_starts_nothing_and_says_where_it_is_wrong
+  - supervisor/bad_files: a_faulty_file_starts_nothing_and_the_error_names_the_place
   - flight/parameters: a_bad_value_changes_nothing_even_beside_good_ones
 the first goal, or the start, lies outside the cage
   verified like any other: the vehicle stays on the ground, and safety says why
@@ -172,19 +172,20 @@ somebody is missing, dead or frozen
   = safety <- commands with safety frozen
 processes that ignore SIGTERM
   asked to end, then killed; of starts and stops nothing is left
-  - supervisor/endings: a_signal_ends_a_foreground_run_and_all_of_it
+  - supervisor/endings: a_signal_ends_a_foreground_run_and_all_its_processes
     starts_and_stops_leave_nothing_behind a_hundred_starts_and_stops_leave_nothing_behind
   = 100 starts and stops
 Ctrl-C at any moment
   `up` ends all that it has started within 5 s, also in the middle of its launch; `goto` stops
   waiting and says that the flight goes on
-  - supervisor/moments: ctrl_c_at_any_moment_of_a_launch goto_stops_waiting_and_the_flight_goes_on
-    ctrl_c_at_two_hundred_moments
+  - supervisor/moments: ctrl_c_at_any_moment_of_a_launch_leaves_nothing_behind
+    ctrl_c_ends_a_waiting_goto_and_the_flight_goes_on
+    ctrl_c_at_two_hundred_moments_leaves_nothing_behind
   = Ctrl-C at 200 random moments
 the disk fills up while recording
   the recording stops and says so; the flight does not notice
   - recording/record: a_full_disk_stops_the_recording_and_never_the_flight
-  - supervisor/full_disk: a_run_goes_on_when_its_recording_finds_no_room
+  - supervisor/full_disk: a_run_goes_on_when_its_recording_has_no_space
   - unit/runtime/recording/writer: a_full_device_is_told
 a viewer that is slow or stands still
   it loses what is oldest; nobody else misses anything, and safety answers as soon as ever
@@ -206,7 +207,7 @@ two operators at once
 a second safety process
   refuses to start, exit 7; of a hundred started together on a machine one stays
   - supervisor/endings: a_node_started_a_second_time_exits_7
-  - supervisor/moments: of_many_safeties_one_stays of_a_hundred_safeties_one_stays
+  - supervisor/moments: one_of_many_safeties_stays one_of_a_hundred_safeties_stays
   = 100 safeties started
 setpoints from somebody else
   `doctor` finds the second writer, announced or not; in the secure profile only safety's
@@ -229,7 +230,7 @@ a parameter file with a fault in it
   nothing starts, exit 6, with the place and the nearest name
   - unit/runtime/params/load: there_are_forty_of_them
     a_bad_file_is_refused_with_the_place_and_the_way_out
-  - supervisor/bad_files: a_faulty_file_starts_nothing_and_says_where_it_is_wrong
+  - supervisor/bad_files: a_faulty_file_starts_nothing_and_the_error_names_the_place
 another version's messages
   refused with both hashes named, nothing is decoded as something else
   - bus/calls: another_schema_is_refused_and_both_hashes_are_named

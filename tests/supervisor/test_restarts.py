@@ -1,4 +1,4 @@
-"""A process that dies or freezes in flight comes back by itself, and the lab goes on with it."""
+"""A process that dies or freezes in flight is restarted, and the lab goes on."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ GOAL = {"x": 7.0, "y": 0.0, "z": 1.0}
 
 @pytest.fixture(scope="module")
 def roomy() -> Iterator[Lab]:
-    """A lab with room for a flight long enough to kill something in the middle of it."""
+    """Lab with a cage so wide that a process can be killed in the middle of a flight."""
     with private_lab() as made:
         made.start("--set", "safety.virtual_cage.x=9", "--set", "dynamics.start.z=1", *PATIENT)
         yield made
@@ -27,7 +27,7 @@ def roomy() -> Iterator[Lab]:
 
 @pytest.fixture
 def flight(roomy: Lab) -> Iterator[Bare]:
-    """The vehicle under way from the start to the goal, cage off and barometer zeroed."""
+    """Vehicle in flight from the start to the goal, cage off and barometer zeroed."""
     with roomy.bare() as bare:
         poses = bare.watch("uav/pose")
         boot = poses.next()[0]["boot"]
@@ -43,7 +43,9 @@ def flight(roomy: Lab) -> Iterator[Bare]:
 
 
 @pytest.mark.parametrize("node", NODES)
-def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight: Bare, node: str):
+def test_a_node_killed_in_flight_restarts_and_the_goal_is_flown(
+    roomy: Lab, flight: Bare, node: str
+):
     before = roomy.nodes()
     old = roomy.signal(node, signal.SIGKILL)
     roomy.revived(node, old)
@@ -51,7 +53,7 @@ def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight
     restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
     assert restarts == {name: int(name == node) for name in NODES}
 
-    # A new session, because the hub may be a new one; nothing but ready was waited for.
+    # A new session, because the hub may be a new one. Until here only `ready` was awaited.
     with roomy.bare() as bare:
         poses = bare.watch("uav/pose")
         assert (poses.next()[0]["position"]["x"] < GOAL["x"] - 0.5) or node == "pressure"
@@ -71,7 +73,7 @@ def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight
         assert abs(zeroed["pressure"]) < 0.02
 
 
-def test_a_goto_whose_safety_dies_says_that_and_no_other_reason(roomy: Lab, flight: Bare):
+def test_a_waiting_goto_names_the_restart_of_safety_as_the_reason(roomy: Lab, flight: Bare):
     old = roomy.nodes()["safety"]["pid"]
     waiting = roomy.spawn(*roomy.command("goto", -7, 0, 1, "--replace"))
     eventually(lambda: "accepted" in waiting.log)
@@ -83,7 +85,7 @@ def test_a_goto_whose_safety_dies_says_that_and_no_other_reason(roomy: Lab, flig
 
 def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
     frozen = {node: roomy.signal(node, signal.SIGSTOP) for node in ("safety", "pressure")}
-    # Without setpoints the vehicle brakes long before the freeze is noticed by its silence.
+    # Without setpoints the vehicle brakes long before the supervisor detects the freeze.
     poses = flight.watch("uav/pose")
     rest = poses.until(lambda p: speed(p) < 0.02)
     assert rest["position"]["x"] < GOAL["x"] - 0.5
@@ -95,12 +97,12 @@ def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
     assert flight.call("goto", **GOAL).value["accepted"]
 
 
-def test_node_that_freezes_when_ready_is_killed_and_restarted(roomy: Lab):
+def test_a_node_that_freezes_when_ready_is_killed_and_restarted(roomy: Lab):
     roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
     roomy.revived("pressure", roomy.signal("pressure", signal.SIGSTOP))
 
 
-def test_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
+def test_a_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     lab.file(
         '[processes]\nsafety = "python -c \'raise SystemExit(\\"no wings\\")\'"\n', "quad.toml"
     )
@@ -111,27 +113,27 @@ def test_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     assert not lab.home.exists()
 
 
-def test_stopped_supervisor_takes_no_node_for_frozen(roomy: Lab):
+def test_a_stopped_supervisor_counts_no_node_as_frozen(roomy: Lab):
     before = roomy.nodes()
     supervisor = roomy.status()["pid"]
     os.kill(supervisor, signal.SIGSTOP)
     try:
-        time.sleep(3.0)  # longer than anybody may be silent
+        time.sleep(3.0)  # longer than a node may be silent
     finally:
         os.kill(supervisor, signal.SIGCONT)
-    # It has looked at all of them again when it has restarted one.
+    # After it has restarted one node it has checked all of them again.
     roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
     after = roomy.nodes()
     restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
     assert restarts == {name: int(name == "pressure") for name in NODES}
 
 
-def test_who_hears_no_more_of_a_dead_node_is_told_so(roomy: Lab):
+def test_echo_names_the_dead_node_when_its_topic_falls_silent(roomy: Lab):
     eventually(roomy.is_ready)
     supervisor, old = roomy.status()["pid"], roomy.nodes()["dynamics"]["pid"]
     heard = roomy.spawn(*roomy.command("topic", "echo", "pose", "--timeout", 1))
     eventually(lambda: "---" in heard.log)
-    # Nobody restarts it meanwhile.
+    # A stopped supervisor does not restart it.
     os.kill(supervisor, signal.SIGSTOP)
     try:
         roomy.signal("dynamics", signal.SIGKILL)
@@ -142,13 +144,13 @@ def test_who_hears_no_more_of_a_dead_node_is_told_so(roomy: Lab):
     roomy.revived("dynamics", old)
 
 
-def test_command_during_a_hub_restart_waits_for_the_hub(roomy: Lab):
+def test_a_command_during_a_hub_restart_waits_for_the_hub(roomy: Lab):
     eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
     roomy.signal("hub", signal.SIGKILL)
     assert roomy.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
 
 
-def test_requested_restart_is_done_in_any_state_of_the_process(roomy: Lab):
+def test_a_requested_restart_works_in_any_state_of_the_process(roomy: Lab):
     realm = realm_of(roomy)
     for node, prepare in (("pressure", None), ("hub", signal.SIGSTOP), ("safety", signal.SIGSTOP)):
         eventually(roomy.is_ready)
@@ -164,13 +166,13 @@ def test_requested_restart_is_done_in_any_state_of_the_process(roomy: Lab):
 
 
 def realm_of(lab: Lab) -> Realm:
-    """The lab's realm, for what is asked in this process."""
+    """Return the lab's realm for calls from the test's own process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
         return Realm(lab.realm)
 
 
-def test_node_left_down_starts_again_on_request(lab: Lab):
+def test_a_node_left_down_starts_again_on_request(lab: Lab):
     command = "shy = ['sh', '-c', '[ -e here ] || exit 3; exec sleep 99']"
     lab.spawn(*lab.command("up", lab.file(f"[processes]\n{command}\n")))
     eventually(lambda: lab.nodes().get("shy", {"state": ""})["state"] == "down")
@@ -184,13 +186,13 @@ def test_node_left_down_starts_again_on_request(lab: Lab):
     assert after.restarts == before.restarts + 1
 
 
-def test_node_whose_name_is_taken_comes_back_when_it_is_free(roomy: Lab):
+def test_a_node_whose_name_is_taken_returns_when_the_name_is_free(roomy: Lab):
     eventually(roomy.is_ready)
     with roomy.bare() as stranger:
         token = stranger.session.liveliness().declare_token("uav/@node/pressure")
         before = roomy.nodes()["pressure"]["restarts"]
         roomy.signal("pressure", signal.SIGKILL)
-        # More often than it may die quickly.
+        # More restarts than quick deaths are allowed.
         eventually(lambda: roomy.nodes()["pressure"]["restarts"] >= before + 6, 30.0)
         assert roomy.nodes()["pressure"]["state"] != "down"
         token.undeclare()
@@ -201,7 +203,7 @@ def test_node_whose_name_is_taken_comes_back_when_it_is_free(roomy: Lab):
     assert told.count("another process already is the node pressure") == 1
 
 
-def test_a_hub_that_is_alone_comes_back(lab: Lab):
+def test_a_killed_hub_without_other_nodes_is_restarted(lab: Lab):
     lab.start("--without", "dynamics", "--without", "pressure", "--without", "safety")
     lab.revived("hub", lab.signal("hub", signal.SIGKILL))
     assert lab.nodes()["hub"]["restarts"] == 1

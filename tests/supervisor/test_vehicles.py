@@ -1,4 +1,4 @@
-"""Several vehicles in one run: each on its own keys, none in another's way, four processes for all."""
+"""Several vehicles in one run: own keys, independent flights, four processes for all."""
 
 import signal
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ util.find_spec = lambda name, package=None: None if name == "numba" else find(na
 
 @pytest.fixture
 def without_numba(lab: Lab) -> Lab:
-    """A lab in whose processes numba is not found."""
+    """Lab with processes that cannot import numba."""
     (lab.folder / "sitecustomize.py").write_text(HIDDEN, encoding="utf-8")
     lab.environment["PYTHONPATH"] = str(lab.folder)
     return lab
@@ -27,7 +27,7 @@ def without_numba(lab: Lab) -> Lab:
 
 def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab):
     lab = without_numba
-    # A million steps' worth a second, where plain Python does a few hundred thousand at most.
+    # Worth a million steps a second; plain Python does a few hundred thousand at most.
     done = lab.quadctl("up", "-d", "--vehicles", 200, "--set", "dynamics.rate=1000")
     assert done.code == 2
     assert "vehicles at 1000 Hz in plain Python, 200 were asked for" in done.err
@@ -37,7 +37,7 @@ def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab
     assert lab.quadctl("status").code == 3
 
 
-def test_a_few_start_and_fly(without_numba: Lab):
+def test_two_vehicles_fly_without_numba(without_numba: Lab):
     lab = without_numba
     lab.start("--vehicles", 2, "--set", "dynamics.rate=20")
     done = lab.quadctl("fleet", "goto", "0", "0", "1.5", timeout=60)
@@ -50,7 +50,7 @@ VEHICLES = ["uav0", "uav1", "uav2"]
 
 @pytest.fixture(scope="module")
 def three() -> Iterator[Lab]:
-    """Three vehicles that hover, the last one higher."""
+    """Three hovering vehicles, the last one higher."""
     with private_lab() as made:
         made.start("--vehicles", 3, "--set", "uav2.safety.takeoff=2", *PATIENT)
         for vehicle in VEHICLES:
@@ -66,12 +66,12 @@ def is_up(lab: Lab, vehicle: str) -> bool:
     return height(lab, vehicle) > 0.9
 
 
-def place(lab: Lab, vehicle: str) -> tuple[float, float]:
+def position_of(lab: Lab, vehicle: str) -> tuple[float, float]:
     at = lab.quadctl("state", "--vehicle", vehicle, "--json").json["pose"]["position"]
     return round(at["x"], 1), round(at["y"], 1)
 
 
-def test_four_processes_fly_them_all(three: Lab):
+def test_four_processes_fly_all_vehicles(three: Lab):
     status = three.quadctl("status", "--json").json
     assert status["vehicles"] == VEHICLES
     assert [node["name"] for node in status["nodes"]] == NODES
@@ -82,8 +82,8 @@ def test_four_processes_fly_them_all(three: Lab):
     assert len(boots) == 3
 
 
-def test_they_start_on_a_grid_and_each_as_it_is_told(three: Lab):
-    assert [place(three, vehicle) for vehicle in VEHICLES] == [(-1, -1), (1, -1), (-1, 1)]
+def test_vehicles_start_on_a_grid_each_with_its_own_settings(three: Lab):
+    assert [position_of(three, vehicle) for vehicle in VEHICLES] == [(-1, -1), (1, -1), (-1, 1)]
     eventually(lambda: height(three, "uav2") > 1.9)
     assert height(three, "uav0") < 1.1
 
@@ -94,7 +94,7 @@ def test_they_start_on_a_grid_and_each_as_it_is_told(three: Lab):
      "topic echo pose -n 1", "topic hz pose -n 3", "service list", "service call hold",
      "param list", "param get safety.takeoff", "node list", "doctor", "fly mission.toml"],
 )  # fmt: skip
-def test_without_a_name_the_names_are_told(three: Lab, line: str):
+def test_a_command_without_a_vehicle_lists_the_vehicles(three: Lab, line: str):
     three.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
     done = three.quadctl(*line.split())
     assert (done.code, done.out) == (2, "")
@@ -102,7 +102,7 @@ def test_without_a_name_the_names_are_told(three: Lab, line: str):
     assert "--vehicle uav0" in done.err
 
 
-def test_a_full_key_names_its_vehicle(three: Lab):
+def test_a_full_key_selects_its_vehicle(three: Lab):
     echoed = three.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
     assert round(echoed["position"]["y"]) == 1
     assert three.quadctl("service", "call", "/uav1/hold").code == 0
@@ -121,14 +121,14 @@ def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
     assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
 
 
-def test_unknown_vehicle_is_reported_with_the_existing_ones(three: Lab):
+def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three: Lab):
     done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
     assert done.code == 3
     assert "this run has no vehicle drone" in done.err
     assert "it has uav0, uav1, uav2" in done.err
 
 
-def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
+def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(three: Lab):
     def ask(*words: object, vehicle: str = "uav1") -> dict[str, object]:
         done = three.quadctl(*words, "--vehicle", vehicle, "--json")
         assert done.code == 0, done.err
@@ -136,7 +136,7 @@ def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
         return answer
 
     assert ask("goto", 2, 1, 1)["arrived"]
-    assert place(three, "uav0") == (-1, -1)
+    assert position_of(three, "uav0") == (-1, -1)
     ask("cage", "off")
     assert ask("cage", "show")["on"] is False
     assert ask("cage", "show", vehicle="uav0")["on"] is True
@@ -167,7 +167,7 @@ def test_a_file_is_compared_and_saved_by_vehicle(three: Lab):
     assert three.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
 
 
-def test_doctor_finds_each_well(three: Lab):
+def test_doctor_passes_for_each_vehicle(three: Lab):
     for vehicle in VEHICLES[:2]:
         found = three.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
         assert found.json["ok"], found.out
@@ -176,7 +176,7 @@ def test_doctor_finds_each_well(three: Lab):
 
 
 @pytest.mark.parametrize("node", ["safety", "pressure", "dynamics", "hub"])
-def test_a_killed_process_comes_back_for_all(three: Lab, node: str):
+def test_a_killed_process_returns_for_all_vehicles(three: Lab, node: str):
     old = three.signal(node, signal.SIGKILL)
     three.revived(node, old)
     eventually(three.is_ready)
@@ -193,7 +193,7 @@ def test_a_killed_process_comes_back_for_all(three: Lab, node: str):
         (["--vehicles", 2, "--set", "uav1.hub.transport=tcp"], 6, "there is one for all"),
     ],
 )
-def test_what_cannot_be_is_told_and_nothing_starts(
+def test_impossible_vehicle_settings_are_refused_before_the_start(
     lab: Lab, words: list[object], code: int, said: str
 ):
     done = lab.quadctl("up", "-d", *words)
@@ -202,7 +202,7 @@ def test_what_cannot_be_is_told_and_nothing_starts(
     assert lab.quadctl("status").code == 3
 
 
-def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
+def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(lab: Lab):
     def digest(vehicle: str) -> dict[str, str]:
         done = lab.quadctl("fly", "mission.toml", "--vehicle", vehicle, "--json")
         assert done.code == 0, done.err
@@ -222,11 +222,11 @@ def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
     assert digest("uav1") == first
 
 
-def test_vehicles_fly_while_compiling_and_down_ends_that_too(lab: Lab):
+def test_vehicles_fly_while_compiling_and_down_ends_the_compiler(lab: Lab):
     lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
     lab.start("--vehicles", 2, *PATIENT)
     eventually(lambda: "compiling the vehicle" in lab.log("dynamics"))
     eventually(lambda: len(lab.processes()) > 1 + len(NODES))
     eventually(partial(is_up, lab, "uav1"))
-    # The lab holds that nothing is left.
+    # The fixture asserts that no process is left.
     assert lab.quadctl("down").code == 0

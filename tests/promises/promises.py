@@ -54,23 +54,23 @@ the cage comes on in flight
   the goal is verified again, and with it outside the vehicle stops and hovers; the reply comes
   after that
   - unit/safety/automaton: never_moving_with_the_cage_on_and_the_goal_outside
-  - flight/checkpoint_4: turned_on_in_flight_to_a_goal_outside_the_vehicle_stops
-    turned_on_in_flight_to_a_goal_inside_the_flight_goes_on
+  - flight/checkpoint_4: turning_the_cage_on_stops_a_flight_to_a_goal_outside
+    turning_the_cage_on_keeps_a_flight_to_a_goal_inside
 the cage comes on with the vehicle outside
   it comes on; the vehicle hovers where it is, takes goals inside alone, and comes nearer at every
   step
   - unit/safety/monitor_guards: outside_any_face_it_hovers_and_takes_only_goals_inside
   - unit/campaign/batch: outside_it_hovers_takes_goals_inside_and_comes_nearer
-  - flight/checkpoint_4: refused_outside_then_reached_with_the_cage_off
+  - flight/checkpoint_4: a_goal_outside_is_refused_then_reached_with_the_cage_off
 the cage shrinks at run time
   as if it came on: goal outside, stop; vehicle outside, hover, and goals inside alone
-  - flight/parameters: a_smaller_cage_holds_at_once
-    vehicle_outside_a_shrunk_cage_hovers_and_may_come_back
+  - flight/parameters: a_smaller_cage_takes_effect_at_once
+    a_vehicle_outside_a_shrunk_cage_hovers_and_may_return
   - unit/safety/monitor: a_cage_that_shuts_the_goal_out_under_way_stops
 a cage that comes on or shrinks around a sound vehicle
   the guard of the way does not stop it, in flight or hovering: it does what can be done
   - unit/campaign/batch: a_cage_that_comes_on_or_shrinks_is_no_alarm
-  - flight/campaign: ten_thousand_flights
+  - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = false alarms of the guard of the way in 10 000 flights
 goals inside, replaced in flight
   at most 10 mm out of the cage in still air, whatever is replaced when; the vector of acceleration
@@ -82,8 +82,8 @@ goals inside, replaced in flight
 body, gains or limits set in flight
   they hold from the next standstill, and `param set` says so; at most 10 mm out of the cage. What
   is unstable or cannot hold itself is refused, at launch and live, exit 6
-  - flight/parameters: no_value_takes_it_out_of_the_cage what_is_set_in_flight_is_told_to_wait
-    a_vehicle_that_would_not_fly_is_refused
+  - flight/parameters: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
+    a_limit_set_in_flight_is_reported_as_waiting a_vehicle_that_would_not_fly_is_refused
 the way there leaves the cage
   the whole way is inside, of the setpoint too; from outside it leads towards the cage alone
   - unit/safety/automaton: never_moving_with_the_cage_on_and_the_way_outside
@@ -93,13 +93,13 @@ the vehicle overshoots a wall
   never more than 1 cm beyond the cage in still air, in wind within the declared margin; put outside
   by command, never beyond its stopping point of that instant
   - unit/campaign/batch: no_flight_breaks_a_promise a_broken_automaton_is_found
-  - flight/campaign: ten_thousand_flights
+  - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = still air <- 10 000 flights of 60 s in still air
   = wind and faults <- 10 000 flights of 60 s in wind
 a goal on the wall itself
   the wall belongs to the cage, decided to the last bit
   - unit/safety/cage: a_face_belongs_to_the_cage_to_the_last_bit
-  - flight/checkpoint_2: the_boundary_belongs_to_the_cage
+  - flight/checkpoint_2: a_goal_on_the_boundary_is_inside_the_cage
 a cage too small to hold the vehicle
   less than 0.2 m is refused: in a file, on the command line, in flight
   - supervisor/bad_files: a_faulty_file_starts_nothing_and_the_error_names_the_place
@@ -107,7 +107,7 @@ a cage too small to hold the vehicle
 the first goal, or the start, lies outside the cage
   verified like any other: the vehicle stays on the ground, and safety says why
   - unit/safety/monitor: takeoff_out_of_the_cage_is_refused_with_its_reason
-  - flight/checkpoint_4: takeoff_above_the_cage_leaves_the_vehicle_on_the_ground
+  - flight/checkpoint_4: a_takeoff_above_the_cage_leaves_the_vehicle_on_the_ground
 a pose that is old, out of order, or a jump
   old ones are ignored by their stamp; one that would have taken more than the top speed stops the
   flight
@@ -116,45 +116,47 @@ a pose that is old, out of order, or a jump
   - flight/faults: a_bad_pose_stops_a_flight_with_its_reason
 the wall clock jumps
   nothing in flight goes by it: an hour on or back, and the flight goes on, calls are answered
-  - flight/wall_clock: an_hour_on_and_back_in_flight what_flies_never_asks_for_the_time_of_day
-    of_all_that_runs_zenoh_too
+  - flight/wall_clock: nodes_fly_on_when_their_clock_jumps_by_an_hour
+    flight_code_never_reads_the_time_of_day all_processes_and_zenoh_fly_on_when_the_clock_jumps
   = the wall clock set an hour on and back
 a process of the system does not run for a while
   the vehicle brakes within 300 ms of silence. Within `dynamics.grace` (1 s) the flight goes on by
   itself, and says that it paused; after more it is over, and says why. Never out of the cage
-  - flight/stalls: sixty_flights_among_short_stalls an_outage_beyond_the_grace_ends_the_flight
-    a_stall_within_the_grace_pauses_the_flight
+  - flight/stalls: sixty_flights_arrive_despite_short_stalls
+    an_outage_beyond_the_grace_ends_the_flight a_stall_within_the_grace_pauses_the_flight
   - unit/safety/monitor: what_happens_in_a_pause_ends_the_flight
-  - flight/stalls: a_thousand_flights_among_short_stalls a_hundred_outages_beyond_the_grace
+  - flight/stalls: a_thousand_flights_arrive_despite_short_stalls
+    a_hundred_outages_beyond_the_grace_end_the_flights
   = short <- 1000 flights, a process or all stopped for 0.1 to 0.5 s every 2 s
   = 2 s <- 100 flights with an outage of 2 s
 dynamics dies
   HOVERING within 300 ms, and the reason said; no goal is taken before there are poses again, and
   the new boot drops the old goal
-  - flight/kills: five_kills
+  - flight/kills: killed_nodes_restart_and_the_vehicle_stays_in_the_cage
   - unit/safety/monitor: lost_poses_pause_the_flight_and_no_goal_is_taken
     a_new_boot_drops_the_goal_says_so_and_takes_off_anew
-  - flight/kills: a_hundred_kills
+  - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_kills
   = `kill -9` of dynamics in flight
 dynamics freezes
   the same, by the age of the pose
-  - flight/kills: a_freeze a_hundred_freezes
+  - flight/kills: a_frozen_node_restarts_and_the_vehicle_stays_in_the_cage
+    the_vehicle_brakes_in_time_after_a_hundred_freezes
   = SIGSTOP of dynamics in flight
 setpoints stop: safety or the hub dies
   the vehicle brakes to a hover within 300 ms after a setpoint is 150 ms old. A new safety hovers
   there, cage on, and flies for a new request alone
-  - flight/kills: five_kills
+  - flight/kills: killed_nodes_restart_and_the_vehicle_stays_in_the_cage
   - unit/safety/monitor: after_a_restart_it_hovers_in_place_with_the_cage_on
-  - flight/kills: a_hundred_kills
+  - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_kills
   = safety <- `kill -9` of safety in flight
   = hub <- `kill -9` of hub in flight
 setpoints stop: safety or the hub freezes, the link between them is cut
   the same
-  - flight/kills: a_freeze
-  - flight/stalls: safety_that_was_held_up_stops_the_flight_and_says_why
-    setpoints_to_a_goal_given_up_by_a_stop_are_ignored
+  - flight/kills: a_frozen_node_restarts_and_the_vehicle_stays_in_the_cage
+  - flight/stalls: a_stall_of_safety_itself_stops_the_flight_with_a_reason
+    setpoints_to_an_abandoned_goal_are_ignored
   - bus/links: the_vehicle_hovers_while_safety_is_cut_off_then_recovers
-  - flight/kills: a_hundred_freezes
+  - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_freezes
   - bus/links: repeated_cuts_of_five_seconds
   = safety <- SIGSTOP of safety in flight
   = hub <- SIGSTOP of hub in flight
@@ -220,12 +222,12 @@ the barometer is calibrated before it has read anything
   - flight/checkpoint_3: without_dynamics_nothing_is_calibrated_or_published
 it is calibrated in flight
   allowed; the spread of its samples tells how good that is
-  - flight/barometer: calibrated_in_flight_its_spread_says_so
+  - flight/barometer: a_calibration_while_climbing_has_a_larger_spread
 it is stuck, off, or beyond what air can be
   `doctor` says so within its 2 s of listening; safety does not fly by it
-  - flight/barometer: doctor_sees_that_it_is_stuck_or_off_in_flight
+  - flight/barometer: doctor_reports_a_barometer_stuck_or_off_in_flight
   - unit/cli/doctor/bus: the_barometer
-  - flight/barometer: garbled_file_ends_the_node_and_a_mended_file_revives_it
+  - flight/barometer: a_garbled_file_ends_the_node_and_a_repaired_one_revives_it
 a parameter file with a fault in it
   nothing starts, exit 6, with the place and the nearest name
   - unit/runtime/params/load: there_are_forty_of_them

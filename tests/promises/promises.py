@@ -215,7 +215,7 @@ setpoints from somebody else
   `doctor` finds the second writer, announced or not; in the secure profile only safety's
   certificate may write them
   - cli/doctor: somebody_elses_setpoints_are_seen
-  - security/network: who_breaks_our_rules_meets_zenohs
+  - security/network: zenohs_access_control_stops_a_client_without_quadctl
 the barometer is calibrated before it has read anything
   `not_ready`, exit 5; the baseline stays
   - unit/pressure/barometer: calibrating_without_a_sample_changes_nothing
@@ -241,12 +241,13 @@ another version's messages
 strangers on the network
   unasked, nothing listens; across machines both sides show certificates, and who is not allowed to
   is not
-  - security/network: a_default_up_listens_nowhere
-  - security/certificates: strangers_are_kept_out
-  - security/network: who_may_not_is_told_so_at_once who_breaks_our_rules_meets_zenohs
+  - security/network: a_default_up_opens_no_listening_socket
+  - security/certificates: clients_without_our_certificate_are_refused
+  - security/network: a_denied_command_fails_at_once_with_the_reason
+    zenohs_access_control_stops_a_client_without_quadctl
 a certificate that is revoked
   gets nothing from 2 s after
-  - security/certificates: revoked_name_is_out_within_2_s_and_the_flight_goes_on
+  - security/certificates: a_revoked_name_is_out_within_2_s_and_the_flight_goes_on
     a_revoked_certificate_gets_nothing_after_two_seconds
   = a revoked certificate
 a classroom of runs on one machine
@@ -257,11 +258,12 @@ a classroom of runs on one machine
 thirty students on one network
   each flies his own and nobody else's; the teacher sees, stops and lands all; in flight nobody
   notices a cable that is out or a name that is revoked
-  - security/many_machines: the_page_as_it_stands
-  - security/classroom: all_are_listed_and_their_poses_keep_their_rates
-    all_fly_at_the_same_time_each_to_a_goal_of_his_own nobody_reaches_his_neighbours_vehicle
-    a_student_flies_his_own_and_touches_no_cage the_teacher_stops_all_and_lands_all
-    a_cable_that_is_out_disturbs_nobody_else who_is_revoked_is_out_and_the_others_are_undisturbed
+  - security/many_machines: the_commands_of_the_page_print_the_shown_output
+  - security/classroom: all_vehicles_are_listed_and_their_poses_keep_their_rates
+    all_vehicles_fly_at_once_each_to_its_own_goal no_student_reaches_his_neighbours_vehicle
+    a_student_flies_only_his_vehicle_and_toggles_no_cage the_teacher_stops_and_lands_all_vehicles
+    an_unplugged_cable_disturbs_no_other_student
+    a_revoked_student_is_out_and_the_others_are_undisturbed
   = all listed <- network: until
   = poses <- network: poses
   = at his neighbour's <- network, each at

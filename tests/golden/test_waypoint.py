@@ -1,4 +1,4 @@
-"""A recorded publisher of the lab's fire-and-forget waypoint is heard by today's safety."""
+"""Today's safety reads the lab's fire-and-forget waypoint from a recorded publisher."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ ENCODING = data.read("messages")["Waypoint"]["encoding"]
 
 @pytest.fixture(scope="module")
 def today() -> Iterator[Bare]:
-    """A bare session on a running system of today."""
+    """Bare session on a running system of the current version."""
     with private_lab() as lab:
         lab.start("--set", "dynamics.start.z=1", *PATIENT)
         with lab.bare() as bare:
@@ -28,7 +28,7 @@ def test_a_recorded_waypoint_gets_its_verdict(today: Bare, encoding: str):
     states, before = today.watch("uav/safety/state"), today.state()
     today.session.put(KEY, bytes.fromhex(WAYPOINT["hex"]), encoding=encoding)
     state = states.until(lambda said: said["request"] == before["request"] + 1)
-    # The recorded point lies below the floor.
+    # The recorded point is below the floor.
     assert WAYPOINT["value"]["z"] < 0
     state = states.until(lambda said: said["state"] == "HOVERING")
     assert (state["request"], state["goal"]) == (before["request"] + 1, before["goal"])

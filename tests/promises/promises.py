@@ -41,7 +41,7 @@ _TEXT = """\
 a goal that is no place: NaN, infinite, of the wrong type
   refused by the command, at decoding and in the automaton; nothing changes, no process ends, the
   next sound call is answered
-  - cli/exit_codes: commands_that_cannot_be_fail_by_their_codes
+  - cli/exit_codes: impossible_commands_fail_with_their_exit_codes
   - unit/safety/monitor: no_place_is_refused_even_with_the_cage_off
   - bus/fuzz: fuzzed_payloads_are_refused_and_end_no_process
     a_hundred_thousand_fuzzed_payloads_end_no_process
@@ -163,9 +163,10 @@ setpoints stop: safety or the hub freezes, the link between them is cut
   = cut <- 200 ms each way and cuts of 5 s between safety and hub
 somebody is missing, dead or frozen
   every command ends by its timeout and 0.2 s, exit 3 or 4, and says who it is
-  - cli/exit_codes: where_nothing_runs_every_command_exits_3_and_says_so
-  - cli/frozen: every_command_is_in_a_table at_once when_the_hub_has_lost_it in_mid_stream
-    of_what_ends_processes
+  - cli/exit_codes: every_command_exits_3_when_nothing_runs
+  - cli/frozen: every_command_is_in_a_table commands_end_in_time_right_after_a_freeze
+    commands_end_in_time_after_the_hub_dropped_a_process
+    a_stream_ends_in_time_when_a_process_freezes commands_that_end_processes_work_with_one_frozen
   = nobody <- commands with nobody frozen
   = up <- commands with up frozen
   = hub <- commands with hub frozen
@@ -214,7 +215,7 @@ a second safety process
 setpoints from somebody else
   `doctor` finds the second writer, announced or not; in the secure profile only safety's
   certificate may write them
-  - cli/doctor: somebody_elses_setpoints_are_seen
+  - cli/doctor: doctor_finds_a_second_publisher_of_setpoints
   - security/network: zenohs_access_control_stops_a_client_without_quadctl
 the barometer is calibrated before it has read anything
   `not_ready`, exit 5; the baseline stays
@@ -237,7 +238,7 @@ another version's messages
   refused with both hashes named, nothing is decoded as something else
   - bus/calls: another_schema_is_refused_and_both_hashes_are_named
     a_message_of_another_schema_is_ignored
-  - cli/transcripts: another_versions_reply_is_told_from_ours
+  - cli/transcripts: a_reply_of_another_version_is_refused
 strangers on the network
   unasked, nothing listens; across machines both sides show certificates, and who is not allowed to
   is not

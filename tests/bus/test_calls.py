@@ -17,7 +17,7 @@ GOTO = "uav/@srv/goto"
 GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
 
 
-class Waiting:
+class PendingCall:
     """Query on its own thread, answered later."""
 
     def __init__(self, bare: Bare, key: str, fields: dict[str, Any], attachment: bytes) -> None:
@@ -51,7 +51,7 @@ def sim_time(bare: Bare) -> float:
 def test_a_scheduled_goto_is_decided_on_the_pose_at_its_time(hover: Bare):
     states = hover.watch("uav/safety/state")
     at = round(sim_time(hover) + 0.73, 2)
-    waiting = Waiting(hover, GOTO, GOAL, ticket(30, at=at))
+    waiting = PendingCall(hover, GOTO, GOAL, ticket(30, at=at))
     taken = states.until(lambda s: s["goal"] == GOAL and s["state"] == "MOVING")
     # Safety steps on a pose every 50 ms.
     assert at <= taken["stamp"] < at + 0.0501
@@ -63,7 +63,7 @@ def test_a_past_time_is_refused_and_a_reset_drops_scheduled_calls(hover: Bare):
     past = hover.query(GOTO, pack(GOAL), attachment=ticket(30, at=0.0))
     assert (past.ok, past.code) == (False, "expired")
     held = ticket(30, "held", at=sim_time(hover) + 60.0)
-    waiting = Waiting(hover, GOTO, GOAL, held)
+    waiting = PendingCall(hover, GOTO, GOAL, held)
     # A query with the same id is answered together with the first: both wait for one call.
     states = hover.watch("uav/safety/state")
     wait_for_earlier_calls(hover, "safety")
@@ -91,11 +91,11 @@ def test_every_service_can_be_scheduled(hover: Bare):
         ("dynamics/get_params", {"names": []}),
     ]
     waiting = [
-        Waiting(hover, f"uav/@srv/{name}", fields, ticket(30, at=at)) for name, fields in asked
+        PendingCall(hover, f"uav/@srv/{name}", fields, ticket(30, at=at)) for name, fields in asked
     ]
     assert [one.answer().ok for one in waiting] == [True] * len(waiting)
     later = ticket(30, at=sim_time(hover) + 0.2)
-    assert Waiting(hover, "uav/@srv/reset", {}, later).answer().value == {"success": True}
+    assert PendingCall(hover, "uav/@srv/reset", {}, later).answer().value == {"success": True}
 
 
 KEY = "red/@srv/hold"

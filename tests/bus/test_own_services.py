@@ -32,7 +32,7 @@ def blink(query: zenoh.Query) -> None:
 
 
 @pytest.fixture
-def mine(bare: Bare) -> None:
+def users_service(bare: Bare) -> None:
     bare._declared += [
         bare.session.declare_queryable(KEY, blink, complete=True),
         bare.session.declare_queryable("uav/@srv/unannounced", blink, complete=True),
@@ -40,7 +40,7 @@ def mine(bare: Bare) -> None:
     ]
 
 
-def test_a_users_service_is_listed_shown_and_called(shared_lab: Lab, mine: None):
+def test_a_users_service_is_listed_shown_and_called(shared_lab: Lab, users_service: None):
     done = shared_lab.each(
         [
             "service list",
@@ -72,7 +72,7 @@ def test_a_users_service_is_listed_shown_and_called(shared_lab: Lab, mine: None)
     assert formless.code == 2
 
 
-def test_a_type_before_the_request_is_ignored(shared_lab: Lab, mine: None):
+def test_a_type_before_the_request_is_ignored(shared_lab: Lab, users_service: None):
     spellings = ("Blink '{times: 3}'", "quad/Blink times=3", "my_own/srv/Blink 'times: 3'")
     done = shared_lab.each([f"service call /mine/blink {spelling}" for spelling in spellings])
     assert {ended.out.splitlines()[0] for ended in done.values()} == {"did: 3"}
@@ -80,7 +80,9 @@ def test_a_type_before_the_request_is_ignored(shared_lab: Lab, mine: None):
     assert alone.err.startswith(f"error: {KEY} failed: times, please\n")
 
 
-def test_an_unknown_name_is_answered_with_the_nearest_live_one(shared_lab: Lab, mine: None):
+def test_an_unknown_name_is_answered_with_the_nearest_live_one(
+    shared_lab: Lab, users_service: None
+):
     done = shared_lab.each(
         [
             "service info mine/blnk",

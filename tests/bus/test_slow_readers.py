@@ -77,7 +77,7 @@ class Answers:
 
 
 @pytest.fixture(scope="module")
-def watched() -> Iterator[Lab]:
+def flying_lab() -> Iterator[Lab]:
     with private_lab() as made:
         made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
@@ -104,9 +104,9 @@ def answers_of_flights(lab: Lab, legs: int) -> Answers:
         return answers
 
 
-def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(watched: Lab):
-    with stalled_viewer(watched):
-        answered = answers_of_flights(watched, 4).answered
+def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(flying_lab: Lab):
+    with stalled_viewer(flying_lab):
+        answered = answers_of_flights(flying_lab, 4).answered
     steps = [b - a for a, b in pairwise(answered)]
     assert len(steps) > 50
     assert set(steps) <= set(range(1, 2 * PERIOD + 1)), "a period was skipped"
@@ -114,13 +114,13 @@ def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(watched: Lab):
 
 @pytest.mark.prove
 @pytest.mark.timeout(300)
-def test_answers_beside_a_stalled_viewer_come_as_soon(watched: Lab, proofs: Proofs):
+def test_answers_beside_a_stalled_viewer_come_as_soon(flying_lab: Lab, proofs: Proofs):
     free: list[float] = []
     beside: list[float] = []
     for _ in range(5):
-        free += answers_of_flights(watched, 3).latencies
-        with stalled_viewer(watched):
-            beside += answers_of_flights(watched, 3).latencies
+        free += answers_of_flights(flying_lab, 3).latencies
+        with stalled_viewer(flying_lab):
+            beside += answers_of_flights(flying_lab, 3).latencies
     (median, late), (median_beside, late_beside) = map(median_and_p99, (free, beside))
     proofs.add(
         "a viewer of all keys that stands still: from a pose to safety's answer",

@@ -21,7 +21,7 @@ def wait_for_completion(lab: Lab, line: str, names: list[str]) -> None:
 def test_live_names_are_completed(shared_lab: Lab, bare: Bare):
     mine = "uav/@node/mine/@pub/Image/00000000/5/uav%camera%left"
     token = bare.session.liveliness().declare_token(mine)
-    # `ca` alone does not complete: an unknown relative name is a key of its own.
+    # `ca` alone does not complete: an unknown relative name is a complete key.
     wait_for_completion(shared_lab, "topic echo uav/ca", ["uav/camera/left"])
     assert complete(shared_lab, "quadctl topic echo ca") == []
     token.undeclare()

@@ -23,7 +23,7 @@ def test_doctor_measures_rates_in_simulated_time(lab: Lab):
     assert "(simulated time)" in found.checks["topic uav/pose"]["evidence"]
 
 
-def test_doctor_reports_a_restarted_node_and_one_that_is_down(lab: Lab):
+def test_doctor_reports_a_restarted_node_and_a_dead_one(lab: Lab):
     file = lab.file("[processes]\nextra = ['sh', '-c', 'echo no wings; exit 1']\n")
     run = lab.spawn(*lab.command("up", file))
     eventually(lambda: lab.nodes().get("extra", {}).get("state") == "down", 30.0)

@@ -1,4 +1,4 @@
-"""`fuzz`: no service accepts an unreadable payload, and one that does is reported."""
+"""`fuzz`: no service of the lab accepts an unreadable payload, and a service that does is reported."""
 
 import signal
 

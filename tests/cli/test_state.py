@@ -43,7 +43,7 @@ def has_the_refusal(process: Foreground) -> bool:
     return "x = 9" in process.log
 
 
-def test_watch_ends_when_no_more_states_arrive(shared_lab: Lab, bare: Bare):
+def test_watch_ends_when_the_states_stop(shared_lab: Lab, bare: Bare):
     state = pack(bare.state())
     server = bare.session.declare_queryable(
         "drone/safety/state",

@@ -20,7 +20,7 @@ class Device:
         self.folder.mkdir()
         self.settings = ("--set", "pressure.source=iio", "--set", f"pressure.iio={self.folder}")
 
-    def holds(self, text: str, name: str = "in_pressure_input") -> None:
+    def write(self, text: str, name: str = "in_pressure_input") -> None:
         """Replace a file atomically: a reader never sees it half written, as with the kernel's files."""
         fresh = self.folder / "fresh"
         fresh.write_text(text)
@@ -31,7 +31,7 @@ class Device:
 def real_sensor() -> Iterator[tuple[Lab, Device]]:
     with private_lab() as made:
         device = Device(made)
-        device.holds("101.325000000\n")
+        device.write("101.325000000\n")
         made.start(*device.settings)
         yield made, device
 
@@ -44,7 +44,7 @@ def test_the_node_publishes_the_sensors_pressure_and_zeroes_it(real_sensor: tupl
     lab, device = real_sensor
     with lab.bare() as bare:
         readings, poses = bare.watch("uav/sensors/pressure"), bare.watch("uav/pose")
-        device.holds("101.325000000\n")
+        device.write("101.325000000\n")
         readings.until(lambda r: r["pressure"] == 1013.25)
         # Independent of the vehicle's height, and stamped with the simulation's time.
         shown = readings.next(11)
@@ -53,7 +53,7 @@ def test_the_node_publishes_the_sensors_pressure_and_zeroes_it(real_sensor: tupl
         done = lab.quadctl("calibrate", "--json").json
         assert (done["baseline"], done["spread"]) == (1013.25, 0)
         assert done["samples"] in range(9, 12)
-        device.holds("101.225000000\n")
+        device.write("101.225000000\n")
         fallen = readings.until(lambda r: r["pressure"] < -0.5)
         assert fallen["pressure"] == pytest.approx(-1.0)
         assert bare.call("calibrate_pressure", zero=False).ok
@@ -69,16 +69,16 @@ def test_a_garbled_file_ends_the_node_and_a_repaired_one_revives_it(
     real_sensor: tuple[Lab, Device],
 ):
     lab, device = real_sensor
-    device.holds("100.000000000\n")
+    device.write("100.000000000\n")
     with lab.bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
         readings.until(lambda r: r["pressure"] == 1000)
         seen = len(readings.messages)
         old = lab.nodes()["pressure"]["pid"]
-        device.holds("garbage\n")
+        device.write("garbage\n")
         said = f"error: {device.folder}/in_pressure_input holds 'garbage\\n': not one whole number"
         eventually(lambda: said in log(lab))
-        device.holds("90.000000000\n")
+        device.write("90.000000000\n")
         lab.revived("pressure", old)
         readings.until(lambda r: r["pressure"] == 900)
         # Only values that the sensor had are published.
@@ -96,20 +96,20 @@ def test_a_bad_or_missing_file_stops_publishing_until_a_restart(
     }
     with lab.bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
-        device.holds("90.000000000\n")
+        device.write("90.000000000\n")
         readings.until(lambda r: r["pressure"] == 900)
         seen = len(readings.messages)
         for text, said in spoilt.items():
-            device.holds(text)
+            device.write(text)
             eventually(lambda: said in log(lab))  # noqa: B023 - called at once
-            device.holds("95.000000000\n")
+            device.write("95.000000000\n")
             assert lab.quadctl("node", "restart", "pressure").code == 0
             assert readings.next()[0]["pressure"] == 950
         (device.folder / "in_pressure_input").unlink()
         eventually(lambda: "neither in_pressure_input nor in_pressure_raw" in log(lab))
         # Another driver: a raw count and a scale. The count comes last, when the scale is in place.
-        device.holds("0.001000000\n", "in_pressure_scale")
-        device.holds("80000\n", "in_pressure_raw")
+        device.write("0.001000000\n", "in_pressure_scale")
+        device.write("80000\n", "in_pressure_raw")
         assert lab.quadctl("node", "restart", "pressure").code == 0
         assert readings.next()[0]["pressure"] == pytest.approx(800)
         values = {round(r["pressure"], 6) for r in readings.messages[seen:]}
@@ -127,7 +127,7 @@ def test_a_launch_without_the_sensor_fails_with_the_reason(lab: Lab):
 
 def test_a_real_sensor_needs_no_simulation(lab: Lab):
     device = Device(lab)
-    device.holds("101.325000000\n")
+    device.write("101.325000000\n")
     lab.start(*device.settings, "--without", "dynamics", "--without", "safety")
     with lab.bare() as bare:
         first, second = bare.watch("uav/sensors/pressure").next(2)

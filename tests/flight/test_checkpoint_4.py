@@ -1,4 +1,4 @@
-"""Checkpoint 4: a service turns the cage on and off, and its reply holds in every situation."""
+"""Checkpoint 4: a service turns the cage on and off; its reply is true in every situation."""
 
 from tests.support.bare import Bare, gap, speed
 from tests.support.lab import Lab

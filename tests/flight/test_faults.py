@@ -21,7 +21,7 @@ def faulty() -> Iterator[Lab]:
 
 
 @pytest.fixture
-def sound(faulty: Lab) -> Iterator[Bare]:
+def healthy(faulty: Lab) -> Iterator[Bare]:
     """Session on that system without any fault, the vehicle hovering at its start."""
     assert faulty.quadctl("fault", "clear").code == 0
     with faulty.bare() as bare:
@@ -33,7 +33,7 @@ def sound(faulty: Lab) -> Iterator[Bare]:
     assert faulty.quadctl("fault", "clear").code == 0
 
 
-def test_list_status_and_doctor_show_an_injected_fault(faulty: Lab, sound: Bare):
+def test_list_status_and_doctor_show_an_injected_fault(faulty: Lab, healthy: Bare):
     assert faulty.quadctl("status", "--json").json["faults"] == []
     put = faulty.quadctl("fault", "inject", "barometer-off", "--json")
     assert (put.code, put.json) == (0, {"injected": "barometer-off"})
@@ -49,7 +49,7 @@ def test_list_status_and_doctor_show_an_injected_fault(faulty: Lab, sound: Bare)
     assert faulty.quadctl("fault", "clear").out == "no fault is in\n"
 
 
-def test_inject_names_the_fault_that_it_replaces(faulty: Lab, sound: Bare):
+def test_inject_names_the_fault_that_it_replaces(faulty: Lab, healthy: Bare):
     for name, told in (
         ("pose-jump", ""),
         ("pose-jump", ""),
@@ -63,10 +63,10 @@ def test_inject_names_the_fault_that_it_replaces(faulty: Lab, sound: Bare):
 
 
 @pytest.mark.parametrize("fault", ["pose-frozen", "pose-delayed", "pose-jump"])
-def test_a_bad_pose_stops_a_flight_with_its_reason(faulty: Lab, sound: Bare, fault: str):
-    states, poses = sound.watch("uav/safety/state"), sound.watch("uav/pose")
-    setpoints = sound.watch("uav/input/position")
-    assert sound.call("goto", **FAR).value["accepted"]
+def test_a_bad_pose_stops_a_flight_with_its_reason(faulty: Lab, healthy: Bare, fault: str):
+    states, poses = healthy.watch("uav/safety/state"), healthy.watch("uav/pose")
+    setpoints = healthy.watch("uav/input/position")
+    assert healthy.call("goto", **FAR).value["accepted"]
     states.until(lambda s: s["state"] == "MOVING")
     poses.until(lambda p: speed(p) > 1)
     assert faulty.quadctl("fault", "inject", fault).code == 0
@@ -84,13 +84,13 @@ def test_a_bad_pose_stops_a_flight_with_its_reason(faulty: Lab, sound: Bare, fau
     assert (flown.code, flown.json["arrived"]) == (0, True), flown
 
 
-def test_a_vehicle_arrives_with_weak_motors_and_gusts(faulty: Lab, sound: Bare):
+def test_a_vehicle_arrives_with_weak_motors_and_gusts(faulty: Lab, healthy: Bare):
     for fault in ("motor-weak", "gust"):
         assert faulty.quadctl("fault", "inject", fault).code == 0
     assert faulty.quadctl("goto", 2, 1, 1, "--json").json["arrived"]
 
 
-def test_a_killed_process_and_a_cut_bus_recover(faulty: Lab, sound: Bare):
+def test_a_killed_process_and_a_cut_bus_recover(faulty: Lab, healthy: Bare):
     old = faulty.nodes()["pressure"]["pid"]
     assert faulty.quadctl("fault", "inject", "pressure-killed").code == 0
     faulty.revived("pressure", old)
@@ -162,6 +162,6 @@ def test_a_repeated_pose_is_not_answered_every_time(lab: Lab):
             publish_pose(1)
         publish_pose(2)
         setpoints.until(lambda s: s["for_seq"] == 2)
-        # It still publishes 20 setpoints a second.
+        # Safety still publishes 20 setpoints a second.
         answers = [s for s in setpoints.messages if s["for_seq"] == 1]
         assert len(answers) < 200

@@ -20,7 +20,7 @@ VOLATILE = ("payload",)
 
 
 @pytest.fixture(scope="module")
-def today() -> Iterator[Bare]:
+def current() -> Iterator[Bare]:
     """Bare session on a running system of the current version."""
     with private_lab() as lab:
         lab.start("--set", "dynamics.start.z=1", *PATIENT)
@@ -32,24 +32,24 @@ def without_volatile(reply: dict[str, Any]) -> dict[str, Any]:
     return {name: part for name, part in reply.items() if name not in VOLATILE}
 
 
-def test_a_recorded_client_is_answered_as_recorded(today: Bare):
+def test_a_recorded_client_is_answered_as_recorded(current: Bare):
     told = []
     for exchange in RECORDED["exchanges"]:
-        found = ask(today, exchange)
+        found = ask(current, exchange)
         recorded = [without_volatile(reply) for reply in exchange["replies"]]
         told += differences(
             recorded, [without_volatile(reply) for reply in found], exchange["name"]
         )
         if exchange["attachment"]:
-            assert ask(today, exchange) == found, "a repeated id gets the first reply again"
+            assert ask(current, exchange) == found, "a repeated id gets the first reply again"
     assert not told, "\n".join(told)
 
 
 @pytest.mark.parametrize("key", RECORDED["topics"])
-def test_a_recorded_subscriber_reads_the_topics(today: Bare, key: str):
+def test_a_recorded_subscriber_reads_the_topics(current: Bare, key: str):
     recorded = RECORDED["topics"][key]
-    watch = today.watch(key)
-    message = today.latest(key) if key == "uav/info" else watch.next()[-1]
+    watch = current.watch(key)
+    message = current.latest(key) if key == "uav/info" else watch.next()[-1]
     assert list(message) == list(read(recorded))
     if key != "uav/info":
         assert shape(message).keys() == shape(read(recorded)).keys()

@@ -17,7 +17,7 @@ ONLY_A_HUB = ("--without", "dynamics", "--without", "pressure", "--without", "sa
 
 
 @pytest.fixture(scope="module")
-def stage() -> Iterator[Lab]:
+def hub_only() -> Iterator[Lab]:
     """Realm with only a hub, and a recording of two seconds in its folder."""
     with private_lab() as made:
         made.start(*ONLY_A_HUB)
@@ -29,26 +29,26 @@ def bus_messages(path: Path) -> list[Recorded]:
     return [message for message in Bag(path).messages() if not message.derived]
 
 
-def test_a_replay_publishes_the_same_messages_to_the_byte(stage: Lab):
-    first = bus_messages(stage.folder / "flight.mcap")
-    run = stage.spawn(*stage.command("record", "-o", "again.mcap", "--json"))
+def test_a_replay_publishes_the_same_messages_to_the_byte(hub_only: Lab):
+    first = bus_messages(hub_only.folder / "flight.mcap")
+    run = hub_only.spawn(*hub_only.command("record", "-o", "again.mcap", "--json"))
     eventually(lambda: "recording" in run.log)
-    done = stage.quadctl("replay", "flight.mcap", "--speed", 0, "--json")
+    done = hub_only.quadctl("replay", "flight.mcap", "--speed", 0, "--json")
     assert done.code == 0, done
     eventually(lambda: f'"messages":{len(first)},' in run.log)
     run.send(signal.SIGINT)
     assert run.wait() == 0
-    again = bus_messages(stage.folder / "again.mcap")
+    again = bus_messages(hub_only.folder / "again.mcap")
     assert done.json["messages"] == len(first)
     assert [(m.key, m.payload, m.encoding) for m in again] == [
         (m.key, m.payload, m.encoding) for m in first
     ]
 
 
-def test_a_replay_starts_at_from_and_keeps_the_speed(stage: Lab):
+def test_a_replay_starts_at_from_and_keeps_the_speed(hub_only: Lab):
     began = time.monotonic()
     words = ("--from", 1.0, "--speed", 2, "--json")
-    done = stage.quadctl("replay", "flight.mcap", *words)
+    done = hub_only.quadctl("replay", "flight.mcap", *words)
     assert done.code == 0
     assert time.monotonic() - began > done.json["wall_seconds"] > 0.45
     assert done.json["seconds"] == pytest.approx(0.99)
@@ -56,26 +56,28 @@ def test_a_replay_starts_at_from_and_keeps_the_speed(stage: Lab):
     assert done.json["messages"] == 120
 
 
-def test_commands_see_the_recorded_system_during_a_replay(stage: Lab):
-    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02))
-    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
-    listed = {row["key"]: row for row in stage.quadctl("topic", "list", "--json").json}
+def test_commands_see_the_recorded_system_during_a_replay(hub_only: Lab):
+    run = hub_only.spawn(*hub_only.command("replay", "flight.mcap", "--speed", 0.02))
+    eventually(lambda: "uav/pose" in hub_only.quadctl("topic", "list").out)
+    listed = {row["key"]: row for row in hub_only.quadctl("topic", "list", "--json").json}
     assert {row["node"] for row in listed.values()} == {"replay"}
     assert listed["uav/pose"]["declared_hz"] == 100
-    shown = stage.quadctl("topic", "echo", "pose", "-n", 1, "--json")
+    shown = hub_only.quadctl("topic", "echo", "pose", "-n", 1, "--json")
     assert shown.json["boot"] == "b0"
-    assert stage.quadctl("state", "--json").json["cage"] == {"x": 5.0, "y": 5.0, "z": 2.0}
-    second = stage.quadctl("replay", "flight.mcap", "--json")
+    assert hub_only.quadctl("state", "--json").json["cage"] == {"x": 5.0, "y": 5.0, "z": 2.0}
+    second = hub_only.quadctl("replay", "flight.mcap", "--json")
     assert (second.code, second.error["code"]) == (7, "already_served")
     run.send(signal.SIGINT)
     assert run.wait() == 130
-    assert stage.quadctl("topic", "list", "--json").json == []
+    assert hub_only.quadctl("topic", "list", "--json").json == []
 
 
-def test_a_replay_reports_a_hub_that_dies(stage: Lab):
-    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1))
-    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
-    stage.revived("hub", stage.signal("hub", signal.SIGKILL))
+def test_a_replay_reports_a_hub_that_dies(hub_only: Lab):
+    run = hub_only.spawn(
+        *hub_only.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1)
+    )
+    eventually(lambda: "uav/pose" in hub_only.quadctl("topic", "list").out)
+    hub_only.revived("hub", hub_only.signal("hub", signal.SIGKILL))
     assert run.wait() == 3, run.log
     assert "hub" in run.log
 
@@ -111,7 +113,7 @@ def test_a_replay_beside_a_live_vehicle_is_refused(shared_lab: Lab):
         assert received.messages == []
 
 
-def test_recorded_poses_can_be_replayed_to_a_live_node(stage: Lab):
+def test_recorded_poses_can_be_replayed_to_a_live_node(hub_only: Lab):
     """Replay recorded poses to a live safety, which publishes its own output."""
     with private_lab() as lab:
         lab.start("--without", "dynamics", "--without", "pressure")
@@ -123,8 +125,8 @@ def test_recorded_poses_can_be_replayed_to_a_live_node(stage: Lab):
             eventually(lambda: bare.state()["boot"] == "b0")
 
 
-def test_an_impossible_replay_is_refused_with_the_reason(stage: Lab):
-    stage.file("no recording", "text.mcap")
+def test_an_impossible_replay_is_refused_with_the_reason(hub_only: Lab):
+    hub_only.file("no recording", "text.mcap")
     for words, code, text in (
         (("text.mcap",), 6, "text.mcap is no recording"),
         (("missing.mcap",), 6, "missing.mcap cannot be read"),
@@ -132,13 +134,13 @@ def test_an_impossible_replay_is_refused_with_the_reason(stage: Lab):
         (("flight.mcap", "--from", 99), 6, "flight.mcap has nothing to replay"),
         (("flight.mcap", "--speed", -1), 6, "--speed -1: no speed"),
     ):
-        done = stage.quadctl("replay", *words, "--json")
+        done = hub_only.quadctl("replay", *words, "--json")
         assert (done.code, text in done.error["message"]) == (code, True), done
 
 
-def test_a_cut_recording_is_replayed_as_far_as_it_goes(stage: Lab):
-    write(stage.folder / "cut.mcap", flight(100), whole=False)
-    done = stage.quadctl("replay", "cut.mcap", "--speed", 0, "--json")
+def test_a_cut_recording_is_replayed_as_far_as_it_goes(hub_only: Lab):
+    write(hub_only.folder / "cut.mcap", flight(100), whole=False)
+    done = hub_only.quadctl("replay", "cut.mcap", "--speed", 0, "--json")
     assert done.code == 0
     assert json.loads(done.out)["cut"]
     assert "the recording is cut" in done.err

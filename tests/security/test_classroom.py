@@ -135,7 +135,7 @@ def goals(room: Room, side: float) -> dict[str, dict[str, float]]:
     }
 
 
-def undisturbed(room: Room, boots: dict[str, str], since: float) -> float:
+def assert_undisturbed(room: Room, boots: dict[str, str], since: float) -> float:
     """Assert that no vehicle was disturbed; return the longest time without a pose at home, s."""
     assert {s.name: s.restarts() for s in room.students} == dict.fromkeys(boots, 0)
     assert {s.name: s.ear.boots[s.name] for s in room.students} == {
@@ -281,13 +281,13 @@ def test_an_unplugged_cable_disturbs_no_other_student(room: Room, proofs: Proofs
                 cables.enter_context(student.port.unplugged())
             time.sleep(LONG)
             # The vehicle flies on at the student's own machine.
-            gaps.append(undisturbed(room, boots, began))
+            gaps.append(assert_undisturbed(room, boots, began))
         mended = time.monotonic()
         room.hears(cut, mended)
         back.append(time.monotonic() - mended)
         names = {student.name for student in cut}
         away += [room.ear.gaps(s.name, began) for s in room.students if s.name not in names]
-        gaps.append(undisturbed(room, boots, began))
+        gaps.append(assert_undisturbed(room, boots, began))
         # Poses of the connected reach the teacher throughout, except while it learns of the lost ones.
         assert max(away) < LONG / 2
     eventually(lambda: len(room.listed()) == COUNT, BACK)
@@ -313,7 +313,7 @@ def test_a_revoked_student_is_out_and_the_others_are_undisturbed(room: Room, pro
     done = room.do("hold --vehicle uav7 --timeout 0.5")
     assert done.code == 3, done
     assert "nobody served uav7/@srv/hold" in done.err
-    longest = undisturbed(room, boots, began)
+    longest = assert_undisturbed(room, boots, began)
     # The vehicle flies on at the student's own machine.
     assert gone.do("hold").code == 0
     eventually(lambda: set(room.listed()) == {student.name for student in others}, BACK)

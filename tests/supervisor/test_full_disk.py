@@ -14,24 +14,24 @@ from tests.support.lab import Lab, private_lab
 from tests.support.running import Foreground, eventually
 
 
-class Shown(NamedTuple):
-    """Foreground run with all its output in a pipe."""
+class PipedRun(NamedTuple):
+    """Foreground run with its complete output in a pipe."""
 
     lab: Lab
     run: Foreground
 
-    def said(self, text: str) -> list[str]:
+    def lines_with(self, text: str) -> list[str]:
         """Return the output lines that contain `text`."""
         return [line for line in self.run.log.splitlines() if text in line]
 
 
 @pytest.fixture(scope="module")
-def shown() -> Iterator[Shown]:
+def piped_run() -> Iterator[PipedRun]:
     with private_lab() as lab:
         command = " ".join(map(str, lab.command("up")))
         run = lab.spawn("sh", "-c", f"{command} | cat")
         eventually(lab.is_ready)
-        yield Shown(lab, run)
+        yield PipedRun(lab, run)
 
 
 def limit_file_size(pid: int, size: int) -> None:
@@ -39,43 +39,43 @@ def limit_file_size(pid: int, size: int) -> None:
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
-def test_a_run_goes_on_with_a_full_disk_and_reports_it_once(shown: Shown):
-    lab = shown.lab
+def test_a_run_goes_on_with_a_full_disk_and_reports_it_once(piped_run: PipedRun):
+    lab = piped_run.lab
     supervisor = lab.status()["pid"]
     written = (lab.home / "run.json").read_bytes()
     limit_file_size(supervisor, 0)
     try:
         # run.json cannot show the new process now: wait for its first log lines instead.
         lab.signal("pressure", signal.SIGKILL)
-        eventually(lambda: len(shown.said("pressure | Param: noise")) == 2)
+        eventually(lambda: len(piped_run.lines_with("pressure | Param: noise")) == 2)
         assert (lab.home / "run.json").read_bytes() == written
-        assert len(shown.said("cannot be written: ")) == 1
+        assert len(piped_run.lines_with("cannot be written: ")) == 1
         with lab.bare() as bare:
             eventually(lambda: "pressure" in bare.nodes())
     finally:
         limit_file_size(supervisor, resource.RLIM_INFINITY)
-    eventually(lambda: shown.said("can be written again; "))
+    eventually(lambda: piped_run.lines_with("can be written again; "))
     eventually(lambda: lab.nodes()["pressure"]["restarts"] == 1 and lab.is_ready())
-    assert len(shown.said("can be written again; ")) == 1
-    assert "Traceback" not in shown.run.log
+    assert len(piped_run.lines_with("can be written again; ")) == 1
+    assert "Traceback" not in piped_run.run.log
 
 
-def test_a_deleted_run_folder_is_created_again_and_no_node_is_lost(shown: Shown):
-    lab = shown.lab
-    before, earlier_warnings = lab.nodes(), shown.said("cannot be written")
+def test_a_deleted_run_folder_is_created_again_and_no_node_is_lost(piped_run: PipedRun):
+    lab = piped_run.lab
+    before, earlier_warnings = lab.nodes(), piped_run.lines_with("cannot be written")
     shutil.rmtree(lab.home)
     eventually(lambda: "hub" in lab.nodes())
     lab.revived("hub", before["hub"]["pid"])
     lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
     eventually(lab.is_ready)
-    assert len(shown.said("was removed under the run")) == 1
-    assert len(shown.said("was made anew")) == 1
-    assert shown.said("cannot be written") == earlier_warnings
+    assert len(piped_run.lines_with("was removed under the run")) == 1
+    assert len(piped_run.lines_with("was made anew")) == 1
+    assert piped_run.lines_with("cannot be written") == earlier_warnings
     assert lab.quadctl("calibrate").code == 0
     assert lab.quadctl("param", "get", "safety.takeoff").code == 0
     assert lab.quadctl("down").code == 0
-    assert shown.run.wait() == 0
-    assert "Traceback" not in shown.run.log
+    assert piped_run.run.wait() == 0
+    assert "Traceback" not in piped_run.run.log
 
 
 def test_a_run_that_lost_its_realm_ends_and_spares_the_new_holder(lab: Lab):

@@ -49,7 +49,7 @@ VEHICLES = ["uav0", "uav1", "uav2"]
 
 
 @pytest.fixture(scope="module")
-def three() -> Iterator[Lab]:
+def three_vehicles() -> Iterator[Lab]:
     """Three hovering vehicles, the last one higher."""
     with private_lab() as made:
         made.start("--vehicles", 3, "--set", "uav2.safety.takeoff=2", *PATIENT)
@@ -71,21 +71,25 @@ def position_of(lab: Lab, vehicle: str) -> tuple[float, float]:
     return round(at["x"], 1), round(at["y"], 1)
 
 
-def test_four_processes_fly_all_vehicles(three: Lab):
-    status = three.quadctl("status", "--json").json
+def test_four_processes_fly_all_vehicles(three_vehicles: Lab):
+    status = three_vehicles.quadctl("status", "--json").json
     assert status["vehicles"] == VEHICLES
     assert [node["name"] for node in status["nodes"]] == NODES
-    assert "vehicles uav0, uav1, uav2" in three.quadctl("status").out
-    with three.bare() as bare:
+    assert "vehicles uav0, uav1, uav2" in three_vehicles.quadctl("status").out
+    with three_vehicles.bare() as bare:
         poses = {vehicle: bare.watch(f"{vehicle}/pose") for vehicle in VEHICLES}
         boots = {watch.next()[0]["boot"] for watch in poses.values()}
     assert len(boots) == 3
 
 
-def test_vehicles_start_on_a_grid_each_with_its_own_settings(three: Lab):
-    assert [position_of(three, vehicle) for vehicle in VEHICLES] == [(-1, -1), (1, -1), (-1, 1)]
-    eventually(lambda: height(three, "uav2") > 1.9)
-    assert height(three, "uav0") < 1.1
+def test_vehicles_start_on_a_grid_each_with_its_own_settings(three_vehicles: Lab):
+    assert [position_of(three_vehicles, vehicle) for vehicle in VEHICLES] == [
+        (-1, -1),
+        (1, -1),
+        (-1, 1),
+    ]
+    eventually(lambda: height(three_vehicles, "uav2") > 1.9)
+    assert height(three_vehicles, "uav0") < 1.1
 
 
 @pytest.mark.parametrize(
@@ -94,54 +98,56 @@ def test_vehicles_start_on_a_grid_each_with_its_own_settings(three: Lab):
      "topic echo pose -n 1", "topic hz pose -n 3", "service list", "service call hold",
      "param list", "param get safety.takeoff", "node list", "doctor", "fly mission.toml"],
 )  # fmt: skip
-def test_a_command_without_a_vehicle_lists_the_vehicles(three: Lab, line: str):
-    three.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
-    done = three.quadctl(*line.split())
+def test_a_command_without_a_vehicle_lists_the_vehicles(three_vehicles: Lab, line: str):
+    three_vehicles.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
+    done = three_vehicles.quadctl(*line.split())
     assert (done.code, done.out) == (2, "")
     assert "there are several vehicles: uav0, uav1, uav2" in done.err
     assert "--vehicle uav0" in done.err
 
 
-def test_a_full_key_selects_its_vehicle(three: Lab):
-    echoed = three.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
+def test_a_full_key_selects_its_vehicle(three_vehicles: Lab):
+    echoed = three_vehicles.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
     assert round(echoed["position"]["y"]) == 1
-    assert three.quadctl("service", "call", "/uav1/hold").code == 0
-    assert three.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
-    everybody = three.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
+    assert three_vehicles.quadctl("service", "call", "/uav1/hold").code == 0
+    assert three_vehicles.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
+    everybody = three_vehicles.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
     assert everybody.code == 0, everybody.err
 
 
-def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
-    done = three.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
+def test_a_parameters_name_may_begin_with_its_vehicle(three_vehicles: Lab):
+    done = three_vehicles.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
     assert (done.code, done.out) == (0, "safety.acceptance_range: 0.4\n")
     for vehicle, known in (("uav0", 0.5), ("uav1", 0.4)):
-        found = three.quadctl("param", "get", f"{vehicle}.safety.acceptance_range", "--json").json
+        found = three_vehicles.quadctl(
+            "param", "get", f"{vehicle}.safety.acceptance_range", "--json"
+        ).json
         assert found == {"safety.acceptance_range": known}
-    both = three.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
+    both = three_vehicles.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
     assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
 
 
-def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three: Lab):
-    done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
+def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three_vehicles: Lab):
+    done = three_vehicles.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
     assert done.code == 3
     assert "this run has no vehicle drone" in done.err
     assert "it has uav0, uav1, uav2" in done.err
 
 
-def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(three: Lab):
+def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(three_vehicles: Lab):
     def ask(*words: object, vehicle: str = "uav1") -> dict[str, object]:
-        done = three.quadctl(*words, "--vehicle", vehicle, "--json")
+        done = three_vehicles.quadctl(*words, "--vehicle", vehicle, "--json")
         assert done.code == 0, done.err
         answer: dict[str, object] = done.json
         return answer
 
     assert ask("goto", 2, 1, 1)["arrived"]
-    assert position_of(three, "uav0") == (-1, -1)
+    assert position_of(three_vehicles, "uav0") == (-1, -1)
     ask("cage", "off")
     assert ask("cage", "show")["on"] is False
     assert ask("cage", "show", vehicle="uav0")["on"] is True
     assert float(str(ask("calibrate")["baseline"])) > 1000
-    with three.bare() as bare:
+    with three_vehicles.bare() as bare:
         first, second = (bare.watch(f"{v}/sensors/pressure").next()[0] for v in ("uav0", "uav1"))
     assert (first["baseline"], first["samples"]) == (0, 0)
     assert second["baseline"] > 1000
@@ -150,38 +156,40 @@ def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(three: Lab):
     assert ask("param", "get", "safety.acceptance_range", vehicle="uav0") == {
         "safety.acceptance_range": 0.5
     }
-    assert three.quadctl("reset", "--vehicle", "uav1").code == 0
+    assert three_vehicles.quadctl("reset", "--vehicle", "uav1").code == 0
 
 
-def test_a_file_is_compared_and_saved_by_vehicle(three: Lab):
+def test_a_file_is_compared_and_saved_by_vehicle(three_vehicles: Lab):
     said = "# kept\n[safety]\ntakeoff = 1.0\npose_timeout = 0.6\n"
-    file = three.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")
-    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav0").out == ""
-    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == (
+    file = three_vehicles.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")
+    assert three_vehicles.quadctl("param", "diff", "saved.toml", "--vehicle", "uav0").out == ""
+    assert three_vehicles.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == (
         "safety.takeoff: 1.0 -> 2.0\n"
     )
-    assert three.quadctl("param", "save", "saved.toml", "--vehicle", "uav2").code == 0
+    assert three_vehicles.quadctl("param", "save", "saved.toml", "--vehicle", "uav2").code == 0
     assert file.read_text().startswith(said)
     assert "[uav2.safety]\ntakeoff = 2.0" in file.read_text()
-    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == ""
-    assert three.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
+    assert three_vehicles.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == ""
+    assert three_vehicles.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
 
 
-def test_doctor_passes_for_each_vehicle(three: Lab):
+def test_doctor_passes_for_each_vehicle(three_vehicles: Lab):
     for vehicle in VEHICLES[:2]:
-        found = three.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
+        found = three_vehicles.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
         assert found.json["ok"], found.out
-    none = three.quadctl("doctor", "--vehicle", "uav9", "--json")
+    none = three_vehicles.quadctl("doctor", "--vehicle", "uav9", "--json")
     assert none.code == 8
 
 
 @pytest.mark.parametrize("node", ["safety", "pressure", "dynamics", "hub"])
-def test_a_killed_process_returns_for_all_vehicles(three: Lab, node: str):
-    old = three.signal(node, signal.SIGKILL)
-    three.revived(node, old)
-    eventually(three.is_ready)
+def test_a_killed_process_returns_for_all_vehicles(three_vehicles: Lab, node: str):
+    old = three_vehicles.signal(node, signal.SIGKILL)
+    three_vehicles.revived(node, old)
+    eventually(three_vehicles.is_ready)
     for vehicle in VEHICLES:
-        done = three.quadctl("goto", 0, 0, 1, "--no-wait", "--replace", "--vehicle", vehicle)
+        done = three_vehicles.quadctl(
+            "goto", 0, 0, 1, "--no-wait", "--replace", "--vehicle", vehicle
+        )
         assert done.code == 0, done.err
 
 

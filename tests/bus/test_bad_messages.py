@@ -21,7 +21,7 @@ FOREIGN = "application/msgpack;quadctl.Pose#ffffffff"
 
 @contextmanager
 def garbage(bare: Bare, vehicle: str) -> Iterator[None]:
-    """Publish unreadable messages without pause until the block ends."""
+    """Publish unreadable messages until the block ends."""
     stop = threading.Event()
 
     def send() -> None:

@@ -18,14 +18,14 @@ from tests.support.proxy import Proxy
 from tests.support.running import eventually
 
 DELAY = 0.2
-"""Seconds, each way."""
+"""Seconds of delay, each way."""
 SHORT, LONG = 1.5, 5.0
 """Seconds of a cut. Zenoh closes a silent connection sooner than either."""
 ROOMY = (*PATIENT, "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50",
          "--set", "supervise.answer_timeout=30")  # fmt: skip
 """Long timeouts: a busy machine must not count as a bad link."""
 AT_REST = 0.05
-"""m/s."""
+"""Highest speed (m/s) of a vehicle at rest."""
 GOTO = "uav/@srv/goto"
 
 
@@ -134,7 +134,7 @@ def test_the_vehicle_hovers_while_safety_is_cut_off_then_recovers():
 
 @pytest.mark.prove
 @pytest.mark.timeout(600)
-def test_repeated_cuts_of_five_seconds(proofs: Proofs):
+def test_the_system_recovers_from_repeated_cuts_of_five_seconds(proofs: Proofs):
     count = 10
     with private_lab() as lab, Proxy(lab.home / "hub.sock", DELAY) as link:
         lab.start(*ROOMY)

@@ -1,4 +1,4 @@
-"""A stalled viewer of all keys makes safety neither miss a pose that is due nor answer later."""
+"""Beside a stalled viewer of all keys, safety answers every pose that is due, and no later."""
 
 import os
 import signal
@@ -114,7 +114,7 @@ def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(flying_lab: Lab):
 
 @pytest.mark.prove
 @pytest.mark.timeout(300)
-def test_answers_beside_a_stalled_viewer_come_as_soon(flying_lab: Lab, proofs: Proofs):
+def test_answers_beside_a_stalled_viewer_are_not_later(flying_lab: Lab, proofs: Proofs):
     free: list[float] = []
     beside: list[float] = []
     for _ in range(5):

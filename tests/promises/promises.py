@@ -157,7 +157,7 @@ setpoints stop: safety or the hub freezes, the link between them is cut
     setpoints_to_an_abandoned_goal_are_ignored
   - bus/links: the_vehicle_hovers_while_safety_is_cut_off_then_recovers
   - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_freezes
-  - bus/links: repeated_cuts_of_five_seconds
+  - bus/links: the_system_recovers_from_repeated_cuts_of_five_seconds
   = safety <- SIGSTOP of safety in flight
   = hub <- SIGSTOP of hub in flight
   = cut <- 200 ms each way and cuts of 5 s between safety and hub
@@ -194,14 +194,15 @@ a viewer that is slow or stands still
   it loses what is oldest; nobody else misses anything, and safety answers as soon as ever
   - bus/links: a_stalled_viewer_gets_the_newest_and_delays_no_one
   - bus/slow_readers: no_answer_to_a_pose_is_missed_beside_a_stalled_viewer
-    answers_beside_a_stalled_viewer_come_as_soon
+    answers_beside_a_stalled_viewer_are_not_later
   = a viewer of all keys that stands still
 a command comes late or twice
   executed once at most, and never after its deadline
   - bus/calls: a_repeated_id_is_executed_once_and_answered_the_same
     a_call_past_its_deadline_expires_and_is_not_executed
     a_call_is_not_repeated_when_its_server_ends_in_mid_call
-  - bus/links: a_cut_link_executes_no_call_twice_or_late repeated_cuts_of_five_seconds
+  - bus/links: a_cut_link_executes_no_call_twice_or_late
+    the_system_recovers_from_repeated_cuts_of_five_seconds
   = 200 ms each way and cuts of 5 s between operator and hub
 two operators at once
   one queue, one order; each reply is that of its request

@@ -16,7 +16,7 @@ from tests.support.running import eventually
 
 ENDPOINT = "tls/127.0.0.1:7729"
 LIMIT = 2.0
-"""Seconds within which a revoked certificate must receive its last message."""
+"""Seconds after `revoke` within which the last message must come."""
 ROUNDS = 20
 
 

@@ -60,7 +60,7 @@ the cage comes on with the vehicle outside
   it comes on; the vehicle hovers where it is, takes goals inside alone, and comes nearer at every
   step
   - unit/safety/monitor_guards: outside_any_face_it_hovers_and_takes_only_goals_inside
-  - unit/campaign/batch: outside_it_hovers_takes_goals_inside_and_comes_nearer
+  - unit/campaign/batch: a_vehicle_outside_hovers_accepts_goals_inside_and_returns
   - flight/checkpoint_4: a_goal_outside_is_refused_then_reached_with_the_cage_off
 the cage shrinks at run time
   as if it came on: goal outside, stop; vehicle outside, hover, and goals inside alone
@@ -69,7 +69,7 @@ the cage shrinks at run time
   - unit/safety/monitor: a_cage_that_shuts_the_goal_out_under_way_stops
 a cage that comes on or shrinks around a sound vehicle
   the guard of the way does not stop it, in flight or hovering: it does what can be done
-  - unit/campaign/batch: a_cage_that_comes_on_or_shrinks_is_no_alarm
+  - unit/campaign/batch: enabling_or_shrinking_the_cage_raises_no_alarm
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = false alarms of the guard of the way in 10 000 flights
 goals inside, replaced in flight
@@ -92,7 +92,7 @@ the way there leaves the cage
 the vehicle overshoots a wall
   never more than 1 cm beyond the cage in still air, in wind within the declared margin; put outside
   by command, never beyond its stopping point of that instant
-  - unit/campaign/batch: no_flight_breaks_a_promise a_broken_automaton_is_found
+  - unit/campaign/batch: flights_have_no_violation a_broken_rule_is_detected
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = still air <- 10 000 flights of 60 s in still air
   = wind and faults <- 10 000 flights of 60 s in wind
@@ -228,7 +228,7 @@ it is calibrated in flight
 it is stuck, off, or beyond what air can be
   `doctor` says so within its 2 s of listening; safety does not fly by it
   - flight/barometer: doctor_reports_a_barometer_stuck_or_off_in_flight
-  - unit/cli/doctor/bus: the_barometer
+  - unit/cli/doctor/bus: a_stuck_or_impossible_pressure_is_found
   - flight/barometer: a_garbled_file_ends_the_node_and_a_repaired_one_revives_it
 a parameter file with a fault in it
   nothing starts, exit 6, with the place and the nearest name

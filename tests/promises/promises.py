@@ -75,8 +75,8 @@ a cage that comes on or shrinks around a sound vehicle
 goals inside, replaced in flight
   at most 10 mm out of the cage in still air, whatever is replaced when; the vector of acceleration
   keeps its limit, so a goal moved nearer may be passed, an older one is not
-  - unit/dynamics/vehicle_goals: 2000_flights_of_replaced_goals
-  - unit/dynamics/trajectory: goals_moved_in_flight_no_overshoot_of_the_farthest
+  - unit/dynamics/vehicle_goals: 2000_flights_of_replaced_goals_stay_inside
+  - unit/dynamics/trajectory: moved_goals_are_not_overshot_beyond_the_farthest
   - unit/dynamics/vehicle_goals: 50_000_flights_of_replaced_goals
   = 50 000 flights of replaced goals
 body, gains or limits set in flight
@@ -87,7 +87,7 @@ body, gains or limits set in flight
 the way there leaves the cage
   the whole way is inside, of the setpoint too; from outside it leads towards the cage alone
   - unit/safety/automaton: never_moving_with_the_cage_on_and_the_way_outside
-  - unit/dynamics/trajectory: the_setpoint_stays_inside_wherever_the_goal_moves
+  - unit/dynamics/trajectory: the_setpoint_stays_inside_for_any_sequence_of_goals
   - unit/safety/monitor_guards: the_way_back_comes_nearer_at_every_step
 the vehicle overshoots a wall
   never more than 1 cm beyond the cage in still air, in wind within the declared margin; put outside
@@ -189,7 +189,7 @@ the disk fills up while recording
   the recording stops and says so; the flight does not notice
   - recording/record: a_full_disk_stops_the_recording_and_never_the_flight
   - supervisor/full_disk: a_run_goes_on_when_its_recording_has_no_space
-  - unit/runtime/recording/writer: a_full_device_is_told
+  - unit/runtime/recording/writer: a_full_device_raises_an_error
 a viewer that is slow or stands still
   it loses what is oldest; nobody else misses anything, and safety answers as soon as ever
   - bus/links: a_stalled_viewer_gets_the_newest_and_delays_no_one
@@ -232,8 +232,8 @@ it is stuck, off, or beyond what air can be
   - flight/barometer: a_garbled_file_ends_the_node_and_a_repaired_one_revives_it
 a parameter file with a fault in it
   nothing starts, exit 6, with the place and the nearest name
-  - unit/runtime/params/load: there_are_forty_of_them
-    a_bad_file_is_refused_with_the_place_and_the_way_out
+  - unit/runtime/params/load: at_least_forty_bad_files_are_covered
+    a_bad_file_is_refused_with_the_place_and_a_hint
   - supervisor/bad_files: a_faulty_file_starts_nothing_and_the_error_names_the_place
 another version's messages
   refused with both hashes named, nothing is decoded as something else

@@ -42,13 +42,13 @@ a goal that is no place: NaN, infinite, of the wrong type
   refused by the command, at decoding and in the automaton; nothing changes, no process ends, the
   next sound call is answered
   - cli/exit_codes: impossible_commands_fail_with_their_exit_codes
-  - unit/safety/monitor: no_place_is_refused_even_with_the_cage_off
+  - unit/safety/monitor: a_goal_that_is_not_finite_is_refused_even_with_the_cage_off
   - bus/fuzz: fuzzed_payloads_are_refused_and_end_no_process
     a_hundred_thousand_fuzzed_payloads_end_no_process
   = fuzzed payloads on every service and topic
 a goal while another is being flown to
   answered as busy, exit 5; with `--replace` verified and flown
-  - unit/safety/automaton: a_row_does_this no_mutant_of_the_table_survives
+  - unit/safety/automaton: each_rule_does_what_its_case_expects no_mutant_of_the_rule_table_passes_all_cases
   - flight/checkpoint_2: a_goal_while_moving_is_busy_until_replaced
 the cage comes on in flight
   the goal is verified again, and with it outside the vehicle stops and hovers; the reply comes
@@ -59,14 +59,14 @@ the cage comes on in flight
 the cage comes on with the vehicle outside
   it comes on; the vehicle hovers where it is, takes goals inside alone, and comes nearer at every
   step
-  - unit/safety/monitor_guards: outside_any_face_it_hovers_and_takes_only_goals_inside
+  - unit/safety/monitor_guards: outside_any_face_the_vehicle_hovers_and_accepts_only_goals_inside
   - unit/campaign/batch: a_vehicle_outside_hovers_accepts_goals_inside_and_returns
   - flight/checkpoint_4: a_goal_outside_is_refused_then_reached_with_the_cage_off
 the cage shrinks at run time
   as if it came on: goal outside, stop; vehicle outside, hover, and goals inside alone
   - flight/parameters: a_smaller_cage_takes_effect_at_once
     a_vehicle_outside_a_shrunk_cage_hovers_and_may_return
-  - unit/safety/monitor: a_cage_that_shuts_the_goal_out_under_way_stops
+  - unit/safety/monitor: a_cage_that_excludes_the_goal_stops_the_flight
 a cage that comes on or shrinks around a sound vehicle
   the guard of the way does not stop it, in flight or hovering: it does what can be done
   - unit/campaign/batch: enabling_or_shrinking_the_cage_raises_no_alarm
@@ -86,9 +86,9 @@ body, gains or limits set in flight
     a_limit_set_in_flight_is_reported_as_waiting a_vehicle_that_would_not_fly_is_refused
 the way there leaves the cage
   the whole way is inside, of the setpoint too; from outside it leads towards the cage alone
-  - unit/safety/automaton: never_moving_with_the_cage_on_and_the_way_outside
+  - unit/safety/automaton: never_moving_with_the_cage_on_and_the_path_outside
   - unit/dynamics/trajectory: the_setpoint_stays_inside_for_any_sequence_of_goals
-  - unit/safety/monitor_guards: the_way_back_comes_nearer_at_every_step
+  - unit/safety/monitor_guards: a_return_from_outside_may_not_move_outwards
 the vehicle overshoots a wall
   never more than 1 cm beyond the cage in still air, in wind within the declared margin; put outside
   by command, never beyond its stopping point of that instant
@@ -98,7 +98,7 @@ the vehicle overshoots a wall
   = wind and faults <- 10 000 flights of 60 s in wind
 a goal on the wall itself
   the wall belongs to the cage, decided to the last bit
-  - unit/safety/cage: a_face_belongs_to_the_cage_to_the_last_bit
+  - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit
   - flight/checkpoint_2: a_goal_on_the_boundary_is_inside_the_cage
 a cage too small to hold the vehicle
   less than 0.2 m is refused: in a file, on the command line, in flight
@@ -106,7 +106,7 @@ a cage too small to hold the vehicle
   - flight/parameters: a_bad_value_changes_nothing_even_beside_good_ones
 the first goal, or the start, lies outside the cage
   verified like any other: the vehicle stays on the ground, and safety says why
-  - unit/safety/monitor: takeoff_out_of_the_cage_is_refused_with_its_reason
+  - unit/safety/monitor: a_takeoff_outside_the_cage_is_refused_with_its_reason
   - flight/checkpoint_4: a_takeoff_above_the_cage_leaves_the_vehicle_on_the_ground
 a pose that is old, out of order, or a jump
   old ones are ignored by their stamp; one that would have taken more than the top speed stops the
@@ -124,7 +124,7 @@ a process of the system does not run for a while
   itself, and says that it paused; after more it is over, and says why. Never out of the cage
   - flight/stalls: sixty_flights_arrive_despite_short_stalls
     an_outage_beyond_the_grace_ends_the_flight a_stall_within_the_grace_pauses_the_flight
-  - unit/safety/monitor: what_happens_in_a_pause_ends_the_flight
+  - unit/safety/monitor: a_change_during_a_pause_ends_the_flight
   - flight/stalls: a_thousand_flights_arrive_despite_short_stalls
     a_hundred_outages_beyond_the_grace_end_the_flights
   = short <- 1000 flights, a process or all stopped for 0.1 to 0.5 s every 2 s
@@ -133,8 +133,8 @@ dynamics dies
   HOVERING within 300 ms, and the reason said; no goal is taken before there are poses again, and
   the new boot drops the old goal
   - flight/kills: killed_nodes_restart_and_the_vehicle_stays_in_the_cage
-  - unit/safety/monitor: lost_poses_pause_the_flight_and_no_goal_is_taken
-    a_new_boot_drops_the_goal_says_so_and_takes_off_anew
+  - unit/safety/monitor: lost_poses_pause_the_flight_and_goals_are_refused
+    a_new_boot_drops_the_goal_and_takes_off_again
   - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_kills
   = `kill -9` of dynamics in flight
 dynamics freezes
@@ -146,7 +146,7 @@ setpoints stop: safety or the hub dies
   the vehicle brakes to a hover within 300 ms after a setpoint is 150 ms old. A new safety hovers
   there, cage on, and flies for a new request alone
   - flight/kills: killed_nodes_restart_and_the_vehicle_stays_in_the_cage
-  - unit/safety/monitor: after_a_restart_it_hovers_in_place_with_the_cage_on
+  - unit/safety/monitor: after_a_restart_the_vehicle_hovers_with_the_cage_on
   - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_kills
   = safety <- `kill -9` of safety in flight
   = hub <- `kill -9` of hub in flight

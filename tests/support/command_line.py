@@ -1,4 +1,4 @@
-"""The command line in this process: what it printed and the code it would have left."""
+"""Commands run in this process: their output and exit code."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from quadctl.cli import command
 
 
 class Said(NamedTuple):
-    """What a command left."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -20,12 +20,12 @@ class Said(NamedTuple):
 
     @property
     def json(self) -> Any:
-        """The one document on stdout."""
+        """Return the only document on stdout."""
         return msgspec.json.decode(self.out)
 
     @property
     def error(self) -> dict[str, str]:
-        """The one error document on stderr."""
+        """Return the only error document on stderr."""
         document = msgspec.json.decode(self.err, type=dict[str, dict[str, str]])
         assert list(document) == ["error"]
         return document["error"]
@@ -35,7 +35,7 @@ Quadctl = Callable[..., Said]
 
 
 class _Left(BaseException):
-    """In place of the process's end."""
+    """Raised instead of ending the process."""
 
 
 def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Quadctl:

@@ -1,4 +1,4 @@
-"""What commands say, word for word: exit code, stdout and stderr by the line that is typed."""
+"""Exact exit code, stdout and stderr of commands, by the typed line."""
 
 CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
 GOTO = "float64 x\nfloat64 y\nfloat64 z\nbool replace\n---\nbool accepted\nstring reason\n"

@@ -1,4 +1,4 @@
-"""A recording taken apart: what each service heard and was asked, and what it said to that."""
+"""Contents of a recording: received messages, calls, and published messages of each node."""
 
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,9 @@ _INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
 
 
 class Recorded:
-    """One vehicle's recording of a flight at a speed other than 1; `boot` is that of the flight.
+    """Recording of one vehicle's flight at a speed other than 1; `boot` is the flight's.
 
-    At such a speed what a service says hangs on what it hears, and on nothing else.
+    At such a speed the output of a node depends only on its input.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,7 +42,7 @@ class Recorded:
         self.boot = [value.boot for _, value in self.heard if isinstance(value, Pose)][-1]
 
     def transitions(self, said: list[Published]) -> list[SafetyState]:
-        """Safety's states in this flight, those left out that only repeat the last one.
+        """Return safety's states in this flight, without repetitions.
 
         Requests are counted from the flight's first.
         """
@@ -56,13 +56,13 @@ class Recorded:
         return [replace(state, request=state.request - found[0].request) for state in found]
 
     def setpoints(self, said: list[Published]) -> list[Setpoint]:
-        """What safety wanted in this flight."""
+        """Return the setpoints of this flight, without repetitions."""
         of_boot = [s for _, s in said if isinstance(s, Setpoint) and s.boot == self.boot]
-        # One that was lost on its way is sent again, which says nothing new.
+        # A setpoint may be sent again in case it was lost.
         return [s for before, s in zip([None, *of_boot], of_boot, strict=False) if s != before]
 
     def readings(self, said: list[Published]) -> list[Pressure]:
-        """The barometer's readings in this flight, which begin at 0 s."""
+        """Return the barometer's readings in this flight, which start at 0 s."""
         found: list[Pressure] = []
         for name, reading in said:
             if name != PRESSURE.name or not isinstance(reading, Pressure):

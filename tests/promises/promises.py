@@ -48,7 +48,8 @@ a goal that is no place: NaN, infinite, of the wrong type
   = fuzzed payloads on every service and topic
 a goal while another is being flown to
   answered as busy, exit 5; with `--replace` verified and flown
-  - unit/safety/automaton: each_rule_does_what_its_case_expects no_mutant_of_the_rule_table_passes_all_cases
+  - unit/safety/automaton: each_rule_does_what_its_case_expects
+    no_mutant_of_the_rule_table_passes_all_cases
   - flight/checkpoint_2: a_goal_while_moving_is_busy_until_replaced
 the cage comes on in flight
   the goal is verified again, and with it outside the vehicle stops and hovers; the reply comes

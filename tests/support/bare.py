@@ -1,4 +1,4 @@
-"""Independent client on the bus: only Zenoh and MessagePack, no import of schemas, services or cli."""
+"""Independent client on the bus: Zenoh and MessagePack, no import of schemas, services or cli."""
 
 import json
 import threading

@@ -112,7 +112,7 @@ class Lab:
         return path
 
     def status(self) -> dict[str, Any]:
-        """Return the run record that `quadctl status --json` prints; without a run it has no nodes."""
+        """Return the run record that `quadctl status --json` prints, without nodes if there is no run."""
         try:
             record: dict[str, Any] = json.loads((self.home / "run.json").read_bytes())
         except FileNotFoundError:
@@ -200,7 +200,7 @@ class Lab:
 
 @contextmanager
 def private_lab(enter: Sequence[str] = ()) -> Iterator[Lab]:
-    """Create a lab in a new folder with a short name: a Unix socket's path has at most 100 bytes."""
+    """Create a lab in a new folder with a short name: a socket's path has at most 100 bytes."""
     folder = Path(tempfile.mkdtemp(prefix="q", dir="/tmp"))
     try:
         made = Lab(folder, enter)

@@ -237,7 +237,7 @@ def test_a_goal_moved_in_flight_is_followed_smoothly(legs):
 @settings(max_examples=30)
 @given(st.lists(st.tuples(POINT, st.floats(0.1, 2)), min_size=2, max_size=6))
 def test_moved_goals_are_not_overshot_beyond_the_farthest(legs):
-    """Only the latest goal may be overshot, when another axis needs the limits, never an older one."""
+    """Only the latest goal may be overshot, if another axis needs the limits; an older one never."""
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     corners = [(0.0, 0.0, 10.0)]
     for goal, seconds in legs:

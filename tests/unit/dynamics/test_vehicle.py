@@ -194,7 +194,7 @@ def test_the_step_size_does_not_change_a_bit():
 
 
 def test_quarter_steps_end_in_the_same_place():
-    """Bound the integration error of a 5 s flight: it falls with the step's fourth power."""
+    """The integration error of a 5 s flight falls with the fourth power of the step."""
     coarse, fine = at(z=1.0), at(z=1.0)
     body = body_constants(VehicleParams(), 0.00025)
 

@@ -49,7 +49,8 @@ def test_a_call_is_executed_after_the_message_of_its_time():
 
 
 def test_a_scheduled_call_is_executed_within_its_message():
-    assert [line for line in replayed_lines([call(0.01, held=True), call(0.03, service="goto")]) if line != "tick"] == [
+    lines = replayed_lines([call(0.01, held=True), call(0.03, service="goto")])
+    assert [line for line in lines if line != "tick"] == [
         "pose 0", "pose 1", "hold", "pose 2", "pose 3", "pose 4",
     ]  # fmt: skip
 

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from tests.support.bare import pack
-from tests.support.command_transcripts import DROPPED, FOREIGN, HELD, SAID
+from tests.support.command_transcripts import DROPPED, FOREIGN, HELD, TRANSCRIPTS
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
@@ -33,12 +33,12 @@ def test_commands_print_the_recorded_transcripts(module_lab: Lab):
             bare.session.declare_queryable(DROPPED, zenoh.Query.drop, complete=True),
             bare.session.declare_queryable(HELD, held.append, complete=True),
         ]
-        done = module_lab.each(SAID)
+        done = module_lab.each(TRANSCRIPTS)
         for server in servers:
             server.undeclare()
         for query in held:
             query.drop()
-    assert dict(done) == SAID
+    assert dict(done) == TRANSCRIPTS
 
 
 def foreign(query: zenoh.Query) -> None:

@@ -25,7 +25,7 @@ def recorded(request) -> Recorded:
 
 
 def safety(recorded: Recorded) -> list[Published]:
-    return play("safety", run_safety, recorded.params, recorded.heard, recorded.calls)
+    return play("safety", run_safety, recorded.params, recorded.received, recorded.calls)
 
 
 def same(now: list, then: list) -> bool:
@@ -35,15 +35,15 @@ def same(now: list, then: list) -> bool:
 
 def test_safety_decides_as_recorded(recorded):
     said = safety(recorded)
-    assert recorded.transitions(said) == recorded.transitions(recorded.said)
-    assert same(recorded.setpoints(said), recorded.setpoints(recorded.said))
+    assert recorded.transitions(said) == recorded.transitions(recorded.published)
+    assert same(recorded.setpoints(said), recorded.setpoints(recorded.published))
     assert len(recorded.transitions(said)) > 3
     assert len(recorded.setpoints(said)) > 100
 
 
 def test_the_barometer_reads_as_recorded(recorded):
-    said = play("pressure", run_pressure, recorded.params, recorded.heard, recorded.calls)
-    readings = recorded.readings(recorded.said)
+    said = play("pressure", run_pressure, recorded.params, recorded.received, recorded.calls)
+    readings = recorded.readings(recorded.published)
     assert same(recorded.readings(said), readings)
     assert len(readings) > 50
     assert {bool(reading.baseline) for reading in readings} == {True, False}
@@ -76,11 +76,11 @@ def test_one_changed_rule_changes_the_flight(rule, monkeypatch):
         "quadctl.services.safety.monitor.step", partial(automaton.step, rules=rules)
     )
     said = safety(recorded)
-    assert recorded.transitions(said) != recorded.transitions(recorded.said)
+    assert recorded.transitions(said) != recorded.transitions(recorded.published)
 
 
 def test_another_noise_seed_changes_the_readings():
     recorded = Recorded(Path(__file__).parent / "data" / "barometer.mcap")
     recorded.params.dynamics.seed += 1
-    said = play("pressure", run_pressure, recorded.params, recorded.heard, recorded.calls)
-    assert not same(recorded.readings(said), recorded.readings(recorded.said))
+    said = play("pressure", run_pressure, recorded.params, recorded.received, recorded.calls)
+    assert not same(recorded.readings(said), recorded.readings(recorded.published))

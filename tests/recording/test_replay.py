@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from quadctl.services.runtime.recording.reader import Bag, Recorded
-from tests.support.bags import flight, taken, write
+from tests.support.bags import flight, raw_message, write
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
@@ -103,7 +103,7 @@ def test_a_signal_ends_a_replay_with_its_own_hub(lab: Lab, number: int):
 
 
 def test_a_replay_beside_a_live_vehicle_is_refused(shared_lab: Lab):
-    file = write(shared_lab.folder / "live.mcap", [taken("uav/mine", b"x", 0, "text/plain")])
+    file = write(shared_lab.folder / "live.mcap", [raw_message("uav/mine", b"x", 0, "text/plain")])
     with shared_lab.bare() as bare:
         received = bare.watch("uav/mine")
         for words in ((), ("uav/mine",)):

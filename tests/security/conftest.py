@@ -24,7 +24,7 @@ def room(proofs: Proofs) -> Iterator[Room]:
     with classroom(COUNT) as made, ExitStack() as held:
         made.open()
         began = time.monotonic()
-        made.come()
+        made.start()
         came = time.monotonic()
         names = [student.name for student in made.students]
         eventually(lambda: list(made.listed()) == names, 60.0)

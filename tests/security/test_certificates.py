@@ -88,7 +88,7 @@ def test_clients_without_our_certificate_are_refused(net: Field):
 
 def test_a_server_without_a_hub_certificate_is_refused(net: Field):
     posing = TLS.replace("7447", "7449")
-    with net.posed(posing, "bob"):
+    with net.impersonated_hub(posing, "bob"):
         done = net.ask("hold", at=posing)
     assert done.code == 3
     assert "no hub of our fleet" in done.err
@@ -115,9 +115,9 @@ def test_an_expired_certificate_is_refused(net: Field):
 
 
 def test_a_revoked_name_is_out_within_2_s_and_the_flight_goes_on(net: Field):
-    rob = net.kept("rob")
+    rob = net.copied_identity("rob")
     assert net.ask("hold", rob).code == 0
-    stream = net.spoken("topic echo pose --json", rob)
+    stream = net.started("topic echo pose --json", rob)
     eventually(lambda: stream.log.count("\n") > 20)
     boot = touched(net.vehicle)[2]
     assert net.operator.quadctl("keys", "revoke", "rob").code == 0

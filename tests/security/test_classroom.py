@@ -53,7 +53,7 @@ def arena() -> Iterator[Room]:
             *("--identity", "keys/teacher", *SHARED),
         )
         for student in room.students:
-            student.be_given(room.keys)
+            student.copy_keys(room.keys)
         yield room
 
 

@@ -48,7 +48,7 @@ def pressure(stamp: float, baseline: float = 0.0) -> Pressure:
     return Pressure(stamp, 1013.0 - baseline, baseline, 0, 0.0)
 
 
-def taken(key: str, message: Any, at: float, encoding: str | None = None) -> RawMessage:
+def raw_message(key: str, message: Any, at: float, encoding: str | None = None) -> RawMessage:
     """Return a message as received from the bus, some seconds after the start of the recording."""
     payload = message if isinstance(message, bytes) else codec.encode(message)
     type_: Any = type(message)
@@ -59,12 +59,12 @@ def taken(key: str, message: Any, at: float, encoding: str | None = None) -> Raw
 
 def flight(poses: int = 100) -> list[RawMessage]:
     """Return the messages of a short flight, including some with an unknown key."""
-    found = [taken("uav/safety/state", state(0.0), 0.0)]
+    found = [raw_message("uav/safety/state", state(0.0), 0.0)]
     for seq in range(poses):
-        found.append(taken("uav/pose", pose(seq), seq / 100))
+        found.append(raw_message("uav/pose", pose(seq), seq / 100))
         if seq % 10 == 0:
-            found.append(taken("uav/sensors/pressure", pressure(seq / 100), seq / 100))
-            found.append(taken("my/own", b"\x00\xff raw", seq / 100, "zenoh/bytes"))
+            found.append(raw_message("uav/sensors/pressure", pressure(seq / 100), seq / 100))
+            found.append(raw_message("my/own", b"\x00\xff raw", seq / 100, "zenoh/bytes"))
     return found
 
 

@@ -29,7 +29,7 @@ class Sleepless(Batch):
         return list(range(len(self.lanes)))
 
 
-def put_in(patch: pytest.MonkeyPatch, change: Callable[[Rule], Rule | None]) -> None:
+def inject(patch: pytest.MonkeyPatch, change: Callable[[Rule], Rule | None]) -> None:
     """Make every monitor, live or in a campaign, use a changed rule table."""
     rules = tuple(new for rule in RULES if (new := change(rule)) is not None)
     patch.setattr(monitor, "step", partial(automaton.step, rules=rules))

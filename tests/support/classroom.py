@@ -108,13 +108,13 @@ class Student:
         named = {"uav7": self.name, "uav8": self.neighbour}
         return self.lab.quadctl(*(named.get(str(word), word) for word in words), timeout=60.0)
 
-    def be_given(self, keys: Path) -> None:
+    def copy_keys(self, keys: Path) -> None:
         """Copy the student's folder from the teacher's, as with a memory stick."""
         shutil.copytree(keys / self.name, self.lab.folder / self.name)
 
-    def come(self, keys: Path) -> None:
+    def start(self, keys: Path) -> None:
         """Copy the folder, and start the student's run."""
-        self.be_given(keys)
+        self.copy_keys(keys)
         up = self.do(f"up -d --vehicle uav7 --connect {AT} --identity uav7", *SHARED)
         assert up.code == 0, up.err
 
@@ -181,9 +181,9 @@ class Room:
         """Return the folder of the fleet's keys."""
         return self.teacher.folder / "keys"
 
-    def come(self) -> None:
+    def start(self) -> None:
         """Start all students' runs."""
-        side_by_side(lambda student: student.come(self.keys), self.students)
+        side_by_side(lambda student: student.start(self.keys), self.students)
 
     def listed(self) -> dict[str, dict[str, Any]]:
         """Return the rows of the teacher's `fleet list` by vehicle, empty if it fails."""
@@ -199,10 +199,10 @@ class Room:
         eventually(lambda: len(self.ear.pose) == len(self.students))
         eventually(lambda: all(s.ear.pose and s.ear.state for s in self.students))
 
-    def hears(self, whom: Iterable[Student], after: float) -> None:
+    def hears(self, students: Iterable[Student], after: float) -> None:
         """Wait until the teacher has received their poses after a moment (monotonic s)."""
-        whom = list(whom)
-        eventually(lambda: all(self.ear.times[s.name][-1] > after for s in whom), BACK)
+        students = list(students)
+        eventually(lambda: all(self.ear.times[s.name][-1] > after for s in students), BACK)
 
     def rests(self) -> None:
         """Wait until all vehicles hover at rest."""

@@ -11,7 +11,7 @@ import pytest
 from quadctl.cli import command
 
 
-class Said(NamedTuple):
+class Result(NamedTuple):
     """Exit code and output of a command."""
 
     code: int
@@ -31,7 +31,7 @@ class Said(NamedTuple):
         return document["error"]
 
 
-Quadctl = Callable[..., Said]
+Quadctl = Callable[..., Result]
 
 
 class _Left(BaseException):
@@ -45,7 +45,7 @@ def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     monkeypatch.setattr(command, "_leave", leave)
     monkeypatch.setenv("COLUMNS", "200")
 
-    def run(*words: object) -> Said:
+    def run(*words: object) -> Result:
         monkeypatch.setattr(sys, "argv", ["quadctl", *map(str, words)])
         try:
             command.main()
@@ -53,6 +53,6 @@ def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
             code = int(left.args[0])
         else:
             raise AssertionError(f"quadctl {words} did not leave, in {os.getpid()}")
-        return Said(code, *capsys.readouterr())
+        return Result(code, *capsys.readouterr())
 
     return run

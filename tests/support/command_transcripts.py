@@ -8,7 +8,7 @@ FIELDS = "  try: `quadctl type show calibrate_pressure` prints the fields\n"
 DROPPED, HELD = "uav/@srv/dropping/call", "uav/@srv/holding/call"
 FOREIGN = "uav/@srv/foreign/get_params"
 
-SAID = {
+TRANSCRIPTS = {
     "type show calibrate_pressure": (0, CALIBRATE, ""),
     "type show calibrate": (0, CALIBRATE, ""),
     "type show /toggle_cage": (0, "bool cage_on\n---\nbool success\n", ""),

@@ -14,15 +14,15 @@ BEYOND = "outside the cage: x = 9 is beyond [-5, 5]"
 
 
 class Rig:
-    """Monitor with a simulated pose source; `told` has the published states and log lines."""
+    """Monitor with a simulated pose source; `published` has the states and log lines."""
 
     def __init__(self, *, restarted: bool = False, **params: object) -> None:
         cage = CageParams(5.0, 5.0, 2.0)
         self.params = SafetyParams(**({"virtual_cage": cage} | params))  # type: ignore[arg-type]
-        self.told: list[tuple[SafetyState, str]] = []
+        self.published: list[tuple[SafetyState, str]] = []
         self.monitor = Monitor(
             self.params,
-            lambda state, line: self.told.append((state, line)),
+            lambda state, line: self.published.append((state, line)),
             restarted=restarted,
             grace=1.0,
         )

@@ -58,22 +58,22 @@ class Field:
         assert up.code == 0, up.err
         eventually(lambda: self.ask("state").code == 0)
 
-    def ask(self, line: str, who: str = "anna", *, at: str = TLS, json: bool = False) -> Done:
+    def ask(self, line: str, identity: str = "anna", *, at: str = TLS, json: bool = False) -> Done:
         """Run a command on the operator's machine with an identity."""
         words = line.split() + (["--json"] if json else [])
-        return self.operator.quadctl(*words, "--connect", at, "--identity", self.keys / who)
+        return self.operator.quadctl(*words, "--connect", at, "--identity", self.keys / identity)
 
-    def intrude(self, who: str) -> dict[str, list[str]]:
+    def intrude(self, identity: str) -> dict[str, list[str]]:
         """Run an intruder with a certificate, and return the keys that it received."""
-        return sent(self.machines[2].enter, TLS, self.keys / who)
+        return sent(self.machines[2].enter, TLS, self.keys / identity)
 
     def sniffed(self, file: Path) -> AbstractContextManager[None]:
         """Write all traffic through the router to a file."""
         return self._beside("sniff.py", file)
 
-    def posed(self, endpoint: str, who: str) -> AbstractContextManager[None]:
+    def impersonated_hub(self, endpoint: str, identity: str) -> AbstractContextManager[None]:
         """Impersonate the hub on the router's machine with an identity."""
-        return self._beside("posing.py", endpoint, self.keys / who)
+        return self._beside("posing.py", endpoint, self.keys / identity)
 
     @contextmanager
     def _beside(self, script: str, *words: object) -> Iterator[None]:
@@ -92,22 +92,22 @@ class Field:
             process.kill()
             process.communicate()
 
-    def spoken(self, line: str, who: str) -> Foreground:
+    def started(self, line: str, identity: str) -> Foreground:
         """Start a command with an identity beside the test."""
-        words = [*line.split(), "--connect", TLS, "--identity", str(self.keys / who)]
+        words = [*line.split(), "--connect", TLS, "--identity", str(self.keys / identity)]
         return self.operator.spawn(*self.operator.command(*words))
 
-    def node(self, name: str, vehicle: str, who: str) -> Foreground:
+    def node(self, name: str, vehicle: str, identity: str) -> Foreground:
         """Start a node of a vehicle on the operator's machine."""
         return self.operator.spawn(
             *(*self.machines[2].enter, sys.executable, "-P", "-m", f"quadctl.services.{name}"),
-            *("--vehicle", vehicle, "--connect", TLS, "--identity", str(self.keys / who)),
+            *("--vehicle", vehicle, "--connect", TLS, "--identity", str(self.keys / identity)),
         )
 
-    def kept(self, who: str) -> str:
+    def copied_identity(self, identity: str) -> str:
         """Copy an identity out of reach of `revoke`, and return the copy's name."""
-        shutil.copytree(self.keys / who, self.keys / f"{who}-kept")
-        return f"{who}-kept"
+        shutil.copytree(self.keys / identity, self.keys / f"{identity}-kept")
+        return f"{identity}-kept"
 
 
 def touched(lab: Lab) -> tuple[Any, ...]:

@@ -35,12 +35,12 @@ class Done(NamedTuple):
 
 
 def eventually(
-    condition: Callable[[], T], within: float = 10.0, tell: Callable[[], str] = str
+    condition: Callable[[], T], within: float = 10.0, describe: Callable[[], str] = str
 ) -> T:
-    """Poll until the condition is true and return its value, or fail with it and `tell()`."""
+    """Poll until the condition is true and return its value, or fail with it and `describe()`."""
     deadline = time.monotonic() + within
     while not (answer := condition()):
-        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s\n{tell()}"
+        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s\n{describe()}"
         time.sleep(0.01)
     return answer
 

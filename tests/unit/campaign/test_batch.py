@@ -14,7 +14,7 @@ from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Check, Resized, State, Toggle
-from tests.support.campaign_flights import Sleepless, batch, missions, put_in
+from tests.support.campaign_flights import Sleepless, batch, inject, missions
 from tests.support.compiled import compiled_kernel
 from tests.support.monitor_rig import OUTSIDE, Rig
 
@@ -130,7 +130,7 @@ def not_verified_again(rule: Rule) -> Rule | None:
 
 @pytest.mark.parametrize("change", [unverified, not_verified_again])
 def test_a_broken_rule_is_detected(monkeypatch: pytest.MonkeyPatch, change):
-    put_in(monkeypatch, change)
+    inject(monkeypatch, change)
     flights = batch(SEEDS, 20.0).fly()
     violations = {text for flight in flights for text in flight.violations}
     assert "MOVING to a goal outside with the cage on" in violations
@@ -141,7 +141,7 @@ def test_live_flight_and_campaign_use_the_same_rules(
     monkeypatch: pytest.MonkeyPatch, flown: list[Flown]
 ):
     assert Rig().hovering().monitor.ask(OUTSIDE) != ""
-    put_in(monkeypatch, unverified)
+    inject(monkeypatch, unverified)
     assert Rig().hovering().monitor.ask(OUTSIDE) == ""
     assert Rig().hovering().monitor.ask(Position(0.0, 0.0, 1.0)) == ""
     assert batch([SEEDS[0]], 20.0).fly() != [flown[0]]

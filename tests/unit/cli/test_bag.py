@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.bags import BEGAN, SECOND, flight, pose, refused, taken, write
+from tests.support.bags import BEGAN, SECOND, flight, pose, raw_message, refused, write
 from tests.support.command_line import Quadctl
 
 FLOWN = Path(__file__).parents[2] / "recording" / "data" / "cage.mcap"
@@ -13,7 +13,9 @@ FLOWN = Path(__file__).parents[2] / "recording" / "data" / "cage.mcap"
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    return write(tmp_path / "f.mcap", [*flight(100), taken("uav/@call/goto", refused(9, 0, 1), 1)])
+    return write(
+        tmp_path / "f.mcap", [*flight(100), raw_message("uav/@call/goto", refused(9, 0, 1), 1)]
+    )
 
 
 def test_info_lists_the_contents(quadctl: Quadctl, bag: Path):
@@ -109,7 +111,7 @@ def test_invalid_arguments_are_rejected(quadctl: Quadctl, words: str, code: int)
 
 
 def test_a_recording_without_poses_is_not_plotted(quadctl: Quadctl, tmp_path: Path):
-    write(tmp_path / "none.mcap", [taken("my/own", b"x", 0, "text/plain")])
+    write(tmp_path / "none.mcap", [raw_message("my/own", b"x", 0, "text/plain")])
     result = quadctl("plot", "none.mcap")
     assert (result.code, result.out) == (6, "")
     assert result.err.startswith("error: there is nothing to draw: no pose came")

@@ -31,10 +31,10 @@ def test_lost_poses_pause_the_flight_and_goals_are_refused():
     rig.monitor.lose()
     assert (rig.state.state, rig.state.reason) == ("HOVERING", "paused: no pose for 0.2 s")
     assert rig.monitor.setpoint().brake
-    told = len(rig.told)
+    published = len(rig.published)
     rig.monitor.lose()
     rig.monitor.silent(0.9)
-    assert len(rig.told) == told
+    assert len(rig.published) == published
     refused = "paused: no pose: dynamics is silent; no goal is taken meanwhile"
     assert rig.monitor.ask(OTHER) == refused
     assert rig.at(ONE_UP).state == "MOVING"
@@ -114,7 +114,7 @@ def test_a_new_boot_drops_the_goal_and_takes_off_again():
     assert rig.monitor.setpoint().brake
     rig.monitor.see(rig.pose(0.0, GROUND, boot="b3"))
     assert (rig.state.boot, rig.state.state, rig.state.goal) == ("b3", "MOVING", ONE_UP)
-    assert any(told.reason.startswith("the simulation started anew") for told, _ in rig.told)
+    assert any(state.reason.startswith("the simulation started anew") for state, _ in rig.published)
 
 
 @pytest.mark.parametrize("z", [0.0, 1.0])
@@ -162,7 +162,7 @@ def test_a_cage_that_includes_the_goal_lets_the_flight_continue():
     rig.monitor.resize()
     assert (rig.state.state, rig.state.goal) == ("MOVING", INSIDE)
     assert rig.state.cage == CageSize(3.0, 5.0, 2.0)
-    assert rig.told[-1][0].cage == CageSize(3.0, 5.0, 2.0)
+    assert rig.published[-1][0].cage == CageSize(3.0, 5.0, 2.0)
 
 
 LIMIT, PERIOD = 0.15, 0.05
@@ -257,7 +257,7 @@ def test_the_takeoff_is_verified_and_flown():
     assert rig.monitor.setpoint() == replace(
         rig.monitor.setpoint(), boot="b1", for_seq=1, position=ONE_UP, brake=False
     )
-    assert [told.state for told, _ in rig.told] == ["HOVERING", "VERIFYING", "MOVING"]
+    assert [state.state for state, _ in rig.published] == ["HOVERING", "VERIFYING", "MOVING"]
 
 
 @pytest.mark.parametrize(
@@ -349,16 +349,16 @@ def test_every_request_is_counted_so_that_equal_refusals_differ():
         rig.monitor.ask(ask)
         counts.append(rig.state.request)
     assert counts == [2, 3, 4, 5, 6]
-    assert [told.request for told, _ in rig.told if told.reason == BEYOND] == [2, 3]
+    assert [state.request for state, _ in rig.published if state.reason == BEYOND] == [2, 3]
 
 
 def test_the_log_shows_each_request_and_its_result():
     rig = Rig().hovering()
-    rig.told.clear()
+    rig.published.clear()
     rig.monitor.ask(Position(3.0, 0.5, 1.0))
     rig.monitor.ask(OTHER)
     rig.monitor.toggle(cage_on=False)
-    assert [line for _, line in rig.told] == [
+    assert [line for _, line in rig.published] == [
         "Requested position: (3, 0.5, 1). Current State: VERIFYING",
         "Current State: MOVING",
         "Requested position: (0, 3, 1). busy: flying to (3, 0.5, 1); ask with replace to change course",

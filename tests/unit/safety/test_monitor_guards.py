@@ -162,10 +162,10 @@ def test_outside_any_face_the_vehicle_hovers_and_accepts_only_goals_inside(
 def test_progress_of_a_return_is_not_published():
     rig = outside()
     rig.monitor.ask(INSIDE)
-    rig.told.clear()
+    rig.published.clear()
     rig.at(along(6.5), going(-1.0))
     rig.at(along(6.0), going(-1.0))
-    assert rig.told == []
+    assert rig.published == []
     assert rig.monitor.situation.beyond == 1.0
 
 
@@ -191,8 +191,8 @@ def test_the_stopping_distance_is_v_squared_over_2_a(x: float, vx: float, decele
 
 def test_a_flight_inside_the_cage_is_not_disturbed():
     rig = Rig().moving()
-    told = len(rig.told)
+    published = len(rig.published)
     for x, vx in ((0.5, 3.0), (1.5, 3.0), (2.4, 1.0)):
         rig.at(along(x), going(vx))
-    assert len(rig.told) == told
+    assert len(rig.published) == published
     assert rig.at(INSIDE).goal != ONE_UP

@@ -35,7 +35,7 @@ POSE = next(offer for offer in TOPIC if offer.type == "Pose")
 RUN = RunState("lab", 5, ["uav"], [ProcessRecord(name, 9, "ready", 0) for name in NODES])
 
 
-def heard(
+def arrivals(
     count: int, hz: float, pace: float = 1.0, source: str = "a", age: float = 0.001
 ) -> TopicStats:
     """Return statistics of `count` messages at a rate, stamped by a clock that runs at `pace`."""
@@ -48,7 +48,7 @@ def heard(
 
 def survey(**changes: Any) -> Survey:
     """Return the survey of a healthy bus, with changes."""
-    messages = {offer.key: heard(int(2 * offer.hz) + 1, offer.hz or 1) for offer in TOPIC}
+    messages = {offer.key: arrivals(int(2 * offer.hz) + 1, offer.hz or 1) for offer in TOPIC}
     answers = {offer.key: [Answer(offer.node, "expired", 0.001, {})] for offer in SERVICE}
     well = Survey(0.001, 2.0, NODES, TOPIC + SERVICE, messages, answers)
     return replace(well, **changes)
@@ -78,20 +78,20 @@ def verdict(check: Finding) -> str:
 def test_a_topics_rate_is_judged_against_its_declared_rate(
     expected: str, text: str, count: int, hz: float, declared: float, seconds: float
 ):
-    check = bus.topic(replace(POSE, hz=declared), heard(count, hz), seconds)
+    check = bus.topic(replace(POSE, hz=declared), arrivals(count, hz), seconds)
     assert verdict(check) == expected
     assert text in check.evidence
 
 
 def test_a_state_may_be_published_more_often_but_not_less():
     state = replace(POSE, hz=10.0)
-    often, seldom = (bus.topic(state, heard(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
+    often, seldom = (bus.topic(state, arrivals(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
     assert (verdict(often), verdict(seldom)) == ("PASS", "WARN")
     assert often.evidence == "40 in 2.0 s: each change besides 10 Hz"
 
 
 def test_at_another_speed_rates_use_simulated_time():
-    fast = {o.key: heard(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
+    fast = {o.key: arrivals(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
     answers = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
     simulated = list(bus.topics(survey(heard=fast, answers=answers), "uav"))
     assert {check.verdict for check in simulated} == {"PASS"}
@@ -105,7 +105,7 @@ def test_a_second_publisher_fails():
     announced = bus.publishers(survey(offers=[*TOPIC, replace(POSE, node="mine")]))
     assert verdict(announced) == "FAIL"
     assert "uav/pose is published by dynamics and mine" in announced.evidence
-    both = heard(20, 10.0)
+    both = arrivals(20, 10.0)
     both.take(100.5, b"", "b", 0.0)
     silent = bus.publishers(survey(heard={"uav/pose": both}))
     assert verdict(silent) == "FAIL"
@@ -113,7 +113,7 @@ def test_a_second_publisher_fails():
 
 
 def test_a_publishers_successor_is_not_a_second_publisher():
-    found = heard(20, 10.0)
+    found = arrivals(20, 10.0)
     for number in range(20):
         found.take(103 + number / 10, b"", "b", 0.0)
     assert found.publishers == 1
@@ -124,7 +124,7 @@ def test_clock_offsets_are_warned_about():
     assert verdict(bus.clocks(survey())) == "PASS"
     assert verdict(bus.clocks(survey(heard={}))) == "WARN"
     for age, text in ((0.6, "0.6 s in the past"), (-3.0, "3.0 s in the future")):
-        check = bus.clocks(survey(heard={"uav/pose": heard(3, 1.0, age=age)}))
+        check = bus.clocks(survey(heard={"uav/pose": arrivals(3, 1.0, age=age)}))
         assert verdict(check) == "WARN"
         assert text in check.evidence
 

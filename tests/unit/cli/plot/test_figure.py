@@ -9,13 +9,13 @@ from quadctl.cli.plot import figure
 from quadctl.cli.plot.figure import draw
 from quadctl.cli.plot.track import RecordedFlight, Spot
 from quadctl.schemas.messages import Position, Waypoint
-from tests.support.bags import pose, pressure, refused, state, taken
+from tests.support.bags import pose, pressure, raw_message, refused, state
 
 
 def gathered(*messages) -> RecordedFlight:
     flight = RecordedFlight()
     for key, message in messages:
-        one = taken(key, message, 0)
+        one = raw_message(key, message, 0)
         flight.add(one.key, one.payload, one.encoding)
     return flight
 

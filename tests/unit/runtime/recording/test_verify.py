@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.recording.reader import Bag, facts, summary
 from quadctl.services.runtime.recording.verify import check, repair
-from tests.support.bags import flight, taken, write
+from tests.support.bags import flight, raw_message, write
 
 
 @pytest.fixture(scope="module")
@@ -95,5 +95,7 @@ def test_lost_and_misordered_messages_are_found(tmp_path):
     sent = [each for number, each in enumerate(flight(50)) if number not in {20, 21}]
     path = write(tmp_path / "gaps.mcap", sent)
     assert check(path).faults == ["uav/pose: 2 messages are missing in between"]
-    back = write(tmp_path / "back.mcap", [taken("a/b", {}, 1.0, ""), taken("a/b", {}, 0.5, "")])
+    back = write(
+        tmp_path / "back.mcap", [raw_message("a/b", {}, 1.0, ""), raw_message("a/b", {}, 0.5, "")]
+    )
     assert check(back).faults == ["a/b: a message came 0.5 s before the one before it"]

@@ -14,7 +14,7 @@ from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import Outfile
-from tests.support.bags import flight, pose, state, taken, write
+from tests.support.bags import flight, pose, raw_message, state, write
 
 
 @contextmanager
@@ -121,10 +121,10 @@ def test_recorded_messages_equal_those_on_the_bus(tmp_path):
 
 def test_a_key_with_messages_of_different_types_keeps_all(tmp_path):
     sent = [
-        taken("uav/pose", pose(0), 0),
-        taken("uav/pose", b"nonsense", 0.1, "text/plain"),
-        taken("uav/pose", {"mine": 1}, 0.2, "application/msgpack"),
-        taken("uav/pose", b'{"mine": 1}', 0.3, "application/json"),
+        raw_message("uav/pose", pose(0), 0),
+        raw_message("uav/pose", b"nonsense", 0.1, "text/plain"),
+        raw_message("uav/pose", {"mine": 1}, 0.2, "application/msgpack"),
+        raw_message("uav/pose", b'{"mine": 1}', 0.3, "application/json"),
     ]
     bag = Bag(write(tmp_path / "f.mcap", sent))
     assert [m.payload for m in bag.messages()] == [each.payload for each in sent]
@@ -133,8 +133,8 @@ def test_a_key_with_messages_of_different_types_keeps_all(tmp_path):
 def test_every_vehicle_has_its_own_frame_and_cage(tmp_path):
     recording = Recording(tmp_path / "r.mcap", {})
     for vehicle in ("uav0", "uav1"):
-        recording.take([taken(f"{vehicle}/pose", pose(0), 0)])
-        recording.take([taken(f"{vehicle}/safety/state", state(0), 0)])
+        recording.take([raw_message(f"{vehicle}/pose", pose(0), 0)])
+        recording.take([raw_message(f"{vehicle}/safety/state", state(0), 0)])
     recording.end()
     found = [(m.key, m.value) for m in Bag(recording.path).messages() if m.derived]
     assert [v["child_frame_id"] for key, v in found if key == "/tf"] == ["uav0", "uav1"]

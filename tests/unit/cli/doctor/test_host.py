@@ -87,7 +87,7 @@ def test_a_local_folder_that_shadows_the_package_is_found(quadctl: Quadctl, tmp_
     (tmp_path / "quadctl" / "__init__.py").touch()
     result = quadctl("doctor")
     assert result.code == 0
-    assert f"in this folder import quadctl from {tmp_path}, not quadctl's" in result.out
+    assert f"in this folder import quadctl from {tmp_path}" in result.out
 
 
 def test_a_missing_remote_hub_fails(quadctl: Quadctl):

@@ -7,7 +7,7 @@ from msgspec import Struct
 
 _PROC = "/proc"
 _PPID, _UTIME, _STIME, _STARTED = 1, 11, 12, 19
-"""Fields of /proc/PID/stat, counted behind the command's name."""
+"""Fields of /proc/PID/stat, counted after the command's name."""
 _RESIDENT = 1
 """Field of /proc/PID/statm: pages in memory."""
 
@@ -74,7 +74,7 @@ def _is_mounted() -> bool:
 
 def _stat(pid: int) -> list[str]:
     text = _read(pid, "stat")
-    # The name, in brackets, may hold blanks and brackets itself.
+    # The name, in brackets, may itself contain blanks and brackets.
     return text.rpartition(")")[2].split()
 
 

@@ -60,7 +60,7 @@ def test_a_dump_is_a_file_that_can_be_launched_and_loaded(tuned: Lab):
     assert load(tuned.folder / "dump.toml") == wanted
     assert tuned.quadctl("param", "dump").out == (tuned.folder / "dump.toml").read_text()
     again = tuned.quadctl("param", "dump", "safety", "-o", "dump.toml", "--json")
-    assert (again.code, again.error["message"]) == (6, "dump.toml is there already")
+    assert (again.code, again.error["message"]) == (6, "dump.toml already exists")
     assert load(tuned.folder / "dump.toml") == wanted
     for command in ("load", "diff"):
         assert tuned.quadctl("param", command, "dump.toml") == (0, "", "")

@@ -81,7 +81,7 @@ def test_ctrl_c_ends_a_recording_and_the_file_is_complete(module_lab: Lab):
     assert (said["my/own"], said["my/text"]) == (pack({"x": 1.5}), b"plain")
     assert module_lab.quadctl("bag", "check", "a.mcap").code == 0
     again = module_lab.quadctl("record", "-o", "a.mcap", "--json")
-    assert (again.code, again.error["message"]) == (6, "a.mcap is there already")
+    assert (again.code, again.error["message"]) == (6, "a.mcap already exists")
 
 
 def test_an_unwritable_path_is_reported_and_nothing_is_left(module_lab: Lab):

@@ -200,7 +200,7 @@ def test_a_node_whose_name_is_taken_returns_when_the_name_is_free(wide_cage: Lab
     log = (wide_cage.home / "logs" / "up.log").read_text(encoding="utf-8")
     assert log.count("pressure ended (exit 7): another process has its name") == 1
     told = (wide_cage.home / "logs" / "pressure.log").read_text(encoding="utf-8")
-    assert told.count("another process already is the node pressure") == 1
+    assert told.count("another process is already the node pressure") == 1
 
 
 def test_a_killed_hub_without_other_nodes_is_restarted(lab: Lab):

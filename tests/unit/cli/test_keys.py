@@ -50,7 +50,7 @@ def test_the_fleet_folder_can_be_chosen(quadctl: Quadctl):
         ("issue studnt anna", 2, "did you mean student?"),
         ("issue student anna/x", 2, "is no name for a certificate"),
         ("issue student anna.x", 2, "is no name for a certificate"),
-        ("issue student --vehicle a/b", 2, "is no name for a vehicle"),
+        ("issue student --vehicle a/b", 2, "is not a valid name for a vehicle"),
         ("issue student anna --days 0", 2, "not a time"),
         ("issue student anna --days nan", 2, "not a time"),
         ("issue student anna --host 10.0.0.1", 2, "is where a hub is reached"),

@@ -98,7 +98,7 @@ def test_init_writes_the_file_once(quadctl: Quadctl, tmp_path: Path):
     assert (tmp_path / "quad.toml").read_text(encoding="utf-8") == render()
     result = quadctl("init", "--json")
     assert (result.code, result.error["code"]) == (6, "invalid")
-    assert "quad.toml is there already" in result.error["message"]
+    assert "quad.toml already exists" in result.error["message"]
     assert quadctl("init", "my_lab.toml", "--json").json == {"file": "my_lab.toml"}
 
 

@@ -12,7 +12,7 @@ from quadctl.services.runtime.files import write_new
 def test_an_existing_file_is_not_overwritten(tmp_path: Path):
     file = tmp_path / "new.toml"
     write_new(file, "a = 1\n")
-    with pytest.raises(Invalid, match="is there already"):
+    with pytest.raises(Invalid, match="already exists"):
         write_new(file, "a = 2\n")
     assert file.read_text(encoding="utf-8") == "a = 1\n"
 

@@ -33,7 +33,7 @@ def test_a_valid_name_is_accepted(root: Path, name: str):
     ["", ".", "..", "../x", "a/b", "-x", ".x", "_x", "a b", "a\n", "\n", "ä", "x" * 41, "a\0", "*"],
 )
 def test_an_invalid_name_is_rejected(root: Path, name: str):
-    with pytest.raises(UsageError, match="is no name for a realm") as caught:
+    with pytest.raises(UsageError, match="is not a valid name for a realm") as caught:
         Realm(name)
     assert caught.value.exit_code == 2
     assert "letters" in caught.value.hint
@@ -119,7 +119,7 @@ def test_a_relative_folder_is_refused(monkeypatch: pytest.MonkeyPatch, variable:
 
 def test_a_folder_that_cannot_be_created_is_an_error_with_the_reason(root: Path):
     (root / "quadctl").touch()
-    with pytest.raises(QuadctlError, match="quadctl cannot be made: ") as caught:
+    with pytest.raises(QuadctlError, match="quadctl cannot be created: ") as caught:
         Realm("lab").create()
     assert "XDG_RUNTIME_DIR" in caught.value.hint
 

@@ -43,7 +43,7 @@ def test_the_file_gives_each_vehicles_hub_and_formation():
         ("[vehicles]\na = 3", "f.toml: vehicles.a: expected `object`", "a vehicle is written as"),
         ('[vehicles]\na = { conect = "x" }', "vehicles.a: object contains unknown field `conect`",
          "connect ="),
-        ('[vehicles]\n"a/b" = {}', "vehicles.a/b: 'a/b' is no name for a vehicle", "letters"),
+        ('[vehicles]\n"a/b" = {}', "vehicles.a/b: 'a/b' is not a valid name for a vehicle", "letters"),
         ('[vehicles]\na = { vehicle = "b" }\nb = {}', "vehicles.b is the same vehicle as a",
          "another `connect`"),
         ("[vehicles]\na = {}\n[formations.f]\nb = [0, 0, 0]", "formations.f: there is no vehicle b",

@@ -76,7 +76,7 @@ def test_without_space_for_the_header_no_file_is_created(tmp_path):
 
 def test_an_existing_recording_is_not_overwritten(tmp_path):
     (tmp_path / "r.mcap").write_bytes(b"old")
-    with pytest.raises(Invalid, match="is there already"):
+    with pytest.raises(Invalid, match="already exists"):
         Recording(tmp_path / "r.mcap", {})
     assert (tmp_path / "r.mcap").read_bytes() == b"old"
 

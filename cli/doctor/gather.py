@@ -49,7 +49,7 @@ class TopicWatch:
             return None
         self._thread.join(max(self._deadline - time.monotonic(), 0) + _MARGIN)
         if self._thread.is_alive():
-            return TimedOut("the hub takes connections and does not answer")
+            return TimedOut("the hub accepts connections but does not answer")
         if isinstance(self._found, BaseException) and not isinstance(self._found, QuadctlError):
             raise self._found
         return self._found

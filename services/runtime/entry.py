@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -89,11 +89,9 @@ def _run(
                         raise
                 else:
                     ending.on_shutdown(executor.stop)
-                    try:
+                    with suppress(ReopenSession):
                         executor.run()
                         again = False
-                    except ReopenSession:
-                        again = True
                     patience = time.monotonic() + _FORGOTTEN
             again = again and not ending.wait(_REST)
     return 0

@@ -29,8 +29,8 @@ _DEPTH = 1000
 class Node:
     """Interface of a service to the bus: topics, services and ticks of one vehicle.
 
-    `restarted`: the supervisor started this process in place of one that died. `reference_params`:
-    those of the process's first vehicle, None if that is this one. `single`: it is the only one.
+    `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
+    process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
     Raises AlreadyServed when another process is this node.
     """
 
@@ -118,8 +118,8 @@ class Node:
     ) -> Server[Q, R]:
         """Serve a service; the handler runs on the node's loop and may raise a QuadctlError.
 
-        With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises AlreadyServed
-        when another node serves it.
+        With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
+        AlreadyServed when another node serves it.
         """
         journal = None
         if not service.reads:
@@ -173,7 +173,7 @@ class Node:
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Declare the node ready and yield Executor.ticks; parameters may change a callable rate."""
+        """Declare the node ready and yield Executor.ticks; a callable rate may change."""
         self.ready()
         return self.executor.ticks(hz)
 

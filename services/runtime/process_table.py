@@ -31,8 +31,8 @@ GRACE = 0.3
 _RECORDERS_GRACE = 3.0
 """Seconds; the recorder writes an index, 0.25 s for each hour that it has recorded."""
 _GATES_PATIENCE = 10.0
-"""Seconds that the gate may be silent: 30 hubs that reconnect at once, after each change of the list
-of names, keep it busy for 1-2 s; killing it then makes all of them reconnect again."""
+"""Seconds that the gate may be silent: 30 hubs that reconnect at once, e.g. after a change of the
+list of names, keep it busy for 1-2 s; killing it then makes all of them reconnect again."""
 SETTLED = 1.0
 """Seconds that a command which announces nothing must run before it counts as ready."""
 _DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
@@ -42,7 +42,7 @@ _DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
 class Process(NamedTuple):
     """Command to run under a name.
 
-    `must_announce`: a node of ours or its replacement; any other command is ready after `SETTLED`.
+    `must_announce`: one of our nodes or its replacement; other commands are ready after `SETTLED`.
     `stranger`: the file gives the command. `grace`: time (s) to end when asked. `patience`: silence
     (s) that is allowed, if longer than the general limit.
     """
@@ -70,8 +70,8 @@ def table(
     names = [*ours, *(name for name in commands if name not in ours)]
     for name in without:
         if name not in names:
-            known = ", ".join(names)
-            raise Invalid(f"--without {name}: there is no such process", f"one of {known}")
+            hint = f"one of {', '.join(names)}"
+            raise Invalid(f"--without {name}: there is no such process", hint)
     for name in names:
         # `up` is the supervisor's own name in the log.
         if not re.fullmatch(_NAME, name) or name == "up":
@@ -155,9 +155,8 @@ class RestartPolicy:
     def timed_out(self, now: float, answer_timeout: float) -> str:
         """Return why a running process must be ended; empty if it need not."""
         if self.state != "ready":
-            return (
-                "" if now - self._started < START_TIMEOUT else f"not ready in {START_TIMEOUT:g} s"
-            )
+            late = now - self._started >= START_TIMEOUT
+            return f"not ready in {START_TIMEOUT:g} s" if late else ""
         silent = self._answered is not None and now - self._answered > answer_timeout
         return f"no answer for {answer_timeout:g} s" if silent else ""
 
@@ -171,18 +170,14 @@ class RestartPolicy:
         if lived >= HEALTHY:
             self._deaths = 0
         self.taken = self._must_announce and code == AlreadyServed.exit_code
-        if self.taken:
-            self.state = "restarting"
-            self.restarts += 1
-            return _DELAYS[-1]
-        if lived < QUICK:
+        if lived < QUICK and not self.taken:
             self._deaths += 1
-        if self._deaths >= MOST_QUICK_DEATHS:
-            self.state = "down"
-            return None
+            if self._deaths >= MOST_QUICK_DEATHS:
+                self.state = "down"
+                return None
         self.state = "restarting"
         self.restarts += 1
-        return _DELAYS[max(self._deaths - 1, 0)]
+        return _DELAYS[-1 if self.taken else max(self._deaths - 1, 0)]
 
     def on_restart_request(self) -> None:
         """Record a requested restart: it is no death, and earlier deaths are forgotten."""

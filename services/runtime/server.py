@@ -65,7 +65,7 @@ class Schedule:
             )
         call = call._replace(boot=call.boot or self._boot)
         if call.boot == self._boot and call.at <= self._stamp:
-            raise Expired(f"the call was for {call.at:g} s, and it is already {self._stamp:g} s")
+            raise Expired(f"the call was for {call.at:g} s, and it is {self._stamp:g} s now")
         if len(self._held) >= MOST:
             raise Refused(f"{MOST} calls are already waiting", "wait until some are executed")
         self._keep([*self._held, call])

@@ -42,7 +42,7 @@ def play(
     other after it.
     """
     script = FakeNode(name, params, heard, calls)
-    run(cast("Node", script), params)  # it has all of Node that a service uses
+    run(cast("Node", script), params)  # has every part of Node that services use
     return script.said
 
 

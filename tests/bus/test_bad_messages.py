@@ -69,7 +69,7 @@ def test_a_timeout_error_names_the_unreadable_message(shared_lab: Lab, bare: Bar
         done = shared_lab.each(lines, "--vehicle", "drone", "--timeout", "0.5")
     for ended in done.values():
         assert (ended.code, ended.out) == (6, "")
-        assert "nothing that can be read came within 0.5 s: drone/pose: " in ended.err
+        assert "no readable message came within 0.5 s: drone/pose: " in ended.err
 
 
 def reply_with(query: zenoh.Query, payload: bytes) -> None:

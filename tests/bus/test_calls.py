@@ -144,7 +144,7 @@ def test_a_call_is_not_repeated_when_its_server_ends_in_mid_call(module_lab: Lab
         servers.append(bare.session.declare_queryable(KEY, ends, complete=True))
         done = hold(module_lab)
     assert done.code == 3
-    assert "went away in mid-call: the outcome is unknown" in done.err
+    assert "ended during the call: the outcome is unknown" in done.err
     assert asked == ["first"]
 
 

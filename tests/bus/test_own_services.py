@@ -115,5 +115,5 @@ def test_a_service_that_drops_a_call_is_not_reported_as_gone(shared_lab: Lab, ba
     said = shared_lab.quadctl("service", "call", "uav/@srv/drops", "--json")
     assert said.code == 3
     assert said.error["message"] == (
-        "who serves uav/@srv/drops ended the call without an answer: the outcome is unknown"
+        "the server of uav/@srv/drops ended the call without an answer: the outcome is unknown"
     )

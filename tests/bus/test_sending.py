@@ -22,7 +22,7 @@ def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
     lab.revived("hub", old)
     assert said.wait() == 3, said.log
     # The second text appears if the command asks before the next hub is up.
-    told = ("the hub was restarted meanwhile", "the connection to the hub is lost")
+    told = ("the hub was restarted during the command", "the connection to the hub is lost")
     assert any(text in said.log for text in told), said.log
 
 

@@ -109,7 +109,7 @@ def test_a_replay_beside_a_live_vehicle_is_refused(shared_lab: Lab):
         for words in ((), ("uav/mine",)):
             done = shared_lab.quadctl("replay", file, *words, "--json")
             assert (done.code, done.error["code"]) == (7, "already_served")
-            assert "the vehicle uav is live" in done.error["message"]
+            assert "vehicle uav is live" in done.error["message"]
         assert received.messages == []
 
 

@@ -92,8 +92,8 @@ TRANSCRIPTS = {
         3,
         "",
         (
-            f"error: who serves {DROPPED} ended the call without an answer: the outcome is unknown\n"
-            "  try: its handler may have failed: the log of its process may say more\n"
+            f"error: the server of {DROPPED} ended the call without an answer: the outcome is unknown\n"
+            "  try: its handler may have failed: see the log of its process\n"
         ),
     ),
     "service call uav/@srv/nobody --timeout 0.2": (

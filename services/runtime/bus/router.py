@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from quadctl.schemas.params import Params
 
 LOOKS = 2.0
-"""Hz, at which a router looks for new links; none is given up within a second."""
+"""Rate (Hz) of a router's search for new links; none is given up within a second."""
 _OFF = struct.pack("ii", 0, 0)
 
 
 def disable_tcp_linger() -> None:
-    """Have every TCP link of this process closed without waiting for what is under way on it.
+    """Make this process close every TCP link without waiting for data in transit.
 
-    Zenoh asks the kernel to wait, up to 10 s, and offers no setting: so long a link to a machine that
-    is gone would hold the router's thread that closes it, and all that goes through the router.
+    Zenoh makes the kernel wait up to 10 s, without a setting: a link to a dead machine would block
+    the router's thread that closes it, and all traffic of the router, for that time.
     """
     if sys.platform == "win32":
         return
@@ -54,15 +54,14 @@ def disable_tcp_linger() -> None:
 
 
 _ROOM_US = 1_000_000
-"""The hub waits so long (us) for who has no room for a message that must not be dropped, and then
-drops him. Less than the 2 s after which a process that does not answer is taken for frozen."""
+"""Time (us) that the hub waits for a receiver without room for a message that must not be dropped;
+then it drops the receiver. Less than the 2 s after which a silent process counts as frozen."""
 
 
 def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
-    """Open the hub; where it has a password, that is kept in the realm's folder.
+    """Open the hub, with its password, if any, in the realm's folder.
 
-    It knows no encryption: what is to have that is the gate's. Raises UsageError for an endpoint
-    that would let in everybody.
+    Encrypted endpoints belong to the gate. Raises UsageError for an endpoint open to everybody.
     """
     listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
     if not os.environ.get(INSECURE):
@@ -77,11 +76,11 @@ def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Sessi
     return open_with(config, TWO_THREADS)
 
 
-def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001 - as open_router
-    """Open the encrypted side of the hub: a router of its own, a process away from the vehicle.
+def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001
+    """Open the encrypted side of the hub: a separate router, a process away from the vehicle.
 
-    It lets through what the roles allow. Raises UsageError where no hub's identity is given, or the
-    hub has no Unix socket.
+    It lets through what the roles allow. Raises UsageError without an identity for the hub, or if
+    the hub has no Unix socket.
     """
     from quadctl.services.runtime.security import access_control
 
@@ -103,11 +102,11 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     try:
         return open_with(config, TWO_THREADS)
     except zenoh.ZError as error:
-        # Without the places in Zenoh's source.
+        # Without the positions in Zenoh's source code.
         why = str(error).partition(" at /")[0].rstrip(". ")
         raise QuadctlError(
             f"{', '.join(listen) or 'the gate'} cannot be opened: {why}",
-            "is the port another's, or the address not this machine's?",
+            "is the port in use, or the address that of another machine?",
         ) from error
 
 
@@ -116,8 +115,8 @@ def _router(address: Address) -> dict[str, Any]:
     config["mode"] = "router"
     block = {"wait_before_close": _ROOM_US}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
-    # Who is not there now may come at any time.
+    # Another hub may start at any time.
     config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry(JOIN_MS)}
-    # Routers sleep this long before they answer; there is nobody to scout for.
+    # Routers sleep this long before they answer; we do not scout.
     config["scouting"]["delay"] = 0
     return config

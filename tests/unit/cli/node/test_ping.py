@@ -69,7 +69,7 @@ def test_a_silent_node_with_a_live_process_times_out():
 @pytest.mark.parametrize(
     "problem",
     [
-        TimedOut("the hub, process 3, does not answer any more"),
+        TimedOut("the hub, process 3, no longer answers"),
         Unreachable("the connection to the hub is lost"),
         NotAllowed("this identity may not"),
     ],

@@ -56,10 +56,8 @@ class Executor:
     """Event loop that serves its queue between ticks, so that a call is answered on arrival.
 
     Handlers run one at a time, under the lock `_turn`. The loop's thread holds it except while it
-    sleeps; a Zenoh thread may then run an inline item itself, which saves waking the loop.
-
-    Loops with the same `origin` (monotonic s) and rate tick together: their messages then travel
-    together.
+    sleeps; a Zenoh thread may then run an inline item itself, which saves waking the loop. Loops
+    with the same `origin` (monotonic s) and rate tick together; so their messages travel together.
     """
 
     def __init__(self, inbox: CallbackQueue | None = None, origin: float | None = None) -> None:
@@ -195,9 +193,8 @@ def _fail(error: BaseException) -> None:
 class MultiNodeExecutor:
     """Executor of several nodes on one thread; when one returns or raises, all are stopped.
 
-    Each node is a greenlet that resumes where it waited. With a thread each, they would wait for
-    the interpreter's lock at every turn, which costs more than their work. A `single` node needs
-    no greenlet.
+    Each node is a greenlet that resumes where it waited. Threads would wait for the interpreter's
+    lock at every turn, which costs more than their work. A `single` node needs no greenlet.
     """
 
     def __init__(self, *, single: bool) -> None:

@@ -9,7 +9,6 @@ from quadctl.services.runtime.errors import AlreadyServed, Invalid
 
 NODES = ("hub", "dynamics", "pressure", "safety")
 """Our own nodes, in the order in which they start; a new service is one more name."""
-
 GATE = "gate"
 """Additional node of a hub that listens, or connects to other hubs, over a network."""
 RECORDER = "recorder"
@@ -111,8 +110,7 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
 class RestartPolicy:
     """State of one process and the policy of its restarts; time (s) is passed in.
 
-    Silence is counted from readiness for a process that `must_answer`; for any other from its first
-    answer, as it may be a command that never answers.
+    Silence counts from readiness if it `must_answer`, else from its first answer, if any comes.
     """
 
     def __init__(self, *, must_announce: bool = True, must_answer: bool = False) -> None:

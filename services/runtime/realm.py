@@ -89,10 +89,7 @@ class Realm:
             )
 
     def create(self) -> None:
-        """Create the folder, readable by its owner alone; raise QuadctlError if it cannot be.
-
-        Raises FileNotFoundError if a run that is just ending has removed it again.
-        """
+        """Create the folder, readable by its owner alone; raise QuadctlError if it cannot be."""
         own = "set XDG_RUNTIME_DIR to a folder of your own"
         for folder in (self.folder.parent, self.folder):
             try:
@@ -101,7 +98,7 @@ class Realm:
                     raise QuadctlError(f"{folder} belongs to another user", own)
                 folder.chmod(0o700)
             except FileNotFoundError:
-                raise
+                raise  # a run that is just ending has removed it again
             except OSError as error:
                 raise QuadctlError(f"{folder} cannot be created: {error.strerror}", own) from error
 

@@ -81,9 +81,6 @@ def _watch_parent(stop: Callable[[], None]) -> None:
 
 
 def die_with_parent() -> None:
-    """Ask the kernel, on Linux, to kill this process when its parent dies.
-
-    A frozen process reacts to nothing else, and a user's command may not watch for it.
-    """
+    """Make Linux kill this process with its parent: it may be frozen, or a user's command."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -38,8 +38,7 @@ def play(
 ) -> list[Published]:
     """Run a service on recorded messages and calls; return the messages that it publishes.
 
-    A call is executed at its simulated time: a scheduled one within the message of that time, any
-    other after it.
+    A call is executed at its simulated time: a scheduled one within that message, others after it.
     """
     script = FakeNode(name, params, heard, calls)
     run(cast("Node", script), params)  # has every part of Node that services use

@@ -54,8 +54,8 @@ class RawServiceClient:
 
         Waits for a server up to the timeout (s). Raises Unreachable, TimedOut or the server's
         error. The request carries an id and the deadline: it is executed once or never, and never
-        late. `again` repeats a request that routers which have just met may lose; the server must
-        check the id.
+        late. `again` repeats a request that may get lost between routers that have just met; only
+        for a server that checks the id.
         """
         deadline = time.monotonic() + timeout
         self.wait_for_server(timeout)

@@ -8,14 +8,9 @@ from msgspec import Struct
 
 from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import Service, Topic, topic_of
-from quadctl.services.runtime.bus import codec, liveliness
+from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
 from quadctl.services.runtime.bus.session import connect_to_hub
-from quadctl.services.runtime.bus.zenoh_events import (
-    ALL_SERVERS,
-    DisconnectListener,
-    MatchingListener,
-)
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -37,11 +32,11 @@ class HubConnection:
     def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
         self._session, self._realm = session, realm
         self._since, self._first = time.time(), self._hubs()
-        self._breaks: DisconnectListener | None = None
+        self._breaks: zenoh_events.DisconnectListener | None = None
 
     def watch(self) -> None:
         """Detect from now on each loss of the connection, even a short one; for publishers."""
-        self._breaks = self._breaks or DisconnectListener(self._session)
+        self._breaks = self._breaks or zenoh_events.DisconnectListener(self._session)
 
     @property
     def is_there(self) -> bool:
@@ -62,8 +57,7 @@ class HubConnection:
     def check_unbroken(self) -> None:
         """Raise Unreachable if sent messages may be lost, even if the connection is back.
 
-        A session reconnects by itself: to another hub, which has none of the messages sent to the
-        first, or to the same one after a break.
+        A session reconnects by itself: to a new hub, which has none of them, or after a break.
         """
         if not self._first & self._hubs():
             raise self._lost()
@@ -101,7 +95,7 @@ def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) ->
     )
     while (left := deadline - time.monotonic()) > 0:
         # All answers are read: an invalid one from elsewhere must not hide the topic's own.
-        for reply in session.get(key, timeout=left, **ALL_SERVERS):
+        for reply in session.get(key, timeout=left, **zenoh_events.ALL_SERVERS):
             if reply.ok is None:
                 if isinstance(why, Invalid):
                     continue  # an unreadable answer explains more than a missing one
@@ -129,7 +123,7 @@ class RawPublisher:
             encoding=encoding or zenoh.Encoding.ZENOH_BYTES,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-        self._listeners = MatchingListener(self._publisher)
+        self._listeners = zenoh_events.MatchingListener(self._publisher)
 
     def put(self, payload: bytes) -> None:
         """Publish one message."""
@@ -158,8 +152,7 @@ declarations, blocks for a second."""
 class Client:
     """Connection to a realm's hub, for as long as a `with` block lasts.
 
-    `timeout` (s) bounds every reply. Raises Unreachable when no hub is there, TimedOut when it does
-    not answer.
+    `timeout` (s) bounds every reply. Raises Unreachable without a hub, TimedOut if it is silent.
     """
 
     def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3) -> None:
@@ -282,8 +275,7 @@ class Client:
     ) -> QuadctlError:
         """Return the problem with its reason; TimedOut if `node`, the known server, is frozen.
 
-        NotAllowed if the hub keeps us from a `key` that is served. `live`: the ready nodes, if the
-        hub has just listed them.
+        NotAllowed if the hub denies us a `key` that is served. `live`: the ready nodes, if known.
         """
         from quadctl.services.runtime.bus import diagnosis
 
@@ -320,10 +312,7 @@ class Client:
         return raw.ReplayPublisher(self.session, keys)
 
     def flush(self, timeout: float | None = None) -> None:
-        """Wait until the hub has read all that was sent before; raise as `nodes`.
-
-        Raises Unreachable also if the connection was lost since then, or the hub restarted.
-        """
+        """Wait until the hub has read everything sent; raise as `nodes`, or if some may be lost."""
         found = liveliness.nodes(self.session, self.vehicle, self._within(timeout))
         # Our own tokens are found without a hub.
         self._hub.answered([node for node in found if node not in self._own])

@@ -115,10 +115,9 @@ def _error_decoder() -> msgspec.json.Decoder[Error]:
 
 
 def decode(type_: type[M], payload: bytes, said: str) -> M:
-    """Check the sender's encoding and decode.
+    """Check the sender's encoding and decode; raise SchemaMismatch or Invalid.
 
-    Another digest of `type_` is refused; without a digest the fields are checked one by one. Raises
-    SchemaMismatch or Invalid.
+    Another digest of `type_` is refused; without a digest the fields are checked one by one.
     """
     check_schema(type_, said)
     return decode_fields(type_, payload)

@@ -70,10 +70,7 @@ def explain_unreachable(
     key: str,
     live: list[str] | None,
 ) -> QuadctlError:
-    """Return the problem with all that is known of it, for `Client.explained`.
-
-    It is NotAllowed if the hub at `connect` keeps us from a `key` that is served.
-    """
+    """Return the problem with all that is known of it, as `Client.explained` describes."""
     try:
         silent = client.silent_processes(_LOOK, live)
         if key and connect:

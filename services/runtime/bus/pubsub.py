@@ -20,8 +20,7 @@ M = TypeVar("M", bound=Struct)
 class Publisher(Generic[M]):
     """Publisher of one topic; a latched one also answers `get` with the last message.
 
-    If a slow subscriber has no room, the message is dropped; with `waits`, publishing blocks for up
-    to the second that the hub allows.
+    A subscriber without room loses the message; with `waits`, `put` blocks for it, 1 s at most.
     """
 
     def __init__(

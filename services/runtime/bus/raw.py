@@ -99,7 +99,7 @@ _SETTLE = 0.5
 
 
 class RawMessage(NamedTuple):
-    """Message that came `at` one time and was `published` by its sender at another, Unix ns."""
+    """Message with its arrival time `at` and its sender's time `published`, both Unix ns."""
 
     key: str
     payload: bytes
@@ -111,7 +111,7 @@ class RawMessage(NamedTuple):
 class RecorderSubscriber:
     """Subscriber to keys or key expressions; a message that several of them match comes once.
 
-    The hub knows it when the constructor returns; that raises TimedOut if the hub does not answer.
+    The constructor waits for the hub and raises TimedOut; later it survives the loss of a hub.
     Zenoh's thread only copies messages; `lost` counts those without room. Times are of one clock,
     which does not jump when the machine's clock is set.
     """
@@ -139,10 +139,7 @@ class RecorderSubscriber:
         self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
 
     def has_held(self) -> bool:
-        """Return whether the hub is connected and has been since the previous call.
-
-        The session reconnects to a hub that was lost, and the subscription goes on.
-        """
+        """Return whether the hub is connected and has been since the previous call."""
         return not self._breaks.fired() and bool(self._session.info.routers_zid())
 
     @property

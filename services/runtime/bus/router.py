@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from quadctl.services.runtime.bus.session import (
-    INSECURE,
-    JOIN_MS,
-    LEASE_AFAR_MS,
-    TWO_THREADS,
-    Address,
-    common_config,
-    open_with,
-    retry,
-)
+from quadctl.services.runtime.bus import session
+from quadctl.services.runtime.bus.session import Address
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 from quadctl.services.runtime.realm import Realm, write_atomically
 from quadctl.services.runtime.security import endpoints
@@ -59,12 +51,9 @@ then it drops the receiver. Less than the 2 s after which a silent process count
 
 
 def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
-    """Open the hub, with its password, if any, in the realm's folder.
-
-    Encrypted endpoints belong to the gate. Raises UsageError for an endpoint open to everybody.
-    """
+    """Open the hub with its plain endpoints; raise UsageError for one that is open to everybody."""
     listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
-    if not os.environ.get(INSECURE):
+    if not os.environ.get(session.INSECURE):
         endpoints.refuse_open((*listen, *join))
     config = _router(address)
     config["listen"] = {"endpoints": [address.endpoint, *listen]}
@@ -73,14 +62,13 @@ def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Sessi
         users = realm.folder / "hub.users"
         write_atomically(users, f"{address.user}:{address.password}\n".encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
-    return open_with(config, TWO_THREADS)
+    return session.open_with(config, session.TWO_THREADS)
 
 
 def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001
     """Open the encrypted side of the hub: a separate router, a process away from the vehicle.
 
-    It lets through what the roles allow. Raises UsageError without an identity for the hub, or if
-    the hub has no Unix socket.
+    It passes what the roles allow. Raises UsageError if the hub has no identity or Unix socket.
     """
     from quadctl.services.runtime.security import access_control
 
@@ -96,11 +84,11 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     who = access_control.identity_for([*listen, *join])
     link = config["transport"]["link"]
     link["tls"] = who.tls()
-    link["tx"]["lease"] = LEASE_AFAR_MS
+    link["tx"]["lease"] = session.LEASE_AFAR_MS
     protocol = address.endpoint.partition("/")[0]
     config["access_control"] = access_control.rules(who, protocol)
     try:
-        return open_with(config, TWO_THREADS)
+        return session.open_with(config, session.TWO_THREADS)
     except zenoh.ZError as error:
         # Without the positions in Zenoh's source code.
         why = str(error).partition(" at /")[0].rstrip(". ")
@@ -111,12 +99,13 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
 
 
 def _router(address: Address) -> dict[str, Any]:
-    config = common_config(address)
+    config = session.common_config(address)
     config["mode"] = "router"
     block = {"wait_before_close": _ROOM_US}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
     # Another hub may start at any time.
-    config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry(JOIN_MS)}
+    retry = session.retry(session.JOIN_MS)
+    config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry}
     # Routers sleep this long before they answer; we do not scout.
     config["scouting"]["delay"] = 0
     return config

@@ -1,7 +1,6 @@
 """Client sessions: Zenoh's configuration, and the connection to a realm's hub.
 
-Nothing listens on a network port by default, and multicast is off. The settings were measured; each
-has its reason beside it.
+Nothing listens on a network port by default, and multicast is off. The settings were measured.
 """
 
 import contextlib
@@ -41,8 +40,8 @@ JOIN_MS = 100
 _LEASE_MS = 1000
 """Milliseconds of silence after which a peer counts as gone."""
 LEASE_AFAR_MS = 4000
-"""The same between machines: a network of 30 laptops, or one laptop, sometimes stalls for 1 s, and a
-peer that times out must redo the handshake and declare everything again."""
+"""The same between machines: a network of 30 laptops, or one laptop, sometimes stalls for 1 s, and
+a peer that times out must redo the handshake and declare everything again."""
 
 
 class Address(Struct, frozen=True):
@@ -69,10 +68,9 @@ def open_client(
 ) -> zenoh.Session:
     """Open a client of the hub, waiting up to `wait` seconds for it to come up.
 
-    A client that reads very much needs two `threads`: with one it has no time for keep-alives. With
-    a wait the session also reconnects by itself for as long as it lives, and restores its
-    declarations. Raises Unreachable when no hub is there, and without a wait TimedOut when one is
-    there that has not let us in within `timeout` seconds.
+    A client that reads very much needs two `threads`: one has no time left for keep-alives. With a
+    wait the session also reconnects by itself while it lives, and restores its declarations. Raises
+    Unreachable without a hub, and without a wait TimedOut if it is not open in `timeout` seconds.
     """
     config, began = common_config(address), time.monotonic()
     secure = endpoints.is_secure(address.endpoint)

@@ -15,10 +15,7 @@ M = TypeVar("M", bound=Struct)
 
 
 class Message(NamedTuple):
-    """Message of a key, `received` at that time (monotonic s).
-
-    `age` (s) is the time of day then minus the message's time stamp; None without a stamp.
-    """
+    """Message of a key; `received` in monotonic s, `age` (s) by its time stamp, if it has one."""
 
     key: str
     payload: bytes
@@ -78,10 +75,7 @@ class RawSubscriber:
 
 
 class TypedSubscriber(Generic[M]):
-    """Subscriber to topics, with the type of each key; skips unreadable messages, like the nodes.
-
-    `unread` is the error of the last message, None if that could be read.
-    """
+    """Subscriber to topics; skips unreadable messages. `unread`: the error of the last, or None."""
 
     def __init__(self, stream: RawSubscriber, types: dict[str, type[M]]) -> None:
         self.unread: Invalid | None = None

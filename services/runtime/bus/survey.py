@@ -136,7 +136,7 @@ _LOOK_UP = 0.02
 def survey(address: Address, vehicle: str, timeout: float) -> Survey:
     """Survey the bus for at most `timeout` s.
 
-    Raises Unreachable or TimedOut if the hub is not there, or does not answer in half of the time.
+    Raises Unreachable if there is no hub, TimedOut if it does not answer in half of that time.
     """
     began = time.monotonic()
     with open_client(address, timeout=timeout / 2) as session:

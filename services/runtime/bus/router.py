@@ -51,7 +51,7 @@ then it drops the receiver. Less than the 2 s after which a silent process count
 
 
 def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
-    """Open the hub with its plain endpoints; raise UsageError for one that is open to everybody."""
+    """Open the hub with its plain endpoints; raise UsageError if one is open to everybody."""
     listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
     if not os.environ.get(session.INSECURE):
         endpoints.refuse_open((*listen, *join))

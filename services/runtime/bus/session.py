@@ -22,7 +22,7 @@ TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
-"""One thread that reads and one that writes: fewer wakes save processor time and call time. A
+"""One reading thread and one writing thread: fewer wakes save processor time and call time. A
 single thread would stop the hub for good at a query of a megabyte, as reading waits for room to
 write. So the writing thread also watches all sockets (`acc`): it learns when there is room."""
 CLIENT_THREADS = (

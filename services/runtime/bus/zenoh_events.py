@@ -73,7 +73,7 @@ class MatchingListener:
 
     @property
     def changes(self) -> int:
-        """Return the number of changes of a match since the first call of this."""
+        """Return how many changes of the match were reported since the first use."""
         self._listen()
         return self._changes
 

@@ -153,7 +153,7 @@ def test_a_set_into_a_value_of_the_file_names_the_setting(tmp_path: Path):
 
 
 def test_a_file_without_an_end_is_refused():
-    with pytest.raises(Invalid, match="/dev/zero is no such file: it has more than 1 MB"):
+    with pytest.raises(Invalid, match="/dev/zero is too large: it has more than 1 MB"):
         read(Path("/dev/zero"))
 
 

@@ -71,8 +71,8 @@ def test_a_vehicle_can_have_its_own_parameters(tmp_path: Path):
         ("uav0.safety.takeof=1", "unknown parameter safety.takeof"),
         ("uav0.safety.takeoff=-1", "safety.takeoff: expected `float` >= 0"),
         ("uav0=1", "uav0 is a vehicle, and not a parameter"),
-        ("uav0.hub.transport=tcp", "uav0.hub: there is one for all vehicles"),
-        ("uav0.dynamics.speed=2", "uav0.dynamics.speed: there is one for all vehicles"),
+        ("uav0.hub.transport=tcp", "uav0.hub: all vehicles share one"),
+        ("uav0.dynamics.speed=2", "uav0.dynamics.speed: all vehicles share one"),
         ("safety.takeof=1", "unknown parameter safety.takeof"),
     ],
 )

@@ -128,7 +128,7 @@ def test_recorded_poses_can_be_replayed_to_a_live_node(hub_only: Lab):
 def test_an_impossible_replay_is_refused_with_the_reason(hub_only: Lab):
     hub_only.file("no recording", "text.mcap")
     for words, code, text in (
-        (("text.mcap",), 6, "text.mcap is no recording"),
+        (("text.mcap",), 6, "text.mcap is not a recording"),
         (("missing.mcap",), 6, "missing.mcap cannot be read"),
         (("flight.mcap", "nobodys/own"), 6, "flight.mcap has nothing to replay"),
         (("flight.mcap", "--from", 99), 6, "flight.mcap has nothing to replay"),

@@ -57,7 +57,7 @@ def test_a_truncated_recording_is_reported_and_repaired(quadctl: Quadctl, bag: P
     "words", ["bag info", "bag check", "bag repair", "bag export --csv", "plot", "replay"]
 )
 @pytest.mark.parametrize(
-    ("file", "text"), [("none.mcap", "cannot be read"), ("text.mcap", "is no recording")]
+    ("file", "text"), [("none.mcap", "cannot be read"), ("text.mcap", "is not a recording")]
 )
 def test_a_file_that_is_no_recording_is_rejected(
     quadctl: Quadctl, tmp_path: Path, words: str, file: str, text: str

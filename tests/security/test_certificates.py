@@ -77,7 +77,7 @@ def test_clients_without_our_certificate_are_refused(net: Field):
     shutil.copy(net.keys / "ca.pem", other / "anna" / "ca.pem")
     refused = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
     assert refused.code == 3
-    assert "does not take the certificate" in refused.err
+    assert "rejects the certificate" in refused.err
     anonymous = net.operator.quadctl("hold", "--connect", TLS)
     assert anonymous.code == 2
     assert "--identity" in anonymous.err

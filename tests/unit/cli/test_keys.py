@@ -58,7 +58,7 @@ def test_the_fleet_folder_can_be_chosen(quadctl: Quadctl):
         ("issue student --vehicles 0", 2, "not a number of vehicles"),
         ("issue student --fleet nowhere", 2, "has no fleet's keys"),
         ("list --fleet nowhere", 2, "is not there"),
-        ("revoke nobody", 6, "nobody is called nobody"),
+        ("revoke nobody", 6, "there is no certificate nobody"),
         ("init", 2, "has a fleet's keys already"),
     ],
 )

@@ -30,7 +30,7 @@ def test_local_endpoints_may_be_unencrypted():
 
 @pytest.mark.parametrize("endpoint", OPEN)
 def test_other_unencrypted_endpoints_are_refused(endpoint: str):
-    with pytest.raises(UsageError, match="neither encrypted nor closed") as caught:
+    with pytest.raises(UsageError, match="neither encrypted nor local") as caught:
         refuse_open([*CLOSED, endpoint])
     assert "--insecure" in caught.value.hint
     assert f"tls/{endpoint.partition('/')[2]}" in caught.value.hint
@@ -47,7 +47,7 @@ def test_valid_endpoints_are_accepted(endpoint: str):
      "http/lab2:80", "http://lab2:80", "tcp//lab2:7447", "unixsock-stream/", "TLS/lab2:7447"],
 )  # fmt: skip
 def test_an_invalid_endpoint_is_refused_with_the_right_form(endpoint: str):
-    with pytest.raises(UsageError, match="is no endpoint") as caught:
+    with pytest.raises(UsageError, match="is not an endpoint") as caught:
         check(endpoint)
     assert "PROTOCOL/ADDRESS" in caught.value.hint
 

@@ -99,7 +99,7 @@ def test_the_file_that_init_writes_is_accepted(lab: Lab):
 def test_nodes_that_need_a_hub_are_not_started_without_one(lab: Lab):
     refused = lab.quadctl("up", "-d", "--without", "hub", "--json")
     assert (refused.code, refused.error["code"]) == (6, "invalid")
-    assert "dynamics, pressure, safety meet at it" in refused.error["message"]
+    assert "dynamics, pressure, safety need a hub" in refused.error["message"]
     assert "quadctl.services.hub" in refused.error["hint"]
     assert lab.is_gone()
     # With a hub that was started separately the other nodes come up.

@@ -69,7 +69,7 @@ def test_a_deleted_run_folder_is_created_again_and_no_node_is_lost(piped_run: Pi
     lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
     eventually(lab.is_ready)
     assert len(piped_run.lines_with("was removed under the run")) == 1
-    assert len(piped_run.lines_with("was made anew")) == 1
+    assert len(piped_run.lines_with("was created again")) == 1
     assert piped_run.lines_with("cannot be written") == earlier_warnings
     assert lab.quadctl("calibrate").code == 0
     assert lab.quadctl("param", "get", "safety.takeoff").code == 0

@@ -161,8 +161,8 @@ def test_a_requested_restart_works_in_any_state_of_the_process(wide_cage: Lab):
         assert after.restarts == before.restarts + 1
         assert after.started > before.started > 1e9
     log = (wide_cage.home / "logs" / "up.log").read_text(encoding="utf-8")
-    assert log.count(": restart asked for\n") == 3
-    assert "pressure ended" not in log.rpartition("pressure: restart asked for")[2]
+    assert log.count(": restart requested\n") == 3
+    assert "pressure ended" not in log.rpartition("pressure: restart requested")[2]
 
 
 def realm_of(lab: Lab) -> Realm:

@@ -86,7 +86,7 @@ def test_a_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
     logs.look(2e12)
     logs.show("hub", "after")
     logs.close()
-    over = f"{tmp_path} can be written again; 3 lines are not there"
+    over = f"{tmp_path} can be written again; 3 lines were lost"
     assert [line for name, line in shown if name == "up"][1:] == [over]
     assert (tmp_path / "logs" / "up.log").read_text() == f"{over}\n"
     assert (tmp_path / "logs" / "hub.log").read_text() == "before\nafter\n"

@@ -63,9 +63,9 @@ def test_a_restart_ends_the_process_and_waits_for_its_successor():
     rig = Rig(must_announce=False)
     assert [rig.turn(now) for now in (0.0, SETTLED / 2, SETTLED)] == ["starting"] * 2 + ["ready"]
     (old,) = rig.children
-    rig.row.restart(10.0, "restart asked for")
-    rig.row.restart(10.0, "restart asked for")
-    assert rig.log_lines() == ["x: restart asked for"]
+    rig.row.restart(10.0, "restart requested")
+    rig.row.restart(10.0, "restart requested")
+    assert rig.log_lines() == ["x: restart requested"]
     assert old.done == ["terminate"]
     rig.row.announced(10.1)
     assert rig.turn(10.1) == "restarting"
@@ -94,7 +94,7 @@ def test_while_the_name_is_taken_only_the_first_try_is_logged():
     assert logged == [
         "taken",
         "by process 7",
-        "x ended (exit 7): another process has its name; tried again every 0.8 s",
+        "x ended (exit 7): another process has its name; retrying every 0.8 s",
     ]
     rig.turn(9.0)
     rig.children[-1].written.append("at last")

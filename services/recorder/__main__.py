@@ -31,10 +31,7 @@ from quadctl.services.runtime.realm import Realm
 
 
 class Attendant:
-    """Link to the command that reads the progress, one JSON document a line, from our stdout.
-
-    When the command closes our stdin, the recorder completes its file and ends.
-    """
+    """Link to the command that reads our stdout; at its end the recorder completes its file."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

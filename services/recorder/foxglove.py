@@ -149,22 +149,17 @@ class Scene:
         if now == self._drawn:
             return None
         self._drawn = now
-        outline = Line(
-            LINE_LIST, Placed(), 2.0, True, _edges(state.cage), _ON if state.cage_on else _OFF
-        )
+        colour = _ON if state.cage_on else _OFF
+        outline = Line(LINE_LIST, Placed(), 2.0, True, _edges(state.cage), colour)
         goal, size = state.goal, Vector3(_GOAL_SIZE, _GOAL_SIZE, _GOAL_SIZE)
         mark = Solid(Placed(Vector3(goal.x, goal.y, goal.z)), size, _GOAL)
-        stamp, forever = Time.of(at), Time(0, 0)
-        return SceneUpdate(
-            [],
-            [
-                SceneEntity(stamp, WORLD, f"{self._vehicle}/cage", forever, False, lines=[outline]),
-                SceneEntity(stamp, WORLD, f"{self._vehicle}/goal", forever, False, spheres=[mark]),
-                SceneEntity(
-                    stamp, self._vehicle, f"{self._vehicle}/body", forever, True, cubes=_body()
-                ),
-            ],
-        )
+        stamp, forever, name = Time.of(at), Time(0, 0), self._vehicle
+        entities = [
+            SceneEntity(stamp, WORLD, f"{name}/cage", forever, False, lines=[outline]),
+            SceneEntity(stamp, WORLD, f"{name}/goal", forever, False, spheres=[mark]),
+            SceneEntity(stamp, name, f"{name}/body", forever, True, cubes=_body()),
+        ]
+        return SceneUpdate([], entities)
 
 
 def _edges(cage: CageSize) -> list[Vector3]:
@@ -182,9 +177,5 @@ def _edges(cage: CageSize) -> list[Vector3]:
 def _body() -> list[Solid]:
     """Return two crossed beams, and a red nose that marks the front."""
     along, across = Vector3(_SPAN, _BEAM, _BEAM), Vector3(_BEAM, _SPAN, _BEAM)
-    nose = Placed(Vector3(_SPAN / 2, 0.0, 0.0))
-    return [
-        Solid(Placed(), along, _ARM),
-        Solid(Placed(), across, _ARM),
-        Solid(nose, Vector3(2 * _BEAM, 2 * _BEAM, 2 * _BEAM), _NOSE),
-    ]
+    front, nose = Placed(Vector3(_SPAN / 2)), Vector3(2 * _BEAM, 2 * _BEAM, 2 * _BEAM)
+    return [Solid(Placed(), along, _ARM), Solid(Placed(), across, _ARM), Solid(front, nose, _NOSE)]

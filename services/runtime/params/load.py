@@ -214,12 +214,6 @@ def _place(common: Mapping[str, Any], number: int, count: int) -> dict[str, Any]
     rows = -(-count // columns)
     row, column = divmod(number, columns)
     start, seed = common["dynamics"]["start"], common["dynamics"]["seed"]
-    return {
-        "dynamics": {
-            "start": {
-                "x": start["x"] + _GRID * (column - (columns - 1) / 2),
-                "y": start["y"] + _GRID * (row - (rows - 1) / 2),
-            },
-            "seed": (seed + number) % 2**31,
-        }
-    }
+    x = start["x"] + _GRID * (column - (columns - 1) / 2)
+    y = start["y"] + _GRID * (row - (rows - 1) / 2)
+    return {"dynamics": {"start": {"x": x, "y": y}, "seed": (seed + number) % 2**31}}

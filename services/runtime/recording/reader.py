@@ -9,17 +9,7 @@ from typing import IO, Any, NamedTuple
 import msgspec
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
@@ -161,7 +151,7 @@ def _parts(record: McapRecord) -> Iterator[McapRecord]:
     """Yield a chunk's records after a check of its CRC; outside chunks, the records with data."""
     if isinstance(record, Chunk):
         yield from breakup_chunk(record, validate_crc=True)
-    elif isinstance(record, Header | Schema | Channel | Message | Metadata | Attachment | Footer):
+    elif isinstance(record, Header | Schema | Channel | Message | Metadata | Attachment):
         yield record
 
 

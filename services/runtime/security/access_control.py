@@ -113,11 +113,10 @@ def _rule(
 def identity_for(endpoints: Sequence[str]) -> Identity:
     """Return the hub's identity; raises UsageError if none is given, or its role is not hub."""
     identity = needed(endpoints[0])
-    name = identity.name
-    if name.role != "hub":
+    if identity.name.role != "hub":
         raise UsageError(
             f"{endpoints[0]} needs the identity of a hub: {identity.folder} belongs to the"
-            f" {name.role} {name.name}",
+            f" {identity.name.role} {identity.name.name}",
             "`quadctl keys issue hub field` makes one",
         )
     return identity

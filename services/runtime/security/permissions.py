@@ -1,7 +1,6 @@
 """Rights of our certificate, and reasons for a failed handshake.
 
-The hub enforces the rights; this module explains refusals. Over the Unix socket, which needs no
-certificate, everything is allowed.
+The hub enforces; this module explains. The Unix socket needs no certificate and allows everything.
 """
 
 import socket
@@ -16,14 +15,7 @@ from quadctl.schemas.roles import Right, keys, may
 from quadctl.schemas.topics import INFO
 from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.security.endpoints import how_to_open, is_secure
-from quadctl.services.runtime.security.identity import (
-    CERTIFICATE,
-    FLEET,
-    KEY,
-    Identity,
-    Name,
-    needed,
-)
+from quadctl.services.runtime.security.identity import Identity, Name, needed
 
 _ASK = "`quadctl keys list`, on the machine with the fleet's keys, shows the valid certificates"
 _WRONG_HOST = {62, 64}
@@ -51,8 +43,9 @@ def why(endpoint: str, timeout: float) -> QuadctlError:
 
 
 def _shake(identity: Identity, host: str, port: int, timeout: float) -> QuadctlError | None:
-    context = ssl.create_default_context(cafile=identity.path(FLEET))
-    context.load_cert_chain(identity.path(CERTIFICATE), identity.path(KEY))
+    tls = identity.tls()
+    context = ssl.create_default_context(cafile=tls["root_ca_certificate"])
+    context.load_cert_chain(tls["connect_certificate"], tls["connect_private_key"])
     with socket.create_connection((host, port), timeout) as link:
         try:
             with context.wrap_socket(link, server_hostname=host) as secured:
@@ -71,9 +64,7 @@ def _shake(identity: Identity, host: str, port: int, timeout: float) -> QuadctlE
     return None
 
 
-def _wrong_hub(
-    identity: Identity, host: str, problem: ssl.SSLCertVerificationError
-) -> QuadctlError:
+def _wrong_hub(who: Identity, host: str, problem: ssl.SSLCertVerificationError) -> QuadctlError:
     if problem.verify_code in _WRONG_HOST:
         return Unreachable(
             f"the hub's certificate is not valid for the address {host}",
@@ -81,7 +72,7 @@ def _wrong_hub(
         )
     return Unreachable(
         f"the hub at {host} does not belong to our fleet: {problem.verify_message}",
-        f"is {identity.folder} the right identity?",
+        f"is {who.folder} the right identity?",
     )
 
 

@@ -1,8 +1,7 @@
 """Background supervisor of `up -d`: its start, and its main().
 
-It reads one line, a Launch, from stdin, and writes one StartupResult to stdout when all processes
-are ready or one has failed. An owned run ends when its stdin closes: with its owner, even after a
-kill -9, on every platform.
+It reads a Launch, one line, from stdin, and writes one StartupResult to stdout when all are ready
+or one has failed. An owned run ends when its owner does, even by kill -9, as that closes its stdin.
 """
 
 import os

@@ -15,7 +15,6 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from quadctl.services.runtime.shutdown import die_with_parent
@@ -37,11 +36,15 @@ def signal_all(mark: str, number: int) -> int:
         return 0
     count, names = 0, (path.name for path in _PROC.iterdir())
     for pid in [int(name) for name in names if name.isdigit() and name != str(os.getpid())]:
-        # The descriptor stays with this process, even if its id is reused.
-        with contextlib.suppress(OSError), _opened(pid) as descriptor:
-            if _mark_of(pid).startswith(mark):
-                signal.pidfd_send_signal(descriptor, number)
-                count += 1
+        with contextlib.suppress(OSError):
+            # The descriptor stays with this process, even if its id is reused.
+            descriptor = os.pidfd_open(pid)
+            try:
+                if _mark_of(pid).startswith(mark):
+                    signal.pidfd_send_signal(descriptor, number)
+                    count += 1
+            finally:
+                os.close(descriptor)
     return count
 
 
@@ -50,15 +53,6 @@ def kill_all(mark: str) -> None:
     for _ in range(_MOST_SWEEPS):
         if not signal_all(mark, signal.SIGKILL):
             return
-
-
-@contextlib.contextmanager
-def _opened(pid: int) -> Iterator[int]:
-    descriptor = os.pidfd_open(pid)
-    try:
-        yield descriptor
-    finally:
-        os.close(descriptor)
 
 
 def _mark_of(pid: int) -> str:

@@ -52,7 +52,7 @@ class Launch(Struct, frozen=True):
 
     @property
     def params(self) -> Params:
-        """Return the first vehicle's parameters; all vehicles share those of the hub and the run."""
+        """Return the first vehicle's parameters; all vehicles share those of hub and run."""
         return self.fleet[self.vehicles[0]]
 
     def processes(self) -> tuple[Process, ...]:

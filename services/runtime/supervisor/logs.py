@@ -136,8 +136,7 @@ class Printer:
             self._reader_left = True
             raise
         except OSError:
-            # A closed terminal or a full disk must not end the run: the line is in its log file,
-            # or the disk's fault was reported.
+            # A closed terminal or a full disk must not end the run; the log file has the line.
             return
 
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -71,12 +72,9 @@ class RateProbe:
         return rates
 
     def _connect(self) -> None:
-        while not self._closed.is_set():
-            try:
+        while self._session is None and not self._closed.is_set():
+            with suppress(Unreachable):
                 self._session = open_client(address_of(self._realm), wait=5.0)
-            except Unreachable:
-                continue
-            return
 
 
 Post = Callable[[Callable[[], None]], None]

@@ -28,10 +28,7 @@ from quadctl.services.runtime.supervisor.probes import LivenessProbe
 
 
 class ManagedProcess:
-    """A process, its restart policy, and its current child, if any; time (s) is passed in.
-
-    `spawn` starts the process; its second argument is the number of restarts.
-    """
+    """A process and its restart policy; `spawn` gets the number of restarts; times are in s."""
 
     def __init__(self, process: Process, spawn: Callable[[Process, int], Child]) -> None:
         self.process, self._spawn = process, spawn
@@ -57,7 +54,9 @@ class ManagedProcess:
         """
         if self.child is None:
             if self._due is not None and now >= self._due:
-                self._start(now)
+                self._due, self._started = None, time.time()
+                self.life.started(now)
+                self.child = self._spawn(self.process, self.life.restarts)
             return
         if self.child.exit_code() is not None:
             self._reap(now)
@@ -106,11 +105,6 @@ class ManagedProcess:
             self._held.clear()
         lines, self._lines = self._lines, []
         return lines
-
-    def _start(self, now: float) -> None:
-        self._due, self._started = None, time.time()
-        self.life.started(now)
-        self.child = self._spawn(self.process, self.life.restarts)
 
     def _reap(self, now: float) -> None:
         child, asked, was_taken = self.child, self._kill_at is not None, self.life.taken

@@ -1,6 +1,6 @@
 """Gate: connects other machines to the hub, limited to the rights of their certificates' roles.
 
-As a separate process it keeps unknown traffic away from the process that the vehicle flies by, and
+As a separate process it keeps foreign traffic out of the process that the vehicle flies by, and
 revoking a name interrupts the network for a moment but not the flight.
 """
 

@@ -18,7 +18,7 @@ from quadctl.services.runtime.realm import DEFAULT, listed
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
 _MOST_BYTES = 1_000_000
-"""Largest file that is read; a file for a thousand vehicles has a tenth of this."""
+"""Bytes of the largest file that is read; a file for a thousand vehicles has a tenth of this."""
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
 

@@ -1,7 +1,7 @@
 """Background supervisor of `up -d`: its start, and its main().
 
 It reads a Launch, one line, from stdin, and writes one StartupResult to stdout when all are ready
-or one has failed. An owned run ends when its owner does, even by kill -9, as that closes its stdin.
+or one has failed. An owned run ends with its owner, on every platform: a kill -9 closes its stdin.
 """
 
 import os

@@ -136,7 +136,7 @@ class Printer:
             self._reader_left = True
             raise
         except OSError:
-            # A closed terminal or a full disk must not end the run; the log file has the line.
+            # A closed terminal or full disk must not end the run: the line or the fault is logged.
             return
 
 

@@ -72,7 +72,7 @@ def test_clients_without_our_certificate_are_refused(net: Field):
     before = touched(net.vehicle)
     foreign = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
     assert foreign.code == 3
-    assert "no hub of our fleet" in foreign.err
+    assert "not a hub of our fleet" in foreign.err
     # This client accepts the hub's certificate, but its own is foreign: the hub must detect that.
     shutil.copy(net.keys / "ca.pem", other / "anna" / "ca.pem")
     refused = net.operator.quadctl("hold", "--connect", TLS, "--identity", other / "anna")
@@ -91,7 +91,7 @@ def test_a_server_without_a_hub_certificate_is_refused(net: Field):
     with net.impersonated_hub(posing, "bob"):
         done = net.ask("hold", at=posing)
     assert done.code == 3
-    assert "no hub of our fleet" in done.err
+    assert "not a hub of our fleet" in done.err
 
 
 def test_a_new_certificate_works_at_once(net: Field):

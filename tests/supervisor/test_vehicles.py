@@ -198,7 +198,7 @@ def test_a_killed_process_returns_for_all_vehicles(three_vehicles: Lab, node: st
     [
         (["--vehicles", 0], 2, "--vehicles 0: not a number of vehicles"),
         (["--vehicles", 2, "--set", "uav2.safety.takeoff=2"], 6, "unknown parameter uav2"),
-        (["--vehicles", 2, "--set", "uav1.hub.transport=tcp"], 6, "there is one for all"),
+        (["--vehicles", 2, "--set", "uav1.hub.transport=tcp"], 6, "all vehicles share one"),
     ],
 )
 def test_impossible_vehicle_settings_are_refused_before_the_start(

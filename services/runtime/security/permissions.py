@@ -71,7 +71,7 @@ def _wrong_hub(who: Identity, host: str, problem: ssl.SSLCertVerificationError) 
             f"issue it again with --host {host}, or use an address that it is valid for",
         )
     return Unreachable(
-        f"the hub at {host} does not belong to our fleet: {problem.verify_message}",
+        f"{host} answers, but is not a hub of our fleet: {problem.verify_message}",
         f"is {who.folder} the right identity?",
     )
 

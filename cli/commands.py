@@ -1,4 +1,4 @@
-"""The table of all commands and their functions. A new command is a function, and a line here."""
+"""Table of all commands and their functions. A new command is a function and a line here."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -77,28 +77,28 @@ GROUPS = {
     "cage": "The virtual cage.",
     "fleet": "Several vehicles, on one hub or on several machines.",
     "bag": "Recordings.",
-    "fault": "What goes wrong, to order.",
-    "topic": "What is published.",
-    "service": "What can be called.",
+    "fault": "Faults injected on purpose.",
+    "topic": "Published topics.",
+    "service": "Services that can be called.",
     "param": "Parameters of the running system.",
-    "node": "The processes on the bus.",
-    "keys": "Who may do what on a network: certificates.",
+    "node": "Processes on the bus.",
+    "keys": "Certificates, the permissions on a network.",
     "type": "Messages and services, field by field.",
 }
 
 ALIASES = {"ps"}
-"""Commands that help does not list."""
+"""Commands that the help leaves out."""
 
 
 def command(path: str) -> Command:
-    """The function of a command; loads the module that it stands in, and no other's."""
+    """Return the function of a command; import its module and no other command's."""
     module, _, name = COMMANDS[path].partition(":")
     found: Any = getattr(import_module(module), name)
     return found  # type: ignore[no-any-return]
 
 
 def split(words: list[str]) -> tuple[str, list[str]]:
-    """The command that a line begins with, empty where there is none, and the words after it."""
+    """Return the command that a line begins with, empty if none, and the words after it."""
     for count in (1, 2):
         path = " ".join(words[:count])
         if path in COMMANDS and len(words) >= count:

@@ -9,7 +9,7 @@ from quadctl.services.runtime.errors import Invalid
 
 
 def edited(text: str, values: dict[str, Any]) -> str:
-    """The file's text with values set by dotted name; a table that is missing comes at the end."""
+    """Return a file's text with values set by dotted name; a missing table is added at the end."""
     import tomlkit
     from tomlkit.items import InlineTable
 
@@ -32,9 +32,9 @@ def edited(text: str, values: dict[str, Any]) -> str:
 
 
 def replace(file: Path, data: bytes) -> None:
-    """Replace a file so that a crash leaves the old text or the new.
+    """Replace a file so that a crash leaves the old text or the new; raise Invalid.
 
-    A link stays a link, and the file keeps its mode and owner; raises Invalid where it cannot be.
+    A link stays a link, and the file keeps its mode and owner.
     """
     try:
         target = file.resolve()
@@ -59,7 +59,7 @@ def _like(target: Path, descriptor: int) -> None:
     with contextlib.suppress(FileNotFoundError):
         was = target.stat()
         if os.name == "posix":
-            # Only root may give a file away; anybody else gets one of their own.
+            # Only root may give a file away; for any other user it becomes their own.
             with contextlib.suppress(PermissionError):
                 os.fchown(descriptor, was.st_uid, was.st_gid)
             os.fchmod(descriptor, was.st_mode & 0o7777)

@@ -82,7 +82,7 @@ def test_a_vehicle_name_is_a_valid_key_prefix(name: str):
 
 
 def test_a_key_too_long_for_the_wire_is_rejected():
-    with pytest.raises(Invalid, match="is no key"):
+    with pytest.raises(Invalid, match="is not a valid key"):
         checked_key("a" * 70_000, "uav")
 
 

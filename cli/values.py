@@ -88,7 +88,7 @@ def _is_flow(text: str) -> bool:
 
 
 def _is_block(text: str) -> bool:
-    """Return whether a text has `name: value` lines, and between them only indents or `- ` items."""
+    """Return whether a text has only `name: value` lines, indented lines and `- ` items."""
     first, *more = [line for line in text.splitlines() if line.strip()] or [""]
     return bool(re.match(_NAMED, first.lstrip())) and all(
         line[0].isspace() or line.startswith("- ") or re.match(_NAMED, line) for line in more

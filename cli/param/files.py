@@ -168,7 +168,7 @@ def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:
 def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> None:
     """Set all values of a file on the running system; other parameters stay.
 
-    Everything is checked before anything is changed. Then each node takes all of its values or none.
+    All values are checked before any is changed. Then each node takes all of its values or none.
 
     Example: quadctl param load tuned.toml
     """

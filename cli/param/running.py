@@ -54,7 +54,7 @@ class RunningParams:
         self._deadline = time.monotonic() + options.timeout
         self._client = context.connect(options)
         self.in_force: Values = {}
-        """Values in force until the next standstill, by the names of those read that wait for it."""
+        """Values in force until the next standstill, for those read so far that wait for it."""
 
     def __enter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""`status`, `down` and `init`, without an import of the supervisor itself."""
+"""`status`, `down` and `init`, which do not import the supervisor itself."""
 
 import time
 from pathlib import Path
@@ -64,11 +64,11 @@ def status(options: Options) -> None:
     rows = (_row(node) for node in run.nodes)
     output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
     for fault in faults:
-        output.line(f"fault: {fault}; `quadctl fault clear` takes it out")
+        output.line(f"fault: {fault}; `quadctl fault clear` removes it")
 
 
 def _faults(realm: Realm, run: RunState) -> list[str]:
-    """The faults put in by name, as `uav pose-frozen`; of a process, as `safety-frozen`."""
+    """Return the faults that are in, e.g. `uav pose-frozen`; of a process, `safety-frozen`."""
     of_vehicles = (
         f"{vehicle} {fault}"
         for vehicle in run.vehicles

@@ -56,7 +56,7 @@ def test_ctrl_c_reports_the_messages_that_may_be_lost(lab: Lab):
         heard.next(3)
     said.send(signal.SIGINT)
     assert said.wait() == 130
-    assert "messages on own/key a part may be lost: " in said.log
+    assert "messages on own/key some may be lost: " in said.log
 
 
 def test_a_replay_checks_the_hub_and_not_its_own_session(lab: Lab, monkeypatch: pytest.MonkeyPatch):

@@ -97,7 +97,7 @@ def test_pub_suggests_the_nearest_name_without_a_listener(shared_lab: Lab, bare:
     }
     done = shared_lab.each(hints, "--timeout", "0.2", "--json")
     assert {line: ended.error["hint"] for line, ended in done.items()} == {
-        line: f"{hint} --no-wait sends nevertheless" for line, hint in hints.items()
+        line: f"{hint} --no-wait sends anyway" for line, hint in hints.items()
     }
     assert {ended.code for ended in done.values()} == {3}
 
@@ -261,7 +261,7 @@ def test_messages_of_a_key_expression_show_their_key(shared_lab: Lab):
     field = shared_lab.quadctl("topic", "echo", "uav/**", "--field", "baseline", "-n", 2)
     assert field.code == 0
     assert field.out.splitlines()[::2] == ["key: uav/sensors/pressure"] * 2
-    assert "passed over a message on uav/pose: the message has no field baseline" in field.err
+    assert "skipped a message on uav/pose: the message has no field baseline" in field.err
 
 
 def test_echo_accepts_once_and_field_as_in_ros(shared_lab: Lab, hover: Bare):

@@ -54,7 +54,7 @@ def test_inject_names_the_fault_that_it_replaces(faulty: Lab, healthy: Bare):
         ("pose-jump", ""),
         ("pose-jump", ""),
         ("gust", ""),
-        ("pose-delayed", ", in the place of pose-jump"),
+        ("pose-delayed", ", in place of pose-jump"),
     ):
         assert faulty.quadctl("fault", "inject", name) == (0, f"{name} is in{told}\n", "")
     assert faulty.quadctl("fault", "inject", "pose-jump", "--json").json == {

@@ -57,5 +57,5 @@ def test_any_arrival_times_give_finite_figures(times: list[float]):
 def test_a_message_without_a_time_has_no_delay():
     message = Message("a/b", b"xyz", "", 1.5, None)
     assert _heard(message, aged=False) == Arrival(1.5, 3, 0.0)
-    with pytest.raises(Invalid, match="bears no time"):
+    with pytest.raises(Invalid, match="has no time stamp"):
         _heard(message, aged=True)

@@ -41,8 +41,7 @@ def main() -> None:
         bug = QuadctlError(text, "please report this, with the lines above")
         output.error(bug, as_json=as_json)
         code = QuadctlError.exit_code
-    # Sessions are closed and streams flushed; the interpreter's own shutdown takes 5 ms more.
-    os._exit(code)
+    _leave(code)
 
 
 def _run(words: list[str]) -> None:
@@ -72,3 +71,8 @@ def _check_encoding(words: list[str]) -> None:
         except UnicodeEncodeError as error:
             shown = word.encode(errors="backslashreplace").decode()
             raise UsageError(f"{shown} is not UTF-8", "type it again in this terminal") from error
+
+
+def _leave(code: int) -> None:
+    # Sessions are closed and streams flushed; the interpreter's own shutdown takes 5 ms more.
+    os._exit(code)

@@ -62,9 +62,8 @@ def list_(options: Options) -> None:
     rows.append((BUS_CUT, "no message reaches any node: the hub is frozen"))
     rows += [(name, "it is stopped by a signal") for name in sorted(there - dict(rows).keys())]
     if options.json:
-        output.document(
-            [{"name": name, "about": about, "active": name in there} for name, about in rows]
-        )
+        document = [{"name": name, "about": about, "active": name in there} for name, about in rows]
+        output.document(document)
         return
     marked = (("in" if name in there else "-", name, about) for name, about in rows)
     output.table([("", "FAULT", "WHAT IT DOES"), *marked])
@@ -90,8 +89,8 @@ def inject(
         fault = _named(name)
         with context.connect(options) as client:
             gone = _put(client, fault)
-    place = f", in place of {gone}" if gone else ""
-    output.either(options, {"injected": name}, f"{name} is in{place}")
+    text = f"{name} is in" + (f", in place of {gone}" if gone else "")
+    output.either(options, {"injected": name}, text)
 
 
 def clear(
@@ -115,9 +114,8 @@ def clear(
             for fault in named:
                 _set(client, fault, fault.sound)
     gone = [*thawed, *(fault.name for fault in named)]
-    output.either(
-        options, {"cleared": gone}, "\n".join(f"{one} is out" for one in gone) or "no fault is in"
-    )
+    text = "\n".join(f"{one} is out" for one in gone) or "no fault is in"
+    output.either(options, {"cleared": gone}, text)
 
 
 def _put(client: Client, fault: Fault) -> str:

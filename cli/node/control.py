@@ -55,7 +55,7 @@ def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
     if (realm.asked / name).exists():
         # The supervisor has not taken the request yet.
         return TimedOut(
-            f"{name} was not restarted: no answer from the supervisor, process {run.pid}, within"
+            f"{name} was not restarted: the supervisor, process {run.pid}, did not answer within"
             f" {timeout:g} s",
             f"it is frozen or busy, and restarts {name} once it goes on: `quadctl status`",
         )

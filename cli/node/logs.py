@@ -32,7 +32,7 @@ class Tail:
             self._file.close()
 
     def all(self) -> list[str]:
-        """Return all lines, beginning with those of the older file."""
+        """Return all lines, the older file's first."""
         lines = self.more()
         return [*self._old(), *lines]
 

@@ -76,7 +76,7 @@ def see(client: Client | None, run: RunState | None) -> NodesSeen:
 
 
 def answering(seen: NodesSeen) -> list[ProcessRecord]:
-    """Return the nodes that announce get_params, and those of the lab that are away."""
+    """Return the nodes that announce get_params, and the lab's nodes that are away."""
     away = set(NODES) - set(seen.live)
     return [p for p in seen.processes if seen.answers(p.name) or p.name in away]
 
@@ -84,9 +84,9 @@ def answering(seen: NodesSeen) -> list[ProcessRecord]:
 def params_of(
     client: Client, process: ProcessRecord, names: list[str], timeout: float
 ) -> dict[str, Any]:
-    """Return a node's parameters; wait up to `timeout` s for a node that is being restarted.
+    """Return a node's parameters; wait up to `timeout` s while it restarts.
 
-    Raises Unreachable for a process that is away, TimedOut for one that runs and is silent.
+    Raises Unreachable for a process that is away, TimedOut for a silent one.
     """
     name = process.name
     if process.state == "down":

@@ -202,13 +202,10 @@ def _check(values: Values, file: Path) -> None:
 def _refuse_fixed(found: list[Change], file: Path) -> None:
     fixed = [change for change in found if fixed_at_launch(change.name)]
     if fixed:
-        switches = "".join(
-            f", and use {switch}" for change in fixed if (switch := live_switch(change.name))
-        )
-        raise Invalid(
-            f"fixed at launch: {_listed(fixed)}; nothing was changed",
-            f"`quadctl down`, then `quadctl up {file}`; or take it out of the file{switches}",
-        )
+        switches = filter(None, (live_switch(change.name) for change in fixed))
+        hint = f"`quadctl down`, then `quadctl up {file}`; or take it out of the file"
+        hint += "".join(f", and use {switch}" for switch in switches)
+        raise Invalid(f"fixed at launch: {_listed(fixed)}; nothing was changed", hint)
 
 
 def _set(running: RunningParams, found: list[Change]) -> None:

@@ -30,12 +30,11 @@ def describe(
     names = [normal_name(name) for name in names]
     known = catalogue.leaves()
     found = {name: [known[leaf] for leaf in leaves_of(known, name)] for name in names}
-    heard = _present(
-        options, {leaf.name.partition(".")[0] for all_ in found.values() for leaf in all_}
-    )
+    tables = {leaf.name.partition(".")[0] for leaves in found.values() for leaf in leaves}
+    heard = _present(options, tables)
     values = {name: value for answer in heard.answers.values() for name, value in answer.items()}
     if options.json:
-        output.document([_document(leaf, values) for all_ in found.values() for leaf in all_])
+        output.document([_document(leaf, values) for leaves in found.values() for leaf in leaves])
     else:
         _print(found, values)
     heard.fail()
@@ -112,7 +111,7 @@ def list_(
 ) -> None:
     """List every parameter of the running system, or those of a node.
 
-    If a node does not answer, the others' are listed, and the exit code shows the failure.
+    If a node does not answer, the rest is listed, and the exit code shows the failure.
 
     Example: quadctl param list safety
     """

@@ -54,9 +54,8 @@ def set_(
         return
     for name, value in values.items():
         waits = any(leaf == name or leaf.startswith(f"{name}.") for leaf in reply.waits)
-        output.line(
-            f"{name}: {catalogue.word(value)}{' (from the next standstill)' if waits else ''}"
-        )
+        when = " (from the next standstill)" if waits else ""
+        output.line(f"{name}: {catalogue.word(value)}{when}")
 
 
 def _way_out(values: Values) -> str:

@@ -146,7 +146,7 @@ def has_colour() -> bool:
 
 
 def for_lines() -> TextIO:
-    """Return stdout for plain lines; it is no terminal to its writer if colour is not wanted."""
+    """Return stdout for plain lines; if colour is not wanted, it reports that it is no terminal."""
     if has_colour() or not sys.stdout.isatty():
         return sys.stdout
     return _Uncoloured(sys.stdout.buffer, encoding="utf-8", errors="replace")

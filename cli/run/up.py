@@ -64,11 +64,8 @@ def up(
     parameters = load.load_vehicles(source, [*(settings or ()), *network], names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
-    begin(
-        Launch(options.realm, parameters, without or [], str(folder), recording, insecure),
-        options,
-        detach=detach,
-    )
+    launch = Launch(options.realm, parameters, without or [], str(folder), recording, insecure)
+    begin(launch, options, detach=detach)
 
 
 def reached(listen: list[str] | None, connect: str) -> list[str]:

@@ -21,12 +21,10 @@ def list_(options: Options) -> None:
     with context.connect(options) as client:
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
     if options.json:
-        output.document(
-            [
-                {"key": o.key, "type": o.type, "node": o.node, "declared_hz": o.hz, "hash": o.hash}
-                for o in offers
-            ]
-        )
+        output.document([
+            {"key": o.key, "type": o.type, "node": o.node, "declared_hz": o.hz, "hash": o.hash}
+            for o in offers
+        ])  # fmt: skip
         return
     rows = [(o.key, o.type, o.node, f"{o.hz:g} Hz" if o.hz else "on change") for o in offers]
     output.table([("TOPIC", "TYPE", "NODE", "RATE"), *rows])

@@ -156,11 +156,8 @@ def pub(
     with context.connect(options) as client:
         _warn(key, client.vehicle)
         sent = _send(client, key, payload, wanted, rate or _DEFAULT_HZ, wait=not no_wait)
-    output.either(
-        options,
-        {"key": key, "sent": sent, "encoding": payload.encoding},
-        f"sent {sent} message{'s' if sent > 1 else ''} on {key}",
-    )
+    document = {"key": key, "sent": sent, "encoding": payload.encoding}
+    output.either(options, document, f"sent {sent} message{'s' if sent > 1 else ''} on {key}")
 
 
 def _count(rate: float | None, count: int | None, *, once: bool) -> int | None:
@@ -180,8 +177,8 @@ def _warn(key: str, vehicle: str) -> None:
 
 
 def _nobody(client: Client, key: str) -> QuadctlError:
-    """Return the error that nobody listens, with the nearest name that exists."""
-    nobody = f"nobody listened on {key} within {client.timeout:g} s: nothing was sent"
+    """Return the error for a topic without listeners, with the nearest name that exists."""
+    nobody = f"no listener on {key} within {client.timeout:g} s: nothing was sent"
     try:
         offers = client.endpoints(_LOOK)
     except QuadctlError as other:
@@ -203,7 +200,7 @@ def _send(
     if wait and not outlet.wait_for_listener(client.timeout):
         if wanted is not None:
             raise _nobody(client, key)
-        output.note(f"nobody listens on {key} yet")
+        output.note(f"no listener on {key} yet")
     start, pace = time.monotonic(), Pace(client)
     try:
         while wanted is None or sent < wanted:

@@ -103,9 +103,7 @@ _LONGEST = 50_000
 Topic = Annotated[
     str, Arg("A topic, any Zenoh key, or an expression: all its keys together.", complete="topic")
 ]
-Window = Annotated[
-    int | None, Option("Measure over the last so many messages.", ("-w", "--window"), min=2)
-]
+Window = Annotated[int | None, Option("Messages in the window.", ("-w", "--window"), min=2)]
 Count = Annotated[int | None, Option("End after so many messages.", ("-n",), min=2)]
 
 

@@ -108,9 +108,10 @@ class Flight:
             self._moving = self._moving or message.state == "MOVING"
             self.arrived = self._moving and message.state == "HOVERING"
         elif self._moving and message.state != "VERIFYING":
+            moving = message.state == "MOVING"
             other = "another goal was accepted in its place"
             self.reason = message.reason or (
-                other if message.state == "MOVING" else "safety holds the vehicle elsewhere"
+                other if moving else "safety holds the vehicle elsewhere"
             )
 
 
@@ -167,8 +168,7 @@ def _watch(
         with Progress("flying", quiet=quiet) as progress:
 
             def show(left: float) -> None:
-                said = flight.paused or f"{left:.2f} m to go"
-                progress.update(1 - left / whole, said)
+                progress.update(1 - left / whole, flight.paused or f"{left:.2f} m to go")
 
             def tell(paused: str) -> None:
                 if not quiet:

@@ -78,7 +78,7 @@ HERE = ("down", "status", "node logs", "node restart safety", "node kill safety"
 def test_commands_on_processes_reject_a_remote_hub(quadctl: Quadctl, line: str):
     result = quadctl(*line.split(), "--connect", "tls/field:7447", "--json")
     assert (result.code, result.error["code"]) == (2, "usage")
-    assert "processes of this machine" in result.error["message"]
+    assert "needs the run's processes" in result.error["message"]
     assert "ssh" in result.error["hint"]
 
 

@@ -86,7 +86,7 @@ def test_a_clock_at_1970_fails():
         ("PASS", "50% of a core, 20 MB", 1.0, 20 * MB),
         ("WARN", "safety takes 95% of a core", 1.9, 20 * MB),
         ("WARN", "safety takes 250 MB", 0.1, 250 * MB),
-        ("PASS", "does not tell", 0.0, 0),
+        ("PASS", "not known", 0.0, 0),
     ],
 )
 def test_processor_and_memory_use_is_checked(

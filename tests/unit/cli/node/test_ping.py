@@ -49,7 +49,7 @@ def asking(problem: QuadctlError, pid: int, state: Any = "ready") -> QuadctlErro
     [
         (ENDED, "ready", f"pressure did not answer: its process {ENDED} has ended"),
         (0, "restarting", "pressure did not answer: it is restarting"),
-        (0, "ready", "pressure did not answer: it has gone from the bus"),
+        (0, "ready", "pressure did not answer: it has left the bus"),
     ],
 )
 def test_a_dead_node_is_reported_by_its_name(pid: int, state: str, expected: str):

@@ -31,15 +31,13 @@ def the_only(realm: str, connect: str, timeout: float) -> str:
     """
     there = vehicles_of(realm, connect, timeout)
     if len(there) > 1 and DEFAULT not in there:
-        raise UsageError(
-            f"there are several vehicles: {listed(there)}",
-            f"choose one: --vehicle {there[0]}, or set QUADCTL_VEHICLE",
-        )
+        hint = f"choose one: --vehicle {there[0]}, or set QUADCTL_VEHICLE"
+        raise UsageError(f"there are several vehicles: {listed(there)}", hint)
     return there[0] if len(there) == 1 else DEFAULT
 
 
 def vehicles_of(realm: str, connect: str, timeout: float) -> list[str]:
-    """Return the vehicles of a run, or of a hub if `connect` names one; then raise as a Client."""
+    """Return a run's vehicles, or a hub's with `connect`, which raises what a Client raises."""
     if connect:
         return _at(realm, connect, timeout)
     # A hub without a vehicle has those of the other hubs that have joined it.
@@ -128,10 +126,8 @@ def options_of(said: Mapping[str, Any]) -> Options:
     timeout = said.get("timeout", DEFAULT_TIMEOUT)
     named = said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE")
     if not 0 < timeout <= LONGEST_TIMEOUT:
-        raise UsageError(
-            f"--timeout {timeout:g}: not a time",
-            f"give seconds, more than 0, up to {LONGEST_TIMEOUT}",
-        )
+        hint = f"give seconds, more than 0, up to {LONGEST_TIMEOUT}"
+        raise UsageError(f"--timeout {timeout:g}: not a time", hint)
     if folder := said.get("identity"):
         from quadctl.services.runtime.security.identity import choose
 

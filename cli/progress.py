@@ -52,7 +52,5 @@ class FleetProgress(Progress):
         """Report that a vehicle has `left` m to go of its `whole` way."""
         self._flown[name], self._left[name] = 1 - left / whole, left
         there = sum(flown >= 1 for flown in self._flown.values())
-        self.update(
-            sum(self._flown.values()) / len(self._flown),
-            f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go",
-        )
+        text = f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go"
+        self.update(sum(self._flown.values()) / len(self._flown), text)

@@ -26,10 +26,8 @@ def message_of(type_: type[M], name: str, words: list[str]) -> M:
     try:
         return msgspec.convert(_table(type_, name, without_type(words, type_.__name__)), type_)
     except msgspec.ValidationError as error:
-        raise Invalid(
-            f"not a valid {type_.__name__}: {error}",
-            f"`quadctl type show {name}` prints the fields",
-        ) from error
+        hint = f"`quadctl type show {name}` prints the fields"
+        raise Invalid(f"not a valid {type_.__name__}: {error}", hint) from error
 
 
 def table_of(words: list[str]) -> Any:
@@ -123,10 +121,8 @@ def _data(text: str) -> Any:
         # Users type `data: hello: there` for rostopic, where YAML wants quotes.
         if line := re.fullmatch(_LINE, text.rstrip()):
             return {line[1]: value(line[2])}
-        raise Invalid(
-            f"the argument is not YAML: {problem.message}",
-            "quote a text with a colon, write name=value words, or `--as text` for your own key",
-        ) from problem
+        hint = "quote a text with a colon, write name=value words, or `--as text` for your own key"
+        raise Invalid(f"the argument is not YAML: {problem.message}", hint) from problem
 
 
 def _flow(text: str) -> Any:

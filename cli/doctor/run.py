@@ -65,12 +65,9 @@ def parameters(found: Settings, running: Mapping[str, Any]) -> Finding:
     ]
     if other:
         more = [f"and {len(other) - _SHOWN} more"] if len(other) > _SHOWN else []
-        return warned(
-            "parameters",
-            "\n".join([f"other than {found.source}:", *other[:_SHOWN], *more]),
-            f"`quadctl param save {FILE}` keeps them"
-            + (f", `quadctl param load {FILE}` takes the file's" if found.is_file else ""),
-        )
+        said = "\n".join([f"other than {found.source}:", *other[:_SHOWN], *more])
+        load = f", `quadctl param load {FILE}` takes the file's" if found.is_file else ""
+        return warned("parameters", said, f"`quadctl param save {FILE}` keeps them{load}")
     return passed("parameters", f"{len(running)} values are those of {found.source}")
 
 
@@ -127,9 +124,7 @@ def _not_live(name: str, found: Folder, others: Neighbours) -> Finding:
         said = f"{name} has no supervisor to restart its processes, which were started by hand"
         return warned("realm", said, "end what was started by hand, then `quadctl up -d`")
     if found.run is not None:
-        said = (
-            f"the run of {name} has died: its supervisor, process {found.run.pid}, left its folder"
-        )
+        said = f"the run {name} has died: its supervisor, process {found.run.pid}, left its folder"
         return failed("realm", said, "`quadctl up -d`, which takes the folder over")
     said, fix = f"nothing is running in {name}", "`quadctl up -d`"
     if others.live:

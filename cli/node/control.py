@@ -71,6 +71,7 @@ _DONE = {
     "CONT": ("continued", ""),
 }
 """Effect of each signal, and the reaction of the supervisor."""
+_BACK = "`quadctl status` shows when it is back"
 
 
 def kill(
@@ -125,10 +126,7 @@ def _process(run: RunState, name: str) -> ProcessRecord:
     # The number of a recorded process that has just ended may now be a foreign process's.
     parent = parent_of(process.pid) if process.pid else None
     if not process.pid or (parent != run.pid and sys.platform == "linux"):
-        raise Unreachable(
-            f"{process.name} has no process now: it is {process.state}",
-            "`quadctl status` shows when it is back",
-        )
+        raise Unreachable(f"{process.name} has no process now: it is {process.state}", _BACK)
     return process
 
 
@@ -141,6 +139,4 @@ def _send(process: ProcessRecord, signal_: str) -> None:
             # As in the supervisor, the group: a process and its children.
             os.killpg(process.pid, number)
     except ProcessLookupError as error:
-        raise Unreachable(
-            f"{process.name} has just ended", "`quadctl status` shows when it is back"
-        ) from error
+        raise Unreachable(f"{process.name} has just ended", _BACK) from error

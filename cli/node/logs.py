@@ -95,9 +95,7 @@ _SUFFIX = ".log"
 def logs(
     options: Options,
     name: Annotated[str | None, Arg("A node (default: all).", complete="node")] = None,
-    count: Annotated[
-        int | None, Option("Only the last so many lines of each.", ("-n",), min=0)
-    ] = None,
+    count: Annotated[int | None, Option("Number of last lines of each.", ("-n",), min=0)] = None,
     follow: Annotated[
         bool, Option("Follow, until Ctrl-C or the run's end.", ("--follow", "-f"))
     ] = False,

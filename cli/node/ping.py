@@ -62,7 +62,7 @@ class _Pings:
     def run(
         self, asked: dict[str, ProcessRecord], count: int, interval: float, ends: float
     ) -> None:
-        """Ping, print and sum up; raise the first problem. The first round ends at `ends` (s)."""
+        """Ping, print and sum up; raise the first problem. `ends` (monotonic s): for round one."""
         begun = time.monotonic()
         for number in range(count):
             time.sleep(max(begun + number * interval - time.monotonic(), 0))

@@ -112,10 +112,8 @@ class RunningParams:
 
     def absent(self, node: str) -> QuadctlError:
         """Return the error for a node that should have parameters and is not live."""
-        problem = Unreachable(
-            f"nothing was changed: no live node takes the parameters of {node}",
-            f"is {node} up? `quadctl node list` shows it",
-        )
+        text = f"nothing was changed: no live node takes the parameters of {node}"
+        problem = Unreachable(text, f"is {node} up? `quadctl node list` shows it")
         return self._client.explained(problem, node)
 
     def _ask(self, wanted: dict[str, list[str]]) -> Answers[Values]:

@@ -20,12 +20,8 @@ def edited(text: str, values: dict[str, Any]) -> str:
         for depth, part in enumerate(path):
             if part not in table:
                 # A table within an inline one can only be inline.
-                fresh = (
-                    tomlkit.inline_table()
-                    if isinstance(table, InlineTable)
-                    else tomlkit.table(is_super_table=depth < len(path) - 1)
-                )
-                table[part] = fresh
+                fresh = tomlkit.table(is_super_table=depth < len(path) - 1)
+                table[part] = tomlkit.inline_table() if isinstance(table, InlineTable) else fresh
             table = table[part]
         table[last] = value
     return tomlkit.dumps(document)

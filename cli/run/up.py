@@ -25,8 +25,7 @@ from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 Detach = Annotated[bool, Option("Return when all processes are ready.", ("--detach", "-d"))]
 Listen = Annotated[
-    list[str] | None,
-    Option("Listen for other machines, e.g. tls/0.0.0.0:7447.", metavar="ENDPOINT"),
+    list[str] | None, Option("Listen on the network, e.g. tls/0.0.0.0:7447.", metavar="ENDPOINT")
 ]
 Insecure = Annotated[bool, Option("Let other machines reach listeners without encryption.")]
 
@@ -52,8 +51,8 @@ def up(
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
 
-    Several vehicles start on a grid of 2 m; --set uav3.safety.takeoff=2 is for one alone.
-    With --connect the run's hub joins that other one.
+    Several vehicles start on a grid of 2 m; --set uav3.safety.takeoff=2 sets a parameter of one.
+    With --connect the run's hub joins another hub.
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
@@ -117,7 +116,7 @@ def _go_on(_supervisor: Supervisor, _failed: str) -> None:
 def hub(
     options: Options, detach: Detach = False, listen: Listen = None, insecure: Insecure = False
 ) -> None:
-    """Run a hub without a vehicle, for other hubs to join; with --connect it joins that other one.
+    """Run a hub without a vehicle, for other hubs to join; with --connect it joins another hub.
 
     Example: quadctl hub --listen tls/0.0.0.0:7447 --identity keys/field
     """

@@ -68,10 +68,8 @@ def payload_of(key: str, vehicle: str, words: list[str], form: str) -> Payload:
     topic = own_topic(key, vehicle)
     if topic is not None:
         if form:
-            raise Invalid(
-                f"{key} carries {topic.type.__name__} and nothing else",
-                f"leave --as out; `quadctl type show {topic.name}` prints the fields",
-            )
+            hint = f"leave --as out; `quadctl type show {topic.name}` prints the fields"
+            raise Invalid(f"{key} carries {topic.type.__name__} and nothing else", hint)
         type_: Any = topic.type
         message = message_of(type_, topic.name, words)
         return Payload(codec.encode(message), codec.encoding(type_))
@@ -171,9 +169,7 @@ def _count(rate: float | None, count: int | None, *, once: bool) -> int | None:
 
 def _warn(key: str, vehicle: str) -> None:
     if (topic := own_topic(key, vehicle)) is not None and topic.node:
-        output.note(
-            f"warning: {key} is {topic.node}'s own: its readers cannot recognize your messages"
-        )
+        output.note(f"warning: {key} is {topic.node}'s own: its readers cannot spot your messages")
 
 
 def _nobody(client: Client, key: str) -> QuadctlError:

@@ -168,8 +168,6 @@ def _measure(
 
 def _heard(message: Message, *, aged: bool) -> Arrival:
     if aged and message.age is None:
-        raise Invalid(
-            f"a message on {message.key} has no time stamp, so its age is unknown",
-            "enable timestamping in the session of its publisher",
-        )
+        hint = "enable timestamping in the session of its publisher"
+        raise Invalid(f"a message on {message.key} has no time stamp, so its age is unknown", hint)
     return Arrival(message.received, len(message.payload), message.age or 0.0)

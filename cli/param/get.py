@@ -111,7 +111,7 @@ def list_(
 ) -> None:
     """List every parameter of the running system, or those of a node.
 
-    If a node does not answer, the rest is listed, and the exit code shows the failure.
+    If a node does not answer, only the rest is listed; see the exit code.
 
     Example: quadctl param list safety
     """

@@ -109,7 +109,7 @@ def list_(
         list[str] | None, Arg("Nodes or tables (default: all).", complete="param")
     ] = None,
 ) -> None:
-    """List every parameter of the running system, or those of a node.
+    """List every parameter of the running system, or of some nodes.
 
     If a node does not answer, only the rest is listed; see the exit code.
 

@@ -20,13 +20,17 @@ def canonical(text: str) -> str | None:
     """Return the canonical spelling of a key expression, or None if Zenoh rejects it."""
     try:
         return str(zenoh.KeyExpr.autocanonize(text))
-    except zenoh.ZError:
-        return None
+    except BaseException as error:
+        # Zenoh 1.10 panics where it means to reject a forbidden character before `$*$*`.
+        if isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException":
+            return None
+        raise
 
 
 @settings(max_examples=400)
 @given(ODD)
 @example("a/***")
+@example("?$*$*")
 @example("$*")
 @example("$*$*")
 @example("a/$*/**/b")

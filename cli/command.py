@@ -1,14 +1,11 @@
-"""One line of the `quadctl` command, from the words to the exit code of the process."""
+"""One `quadctl` command line, from its words to the exit code of the process."""
 
 import gc
 import os
 import sys
 
-from quadctl.cli import (
-    fast_imports,  # noqa: F401 - before all that imports msgspec
-    fast_parser,
-    output,
-)
+# fast_imports comes first: it imports msgspec.
+from quadctl.cli import fast_imports, fast_parser, output  # noqa: F401
 from quadctl.cli.context import options_of
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 
@@ -17,7 +14,7 @@ _COMPLETING = "_QUADCTL_COMPLETE"
 
 
 def main() -> None:
-    """Run the command line and exit with the code that says how it went."""
+    """Run the command line and exit with its exit code."""
     words = sys.argv[1:]
     as_json = "--json" in words
     try:
@@ -34,16 +31,15 @@ def main() -> None:
     except KeyboardInterrupt:
         code = _CTRL_C
     except BrokenPipeError:
-        # The reader, such as `head`, has what it wanted.
+        # The reader, e.g. `head`, has all that it wanted.
         code = 0
-    except Exception as problem:  # noqa: BLE001 - the last place where it can be told
+    except Exception as problem:  # noqa: BLE001 - the outermost handler reports any bug
         import traceback
 
         traceback.print_exc()
         text = f"unexpected: {type(problem).__name__}: {problem}"
-        output.error(
-            QuadctlError(text, "please report this, with the lines above"), as_json=as_json
-        )
+        bug = QuadctlError(text, "please report this, with the lines above")
+        output.error(bug, as_json=as_json)
         code = QuadctlError.exit_code
     _leave(code)
 
@@ -62,7 +58,7 @@ def _run(words: list[str]) -> None:
         from quadctl.cli import typer_app
 
         line = typer_app.read(words)
-    # All that a command needs is there: what it makes from now on is looked through, and no more.
+    # The imports are done: let the garbage collector scan only objects made from here on.
     gc.freeze()
     gc.enable()
     line.command(options_of(line.common), **line.values)
@@ -74,9 +70,9 @@ def _check_encoding(words: list[str]) -> None:
             word.encode()
         except UnicodeEncodeError as error:
             shown = word.encode(errors="backslashreplace").decode()
-            raise UsageError(f"{shown} is not UTF-8", "write it in this terminal's own") from error
+            raise UsageError(f"{shown} is not UTF-8", "type it again in this terminal") from error
 
 
 def _leave(code: int) -> None:
-    # Sessions are closed and streams flushed; the interpreter's own farewell takes 5 ms more.
+    # Sessions are closed and streams flushed; the interpreter's own shutdown takes 5 ms more.
     os._exit(code)

@@ -1,4 +1,4 @@
-"""The table of all commands and their functions. A new command is a function, and a line here."""
+"""Table of all commands and their functions. A new command is a function and a line here."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -48,9 +48,9 @@ COMMANDS = {
     "topic bw": "quadctl.cli.topic.rates:bw",
     "topic delay": "quadctl.cli.topic.rates:delay",
     "topic pub": "quadctl.cli.topic.pub:pub",
-    "service list": "quadctl.cli.service.info:list_",
-    "service info": "quadctl.cli.service.info:info",
-    "service call": "quadctl.cli.service.call:call",
+    "service list": "quadctl.cli.service.service:list_",
+    "service info": "quadctl.cli.service.service:info",
+    "service call": "quadctl.cli.service.service:call",
     "param list": "quadctl.cli.param.get:list_",
     "param get": "quadctl.cli.param.get:get",
     "param set": "quadctl.cli.param.set:set_",
@@ -77,28 +77,28 @@ GROUPS = {
     "cage": "The virtual cage.",
     "fleet": "Several vehicles, on one hub or on several machines.",
     "bag": "Recordings.",
-    "fault": "What goes wrong, to order.",
-    "topic": "What is published.",
-    "service": "What can be called.",
+    "fault": "Faults injected on purpose.",
+    "topic": "Published topics.",
+    "service": "Services that can be called.",
     "param": "Parameters of the running system.",
-    "node": "The processes on the bus.",
-    "keys": "Who may do what on a network: certificates.",
+    "node": "Processes on the bus.",
+    "keys": "Certificates, the permissions on a network.",
     "type": "Messages and services, field by field.",
 }
 
 ALIASES = {"ps"}
-"""Commands that help does not list."""
+"""Commands that the help leaves out."""
 
 
 def command(path: str) -> Command:
-    """The function of a command; loads the module that it stands in, and no other's."""
+    """Return the function of a command; import its module and no other command's."""
     module, _, name = COMMANDS[path].partition(":")
     found: Any = getattr(import_module(module), name)
     return found  # type: ignore[no-any-return]
 
 
 def split(words: list[str]) -> tuple[str, list[str]]:
-    """The command that a line begins with, empty where there is none, and the words after it."""
+    """Return the command that a line begins with, empty if none, and the words after it."""
     for count in (1, 2):
         path = " ".join(words[:count])
         if path in COMMANDS and len(words) >= count:

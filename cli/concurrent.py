@@ -1,4 +1,4 @@
-"""Questions to several nodes at once, and paced sending."""
+"""Calls to several nodes at once, and paced sending."""
 
 import threading
 import time
@@ -13,17 +13,16 @@ from quadctl.services.runtime.errors import QuadctlError, TimedOut
 
 
 class Pace:
-    """What is sent to a hub that is gone is lost, and nobody else would say so: so it is asked.
+    """Pacing of a sender that checks the hub twice within the client's timeout.
 
-    Twice within the client's timeout, so that its loss is told by then, however long a rest is.
+    Messages to a dead hub are lost without an error: the check reports it, however long the pause.
     """
 
     def __init__(self, client: Client) -> None:
-        """It counts from now."""
         self._client, self._asked = client, time.monotonic()
 
     def rest(self, until: float) -> None:
-        """Sleep until a time (monotonic s); raises what `ask` does, as soon as it is due."""
+        """Sleep until a time (monotonic s); raise as `ask` does as soon as a check is due."""
         half = self._client.timeout / 2
         while (now := time.monotonic()) < until or now > self._asked + half:
             time.sleep(max(min(until, self._asked + half) - now, 0))
@@ -31,8 +30,8 @@ class Pace:
                 self.ask()
 
     def ask(self) -> None:
-        """Hear of the hub that it has all that was sent; raises as Client.flush."""
-        # What is left of the timeout since it was asked last; if we were late ourselves, half of it.
+        """Wait until the hub confirms all that was sent; raise as Client.flush does."""
+        # The rest of the timeout since the last check; at least half of it, as we may be late.
         left = self._asked + self._client.timeout - time.monotonic()
         self._client.flush(max(left, self._client.timeout / 2))
         self._asked = time.monotonic()
@@ -42,13 +41,13 @@ T = TypeVar("T")
 
 
 class Answers(Struct, Generic[T], frozen=True):
-    """What came of each node: its answer, or why there is none."""
+    """Answers of several nodes, and the error of each node without one."""
 
     answers: dict[str, T]
     problems: dict[str, QuadctlError]
 
     def fail(self) -> None:
-        """Raise the first problem, where there is one, and the others with it."""
+        """Raise the first problem, if any, with the messages of the others attached."""
         if not self.problems:
             return
         first, *others = self.problems.values()
@@ -63,10 +62,10 @@ def ask_each(
     *,
     all_or_none: bool = False,
 ) -> Answers[T]:
-    """Call `ask` for every node, where there are several each on a thread of its own.
+    """Call `ask` for every node; if there are several, each on a separate thread.
 
-    With `within` (s), who takes longer is not waited for, and is told as TimedOut. With
-    `all_or_none` nobody is waited for once one has failed: of the others nothing is told then.
+    A node that takes longer than `within` (s) counts as TimedOut. With `all_or_none` the first
+    problem ends the wait, and the nodes that are still silent are left out of the result.
     """
     answers: dict[str, T] = {}
     problems: dict[str, QuadctlError] = {}
@@ -78,7 +77,7 @@ def ask_each(
             answers[node] = ask(node)
         except QuadctlError as problem:
             problems[node] = problem
-        except Exception as fault:  # noqa: BLE001 - raised again below, where it can be told
+        except Exception as fault:  # noqa: BLE001 - raised again below, on the caller's thread
             faults.append(fault)
         finally:
             done.put(node)
@@ -99,12 +98,12 @@ def ask_each(
                 for node in late:
                     problems[node] = TimedOut(
                         f"there was no answer within {within:g} s",
-                        "`quadctl status` shows who is frozen",
+                        "`quadctl status` shows which process is frozen",
                     )
                 break
     if faults:
         raise faults[0]
-    # In the order asked for, whoever was quicker; whoever answers from now on was too late.
+    # In the order of `nodes`; answers that arrive from now on are too late.
     return Answers(
         {node: answers[node] for node in nodes if node in answers and node not in problems},
         {node: problems[node] for node in nodes if node in problems},

@@ -1,4 +1,4 @@
-"""The common options, the vehicle that they mean, and the connection to its hub."""
+"""Common options, the vehicle that they select, and the connection to its hub."""
 
 import os
 from collections.abc import Mapping
@@ -24,34 +24,33 @@ if TYPE_CHECKING:
 
 
 def the_only(realm: str, connect: str, timeout: float) -> str:
-    """The vehicle of a run that has one, `uav` where nothing runs; of a hub, where one is named.
+    """Return the only vehicle of a run, or of a hub if `connect` names one; `uav` if nothing runs.
 
-    Raises UsageError where there are several, and over `connect` what a Client does (timeout in s).
+    Of several vehicles, return `uav`; without one of that name, raise UsageError. With `connect`,
+    raise what a Client raises (timeout in s).
     """
     there = vehicles_of(realm, connect, timeout)
     if len(there) > 1 and DEFAULT not in there:
-        raise UsageError(
-            f"there are several vehicles: {listed(there)}",
-            f"say which: --vehicle {there[0]}, or set QUADCTL_VEHICLE",
-        )
+        hint = f"choose one: --vehicle {there[0]}, or set QUADCTL_VEHICLE"
+        raise UsageError(f"there are several vehicles: {listed(there)}", hint)
     return there[0] if len(there) == 1 else DEFAULT
 
 
 def vehicles_of(realm: str, connect: str, timeout: float) -> list[str]:
-    """The vehicles of a run, or of a hub where one is named; raises as `the_only` over that."""
+    """Return a run's vehicles, or a hub's with `connect`, which raises what a Client raises."""
     if connect:
         return _at(realm, connect, timeout)
-    # At a hub alone, those of others that have joined it.
+    # A hub without a vehicle has those of the other hubs that have joined it.
     return _at(realm, "", timeout) if hub_alone(realm) else _in(realm)
 
 
 def in_run(realm: str) -> list[str]:
-    """The vehicles of a run, as its record has them; none where nothing runs."""
+    """Return the vehicles in a run's record; none if nothing runs."""
     return [name for name in _in(realm) if not name.startswith(HUB_ALONE)]
 
 
 def hub_alone(realm: str) -> str:
-    """What the hub of a run without a vehicle goes by; empty where there is a vehicle, or no run."""
+    """Return the name of the hub of a run without a vehicle; empty with a vehicle, or no run."""
     there = _in(realm)
     return there[0] if there and there[0].startswith(HUB_ALONE) else ""
 
@@ -60,7 +59,7 @@ def _in(realm: str) -> list[str]:
     try:
         return run_files.read(Realm(realm)).vehicles
     except (Unreachable, UsageError):
-        # Told by whoever needs the run, or the realm's name.
+        # Reported by the caller that needs the run or the realm's name.
         return []
 
 
@@ -72,7 +71,7 @@ def _at(realm: str, connect: str, timeout: float) -> list[str]:
     if is_secure(connect):
         from quadctl.services.runtime.security.identity import needed
 
-        # Who may see one vehicle means that one.
+        # An identity that may see only some vehicles means these.
         if (ours := needed(connect).name.vehicles) != ["*"]:
             return ours
     with Client(realm, DEFAULT, connect=connect, timeout=timeout) as client:
@@ -84,16 +83,16 @@ LONGEST_TIMEOUT = 86_400
 
 COMMON: dict[str, tuple[type, str]] = {
     "realm": (str, "Name of the isolated run (env QUADCTL_REALM, default: default)."),
-    "connect": (str, "A hub's Zenoh endpoint, as tls/host:7447, instead of the realm's."),
-    "identity": (str, "Who you are on a network: a folder (env QUADCTL_IDENTITY)."),
-    "vehicle": (str, "Whose keys are meant (env QUADCTL_VEHICLE, default: the only one)."),
+    "connect": (str, "A hub's Zenoh endpoint, e.g. tls/host:7447, instead of the realm's."),
+    "identity": (str, "Folder of your identity on a network (env QUADCTL_IDENTITY)."),
+    "vehicle": (str, "Name of the vehicle (env QUADCTL_VEHICLE, default: the only one)."),
     "timeout": (float, f"Seconds to wait for a reply (default: {DEFAULT_TIMEOUT:g})."),
     "json": (bool, "Machine-readable output."),
 }
 
 
 class Options(Struct, frozen=True):
-    """What the common options say; `named` is the vehicle that they name, or empty."""
+    """Values of the common options; `named` is the vehicle that they name, or empty."""
 
     realm: str
     connect: str
@@ -103,38 +102,32 @@ class Options(Struct, frozen=True):
 
     @property
     def vehicle(self) -> str:
-        """The vehicle meant: the one named, else the only one there is.
-
-        Raises UsageError where there are several.
-        """
+        """Return the vehicle that is named, else the only one; raise as `the_only` does."""
         return self.named or the_only(self.realm, self.connect, self.timeout)
 
     @property
     def vehicles(self) -> list[str]:
-        """All vehicles of the run that the one meant belongs to, itself among them."""
+        """Return all vehicles of the run of the selected vehicle, that vehicle included."""
         there = vehicles_of(self.realm, self.connect, self.timeout)
         return there if self.vehicle in there else [self.vehicle]
 
 
 def here(options: Options, what: str) -> None:
-    """Raise UsageError where the options name a hub: `what` is about this machine's processes."""
+    """Raise UsageError if the options name a hub: `what` needs this machine's processes."""
     if options.connect:
         raise UsageError(
-            f"{what} is about the processes of this machine, and --connect {options.connect} about"
-            " the bus alone",
-            f"on the machine itself: `ssh HOST quadctl {what}`",
+            f"{what} needs the run's processes: --connect {options.connect} reaches only the bus",
+            f"run it on that machine: `ssh HOST quadctl {what}`",
         )
 
 
 def options_of(said: Mapping[str, Any]) -> Options:
-    """From what the line says, the environment, and the defaults; raises UsageError."""
+    """Return the options by the line, the environment and the defaults; raise UsageError."""
     timeout = said.get("timeout", DEFAULT_TIMEOUT)
     named = said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE")
     if not 0 < timeout <= LONGEST_TIMEOUT:
-        raise UsageError(
-            f"--timeout {timeout:g}: not a time",
-            f"give seconds, more than 0, up to {LONGEST_TIMEOUT}",
-        )
+        hint = f"give seconds, more than 0, up to {LONGEST_TIMEOUT}"
+        raise UsageError(f"--timeout {timeout:g}: not a time", hint)
     if folder := said.get("identity"):
         from quadctl.services.runtime.security.identity import choose
 
@@ -149,17 +142,17 @@ def options_of(said: Mapping[str, Any]) -> Options:
 
 
 def connect(options: Options) -> "Client":
-    """Connect to the hub that the options name; raises Unreachable when there is none."""
-    # Imported here: a line that needs no bus is read in half the time.
+    """Connect to the hub that the options name; raise Unreachable if there is none."""
+    # Imported here: a command without the bus starts in half the time.
     from quadctl.services.runtime.bus.client import Client
 
     return Client(options.realm, options.vehicle, connect=options.connect, timeout=options.timeout)
 
 
 def about_topic(options: Options, name: str) -> Options:
-    """The options, with the vehicle that a topic's full key names.
+    """Return the options with the vehicle that a topic's full key names.
 
-    For a key that is nobody's, or a pattern, it does not matter which of several vehicles asks.
+    For a pattern, or a key without a vehicle's name, any of several vehicles will do.
     """
     bare = name.strip("/")
     if any(topic.name == bare for topic in TOPICS):
@@ -169,27 +162,27 @@ def about_topic(options: Options, name: str) -> Options:
 
 
 def own_topic(key: str, vehicle: str) -> Topic[Any] | None:
-    """The topic of the vehicle that has a full key; None where the key is anybody else's."""
+    """Return the vehicle's topic with a full key; None if the key belongs to anything else."""
     topic = topic_of(key)
     return topic if topic is not None and key == topic.key(vehicle) else None
 
 
 def anyone(options: Options) -> Options:
-    """The options, with one of the vehicles where it does not matter which asks."""
+    """Return the options with one of the vehicles, for a request that any of them can make."""
     there = _there(options)
     return structs.replace(options, named=there[0]) if there else options
 
 
 def about_service(options: Options, name: str) -> Options:
-    """The options, with the vehicle that a service's full key names."""
+    """Return the options with the vehicle that a service's full key names."""
     return _named(options, name.strip("/"), _there(options), "")
 
 
 def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[str]]:
-    """The options with the vehicle that `uav1.safety.takeoff` names, and the words without it.
+    """Return the options with the vehicle in `uav1.safety.takeoff`, and the words without it.
 
-    So it is with `/uav1/safety/takeoff`; of a vehicle alone nothing is left, which is all that it
-    has. A value may follow behind a `=`. Raises UsageError where the words name several.
+    `/uav1/safety/takeoff` is read the same way. A vehicle alone leaves an empty word, which means
+    all its parameters. A `=` and a value may follow. Raises UsageError for several vehicles.
     """
     first = {_dotted(word)[0].partition(".")[0] for word in words}
     if not (named := first & set(_there(options))):
@@ -206,7 +199,7 @@ def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[
 
 
 def about_node(options: Options, name: str) -> tuple[Options, str]:
-    """The options with the vehicle that `/uav1/safety` names, and the node's own name."""
+    """Return the options with the vehicle that `/uav1/safety` names, and the node's name alone."""
     vehicle, _, node = name.strip("/").partition("/")
     if not node or vehicle not in _there(options):
         return options, name
@@ -214,7 +207,7 @@ def about_node(options: Options, name: str) -> tuple[Options, str]:
 
 
 def _dotted(word: str) -> tuple[str, str]:
-    """A parameter's name with dots for slashes, and its value with the `=` before it."""
+    """Split a word into a parameter's name, with dots for slashes, and `=` with its value."""
     name, equals, value = word.partition("=")
     return name.strip("/").replace("/", "."), f"{equals}{value}"
 

@@ -1,4 +1,4 @@
-"""Declarations of a command's words, for the fast parser and for Typer alike.
+"""Declarations of a command's words, for both the fast parser and Typer.
 
     def goto(options: Options, x: Annotated[float, Arg("East, m.")],
              replace: Annotated[bool, Option("Change course.")] = False) -> None:
@@ -12,11 +12,11 @@ from typing import Any, Literal
 from msgspec import Struct
 
 Names = Literal["", "topic", "service", "node", "param", "setting", "type", "field", "vehicle"]
-"""What a shell completes a word with; `field` is one of the service or topic named before."""
+"""Kinds of shell completion; `field` is a field of the service or topic in the word before."""
 
 
 class Arg(Struct, frozen=True):
-    """A word by its place; of a `list[str]`, all that are left."""
+    """Positional word; a `list[str]` takes all that are left."""
 
     about: str
     metavar: str = ""
@@ -24,7 +24,7 @@ class Arg(Struct, frozen=True):
 
 
 class Option(Struct, frozen=True):
-    """A word by its name, which is the parameter's own where none is given."""
+    """Named word; without `names` its name is that of the function's parameter."""
 
     about: str
     names: tuple[str, ...] = ()
@@ -34,7 +34,7 @@ class Option(Struct, frozen=True):
 
 
 class Parameter(Struct, frozen=True):
-    """A declared word, as either parser wants it."""
+    """Declared word in the form that both parsers use."""
 
     name: str
     type: type
@@ -45,13 +45,13 @@ class Parameter(Struct, frozen=True):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """How it is written on the line, where it goes by a name."""
+        """Return the spellings of an option."""
         own = f"--{self.name.replace('_', '-')}"
         return (isinstance(self.said, Option) and self.said.names) or (own,)
 
 
 class ParsedCommand(Struct, frozen=True):
-    """A command line understood: what to run, the common options, and the command's own words."""
+    """Parsed line: the function to run, the common options, and the command's own values."""
 
     command: Callable[..., None]
     common: dict[str, Any]
@@ -59,7 +59,7 @@ class ParsedCommand(Struct, frozen=True):
 
 
 def words_of(command: Callable[..., None]) -> list[Parameter]:
-    """The words that a command declares, in their order."""
+    """Return the words that a command declares, in order."""
     annotations = {
         name: annotation
         for name, annotation in command.__annotations__.items()
@@ -73,12 +73,12 @@ def words_of(command: Callable[..., None]) -> list[Parameter]:
 
 
 def takes_signed(words: list[Parameter]) -> bool:
-    """Whether `-1` can be a word by its place, and so no option."""
+    """Return whether `-1` can be a positional word, and so no option."""
     return any(isinstance(w.said, Arg) and (w.type is float or w.many) for w in words)
 
 
 def is_number(text: str) -> bool:
-    """Whether Python reads a text as a number; it reads `1_0` as ten, too."""
+    """Return whether Python reads a text as a number; it also reads `1_0` as ten."""
     try:
         float(text)
     except ValueError:
@@ -88,7 +88,7 @@ def is_number(text: str) -> bool:
 
 def _word(name: str, annotation: Any, required: bool, default: Any) -> Parameter:
     type_, said = annotation.__origin__, annotation.__metadata__[0]
-    # Of `float | None` the float.
+    # `float | None` counts as float.
     type_ = next(iter(getattr(type_, "__args__", ())), type_) if not _is_list(type_) else type_
     many = _is_list(type_)
     return Parameter(name, type_.__args__[0] if many else type_, many, default, required, said)

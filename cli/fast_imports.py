@@ -1,13 +1,13 @@
-"""An import of msgspec without those of its own imports that no command needs.
+"""Import of msgspec without the imports of msgspec that no command needs.
 
 They take 25 ms of every command. typing has had the names from typing_extensions since 3.11,
-textwrap only formats docstrings in JSON Schemas, the C part of datetime suffices, and no message of
-ours has a UUID or a Decimal.
+textwrap only formats docstrings in JSON Schemas, the C part of datetime suffices, and no message
+has a UUID or a Decimal.
 """
 
 import gc
 
-gc.disable()  # what is imported stays; to look through it again and again takes 10 ms
+gc.disable()  # imported objects stay alive; scanning them repeatedly takes 10 ms
 
 import _datetime  # type: ignore[import-not-found]  # noqa: E402
 import sys  # noqa: E402
@@ -16,7 +16,7 @@ from typing import Any  # noqa: E402
 
 
 class _Later(ModuleType):
-    """Stands for a module, and loads it when it is first used."""
+    """Stand-in for a module; loads it on first use."""
 
     def __getattr__(self, name: str) -> Any:
         from importlib import import_module
@@ -41,12 +41,12 @@ _STAND_INS: dict[str, Any] = {
     "uuid": _with("uuid", UUID=type("UUID", (), {}), SafeUUID=_Unknown),
     "decimal": _with("decimal", Decimal=type("Decimal", (), {})),
 }
-"""By name; an import of what has None fails, as if it were not there."""
+"""Stand-ins by module name; importing a module with None fails as if it were missing."""
 _placed = {name: module for name, module in _STAND_INS.items() if name not in sys.modules}
 sys.modules.update(_placed)
 
 import msgspec  # noqa: E402, F401 - loaded here so that all later imports find it loaded
 
 for _name in _placed:
-    # Who imports it from here on gets it itself.
+    # Later imports get the module itself.
     del sys.modules[_name]

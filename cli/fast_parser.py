@@ -1,4 +1,4 @@
-"""The parser of well-formed lines, without Typer.
+"""Parser of well-formed lines, without Typer.
 
 Importing Typer costs three times the processor time of a whole command. An unknown option, a
 missing word or `--help` is left to Typer, which reads the same declarations and explains the error.
@@ -21,11 +21,11 @@ from quadctl.cli.declarations import (
 from quadctl.services.runtime.errors import UsageError
 
 _ENDINGS = {"--record": ".mcap"}
-"""What the word after such an option ends with, where it is the option's value."""
+"""Ending of a word that makes it the value of the option before it, by option."""
 
 
 def given(words: list[str]) -> list[str]:
-    """The line with `--record` as `--record=`, and `--record x.mcap` as `--record=x.mcap`."""
+    """Return the line with `--record` as `--record=`, `--record x.mcap` as `--record=x.mcap`."""
     line: list[str] = []
     for word in words:
         before = line[-1] if line else ""
@@ -37,11 +37,11 @@ def given(words: list[str]) -> list[str]:
 
 
 class _Declined(Exception):
-    """It is Typer's to read."""
+    """Refusal of a line that Typer has to read."""
 
 
 def read(words: list[str]) -> ParsedCommand | None:
-    """Understand a line, or leave it: None."""
+    """Return a parsed line, or None to leave it to Typer."""
     common: dict[str, Any] = {}
     try:
         path, rest = commands.split(_after_common(words, common))
@@ -56,7 +56,7 @@ def read(words: list[str]) -> ParsedCommand | None:
 
 
 def _after_common(words: list[str], common: dict[str, Any]) -> list[str]:
-    """Take the common options that stand before the command."""
+    """Take the common options before the command, and return the rest."""
     line = iter(words)
     for word in line:
         if not word.startswith("-"):
@@ -74,11 +74,11 @@ def _read(declared: list[Parameter], line: Iterator[str], common: dict[str, Any]
     placed = iter(word for word in declared if isinstance(word.said, Arg))
     signed, place = takes_signed(declared), None
     for text in line:
-        # `-inf` may be a number, or -i, -n and -f in one.
+        # `-inf` may be a number, or the options -i, -n and -f in one.
         if text.startswith("-") and not (signed and is_number(text) and not text[1].isalpha()):
             name, equals, value = text.partition("=")
             if equals and not text.startswith("--"):
-                raise _Declined  # of a short one the rest would be its value, the = as well
+                raise _Declined  # a short option's value would begin with the =
             if name in named:
                 _take(named[name], (value if equals else None), line, values)
             elif not _take_common(text, line, common):
@@ -104,7 +104,7 @@ def _take(word: Parameter, value: str | None, line: Iterator[str], values: dict[
 def _put(word: Parameter, text: str, values: dict[str, Any]) -> None:
     if word.type in {int, float} and "_" in text and is_number(text):
         # Python reads 1_0 as ten.
-        raise UsageError(f"'{text}' is no number", "write it without the _")
+        raise UsageError(f"'{text}' is not a number", "write it without the _")
     value = word.type(text)
     if isinstance(word.said, Option) and word.said.min is not None and value < word.said.min:
         raise _Declined

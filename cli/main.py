@@ -1,4 +1,4 @@
-"""The entry point of the `quadctl` command. Ctrl-C is no error, not even during the imports."""
+"""Entry point of the `quadctl` command. Ctrl-C is no error, not even during the imports."""
 
 import os
 
@@ -6,7 +6,7 @@ _CTRL_C = 130
 
 
 def main() -> None:
-    """Run the command line and exit with the code that says how it went."""
+    """Run the command line and exit with its exit code."""
     try:
         from quadctl.cli import command
     except KeyboardInterrupt:

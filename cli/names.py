@@ -1,4 +1,4 @@
-"""Topics, services and types by any of the names that a user may type."""
+"""Lookup of topics, services and types by any name that a user may type."""
 
 import re
 from typing import Any
@@ -10,34 +10,34 @@ from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
 _LONGEST_KEY = 1_000
-"""Zenoh carries no key of 64 KiB; nobody types one of a thousand characters."""
+"""Characters: Zenoh carries no key of 64 KiB, and a user types far fewer than these."""
 _NODE = r"[^/#?*$]{1,200}"
 _CHUNK = r"(\*\*|\*|\$\*|(?:[^/#?*$]|\$\*)+)"
 
 
 def key_of(name: str, vehicle: str) -> str:
-    """`sensors/pressure`, `/uav/sensors/pressure` or any other key, to the full key."""
+    """Return the full key of `sensors/pressure`, `/uav/sensors/pressure` or any other key."""
     bare = name.strip("/")
     declared = {topic.name for topic in TOPICS}
     return f"{vehicle}/{bare}" if bare in declared else bare
 
 
 def checked_key(name: str, vehicle: str) -> str:
-    """The full key or key expression of a name; raises Invalid for what Zenoh would not take.
+    """Return the full key or key expression of a name; raise Invalid if Zenoh would reject it.
 
-    An expression comes in the one spelling that Zenoh takes: `**/*` as `*/**`.
+    An expression is returned in the only spelling that Zenoh accepts: `**/*` as `*/**`.
     """
     key = re.sub(r"(\$\*)+", "$*", key_of(name, vehicle))
     if len(key) > _LONGEST_KEY or not re.fullmatch(rf"{_CHUNK}(/{_CHUNK})*", key):
-        raise Invalid(f"'{name[:80]}' is no key", "write it as sensors/pressure or uav/**")
+        raise Invalid(f"'{name[:80]}' is not a valid key", "write it as sensors/pressure or uav/**")
     return _canonical(key) if "*" in key else key
 
 
 def single_key(name: str, vehicle: str) -> str:
-    """The full key of a name; raises Invalid for an expression too."""
+    """Return the full key of a name; raise Invalid for an expression, too."""
     key = checked_key(name, vehicle)
     if "*" in key:
-        raise Invalid(f"{key} stands for many keys", "`quadctl topic list` shows single ones")
+        raise Invalid(f"{key} matches many keys", "`quadctl topic list` shows single ones")
     return key
 
 
@@ -46,7 +46,7 @@ def _canonical(key: str) -> str:
     for chunk in key.split("/"):
         wild = "*" if chunk == "$*" else chunk
         if wild in {"*", "**"} and chunks[-1:] == ["**"]:
-            # After any number of chunks one more, or any number more, is said before.
+            # Zenoh wants `*` before `**`, and `**` once.
             chunks[-1:] = ["*", "**"] if wild == "*" else ["**"]
         else:
             chunks.append(wild)
@@ -54,11 +54,11 @@ def _canonical(key: str) -> str:
 
 
 PARAMETERS: tuple[Service[Any, Any], ...] = (get_params("NODE"), set_params("NODE"))
-"""The services that every node has."""
+"""Services that every node has."""
 
 
 def types() -> dict[str, str]:
-    """Every name that a type may be asked for by, to its own."""
+    """Return the types' own names by every name that a user may type for them."""
     services = (*SERVICES, *PARAMETERS)
     own = [topic.type.__name__ for topic in TOPICS]
     own += [service.type_name for service in services]
@@ -69,7 +69,7 @@ def types() -> dict[str, str]:
 
 
 def parts() -> dict[str, type[Struct]]:
-    """The types that stand in those of topics and services, as Position in Pose, by their names."""
+    """Return the types within those of topics and services, e.g. Position in Pose, by name."""
     from quadctl.schemas import typeinfo
 
     whole = [topic.type for topic in TOPICS]
@@ -78,7 +78,7 @@ def parts() -> dict[str, type[Struct]]:
 
 
 def fields_of(name: str, vehicle: str) -> tuple[str, ...]:
-    """The fields of a service's request or a topic's message; raises Invalid for neither."""
+    """Return the fields of a topic's message or a service's request; raise Invalid for neither."""
     topic = topic_of(key_of(name, vehicle))
     type_ = topic.type if topic else find_service(name, vehicle).request
     fields: tuple[str, ...] = type_.__struct_fields__
@@ -86,7 +86,7 @@ def fields_of(name: str, vehicle: str) -> tuple[str, ...]:
 
 
 def find_service(name: str, vehicle: str) -> Service[Any, Any]:
-    """A service by name or key; raises Invalid with the nearest name."""
+    """Return a service by name or key; raise Invalid with the nearest name."""
     bare = name.strip("/")
     for prefix in ("", f"{vehicle}/@srv/", "@srv/", f"{vehicle}/"):
         spelling = bare.removeprefix(prefix)

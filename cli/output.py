@@ -13,17 +13,15 @@ from quadctl.services.runtime.errors import QuadctlError
 
 
 def ensure() -> None:
-    """Open what the shell has closed (`<&-`), lest a socket take its number."""
+    """Open the streams that the shell has closed (`<&-`), so that no socket takes their numbers."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            # The lowest free number is this one.
+            # This number is the lowest free one, so it is taken.
             os.open(os.devnull, os.O_RDWR)
-    if sys.stdout is None:
-        sys.stdout = _nowhere()
-    if sys.stderr is None:
-        sys.stderr = _nowhere()
+    sys.stdout = sys.stdout or _nowhere()
+    sys.stderr = sys.stderr or _nowhere()
 
 
 def _nowhere() -> TextIO:
@@ -31,26 +29,26 @@ def _nowhere() -> TextIO:
 
 
 def say(text: str) -> None:
-    """Write to stdout at once; raises as flush."""
+    """Write to stdout at once; raise as flush does."""
     with _written():
         sys.stdout.write(text)
         sys.stdout.flush()
 
 
 def flush() -> None:
-    """Write out what is left; raises QuadctlError where it cannot be."""
+    """Write out the buffered text; raise QuadctlError if that fails."""
     with _written():
         sys.stdout.flush()
         sys.stderr.flush()
 
 
 def ensure_read() -> None:
-    """Raise BrokenPipeError where who read our stdout through a pipe has left."""
+    """Raise BrokenPipeError if the reader at the other end of our stdout pipe has left."""
     import select
 
     if hasattr(select, "poll"):
         poll = select.poll()
-        poll.register(1, 0)  # only what is told unasked
+        poll.register(1, 0)  # only errors, which poll always reports
         if any(events & select.POLLERR for _, events in poll.poll(0)):
             raise BrokenPipeError
 
@@ -62,20 +60,20 @@ def _written() -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        # What could not be written is kept, and would be tried again at the very end.
+        # The stream keeps unwritten text and would try again at exit.
         sys.stdout = _nowhere()
         raise QuadctlError(
             f"the output cannot be written: {error.strerror}",
-            "is its disk full? What was asked for may be done all the same",
+            "is its disk full? The command itself may have succeeded",
         ) from error
 
 
 _FAULT_FOUND = 8
 _WIDEST = 12
-"""Characters of a float that are shown as they are."""
+"""Characters of a float that is shown without rounding."""
 
 _TAME = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if code not in b"\t\n"}
-"""How what would steer a terminal is shown: strings come from anybody on the bus."""
+"""Escapes for characters that control a terminal: anybody on the bus may send them."""
 
 
 def document(value: Any) -> None:
@@ -89,12 +87,12 @@ def line(text: str) -> None:
 
 
 def either(options: Options, value: Any, text: str) -> None:
-    """Print a document where --json asks for one, a line of text otherwise."""
+    """Print a document with --json, else a line of text."""
     document(value) if options.json else line(text)
 
 
 def table(rows: Iterable[Sequence[object]]) -> None:
-    """Print rows, one a line, in aligned columns."""
+    """Print rows in aligned columns."""
     texts = [[str(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     for row in texts:
@@ -103,7 +101,7 @@ def table(rows: Iterable[Sequence[object]]) -> None:
 
 
 def fields(value: Any, indent: str = "") -> None:
-    """Print data as `rostopic echo` does: a field a line, nested ones indented."""
+    """Print data as `rostopic echo` does: one field per line, nested ones indented."""
     if not isinstance(value, dict):
         line(f"{indent}{_shown(value, quoted=False)}")
         return
@@ -116,12 +114,12 @@ def fields(value: Any, indent: str = "") -> None:
 
 
 def note(text: str) -> None:
-    """Say something beside the output proper, on stderr."""
+    """Print a remark to stderr."""
     sys.stderr.write(f"{text.translate(_TAME)}\n")
 
 
 def error(problem: QuadctlError, *, as_json: bool) -> None:
-    """Print what went wrong and what to do about it, on stderr."""
+    """Print an error, and its hint, to stderr."""
     if as_json:
         message = "; ".join((problem.message, *problem.others))
         said = {"code": problem.code, "message": message, "hint": problem.hint}
@@ -134,20 +132,20 @@ def error(problem: QuadctlError, *, as_json: bool) -> None:
 
 
 def _shown(value: Any, *, quoted: bool = True) -> str:
-    """Nine digits of a float tell a nanometre from a lab; --json has them all."""
+    """Format a value: nine digits of a float resolve a nanometre in a lab; --json has all."""
     if isinstance(value, float):
         return repr(value) if len(repr(value)) <= _WIDEST else f"{value:.9g}"
     return repr(value) if isinstance(value, str) and quoted else str(value)
 
 
 def end(*, ok: bool) -> None:
-    """Leave with exit code 8, a fault found, unless all is well."""
+    """Exit with code 8, a fault found, unless `ok`."""
     if not ok:
         sys.exit(_FAULT_FOUND)
 
 
 def duration(seconds: float) -> str:
-    """A time as `3 s`, `2:03` or `1:02:03`."""
+    """Format a time as `3 s`, `2:03` or `1:02:03`."""
     minutes, rest = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 
 class Progress:
-    """Shows a fraction and a text, on stderr and only where somebody is looking."""
+    """Bar with a fraction and a text, on stderr; hidden unless stdout is a terminal, too."""
 
     def __init__(self, title: str, *, quiet: bool) -> None:
         self._title = title
@@ -35,13 +35,13 @@ class Progress:
             self._bar.stop()
 
     def update(self, fraction: float, text: str) -> None:
-        """Show how far it is, from 0 to 1."""
+        """Show a fraction, from 0 to 1, and a text."""
         if self._bar is not None:
             self._bar.update(self._task, completed=min(max(fraction, 0.0), 1.0), text=text)
 
 
 class FleetProgress(Progress):
-    """Told of every vehicle's way by its own thread."""
+    """Progress of a fleet; each vehicle's own thread reports it."""
 
     def __init__(self, title: str, names: Iterable[str], *, quiet: bool) -> None:
         super().__init__(title, quiet=quiet)
@@ -49,10 +49,8 @@ class FleetProgress(Progress):
         self._left = dict.fromkeys(self._flown, 0.0)
 
     def fly(self, name: str, left: float, whole: float) -> None:
-        """A vehicle has so much of its whole way left, m."""
+        """Report that a vehicle has `left` m to go of its `whole` way."""
         self._flown[name], self._left[name] = 1 - left / whole, left
         there = sum(flown >= 1 for flown in self._flown.values())
-        self.update(
-            sum(self._flown.values()) / len(self._flown),
-            f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go",
-        )
+        text = f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go"
+        self.update(sum(self._flown.values()) / len(self._flown), text)

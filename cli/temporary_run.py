@@ -1,4 +1,4 @@
-"""A run of a command's own, ended with the command however that ends."""
+"""Temporary run of a command; it ends with the command, however the command ends."""
 
 import contextlib
 import signal
@@ -14,22 +14,22 @@ from quadctl.services.runtime.supervisor.daemon import start_in_background
 from quadctl.services.runtime.supervisor.launch import Launch
 
 _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-"""What else than Ctrl-C may end a command; by itself Python would let nothing be put in order."""
+"""Signals beside Ctrl-C that end a command; Python by itself would exit without cleaning up."""
 
 
 @contextlib.contextmanager
 def run_of_its_own(launch: Launch) -> Iterator[Realm]:
-    """Start a run, and end it with the block, by a signal too; raises as detach does."""
+    """Start a run and end it with the block, on a signal too; raise as start_in_background."""
     realm = Realm(launch.realm)
-    # With nohup a closed terminal is to end nothing.
-    heeded = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
-    before = {number: signal.signal(number, _leave) for number in heeded}
+    # Under nohup a closed terminal must not end the run.
+    handled = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _leave) for number in handled}
     try:
         leash = start_in_background(replace(launch, owned=True))
         try:
             yield realm
         finally:
-            for number in heeded:
+            for number in handled:
                 signal.signal(number, signal.SIG_IGN)
             stop_run(realm)
             leash.close()

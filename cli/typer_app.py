@@ -1,7 +1,4 @@
-"""The commands as a Typer app: help, completion and error messages.
-
-Typer only reads the line. The caller runs the command.
-"""
+"""Typer app of the commands, for help, completion and error messages; the caller runs them."""
 
 import inspect
 import os
@@ -30,19 +27,19 @@ from quadctl.services.runtime.errors import UsageError
 _KEY = "quadctl.options"
 _NO_WRAPPING = 10_000
 _EXITS = (
-    "Exit codes: 0 done, 1 unexpected error, 2 usage, 3 nobody answers, 4 timeout, 5 refused by"
+    "Exit codes: 0 done, 1 unexpected error, 2 usage, 3 no answer, 4 timeout, 5 refused by"
     " safety, 6 invalid parameter, message or schema, 7 already served, 8 fault found, 130 Ctrl-C."
 )
 
-# What `--show-completion` prints and `--install-completion` installs; Typer has no other way.
+# Scripts of `--show-completion` and `--install-completion`; Typer has no public way to set them.
 _completion_shared._completion_scripts.update(SCRIPTS)  # noqa: SLF001
 
 
 def read(words: list[str]) -> ParsedCommand:
-    """Understand a line; raises UsageError, or SystemExit where help or completion was all."""
+    """Return a parsed line; raise UsageError, or SystemExit after help or completion."""
     plain = [word for word in words if not word.startswith("-")]
     if plain[:1] == ["help"]:
-        # As people type it: `help`, `help topic`, `help topic echo`.
+        # Users type `help`, `help topic` and `help topic echo`.
         return read([*plain[1:], "--help"])
     try:
         app = build(plain[0] if plain else "")
@@ -59,7 +56,7 @@ def _usage(problem: typer.TyperException, path: str) -> BaseException:
     message = getattr(problem, "format_message", lambda: str(problem))()
     ctx = getattr(problem, "ctx", None)
     if not message or message.startswith("Usage:"):
-        # A group without a command: its help is the answer, and may be printed already.
+        # A group without a command shows its help, which Typer may have printed already.
         output.note(message) if message else None
         return SystemExit(code)
     command = ctx.command_path if ctx is not None else f"quadctl {path}".rstrip()
@@ -67,8 +64,8 @@ def _usage(problem: typer.TyperException, path: str) -> BaseException:
 
 
 def build(first: str = "") -> typer.Typer:
-    """The app; of one that begins with a known `first` word, that part alone."""
-    # Boxes, colours and wrapped lines are for people: what is piped on stays plain.
+    """Return the app; with a known `first` word of a line, only that part of it."""
+    # Piped output stays plain: no boxes, colours or wrapped lines.
     seen = sys.stdout.isatty()
     markup = "rich" if seen and not os.environ.get("NO_COLOR") else None
     layout: dict[str, Any] = {} if seen else {"terminal_width": _NO_WRAPPING}
@@ -104,10 +101,14 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
         return ParsedCommand(command, _said(ctx), values)
 
     run.__doc__ = command.__doc__
-    run.__annotations__ = {"ctx": typer.Context} | {w.name: _annotated(w) for w in words}
-    placed = [_parameter("ctx", typer.Context)]
-    placed += [_parameter(w.name, _annotated(w), w.required, w.default) for w in words]
-    run.__signature__ = inspect.Signature(placed)  # type: ignore[attr-defined]
+    types = {"ctx": typer.Context} | {word.name: _annotated(word) for word in words}
+    defaults = {word.name: word.default for word in words if not word.required}
+    kind, none = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
+    run.__annotations__ = types
+    run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
+        inspect.Parameter(name, kind, annotation=type_, default=defaults.get(name, none))
+        for name, type_ in types.items()
+    ])  # fmt: skip
     app.command(
         name,
         cls=_Command,
@@ -115,14 +116,6 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
         hidden=path in commands.ALIASES,
         context_settings={"ignore_unknown_options": takes_signed(words)},
     )(run)
-
-
-def _parameter(
-    name: str, annotation: Any, required: bool = True, default: Any = None
-) -> inspect.Parameter:
-    taken = inspect.Parameter.empty if required else default
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, annotation=annotation, default=taken)
 
 
 def _annotated(word: Parameter) -> Any:
@@ -146,27 +139,24 @@ def _version(
 ) -> None:
     if show:
         found = version("quadctl")
-        if options_of(_said(ctx)).json:
-            output.document({"version": found})
-        else:
-            output.line(f"quadctl {found}")
+        output.either(options_of(_said(ctx)), {"version": found}, f"quadctl {found}")
         raise typer.Exit
 
 
 class _Command(TyperCommand):
-    """A command with the common options."""
+    """Command with the common options."""
 
     def __init__(self, *args: Any, params: list[Any] | None = None, **kwargs: Any) -> None:
         super().__init__(*args, params=[*(params or []), *_common()], **kwargs)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Take `-1` for the number that it is; of what else begins with -, only what is declared."""
+        """Accept `-1` as a number, and other words that begin with - only if they are declared."""
         if ctx.ignore_unknown_options:
             self._check_options(ctx, args)
         return super().parse_args(ctx, args)
 
     def _check_options(self, ctx: Any, args: list[str]) -> None:
-        # Typer leaves every unknown option among the words by their place, as if it were one.
+        # Typer leaves every unknown option among the positional words.
         values, left, _ = self.make_parser(ctx).parse_args([*args])
         placed: list[Any] = [*left]
         for word in self.params:
@@ -179,12 +169,12 @@ class _Command(TyperCommand):
             if signed and text not in after and not is_number(text):
                 raise UsageError(
                     f"No such option: {text}",
-                    f"`{ctx.command_path} --help`; after a -- it would be no option",
+                    f"`{ctx.command_path} --help`; a word after -- is never an option",
                 )
 
 
 class _Group(TyperGroup):
-    """A group of commands with the common options before the command's name."""
+    """Group of commands; it takes the common options before the command's name."""
 
     def __init__(self, *, params: list[Any] | None = None, **kwargs: Any) -> None:
         super().__init__(params=[*(params or []), *_common()], **kwargs)
@@ -210,7 +200,7 @@ def _store(ctx: typer.Context, param: Any, value: Any) -> None:
 
 
 def _said(ctx: Any) -> dict[str, Any]:
-    """The common options; the innermost place where one is given counts."""
+    """Return the common options; the innermost context that gives one wins."""
     outer = _said(ctx.parent) if ctx.parent is not None else {}
     inner: dict[str, Any] = ctx.meta.get(f"{_KEY}.{ctx.command_path}", {})
     return outer | inner

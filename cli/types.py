@@ -14,7 +14,7 @@ from quadctl.services.runtime.params.names import nearest
 
 
 def list_(options: Options) -> None:
-    """List the types of the topics and services, and those that stand in them.
+    """List the types of the topics and services, and the types within them.
 
     Example: quadctl type list
     """
@@ -26,7 +26,7 @@ def show(
     options: Options,
     name: Annotated[str, Arg("A type, or the topic or service that has it.", complete="type")],
 ) -> None:
-    """Show the fields of a type, by its name or by that of a topic or service, or its full key.
+    """Show the fields of a type; name it, or a topic or service that has it, or its full key.
 
     Example: quadctl type show calibrate_pressure
     """
@@ -40,10 +40,10 @@ def show(
 
 
 def type_of(name: str, known: Mapping[str, str]) -> str | None:
-    """The type meant by a name, or by it behind a vehicle, a node or a package; None for none."""
+    """Return the type that a name means, with or without a vehicle, node or package; or None."""
     bare = name.strip("/")
     rest, last = bare.partition("/")[2], bare.rpartition("/")[2]
-    # A package's or a node's chunks are nobody's business, those of a topic's own name are.
+    # Ignore the chunks of a package or a node, but not those of a topic's own name.
     free = last if last[:1].isupper() or last in {"get_params", "set_params"} else ""
     half = free.removesuffix("Request").removesuffix("Response")
     for spelling in (bare, rest, free, half):
@@ -54,7 +54,7 @@ def type_of(name: str, known: Mapping[str, str]) -> str | None:
 
 
 def definitions() -> dict[str, str]:
-    """Every type by its name, as text."""
+    """Return every type's definition, as text, by name."""
     texts = {topic.type.__name__: definition(topic.type) for topic in TOPICS}
     texts |= {name: definition(type_) for name, type_ in parts().items()}
     return texts | {

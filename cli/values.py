@@ -1,4 +1,4 @@
-"""Values as typed on a command line: `name=value`, JSON, YAML, or one after the other."""
+"""Values as typed on a command line: `name=value`, JSON, YAML, or in order."""
 
 import re
 from collections.abc import Iterator
@@ -16,23 +16,18 @@ M = TypeVar("M", bound=Struct)
 _NAMED = r"[A-Za-z_]\w*:(\s|$)"
 _ROS_TYPE = r"\w+(_(msgs|srvs|interfaces)/(msg/|srv/)?|/(msg|srv)/)[A-Z]\w*"
 _LINE = r"\s*([A-Za-z_]\w*):[ \t]+([^\s\[\]{}'\"|>&*!#].*)"
-"""One line, `name: text`, whose text does not begin like anything but a text in YAML."""
+"""One line, `name: text`, with no character of special meaning in YAML before the text."""
 _DEEPEST = 50
-"""Levels of lists and tables in YAML."""
+"""Levels of nested lists and tables in YAML."""
 
 
 def message_of(type_: type[M], name: str, words: list[str]) -> M:
-    """Read the words as a message of a type; raises Invalid, telling the fields.
-
-    `name` is what `quadctl type show` knows the type by.
-    """
+    """Read the words as a message of a type, `name` to `quadctl type show`; raise Invalid."""
     try:
         return msgspec.convert(_table(type_, name, without_type(words, type_.__name__)), type_)
     except msgspec.ValidationError as error:
-        raise Invalid(
-            f"not a valid {type_.__name__}: {error}",
-            f"`quadctl type show {name}` prints the fields",
-        ) from error
+        hint = f"`quadctl type show {name}` prints the fields"
+        raise Invalid(f"not a valid {type_.__name__}: {error}", hint) from error
 
 
 def table_of(words: list[str]) -> Any:
@@ -49,17 +44,17 @@ def parameter(text: str) -> Any:
     found = value_of(text)
     if found != text or not _is_flow(text):
         return found
-    # A text of a user's own node may begin like a table, too: the node knows what it may be.
+    # A text for a user's own node may begin like a table, too: leave the check to the node.
     with suppress(Invalid):
         return _flow(text)
     return text
 
 
 def value(word: str) -> Any:
-    """Read one value: a number, also written `.5` or `1e3`, or what TOML makes of the word."""
+    """Read one value: a number, also `.5` or `1e3`, or any other word as TOML reads it."""
     if word.isascii() and "_" not in word:
         for number in (int, float):
-            # Without the TOML reader, whose import takes longer than publishing does.
+            # The TOML reader is avoided: its import takes longer than publishing.
             with suppress(ValueError):
                 return number(word)
     return value_of(word)
@@ -76,12 +71,12 @@ def is_pairs(words: list[str]) -> bool:
 
 
 def without_type(words: list[str], own: str = "") -> list[str]:
-    """Leave out a type that comes first, e.g. `rostopic pub`'s: the topic's name tells it."""
+    """Drop a leading type, as `rostopic pub` takes one: the topic's name implies it."""
     return words[1:] if len(words) > 1 and is_type(words[0], own) else words
 
 
 def is_type(word: str, own: str = "") -> bool:
-    """Return whether a word is a type as in ROS, or the topic's `own`, a package before it or not."""
+    """Return whether a word is a ROS type, or the topic's `own` with or without a package."""
     name = word.rpartition("/")[2]
     return bool((own and name == own) or re.fullmatch(_ROS_TYPE, word))
 
@@ -91,7 +86,7 @@ def _is_flow(text: str) -> bool:
 
 
 def _is_block(text: str) -> bool:
-    """Return whether a text is `name: value` lines, indented lines and items with a dash between."""
+    """Return whether a text has only `name: value` lines, indented lines and `- ` items."""
     first, *more = [line for line in text.splitlines() if line.strip()] or [""]
     return bool(re.match(_NAMED, first.lstrip())) and all(
         line[0].isspace() or line.startswith("- ") or re.match(_NAMED, line) for line in more
@@ -123,14 +118,11 @@ def _data(text: str) -> Any:
     try:
         return _yaml(text)
     except Invalid as problem:
-        # As people type it for rostopic: `data: hello: there`, where YAML wants quotes.
+        # Users type `data: hello: there` for rostopic, where YAML wants quotes.
         if line := re.fullmatch(_LINE, text.rstrip()):
             return {line[1]: value(line[2])}
-        raise Invalid(
-            f"the argument is not YAML: {problem.message}",
-            "put a text with a colon in it in quotes, write name=value words, or `--as text` to a key"
-            " of your own",
-        ) from problem
+        hint = "quote a text with a colon, write name=value words, or `--as text` for your own key"
+        raise Invalid(f"the argument is not YAML: {problem.message}", hint) from problem
 
 
 def _flow(text: str) -> Any:
@@ -147,10 +139,10 @@ def _flow(text: str) -> Any:
 
 
 def _yaml(text: str) -> Any:
-    """Read YAML whose bare words mean what they mean in `name=value`; raises Invalid.
+    """Read YAML with bare words as in `name=value`; raise Invalid.
 
     PyYAML's own readers follow YAML 1.1: `on` and `no` are truth values, `1e3` is a text and 1:30
-    is 90. Aliases (an exponential memory in a few words) and tags are refused.
+    is 90. Aliases (a few words can take exponential memory) and tags are refused.
     """
     import yaml
 
@@ -170,13 +162,13 @@ def _yaml(text: str) -> Any:
 
 
 def _node(events: Iterator[Any], event: Any, depth: int = 0) -> Any:
-    """Take the events of one value, of which `event` is the first."""
+    """Build one value from its events; `event` is the first."""
     import yaml
 
     if depth > _DEEPEST:
         raise Invalid(f"it is nested deeper than {_DEEPEST} levels")
     if isinstance(event, yaml.AliasEvent) or event.anchor or event.tag:
-        raise Invalid(f"anchors, aliases and tags are not taken{_at(event.start_mark)}")
+        raise Invalid(f"anchors, aliases and tags are not accepted{_at(event.start_mark)}")
     if isinstance(event, yaml.ScalarEvent):
         return _text(event) if event.style else _bare(event.value)
     if isinstance(event, yaml.SequenceStartEvent):
@@ -187,12 +179,12 @@ def _node(events: Iterator[Any], event: Any, depth: int = 0) -> Any:
     table: dict[str, Any] = {}
     while not isinstance(name := next(events), yaml.MappingEndEvent):
         if not isinstance(name, yaml.ScalarEvent) or name.anchor or name.tag:
-            raise Invalid(f"a name is a word or a quoted text{_at(name.start_mark)}")
+            raise Invalid(f"a name must be a word or a quoted text{_at(name.start_mark)}")
         found = next(events)
         if _is_glued(name, found):
             own, _, word = name.value.partition(":")
             if word.startswith(("'", '"')):
-                raise Invalid(f"{name.value!r} has no blank behind its colon{_at(name.start_mark)}")
+                raise Invalid(f"{name.value!r} has no blank after its colon{_at(name.start_mark)}")
             table[own] = _bare(word)
         else:
             table[_text(name)] = _node(events, found, depth + 1)
@@ -200,7 +192,7 @@ def _node(events: Iterator[Any], event: Any, depth: int = 0) -> Any:
 
 
 def _text(event: Any) -> str:
-    """Return the text of a scalar; raise Invalid for one that no encoding of ours can carry."""
+    """Return the text of a scalar; raise Invalid if UTF-8 cannot encode it."""
     text: str = event.value
     try:
         text.encode()
@@ -210,7 +202,7 @@ def _text(event: Any) -> str:
 
 
 def _is_glued(name: Any, found: Any) -> bool:
-    """Return whether a name and its value are typed as one word, `{x:1}`: to YAML a name alone."""
+    """Return whether a name and its value are one word, `{x:1}`: a name alone in YAML."""
     alone = name.end_mark.index == found.start_mark.index
     return alone and not name.style and ":" in name.value
 

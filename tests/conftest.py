@@ -1,4 +1,4 @@
-"""Real systems for the tests, each on a realm and in a folder of its own."""
+"""Fixtures that start real systems, each in its own realm and folder."""
 
 from collections.abc import Iterator
 
@@ -15,11 +15,13 @@ PROOFS = pytest.StashKey[Proofs]()
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[PROOFS] = Proofs()
-    # How long an example takes says how busy the machine is.
+    # No deadline: the time of an example depends on the load of the machine.
     hypothesis.settings.register_profile("quadctl", deadline=None)
     hypothesis.settings.load_profile("quadctl")
-    config.addinivalue_line("markers", "prove: full counts, for `make prove`; left out otherwise")
-    config.addinivalue_line("markers", "browser: drives a Chromium; left out, loudly, without one")
+    config.addinivalue_line("markers", "prove: full counts, for `make prove`; otherwise left out")
+    config.addinivalue_line(
+        "markers", "browser: drives a Chromium; without one left out, with a warning"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -48,20 +50,20 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 @pytest.fixture(scope="session")
 def proofs(request: pytest.FixtureRequest) -> Proofs:
-    """Where the long counts leave what they have found."""
+    """Results of the full counts (`make prove`)."""
     return request.config.stash[PROOFS]
 
 
 @pytest.fixture
 def lab() -> Iterator[Lab]:
-    """A realm in which nothing runs yet; what the test starts in it must be gone at the end."""
+    """Empty realm. Processes that the test starts in it must have ended when the test ends."""
     with private_lab() as made:
         yield made
 
 
 @pytest.fixture(scope="session")
 def shared_lab() -> Iterator[Lab]:
-    """A running system that many tests share; the vehicle stands in the air at (0, 0, 1)."""
+    """Running system that many tests share; the vehicle hovers at (0, 0, 1)."""
     with private_lab() as made:
         made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
@@ -69,14 +71,14 @@ def shared_lab() -> Iterator[Lab]:
 
 @pytest.fixture
 def bare(shared_lab: Lab) -> Iterator[Bare]:
-    """A stranger's session on the shared lab: Zenoh and MessagePack, none of our code."""
+    """Third-party session on the shared lab: Zenoh and MessagePack, without `quadctl`."""
     with shared_lab.bare() as session:
         yield session
 
 
 @pytest.fixture
 def hover(bare: Bare) -> Bare:
-    """The same, with the vehicle at rest at (0, 0, 1), the cage on and the baseline 0."""
+    """`bare` with the vehicle at rest at (0, 0, 1), the cage on and the baseline 0."""
     states = bare.watch("uav/safety/state")
     for service, field in (("toggle_cage", "cage_on"), ("calibrate_pressure", "zero")):
         assert bare.call(service, **{field: field == "cage_on"}).ok

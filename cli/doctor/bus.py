@@ -28,20 +28,20 @@ from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.run_files import RunState
 
 _ALIKE = 8
-"""So many readings that are the same to the last bit come from no sensor: each has noise, and of the
-coarsest they are the same once in ten thousand times."""
-_FIX = "`quadctl fault list`, `quadctl node restart pressure`; a real sensor: see to its wires"
+"""Readings, equal to the last bit, that show a stuck sensor: each has noise, and even the coarsest
+gives so many equal ones only once in ten thousand times."""
+_FIX = "`quadctl fault list`, `quadctl node restart pressure`; check the wires of a real sensor"
 
 
 def barometer(found: Survey, vehicle: str) -> Iterator[Finding]:
-    """Its readings are the air's, and change; nothing where there is none."""
+    """Check that the barometer, if any, has readings of air that change."""
     heard = found.heard.get(PRESSURE.key(vehicle))
     if heard is not None:
         yield judged(_readings(heard.newest))
 
 
 def judged(readings: Sequence[float]) -> Finding:
-    """Of readings, hPa, the oldest first."""
+    """Judge readings, hPa, the oldest first."""
     if not readings:
         return warned("barometer", "not checked: no reading came")
     low, high = AIR
@@ -57,7 +57,7 @@ def judged(readings: Sequence[float]) -> Finding:
 
 
 def _readings(payloads: Iterable[bytes]) -> list[float]:
-    """What was measured, before the baseline was taken off, hPa; what cannot be read is left out."""
+    """Return the measured pressures (hPa), baseline included; skip unreadable messages."""
     found = []
     for payload in payloads:
         try:
@@ -75,15 +75,12 @@ _HASHES = {name: schema_hash(type_) for name, type_ in _TYPES.items()}
 
 
 def announced(found: Survey, run: RunState | None) -> Finding:
-    """Every node that is recorded as ready has announced itself, and offers what is its own."""
+    """Check that every node recorded as ready has announced itself and its endpoints."""
     due = [node.name for node in run.nodes if node.state == "ready"] if run else []
     missing = [name for name in due if name not in found.nodes and name in NODES]
     if missing:
-        return failed(
-            "announced",
-            f"not on the bus: {', '.join(missing)}",
-            f"`quadctl node restart {missing[0]}`",
-        )
+        fix = f"`quadctl node restart {missing[0]}`"
+        return failed("announced", f"not on the bus: {', '.join(missing)}", fix)
     if not found.nodes:
         return failed("announced", "no node is on the bus", "`quadctl up -d`")
     offered = {offer.name for offer in found.offers}
@@ -94,32 +91,26 @@ def announced(found: Survey, run: RunState | None) -> Finding:
         if entry.node in found.nodes and entry.name not in offered
     ]
     if lacking:
-        return warned(
-            "announced",
-            ", ".join(lacking),
-            "add it to your own node, or take ours: see [processes] in quad.toml",
-        )
+        fix = "add it to your own node, or use ours: see [processes] in quad.toml"
+        return warned("announced", ", ".join(lacking), fix)
     return passed("announced", ", ".join(found.nodes))
 
 
 def schemas(found: Survey) -> Finding:
-    """Every type of ours that is offered has our fields."""
+    """Check that the lab's types, as the nodes announce them, have the fields known here."""
     others = sorted({
         f"{offer.node} has {offer.type}#{offer.hash}, here it is #{_HASHES[offer.type]}"
         for offer in found.offers
         if offer.hash != _HASHES.get(offer.type, offer.hash)
     })  # fmt: skip
     if others:
-        return failed(
-            "schemas",
-            "\n".join(others),
-            "install the same version on both sides: `quadctl --version`, then `quadctl up -d`",
-        )
+        fix = "install the same version on both sides: `quadctl --version`, then `quadctl up -d`"
+        return failed("schemas", "\n".join(others), fix)
     return passed("schemas", f"{len(found.offers)} topics and services have the fields known here")
 
 
 def servers(found: Survey) -> Finding:
-    """One server for each service: announced, and by who answers a call."""
+    """Check that each service has one server, by announcements and by answers to a call."""
     answering = {
         key: len({answer.server for answer in answers if answer.server})
         for key, answers in found.answers.items()
@@ -130,7 +121,7 @@ def servers(found: Survey) -> Finding:
 
 
 def _doubled(found: Survey, kind: str, done: str, seen: Mapping[str, int]) -> list[str]:
-    """The keys of a kind that several nodes offer, or more are `seen` to serve than offer it."""
+    """Return the keys that several nodes announce, or that more serve (`seen`) than announce."""
     offers = [offer for offer in found.offers if offer.kind == kind]
     doubled: list[str] = []
     for key in sorted({offer.key for offer in offers}):
@@ -143,7 +134,7 @@ def _doubled(found: Survey, kind: str, done: str, seen: Mapping[str, int]) -> li
 
 
 def services(found: Survey) -> Iterator[Finding]:
-    """The services of each node answer."""
+    """Check that the services of each node answer."""
     keys = {offer.key: offer for offer in found.offers if offer.key in found.answers}
     for node in sorted({offer.node for offer in keys.values()}):
         yield _services(node, [key for key, offer in keys.items() if offer.node == node], found)
@@ -155,11 +146,8 @@ def _services(node: str, keys: list[str], found: Survey) -> Finding:
         names[key] for key in keys if not [a for a in found.answers[key] if a.code != TimedOut.code]
     ]
     if silent:
-        return failed(
-            title,
-            f"no answer within {found.listened:.1f} s from {', '.join(silent)}",
-            f"`quadctl node logs {node}`, `quadctl node restart {node}`",
-        )
+        said = f"no answer within {found.listened:.1f} s from {', '.join(silent)}"
+        return failed(title, said, f"`quadctl node logs {node}`, `quadctl node restart {node}`")
     internal = [names[key] for key in keys if any(a.code == "internal" for a in found.answers[key])]
     if internal:
         return failed(title, f"fails inside: {', '.join(internal)}", f"`quadctl node logs {node}`")
@@ -170,19 +158,20 @@ def _services(node: str, keys: list[str], found: Survey) -> Finding:
 
 _TOLERANCE = 0.2
 _FEW = 1.5
-"""Messages that should have come; of fewer, that none came shows nothing."""
+"""Messages due in the measured time; if fewer are due, silence proves nothing."""
 _CLOCKS = 0.5
 """Seconds that two clocks may differ."""
 
 
 def topics(found: Survey, vehicle: str) -> Iterator[Finding]:
-    """Every topic with a declared rate."""
-    speed = _speed(found)
-    # Simulated seconds per second, as the vehicle's own stamps tell it.
+    """Check every topic with a declared rate."""
+    values = (answer.values for answers in found.answers.values() for answer in answers)
+    speed = next((v["dynamics.speed"] for v in values if "dynamics.speed" in v), 1.0)
+    # Simulated seconds per second, by the vehicle's own stamps.
     pace = found.heard.get(POSE.key(vehicle), TopicStats()).pace
     offers = {offer.key: offer for offer in found.offers if offer.kind == "@pub" and offer.hz}
     for key, offer in offers.items():
-        # Safety's state comes on change too, and else by the wall clock.
+        # Safety publishes its state by the wall clock, and on each change.
         at_least = key == STATE.key(vehicle)
         in_time = 1.0 if speed == 1 or at_least else pace
         yield topic(offer, found.heard[key], found.listened, in_time, at_least=at_least)
@@ -196,63 +185,48 @@ def topic(
     *,
     at_least: bool = False,
 ) -> Finding:
-    """One topic at its declared rate; a `pace` other than 1 makes it one of simulated time."""
+    """Check one topic's declared rate; with a `pace` other than 1, in simulated time."""
     name, due = f"topic {offer.key}", seconds * offer.hz * pace
     if not heard.count and due >= _FEW:
-        return failed(
-            name,
-            f"nothing came in {seconds:.1f} s, {offer.node} declares {offer.hz:g} Hz",
-            f"`quadctl node logs {offer.node}`, `quadctl node restart {offer.node}`",
-        )
+        said = f"nothing came in {seconds:.1f} s, {offer.node} declares {offer.hz:g} Hz"
+        fix = f"`quadctl node logs {offer.node}`, `quadctl node restart {offer.node}`"
+        return failed(name, said, fix)
     if not heard.hz or not pace:
         if due < 2 * _FEW:
             return passed(name, f"{offer.hz:g} Hz declared: too slow to measure in {seconds:.1f} s")
-        return warned(
-            name,
-            f"not measured: {heard.count} messages in {seconds:.1f} s",
-            "`quadctl doctor --timeout 10` listens longer",
-        )
+        said = f"not measured: {heard.count} messages in {seconds:.1f} s"
+        return warned(name, said, "`quadctl doctor --timeout 10` listens longer")
     measured = heard.hz / pace
     said = f"{measured:.1f} Hz of {offer.hz:g}" + (" (simulated time)" if pace != 1 else "")
     share = measured / offer.hz
     if abs(share - 1) <= _TOLERANCE:
         return passed(name, said)
     if at_least and share > 1:
-        # A few in a row, as at a restart, are no rate.
-        return passed(
-            name, f"{heard.count} in {seconds:.1f} s: each change besides {offer.hz:g} Hz"
-        )
+        # A few in a row, e.g. at a restart, are no rate.
+        return passed(name, f"{heard.count} in {seconds:.1f} s: {offer.hz:g} Hz and each change")
     if share > 1:
         return warned(name, said, "`quadctl topic list` shows who publishes it")
-    # A machine with too much to do is no fault of the system, which knows how to be late.
+    # Only a warning: the system is made to survive an overloaded machine.
     return warned(name, said, f"`top` shows what else runs; `quadctl node logs {offer.node}`")
 
 
 def publishers(found: Survey) -> Finding:
-    """One publisher on each topic: announced, and by who stamps the messages."""
+    """Check that each topic has one publisher, by announcements and by messages' stamps."""
     heard = {key: stats.publishers for key, stats in found.heard.items()}
     doubled = _doubled(found, "@pub", "published", heard)
     return alone("publishers", doubled, f"one on each of {len(found.heard)} topics")
 
 
 def clocks(found: Survey) -> Finding:
-    """Messages are stamped by clocks that agree with ours."""
+    """Check that the clocks that stamp messages agree with ours."""
     if not found.heard:
-        return warned("clocks", "not checked: nobody publishes anything", "`quadctl node list`")
+        return warned("clocks", "not checked: no node publishes anything", "`quadctl node list`")
     key, heard = max(found.heard.items(), key=lambda item: abs(item[1].age))
     if abs(heard.age) <= _CLOCKS:
         return passed("clocks", f"messages are {1000 * heard.age:.1f} ms old at most")
     said = f"{abs(heard.age):.1f} s {'in the past' if heard.age > 0 else 'in the future'}"
-    return warned(
-        "clocks",
-        f"a message on {key} is stamped {said}",
-        "`timedatectl set-ntp true` on both machines; on one machine, `quadctl topic list`",
-    )
-
-
-def _speed(found: Survey) -> float:
-    said = (answer.values for answers in found.answers.values() for answer in answers)
-    return next((v["dynamics.speed"] for v in said if "dynamics.speed" in v), 1.0)
+    fix = "`timedatectl set-ntp true` on both machines; on one machine, `quadctl topic list`"
+    return warned("clocks", f"a message on {key} is stamped {said}", fix)
 
 
 _NEED_THE_HUB = (
@@ -264,7 +238,7 @@ _NEED_THE_HUB = (
 def bus(
     found: Survey | QuadctlError, run: RunState | None, settings: Settings, vehicle: str
 ) -> Iterator[Finding]:
-    """All checks of the bus; those that need a hub which does not answer are no PASS."""
+    """Run all checks of the bus; without an answer of the hub, those that need it do not PASS."""
     if isinstance(found, QuadctlError):
         fix = "`quadctl node logs hub`, `quadctl node restart hub`" if run else found.hint
         yield failed("hub answers", found.message, fix)

@@ -1,4 +1,4 @@
-"""The finding of a check: its verdict, the evidence, and the command that mends it."""
+"""Finding of a check: its verdict, the evidence, and the command that repairs the fault."""
 
 import re
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ Verdict = Literal["PASS", "WARN", "FAIL"]
 
 
 class Finding(Struct, frozen=True):
-    """One check; `fix` is empty where nothing is to be mended."""
+    """Result of one check; `fix` is empty if nothing needs repair."""
 
     name: str
     verdict: Verdict
@@ -20,33 +20,30 @@ class Finding(Struct, frozen=True):
 
 
 def passed(name: str, evidence: str) -> Finding:
-    """It is as it should be."""
+    """Return a PASS: all is well."""
     return Finding(name, "PASS", evidence)
 
 
 def warned(name: str, evidence: str, fix: str = "") -> Finding:
-    """It works, and is not as it should be; or it could not be looked at."""
+    """Return a WARN: it works, but not as it should, or it could not be checked."""
     return Finding(name, "WARN", evidence, fix)
 
 
 def failed(name: str, evidence: str, fix: str) -> Finding:
-    """It does not work, or soon will not."""
+    """Return a FAIL: it does not work, or soon will not."""
     return Finding(name, "FAIL", evidence, fix)
 
 
 def alone(name: str, doubled: list[str], evidence: str) -> Finding:
-    """That nobody does again what a node of ours does: who does, a line each, or that all is well."""
+    """Return a FAIL with a line for each key that is served or published twice, else a PASS."""
     if not doubled:
         return passed(name, evidence)
-    return failed(
-        name,
-        "\n".join(doubled),
-        "end the one that the supervisor has not started: `quadctl node list` shows the nodes",
-    )
+    fix = "end the one that the supervisor has not started: `quadctl node list` shows the nodes"
+    return failed(name, "\n".join(doubled), fix)
 
 
 def with_options(checks: Iterable[Finding], options: str) -> list[Finding]:
-    """The checks with common options, such as `--realm lab`, in every command of ours."""
+    """Add common options, e.g. `--realm lab`, to every quadctl command of the fixes."""
 
     def complete(command: re.Match[str]) -> str:
         said = command[1]
@@ -58,7 +55,7 @@ def with_options(checks: Iterable[Finding], options: str) -> list[Finding]:
 
 
 def text_of(check: Finding) -> str:
-    """A check as lines: what it found, and below it how to mend it."""
+    """Format a finding as lines, the fix last."""
     first, *more = check.evidence.splitlines() or [""]
     lines = [f"{check.verdict}  {check.name}: {first}", *(f"      {line}" for line in more)]
     if check.fix:

@@ -20,8 +20,8 @@ from quadctl.services.runtime.realm import default_name
 def doctor(options: Options) -> None:
     """Check the installation, the realm, and every process, topic and service of its run.
 
-    Prints PASS, WARN or FAIL, the evidence, and how to mend it; changes nothing. Exit 8 where
-    anything FAILs. That nothing runs is a WARN, that a run has died a FAIL.
+    Prints PASS, WARN or FAIL, the evidence and a fix; changes nothing. Exit 8 after any FAIL. A
+    realm without a run is a WARN, a run that has died a FAIL.
 
     Example: quadctl doctor
     """
@@ -59,7 +59,7 @@ def _place(place: Place, realm: str, vehicle: str) -> Iterator[Finding]:
 
 
 def _common(options: Options) -> str:
-    """The common options that a command of the same shell needs to reach the same run."""
+    """Return the common options that a command in the same shell needs for the same run."""
     if options.connect:
         return f"--connect {options.connect}"
     return f"--realm {options.realm}" if options.realm != default_name() else ""

@@ -1,4 +1,4 @@
-"""All facts that `doctor` judges, gathered under one deadline."""
+"""Facts that `doctor` judges, gathered under one deadline."""
 
 import os
 import threading
@@ -7,16 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from quadctl.cli.context import Options, hub_alone
-from quadctl.cli.doctor.host import (
-    DiskSpace,
-    Folder,
-    Neighbours,
-    ProcessFacts,
-    folder,
-    look_at_disk,
-    neighbours,
-    process,
-)
+from quadctl.cli.doctor import host
+from quadctl.cli.doctor.host import DiskSpace, Folder, Neighbours, ProcessFacts
 from quadctl.cli.doctor.installation import Installed, installed
 from quadctl.cli.doctor.run import Settings, settings
 from quadctl.services.runtime.bus.session import Address, address_of
@@ -26,11 +18,11 @@ from quadctl.services.runtime.realm import DEFAULT, Realm
 from quadctl.services.runtime.run_files import RunState
 
 _MARGIN = 0.1
-"""Seconds of the timeout kept for what comes after: judging and printing."""
+"""Seconds of the timeout kept for the judging and printing afterwards."""
 
 
 class TopicWatch:
-    """A survey under way; ends by its timeout (s), come what may. Without an address, none."""
+    """Survey in the background, ended by its timeout (s) in any case; none without an address."""
 
     def __init__(self, address: Address | None, vehicle: str, timeout: float) -> None:
         self._found: Survey | BaseException | None = None
@@ -44,12 +36,12 @@ class TopicWatch:
             self._thread.start()
 
     def result(self) -> Survey | QuadctlError | None:
-        """What was found, or why nothing could be; None where nothing was looked for."""
+        """Return the survey, or the error that prevented it; None without an address."""
         if self._thread is None:
             return None
         self._thread.join(max(self._deadline - time.monotonic(), 0) + _MARGIN)
         if self._thread.is_alive():
-            return TimedOut("the hub takes connections and does not answer")
+            return TimedOut("the hub accepts connections but does not answer")
         if isinstance(self._found, BaseException) and not isinstance(self._found, QuadctlError):
             raise self._found
         return self._found
@@ -57,12 +49,12 @@ class TopicWatch:
     def _look(self, address: Address, vehicle: str, timeout: float) -> None:
         try:
             self._found = survey(address, vehicle, timeout)
-        except BaseException as error:  # noqa: BLE001 - told to who asks for the result
+        except BaseException as error:  # noqa: BLE001 - result() reports it
             self._found = error
 
 
 class Place(NamedTuple):
-    """A realm that may have a name; `processes` by node and the supervisor's as `up`."""
+    """Facts about a realm; `before` and `after` are by node, with the supervisor as `up`."""
 
     folder: Folder
     neighbours: Neighbours
@@ -72,9 +64,9 @@ class Place(NamedTuple):
 
 
 class Facts(NamedTuple):
-    """All that is judged; `place` and `found` may be an error that says why there is none.
+    """All facts to judge; `place` and `found` may be the error that prevented them.
 
-    `place` is None where a hub is named instead of a realm, `found` where there is no hub to ask.
+    `place` is None if a hub is named instead of a realm, `found` if there is no hub to ask.
     """
 
     vehicle: str
@@ -86,24 +78,24 @@ class Facts(NamedTuple):
 
     @property
     def record(self) -> RunState | None:
-        """The record of a live run."""
+        """Return the record of a live run."""
         if isinstance(self.place, Place) and self.place.folder.live:
             return self.place.folder.run
         return None
 
 
 def gather(options: Options) -> Facts:
-    """Look at everything; takes at most `options.timeout` s, and about two."""
+    """Gather all facts; this takes about two seconds, and at most `options.timeout` s."""
     vehicle, vehicles = _meant(options)
     realm, problem = _realm(options)
-    here = folder(realm) if realm else None
+    here = host.folder(realm) if realm else None
     address = Address(options.connect) if options.connect else None
     if realm and here and (here.live or here.by_hand):
         address = address_of(realm)
     watch = TopicWatch(address, vehicle, options.timeout)
     began, before = time.monotonic(), _processes(here)
     install, file, disks = installed(), settings(vehicle, vehicles), _disks(realm)
-    around = neighbours(realm) if realm else None
+    around = host.neighbours(realm) if realm else None
     found = watch.result()
     place: Place | UsageError | None = problem
     if here and around:
@@ -113,7 +105,7 @@ def gather(options: Options) -> Facts:
 
 
 def _meant(options: Options) -> tuple[str, list[str]]:
-    """The vehicle, and all of its run; a hub that does not answer is a finding, told below."""
+    """Return the vehicle, and all of its run; a check reports a hub that does not answer."""
     alone = "" if options.connect or options.named else hub_alone(options.realm)
     if alone:
         return alone, [alone]
@@ -134,25 +126,25 @@ def _realm(options: Options) -> tuple[Realm | None, UsageError | None]:
 
 
 def _processes(here: Folder | None) -> dict[str, ProcessFacts]:
-    """The nodes by name, and the supervisor as `up`."""
+    """Return the facts about each node's process, and about the supervisor's as `up`."""
     if here is None or here.run is None or not here.live:
         return {}
     pids = {node.name: node.pid for node in here.run.nodes if node.pid} | {"up": here.run.pid}
-    return {name: process(pid) for name, pid in pids.items()}
+    return {name: host.process(pid) for name, pid in pids.items()}
 
 
 def _disks(realm: Realm | None) -> list[DiskSpace]:
     try:
-        disks = [look_at_disk(Path.cwd(), writing=False)]
+        disks = [host.look_at_disk(Path.cwd(), writing=False)]
     except FileNotFoundError:
         disks = [DiskSpace(".", 0, "it has been removed")]
     if realm and _is_there(realm.folder):
-        disks.append(look_at_disk(realm.folder, writing=True))
+        disks.append(host.look_at_disk(realm.folder, writing=True))
     elif realm:
-        # Where `up` would make it.
+        # `up` would create the folder there.
         there = next(path for path in realm.folder.parents if _is_there(path))
         refused = "" if os.access(there, os.W_OK) else "no permission"
-        disks.append(look_at_disk(there, writing=False)._replace(refused=refused))
+        disks.append(host.look_at_disk(there, writing=False)._replace(refused=refused))
     return disks
 
 

@@ -19,9 +19,9 @@ from quadctl.services.runtime.run_files import RunState, is_live
 
 
 class ProcessFacts(NamedTuple):
-    """A process: its state's letter as /proc says it, empty where it has ended, `?` unknown.
+    """Process with the letter of its state in /proc, empty if it has ended, `?` if unknown.
 
-    `seconds` of processor time so far; `memory` is its share (PSS), bytes; both 0 where unknown.
+    `seconds` is its processor time, `memory` its share (PSS) in bytes; both are 0 if unknown.
     """
 
     state: str
@@ -30,7 +30,7 @@ class ProcessFacts(NamedTuple):
 
 
 class DiskSpace(NamedTuple):
-    """A folder's disk: free bytes, and why nothing can be written there, empty where it can."""
+    """Free bytes on a folder's disk, and why a write there is refused, empty if it is not."""
 
     folder: str
     free: int
@@ -38,12 +38,12 @@ class DiskSpace(NamedTuple):
 
 
 def process(pid: int) -> ProcessFacts:
-    """Look at a process of ours."""
+    """Return the facts about one of our processes."""
     stats = stats_of(pid)
     if stats.state is not None:
         return ProcessFacts(stats.state, stats.cpu or 0.0, pss_of(pid) or 0)
     if sys.platform == "win32":
-        # Signal 0 would end it there.
+        # On Windows, signal 0 would end the process.
         return ProcessFacts("?")
     try:
         os.kill(pid, 0)
@@ -55,7 +55,7 @@ def process(pid: int) -> ProcessFacts:
 
 
 def look_at_disk(folder: Path, *, writing: bool) -> DiskSpace:
-    """Look at a disk; with `writing`, write a small file there and remove it."""
+    """Measure a disk; with `writing`, write a small file there and remove it."""
     refused = ""
     if writing:
         trial = folder / f".doctor.{os.getpid()}"
@@ -71,20 +71,17 @@ def look_at_disk(folder: Path, *, writing: bool) -> DiskSpace:
 MB = 1e6
 _SCARCE, _NONE = 200 * MB, 10 * MB
 _BUSY = 0.9
-"""Of one core."""
+"""Share of one core."""
 _LARGE = 200 * MB
 _FIRST_YEAR = 2024
 
 
 def disk(disks: Sequence[DiskSpace]) -> Finding:
-    """Room for logs, recordings and the run's files."""
+    """Check the room for logs, recordings and the run's files."""
     for found in disks:
         if found.refused:
-            return failed(
-                "disk",
-                f"{found.folder} cannot be written to: {found.refused}",
-                f"`df {found.folder}` and `ls -ld {found.folder}` say why",
-            )
+            said = f"{found.folder} cannot be written to: {found.refused}"
+            return failed("disk", said, f"`df {found.folder}` and `ls -ld {found.folder}` show why")
     least = min(disks, key=lambda found: found.free)
     said = f"{least.free / MB:.0f} MB free at {least.folder}"
     fix = f"`df -h {least.folder}`, and remove what is not needed"
@@ -94,7 +91,7 @@ def disk(disks: Sequence[DiskSpace]) -> Finding:
 
 
 def clock(year: int) -> Finding:
-    """The system's clock, by which calls have their deadline."""
+    """Check the system's clock, which sets the deadlines of calls."""
     if year < _FIRST_YEAR:
         return failed("clock", f"it is the year {year}", "`timedatectl set-ntp true`")
     return passed("clock", f"it is the year {year}")
@@ -103,40 +100,34 @@ def clock(year: int) -> Finding:
 def load(
     before: Mapping[str, ProcessFacts], after: Mapping[str, ProcessFacts], seconds: float
 ) -> Finding:
-    """What the processes take of a core and of the memory; unknown where there is no /proc."""
-    # A process that has been started again in between has begun to count anew.
+    """Check the processes' share of a core and of the memory; unknown without /proc."""
+    # The counter of a process restarted in between has begun at 0 again.
     cores = {
         name: max(after[name].seconds - then.seconds, 0) / seconds
         for name, then in before.items()
         if name in after and seconds
     }
     greedy = [f"{name} takes {use:.0%} of a core" for name, use in cores.items() if use > _BUSY]
-    greedy += [
-        f"{name} takes {now.memory / MB:.0f} MB"
-        for name, now in after.items()
-        if now.memory > _LARGE
-    ]
+    large = [(name, now.memory) for name, now in after.items() if now.memory > _LARGE]
+    greedy += [f"{name} takes {memory / MB:.0f} MB" for name, memory in large]
     if greedy:
-        return warned(
-            "load",
-            ", ".join(greedy),
-            "`quadctl param get dynamics`: a high rate, or a speed other than 1, takes what it gets",
-        )
+        fix = "`quadctl param get dynamics`: a high rate, or a speed other than 1, costs much time"
+        return warned("load", ", ".join(greedy), fix)
     memory = sum(process.memory for process in after.values())
     if not memory:
-        return passed("load", "this system does not tell")
+        return passed("load", "not known on this system")
     return passed("load", f"{sum(cores.values()):.0%} of a core, {memory / MB:.0f} MB in all")
 
 
 _SAID_LAST = 5
-"""Lines of a dead process's log that are shown."""
+"""Lines shown of a dead process's log."""
 
 
 class Folder(NamedTuple):
-    """A realm's folder; `mode` and `owned` are None where it is not there.
+    """Facts about a realm's folder; `mode` is None if it is missing or the system has no modes.
 
-    `live`: a supervisor holds it, `holder` as it wrote itself down. `by_hand`: some process of it
-    runs without one. `socket`: what the hub listens on is there. `last`: the log's last lines.
+    `live`: a supervisor holds it, `holder` is the pid in the lock. `by_hand`: a process of it runs
+    without a supervisor. `socket`: the hub's socket exists. `last`: last lines of each node's log.
     """
 
     path: str
@@ -151,7 +142,7 @@ class Folder(NamedTuple):
 
 
 class Neighbours(NamedTuple):
-    """The other realms in the same place, by name: those that run, and those that have died."""
+    """Names of the other realms in the same folder: live ones and dead ones."""
 
     root: str
     live: list[str]
@@ -159,7 +150,7 @@ class Neighbours(NamedTuple):
 
 
 def folder(realm: Realm) -> Folder:
-    """Look at a realm."""
+    """Return the facts about a realm's folder."""
     try:
         found = realm.folder.stat()
     except (FileNotFoundError, PermissionError) as error:
@@ -176,14 +167,12 @@ def folder(realm: Realm) -> Folder:
         by_hand=_is_held(realm.folder),
         socket=realm.socket.exists() or "unixsock" not in _text(realm.address),
         run=run,
-        last={node.name: _last(realm.logs / f"{node.name}.log") for node in run.nodes}
-        if run
-        else {},
+        last={node.name: _last(realm.logs, node.name) for node in run.nodes} if run else {},
     )
 
 
 def neighbours(realm: Realm) -> Neighbours:
-    """Look at the other realms."""
+    """Return the names of the other realms."""
     root = realm.folder.parent
     names = [path.name for path in _folders(root) if path.name != realm.name]
     live = sorted(name for name in names if _is_held(root / name))
@@ -198,7 +187,7 @@ def _folders(root: Path) -> list[Path]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether any process holds a lock in a realm's folder; one of another user's counts as held."""
+    """Return whether a process holds a lock in a realm's folder; another user's counts as held."""
     try:
         return any(FileLock(lock, "").held() for lock in path.glob("*.lock"))
     except OSError:
@@ -219,5 +208,5 @@ def _text(path: Path) -> str:
         return ""
 
 
-def _last(path: Path) -> str:
-    return "\n".join(_text(path).splitlines()[-_SAID_LAST:])
+def _last(logs: Path, name: str) -> str:
+    return "\n".join(_text(logs / f"{name}.log").splitlines()[-_SAID_LAST:])

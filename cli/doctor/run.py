@@ -21,7 +21,7 @@ _DEFAULTS = "the defaults"
 
 
 class Settings(NamedTuple):
-    """What the file here says by full dotted names, else the defaults; `error` where it cannot be."""
+    """Values of the file here by full dotted name, else the defaults; `error` for a bad file."""
 
     source: str
     values: dict[str, Any]
@@ -29,12 +29,12 @@ class Settings(NamedTuple):
 
     @property
     def is_file(self) -> bool:
-        """Whether there is a file here."""
+        """Return whether there is a file here."""
         return self.source != _DEFAULTS
 
 
 def settings(vehicle: str, vehicles: Sequence[str], file: Path = FILE) -> Settings:
-    """Read those of one of a run's vehicles."""
+    """Read the settings of one of a run's vehicles."""
     there = file.exists()
     source = f"./{file}" if there else _DEFAULTS
     try:
@@ -45,7 +45,7 @@ def settings(vehicle: str, vehicles: Sequence[str], file: Path = FILE) -> Settin
 
 
 def parameter_file(found: Settings) -> Finding:
-    """The file here is one that `up` would take."""
+    """Check that `up` would accept the file here."""
     if found.error is not None:
         return failed("parameter file", found.error.message, found.error.hint)
     if not found.is_file:
@@ -54,9 +54,9 @@ def parameter_file(found: Settings) -> Finding:
 
 
 def parameters(found: Settings, running: Mapping[str, Any]) -> Finding:
-    """The running nodes have the values of the file here."""
+    """Check that the running nodes have the values of the file here."""
     if found.error is not None or not running:
-        why = "the file is not valid" if found.error else "no node has told its parameters"
+        why = "the file is not valid" if found.error else "no node has returned its parameters"
         return warned("parameters", f"not checked: {why}")
     other = [
         f"{name} is {value}, there {found.values[name]}"
@@ -65,17 +65,14 @@ def parameters(found: Settings, running: Mapping[str, Any]) -> Finding:
     ]
     if other:
         more = [f"and {len(other) - _SHOWN} more"] if len(other) > _SHOWN else []
-        return warned(
-            "parameters",
-            "\n".join([f"other than {found.source}:", *other[:_SHOWN], *more]),
-            f"`quadctl param save {FILE}` keeps them"
-            + (f", `quadctl param load {FILE}` takes the file's" if found.is_file else ""),
-        )
+        said = "\n".join([f"other than {found.source}:", *other[:_SHOWN], *more])
+        load = f", `quadctl param load {FILE}` takes the file's" if found.is_file else ""
+        return warned("parameters", said, f"`quadctl param save {FILE}` keeps them{load}")
     return passed("parameters", f"{len(running)} values are those of {found.source}")
 
 
 def faults(running: Mapping[str, Any]) -> Finding:
-    """No fault has been put in by name."""
+    """Check that no fault has been put in by name."""
     there = active(running)
     if there:
         return warned("faults", f"put in: {', '.join(there)}", "`quadctl fault clear`")
@@ -93,64 +90,42 @@ def realm(
     vehicle: str,
     supervisor: ProcessFacts | None = None,
 ) -> Finding:
-    """The realm's folder is private, and a supervisor that is awake holds it."""
+    """Check that the realm's folder is private, and that a supervisor that is awake holds it."""
     if not found.owned:
-        return failed(
-            "realm",
-            f"{found.path} belongs to another user",
-            "set XDG_RUNTIME_DIR to a folder of your own",
-        )
+        said = f"{found.path} belongs to another user"
+        return failed("realm", said, "set XDG_RUNTIME_DIR to your own folder")
     if found.mode is not None and found.mode & _PRIVATE:
-        return failed(
-            "realm",
-            f"{found.path} has mode {found.mode:04o}: others can look into it",
-            f"`chmod 700 {found.path}`",
-        )
+        said = f"{found.path} has mode {found.mode:04o}: others can look into it"
+        return failed("realm", said, f"`chmod 700 {found.path}`")
     if not found.live:
         return _not_live(name, found, others)
     if found.run is None:
         return warned("realm", f"{name} is just starting", "ask again in a second")
     if found.holder and found.holder != str(found.run.pid):
-        return failed(
-            "realm",
-            f"process {found.holder} holds {name}, and its record names process {found.run.pid}",
-            f"`kill {found.holder}`, then `quadctl up -d`",
-        )
+        said = f"process {found.holder} holds {name}, but its record names process {found.run.pid}"
+        return failed("realm", said, f"`kill {found.holder}`, then `quadctl up -d`")
     if supervisor and supervisor.state in _FROZEN:
-        return failed(
-            "realm",
-            f"the supervisor of {name}, process {found.run.pid}, is frozen (stopped by a signal)",
-            f"`kill -CONT {found.run.pid}`, or `fg` where it was stopped with Ctrl-Z",
-        )
+        said = f"the supervisor of {name}, process {found.run.pid}, is frozen (stopped by a signal)"
+        fix = f"`kill -CONT {found.run.pid}`, or `fg` where it was stopped with Ctrl-Z"
+        return failed("realm", said, fix)
     if vehicle not in found.run.vehicles:
-        there = listed(found.run.vehicles)
-        return failed(
-            "realm",
-            f"{name} runs the vehicle {there}, and {vehicle} was asked for",
-            f"`quadctl doctor --vehicle {found.run.vehicles[0]}`, or `unset QUADCTL_VEHICLE`",
-        )
+        there = found.run.vehicles
+        said = f"{name} runs the vehicle {listed(there)}, and {vehicle} was asked for"
+        fix = f"`quadctl doctor --vehicle {there[0]}`, or `unset QUADCTL_VEHICLE`"
+        return failed("realm", said, fix)
     if not found.socket:
-        return failed(
-            "realm",
-            f"{found.path}/hub.sock is gone: nobody can reach the hub",
-            "`quadctl down`, then `quadctl up -d`",
-        )
+        said = f"{found.path}/hub.sock is gone: no process can reach the hub"
+        return failed("realm", said, "`quadctl down`, then `quadctl up -d`")
     return passed("realm", f"{name}, supervised by process {found.run.pid}, in {found.path}")
 
 
 def _not_live(name: str, found: Folder, others: Neighbours) -> Finding:
     if found.by_hand:
-        return warned(
-            "realm",
-            f"{name} has no supervisor: what runs was started by hand, and nobody restarts it",
-            "`quadctl up -d`, after ending what was started by hand",
-        )
+        said = f"{name} has no supervisor to restart its processes, which were started by hand"
+        return warned("realm", said, "end what was started by hand, then `quadctl up -d`")
     if found.run is not None:
-        return failed(
-            "realm",
-            f"the run of {name} has died: its supervisor, process {found.run.pid}, left its folder",
-            "`quadctl up -d`, which takes the folder over",
-        )
+        said = f"the run {name} has died: its supervisor, process {found.run.pid}, left its folder"
+        return failed("realm", said, "`quadctl up -d`, which takes the folder over")
     said, fix = f"nothing is running in {name}", "`quadctl up -d`"
     if others.live:
         said += f", but in {', '.join(others.live)}"
@@ -159,7 +134,7 @@ def _not_live(name: str, found: Folder, others: Neighbours) -> Finding:
 
 
 def leftovers(others: Neighbours) -> Finding:
-    """Folders that runs have left which died."""
+    """Check for folders of runs that have died."""
     if not others.dead:
         return passed("leftovers", f"none in {others.root}")
     paths = " ".join(f"{others.root}/{name}" for name in others.dead)
@@ -167,38 +142,27 @@ def leftovers(others: Neighbours) -> Finding:
 
 
 def nodes(found: Folder, processes: Mapping[str, ProcessFacts]) -> Iterator[Finding]:
-    """Each process of the run record."""
+    """Check each process of the run record."""
     for record in found.run.nodes if found.run and found.live else ():
-        yield node(
-            record, processes.get(record.name, ProcessFacts("")), found.last.get(record.name, "")
-        )
+        process = processes.get(record.name, ProcessFacts(""))
+        yield node(record, process, found.last.get(record.name, ""))
 
 
 def node(record: ProcessRecord, process: ProcessFacts, last: str) -> Finding:
-    """One process: ready, alive, not frozen, not restarted."""
+    """Check one process: ready, alive, not frozen, not restarted."""
     title, name, pid = f"node {record.name}", record.name, record.pid
     if record.state == "down":
-        said = f"; it said last:\n{last}" if last else ""
-        return failed(
-            title,
-            f"down: it died again and again{said}",
-            f"`quadctl node logs {name}`, `quadctl node restart {name}`",
-        )
+        said = "down: it died again and again" + (f"; its last lines:\n{last}" if last else "")
+        return failed(title, said, f"`quadctl node logs {name}`, `quadctl node restart {name}`")
     if record.state != "ready":
         return warned(title, record.state, f"ask again in a second; `quadctl node logs {name}`")
     if process.state in {"", "Z", "X"}:
         return failed(title, f"process {pid} has died", f"`quadctl node restart {name}`")
     if process.state in _FROZEN:
-        return failed(
-            title,
-            f"process {pid} is frozen (stopped by a signal)",
-            f"`kill -CONT {pid}`, or `quadctl node restart {name}`",
-        )
+        said = f"process {pid} is frozen (stopped by a signal)"
+        return failed(title, said, f"`kill -CONT {pid}`, or `quadctl node restart {name}`")
     if record.restarts:
         times = "once" if record.restarts == 1 else f"{record.restarts} times"
-        return warned(
-            title,
-            f"ready, process {pid}, restarted {times}",
-            f"`quadctl node logs {name}` says why",
-        )
+        said = f"ready, process {pid}, restarted {times}"
+        return warned(title, said, f"`quadctl node logs {name}` shows why")
     return passed(title, f"ready, process {pid}")

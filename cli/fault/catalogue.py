@@ -1,11 +1,11 @@
-"""The faults by name, each with the parameter that causes it. Pure."""
+"""Faults by name, each with the parameter that causes it. Pure."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 
 class Fault(NamedTuple):
-    """What it does, whose parameter makes it, with which value, and with which it is out."""
+    """Fault: its node and parameter, the value that causes it, and the value without it."""
 
     name: str
     about: str
@@ -28,9 +28,9 @@ FAULTS = (
     _barometer("off", "the barometer gives no readings"),
     _barometer("glitch", "the barometer has spikes now and then"),
     _barometer("delay", "the barometer shows old values"),
-    _pose("frozen", "the pose told is the last one again and again"),
-    _pose("delayed", "the pose told is an old one"),
-    _pose("jump", "the pose told is off the true place"),
+    _pose("frozen", "the reported pose is the last one again and again"),
+    _pose("delayed", "the reported pose is an old one"),
+    _pose("jump", "the reported pose is off the true place"),
     Fault(
         "motor-weak",
         "the motors give less thrust than the controller knows of",
@@ -46,13 +46,13 @@ OF_PROCESSES = {
     "killed": ("KILL", "a process is killed; the supervisor restarts it"),
     "frozen": ("STOP", "a process is frozen; the supervisor restarts it after 2 s"),
 }
-"""Put in as `safety-killed`: the signal, and what comes of it."""
+"""Faults of a process, by name as in `safety-killed`: the signal and its effect."""
 BUS_CUT = "bus-cut"
-"""Nobody hears anybody: the hub is frozen."""
+"""Fault in which no node receives any message: the hub is frozen."""
 
 
 def active(values: Mapping[str, Any]) -> list[str]:
-    """The faults that parameters, by dotted name, say are in; a number counts that is not sound."""
+    """Return the faults in parameters by dotted name; any number counts unless it is sound."""
     return [
         fault.name
         for fault in FAULTS

@@ -21,20 +21,11 @@ from quadctl.services.runtime.run_files import RunState
 
 
 def kept(options: Options) -> dict[str, Any]:
-    """The vehicle's parameters; over --connect as the nodes answer."""
-    if options.connect:
-        return _asked(options)
-    realm = Realm(options.realm)
-    run_files.read(realm)
-    return values_of(realm, options.vehicle)
-
-
-def values_of(realm: Realm, vehicle: str) -> dict[str, Any]:
-    """A vehicle's parameters by the realm's folder."""
-    return dict(flatten(run_files.tables(realm, vehicle)))
-
-
-def _asked(options: Options) -> dict[str, Any]:
+    """Return the vehicle's parameters, with --connect from its nodes."""
+    if not options.connect:
+        realm = Realm(options.realm)
+        run_files.read(realm)
+        return values_of(realm, options.vehicle)
     with context.connect(options) as client:
         replies = [
             client.call(get_params(node), GetParamsRequest([])) for node in ("dynamics", "pressure")
@@ -42,19 +33,24 @@ def _asked(options: Options) -> dict[str, Any]:
     return {name: value for reply in replies for name, value in reply.values.items()}
 
 
+def values_of(realm: Realm, vehicle: str) -> dict[str, Any]:
+    """Return a vehicle's parameters from the realm's folder."""
+    return dict(flatten(run_files.tables(realm, vehicle)))
+
+
 def frozen(options: Options) -> list[str]:
-    """The processes of the run that are stopped by a signal, as `safety-frozen`."""
+    """Return the processes of the run that a signal has stopped, e.g. `safety-frozen`."""
     run = run_of(options)
     return frozen_of(run) if run else []
 
 
 def frozen_of(run: RunState) -> list[str]:
-    """The same, of this run."""
+    """Return the processes of a given run that a signal has stopped."""
     return [f"{node.name}-frozen" for node in run.nodes if node.pid and procfs.is_frozen(node.pid)]
 
 
 def list_(options: Options) -> None:
-    """Show the faults that there are, and which of them are in.
+    """List the faults, and show which of them are in.
 
     Example: quadctl fault list
     """
@@ -63,12 +59,11 @@ def list_(options: Options) -> None:
     there = {*active(values), *stopped, *(BUS_CUT for name in stopped if _cut(name))}
     rows = [(fault.name, fault.about) for fault in FAULTS]
     rows += [(f"NODE-{name}", about) for name, (_, about) in OF_PROCESSES.items()]
-    rows.append((BUS_CUT, "nobody hears anybody: the hub is frozen"))
+    rows.append((BUS_CUT, "no message reaches any node: the hub is frozen"))
     rows += [(name, "it is stopped by a signal") for name in sorted(there - dict(rows).keys())]
     if options.json:
-        output.document(
-            [{"name": name, "about": about, "active": name in there} for name, about in rows]
-        )
+        document = [{"name": name, "about": about, "active": name in there} for name, about in rows]
+        output.document(document)
         return
     marked = (("in" if name in there else "-", name, about) for name, about in rows)
     output.table([("", "FAULT", "WHAT IT DOES"), *marked])
@@ -76,11 +71,11 @@ def list_(options: Options) -> None:
 
 def inject(
     options: Options,
-    name: Annotated[str, Arg("A fault, as `fault list` shows it; NODE-killed as safety-killed.")],
+    name: Annotated[str, Arg("A fault of `fault list`; for NODE-killed e.g. safety-killed.")],
 ) -> None:
     """Put a fault in: a parameter of the simulation, or a signal to a process.
 
-    How bad it is say parameters, as pressure.fault.magnitude; see `param describe dynamics.fault`.
+    Parameters set its size, e.g. pressure.fault.magnitude; see `param describe dynamics.fault`.
 
     Example: quadctl fault inject barometer-stuck
     """
@@ -94,8 +89,8 @@ def inject(
         fault = _named(name)
         with context.connect(options) as client:
             gone = _put(client, fault)
-    place = f", in the place of {gone}" if gone else ""
-    output.either(options, {"injected": name}, f"{name} is in{place}")
+    text = f"{name} is in" + (f", in place of {gone}" if gone else "")
+    output.either(options, {"injected": name}, text)
 
 
 def clear(
@@ -119,13 +114,12 @@ def clear(
             for fault in named:
                 _set(client, fault, fault.sound)
     gone = [*thawed, *(fault.name for fault in named)]
-    output.either(
-        options, {"cleared": gone}, "\n".join(f"{one} is out" for one in gone) or "no fault is in"
-    )
+    text = "\n".join(f"{one} is out" for one in gone) or "no fault is in"
+    output.either(options, {"cleared": gone}, text)
 
 
 def _put(client: Client, fault: Fault) -> str:
-    """Put it in; returns the fault that is out by that: of those of one parameter one can be in."""
+    """Put a fault in and return the one that it replaces: a parameter causes one at a time."""
     ends = time.monotonic() + client.timeout
     there = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
     _set(client, fault, fault.value, max(ends - time.monotonic(), 0.001))

@@ -23,7 +23,7 @@ def restart(
     names: Annotated[list[str] | None, Arg("Nodes.", complete="node")] = None,
     everything: Annotated[bool, Option("Every process of the run.", ("--all",))] = False,
 ) -> None:
-    """Start processes anew, also one that is left down, and wait until they are ready.
+    """Restart processes, also those left down, and wait until they are ready.
 
     Example: quadctl node restart pressure
     """
@@ -50,10 +50,10 @@ def restart(
 
 
 def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
-    """Why a process is not back within the time (s) that was given for all of them."""
+    """Return the error for a process that is not back within the time (s) given for all."""
     run = run_files.read(realm)
     if (realm.asked / name).exists():
-        # The request still lies where the supervisor takes it from.
+        # The supervisor has not taken the request yet.
         return TimedOut(
             f"{name} was not restarted: the supervisor, process {run.pid}, did not answer within"
             f" {timeout:g} s",
@@ -70,7 +70,8 @@ _DONE = {
     "STOP": ("stopped", "restarts what does not answer"),
     "CONT": ("continued", ""),
 }
-"""What a signal has done, and what the supervisor does then."""
+"""Effect of each signal, and the reaction of the supervisor."""
+_BACK = "`quadctl status` shows when it is back"
 
 
 def kill(
@@ -80,9 +81,9 @@ def kill(
         str, Option("KILL, TERM, INT, STOP or CONT.", ("--signal",), "SIGNAL")
     ] = "TERM",
 ) -> None:
-    """Send a signal to processes that `up` looks after, and which it restarts when that ends them.
+    """Send a signal to processes that `up` supervises; it restarts those that end.
 
-    Where one of several is not there, none gets it.
+    If one of several processes is missing, none gets the signal.
 
     Example: quadctl node kill pressure --signal KILL
     """
@@ -99,7 +100,7 @@ def kill(
 
 
 def _told(signal_: str, frozen: int) -> str:
-    """What comes of a signal; `frozen` is the supervisor's pid where it cannot do anything now."""
+    """Return the effect of a signal; `frozen` is the pid of a frozen supervisor, else 0."""
     done, then = _DONE[signal_]
     if frozen and then:
         return f"{done}; the supervisor, process {frozen}, is frozen and {then} once it goes on"
@@ -107,7 +108,7 @@ def _told(signal_: str, frozen: int) -> str:
 
 
 def signalled(options: Options, name: str, signal_: str) -> None:
-    """Send a signal, as KILL, to a node's process; raises Unreachable where there is none."""
+    """Send a signal, e.g. KILL, to a node's process; raise Unreachable if there is none."""
     _send(_process(_run(options), name), signal_)
 
 
@@ -119,19 +120,13 @@ def _run(options: Options) -> RunState:
 def _process(run: RunState, name: str) -> ProcessRecord:
     by_name = {process.name: process for process in run.nodes}
     if name not in by_name:
-        hint = "a node that was started by hand is ended where it was started"
-        raise Unreachable(
-            f"no process {name} is looked after by `up` in the realm {run.realm}",
-            nearest(name, by_name) or hint,
-        )
+        hint = nearest(name, by_name) or "end a node started by hand where you started it"
+        raise Unreachable(f"`up` supervises no process {name} in the realm {run.realm}", hint)
     process = by_name[name]
-    # A recorded process that has just ended may have left its number to a stranger's.
+    # The number of a recorded process that has just ended may now be a foreign process's.
     parent = parent_of(process.pid) if process.pid else None
     if not process.pid or (parent != run.pid and sys.platform == "linux"):
-        raise Unreachable(
-            f"{process.name} has no process now: it is {process.state}",
-            "`quadctl status` shows when it is back",
-        )
+        raise Unreachable(f"{process.name} has no process now: it is {process.state}", _BACK)
     return process
 
 
@@ -141,9 +136,7 @@ def _send(process: ProcessRecord, signal_: str) -> None:
         if sys.platform == "win32":
             os.kill(process.pid, number)
         else:
-            # As the supervisor does: a process and what it has started are one group.
+            # As in the supervisor, the group: a process and its children.
             os.killpg(process.pid, number)
     except ProcessLookupError as error:
-        raise Unreachable(
-            f"{process.name} has just ended", "`quadctl status` shows when it is back"
-        ) from error
+        raise Unreachable(f"{process.name} has just ended", _BACK) from error

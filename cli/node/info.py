@@ -16,14 +16,14 @@ from quadctl.services.runtime.run_files import ProcessRecord
 
 
 def list_(options: Options) -> None:
-    """List the nodes: those that `up` looks after, and any other that has announced itself.
+    """List the nodes: those that `up` supervises, and any other that has announced itself.
 
     Example: quadctl node list
     """
     run = run_of(options)
     client = connected(options, run)
     if isinstance(client, QuadctlError):
-        output.note(f"what is on the bus cannot be seen: {client.message}")
+        output.note(f"the bus cannot be seen: {client.message}")
         seen = see(None, run)
     else:
         with client:
@@ -57,7 +57,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
     run = run_of(options)
     client = connected(options, run)
     if isinstance(client, QuadctlError):
-        # The rest is shown all the same, and the exit code tells.
+        # Show the rest; the exit code reports the problem.
         problem: QuadctlError | None = client
         params: list[str] = []
         seen = see(None, run)
@@ -81,7 +81,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
 def _params(
     client: Client, seen: NodesSeen, process: ProcessRecord, deadline: float
 ) -> tuple[list[str], QuadctlError | None]:
-    """The names of its parameters, or why they are not to be had."""
+    """Return the names of a node's parameters, and the error if it does not answer."""
     if process.state != "ready" or process not in answering(seen):
         return [], None
     try:

@@ -16,10 +16,10 @@ from quadctl.services.runtime.realm import Realm
 
 
 class Tail:
-    """The lines of NAME.log, those of the older NAME.log.1 before them."""
+    """Reader of the lines of NAME.log, after those of the older NAME.log.1."""
 
     def __init__(self, path: Path) -> None:
-        """Opens nothing yet; the file may come later."""
+        """Open nothing yet: the file may appear later."""
         self._path = path
         self._file: BinaryIO | None = None
         self._part = b""
@@ -32,18 +32,18 @@ class Tail:
             self._file.close()
 
     def all(self) -> list[str]:
-        """All lines that there are, from the file that was full before on."""
+        """Return all lines, the older file's first."""
         lines = self.more()
         return [*self._old(), *lines]
 
     def more(self) -> list[str]:
-        """The whole lines that have come since the last call, at first all."""
+        """Return the complete lines since the previous call; at first, all lines."""
         found = b""
         if self._file is not None:
             found = self._rest(self._file)
             if self._is_file(self._file):
                 return self._whole(found)
-            # It was full and has another name now. What came while we looked is in it, too.
+            # The file was full and has another name now. Read also the lines added since.
             found += self._rest(self._file)
             self._file.close()
             self._file = None
@@ -56,14 +56,14 @@ class Tail:
     def _old(self) -> list[str]:
         try:
             with self._path.with_name(f"{self._path.name}.1").open("rb") as old:
-                # The one just read may have got that name meanwhile.
+                # The file just read may have been renamed to this one.
                 return [] if self._file and _same(old, self._file) else _lines(old.read())
         except FileNotFoundError:
             return []
 
     def _rest(self, file: BinaryIO) -> bytes:
         if os.fstat(file.fileno()).st_size < file.tell():
-            # Somebody has emptied it.
+            # The file has been emptied.
             file.seek(0)
             self._part = b""
         return file.read()
@@ -95,14 +95,12 @@ _SUFFIX = ".log"
 def logs(
     options: Options,
     name: Annotated[str | None, Arg("A node (default: all).", complete="node")] = None,
-    count: Annotated[int | None, Option("The last so many lines of each.", ("-n",), min=0)] = None,
+    count: Annotated[int | None, Option("Number of last lines of each.", ("-n",), min=0)] = None,
     follow: Annotated[
-        bool, Option("Go on, until Ctrl-C or the run's end.", ("--follow", "-f"))
+        bool, Option("Follow, until Ctrl-C or the run's end.", ("--follow", "-f"))
     ] = False,
 ) -> None:
-    """Print what nodes have printed; without a name that of all, one after the other.
-
-    `up` is the supervisor itself.
+    """Print the log of a node, or of all nodes, one after the other; `up` is the supervisor.
 
     Example: quadctl node logs safety -n 20 -f
     """
@@ -123,7 +121,7 @@ def logs(
             first = 0 if count is None else max(len(lines) - count, 0)
             _show(options, node, lines[first:], wanted)
         while follow:
-            # Asked before the look, so that what is said until the end is shown.
+            # Checked before reading, so that the last lines of the run are shown.
             follow = run_files.is_live(realm)
             for node in [] if wanted else _printing(realm):
                 if node not in tails:
@@ -138,7 +136,7 @@ def _tail(realm: Realm, node: str) -> Tail:
 
 
 def _known(realm: Realm, name: str) -> str:
-    """A process of the run, or of a killed one's; raises Unreachable with the nearest name."""
+    """Return the name of a process of the run, live or killed; raise Unreachable."""
     wanted, names = normal_name(name), set(_printing(realm))
     if run_files.is_live(realm):
         names |= {process.name for process in run_files.read(realm).nodes}
@@ -149,7 +147,7 @@ def _known(realm: Realm, name: str) -> str:
 
 
 def _printing(realm: Realm) -> list[str]:
-    """Who has printed something; of a run that was killed the files are still there."""
+    """Return the processes that have a log; the logs of a killed run remain."""
     return sorted(path.stem for path in realm.logs.glob(f"*{_SUFFIX}"))
 
 

@@ -1,4 +1,4 @@
-"""The nodes by the run record and by the bus, and the parameters of one."""
+"""Lookup of nodes by the run record and by the bus, and the parameters of a node."""
 
 import contextlib
 from typing import Any
@@ -21,7 +21,7 @@ from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 
 class NodesSeen(Struct, frozen=True):
-    """The run, where it is on this machine, the live nodes and what they offer."""
+    """Run (None if it is not on this machine), live nodes, and their endpoints."""
 
     run: RunState | None
     live: list[str]
@@ -29,14 +29,14 @@ class NodesSeen(Struct, frozen=True):
 
     @property
     def processes(self) -> list[ProcessRecord]:
-        """What the supervisor looks after, and then any other that has announced itself."""
+        """Return the supervised processes, then any other node that has announced itself."""
         ours = self.run.nodes if self.run else []
         known = {process.name for process in ours}
         strangers = [name for name in self.live if name not in known]
         return [*ours, *(ProcessRecord(name, 0, "ready", 0) for name in strangers)]
 
     def find(self, name: str) -> ProcessRecord:
-        """A process by name, or as ROS users write it; raises Unreachable with the nearest name."""
+        """Return a process by name, also in ROS's form; raise Unreachable with the nearest name."""
         wanted = normal_name(name)
         by_name = {process.name: process for process in self.processes}
         if wanted in by_name:
@@ -45,23 +45,23 @@ class NodesSeen(Struct, frozen=True):
         raise Unreachable(f"there is no node {name}", hint)
 
     def answers(self, name: str) -> bool:
-        """Whether a node says that it has parameters, and so answers for them."""
+        """Return whether a node announces get_params, and so answers calls."""
         return any(offer.type == "GetParams" for offer in self.offered(name, "@srv"))
 
     def offered(self, name: str, kind: str) -> list[EndpointInfo]:
-        """The topics (`@pub`) or services (`@srv`) of a node."""
+        """Return the topics (`@pub`) or services (`@srv`) of a node."""
         return [offer for offer in self.offers if offer.node == name and offer.kind == kind]
 
 
 def run_of(options: Options) -> RunState | None:
-    """The realm's run; None where there is none, and over --connect, where it is not ours."""
+    """Return the realm's run; None if there is none, and with --connect, where it is not ours."""
     with contextlib.suppress(Unreachable):
         return None if options.connect else run_files.read(Realm(options.realm))
     return None
 
 
 def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
-    """A connection; or why there is none, where the supervisor still knows of the run."""
+    """Return a connection, or the error if there is none and `run` has something to show."""
     try:
         return context.connect(options)
     except (Unreachable, TimedOut) as problem:
@@ -71,12 +71,12 @@ def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
 
 
 def see(client: Client | None, run: RunState | None) -> NodesSeen:
-    """Look around."""
+    """Return the nodes by the run and, with a client, by the bus."""
     return NodesSeen(run, client.nodes(), client.endpoints()) if client else NodesSeen(run, [], [])
 
 
 def answering(seen: NodesSeen) -> list[ProcessRecord]:
-    """Who says that it answers, and our own that do not say so because they are away."""
+    """Return the nodes that announce get_params, and the lab's nodes that are away."""
     away = set(NODES) - set(seen.live)
     return [p for p in seen.processes if seen.answers(p.name) or p.name in away]
 
@@ -84,13 +84,13 @@ def answering(seen: NodesSeen) -> list[ProcessRecord]:
 def params_of(
     client: Client, process: ProcessRecord, names: list[str], timeout: float
 ) -> dict[str, Any]:
-    """Its parameters; waits (s) for one that is just being restarted.
+    """Return a node's parameters; wait up to `timeout` s while it restarts.
 
-    Raises Unreachable for a process that is away, TimedOut for one that is there and silent.
+    Raises Unreachable for a process that is away, TimedOut for a silent one.
     """
     name = process.name
     if process.state == "down":
-        raise Unreachable(f"{name} is down", f"`quadctl node logs {name}` may tell why")
+        raise Unreachable(f"{name} is down", f"`quadctl node logs {name}` may show why")
     service = get_params(name)
     try:
         return client.call(service, GetParamsRequest(names), timeout).values
@@ -99,13 +99,13 @@ def params_of(
         if isinstance(error, TimedOut):
             if not about_call:
                 raise
-            # Part of the time that was given may have gone by before.
-            asked = f"{name} did not answer within {client.timeout:g} s"
-            raise TimedOut(asked, error.hint) from error
+            # Part of the client's timeout may have passed before this call.
+            text = f"{name} did not answer within {client.timeout:g} s"
+            raise TimedOut(text, error.hint) from error
         if process.pid and process.state == "ready" and not has_ended(process.pid):
-            # A second after it froze, the hub takes it for gone; the supervisor sees its process.
+            # The hub drops a frozen process after a second; the supervisor still sees it.
             raise TimedOut(
-                f"{name} does not answer, although its process {process.pid} is there",
+                f"{name} does not answer, although its process {process.pid} exists",
                 "it is frozen or busy: `quadctl status`",
             ) from error
         if not about_call:
@@ -116,4 +116,4 @@ def params_of(
 def _why_away(process: ProcessRecord) -> str:
     if process.pid and has_ended(process.pid):
         return f"its process {process.pid} has ended"
-    return "it has gone from the bus" if process.state == "ready" else f"it is {process.state}"
+    return "it has left the bus" if process.state == "ready" else f"it is {process.state}"

@@ -1,4 +1,4 @@
-"""`node ping`: round trips through the loop of a node."""
+"""`node ping`: round trips through the executor of a node."""
 
 import contextlib
 import time
@@ -20,13 +20,13 @@ _LONGEST_INTERVAL = 3600.0
 def ping(
     options: Options,
     name: Annotated[str | None, Arg("A node.", complete="node")] = None,
-    count: Annotated[int, Option("So many pings.", ("-n", "-c"), min=1)] = 4,
-    interval: Annotated[float, Option("Seconds between them.")] = 1.0,
+    count: Annotated[int, Option("Number of pings.", ("-n", "-c"), min=1)] = 4,
+    interval: Annotated[float, Option("Seconds between pings.")] = 1.0,
     every: Annotated[bool, Option("Ping all nodes.", ("--all", "-a"))] = False,
 ) -> None:
-    """Ask a node for an answer, several times, and tell how long each took.
+    """Call a node several times, and print how long each answer took.
 
-    A node that is away ends it with 3, one that is frozen with 4.
+    The exit code is 3 if a node is away, 4 if it is frozen.
 
     Example: quadctl node ping safety -n 4
     """
@@ -36,7 +36,7 @@ def ping(
         raise UsageError(
             f"--interval {interval:g}: not a time", f"give seconds, up to {_LONGEST_INTERVAL:g}"
         )
-    # Connecting and looking around are part of the first pings' time.
+    # The first pings' time includes connecting and looking around.
     ends = time.monotonic() + options.timeout
     if name is not None:
         options, name = context.about_node(options, name)
@@ -46,15 +46,13 @@ def ping(
         asked = answering(seen) if name is None else [seen.find(name)]
         for process in asked:
             if process.name in seen.live and not seen.answers(process.name):
-                raise Unreachable(
-                    f"{process.name} serves no get_params", "so there is nothing to ask it for"
-                )
+                raise Unreachable(f"{process.name} serves no get_params", "a ping calls get_params")
         by_name = {process.name: process for process in asked}
         _Pings(options, client).run(by_name, count, interval, ends)
 
 
 class _Pings:
-    """Pings of several nodes at a time; who does not answer is not asked again."""
+    """Pings of several nodes in parallel; a node that fails once is not asked again."""
 
     def __init__(self, options: Options, client: Client) -> None:
         self._options, self._client = options, client
@@ -64,10 +62,7 @@ class _Pings:
     def run(
         self, asked: dict[str, ProcessRecord], count: int, interval: float, ends: float
     ) -> None:
-        """Ping, print and sum up; raises the first node's problem where one did not answer.
-
-        `ends` is when the first of them all have to have answered, on the monotonic clock.
-        """
+        """Ping, print and sum up; raise the first problem. `ends` (monotonic s): for round one."""
         begun = time.monotonic()
         for number in range(count):
             time.sleep(max(begun + number * interval - time.monotonic(), 0))
@@ -92,9 +87,9 @@ class _Pings:
         output.either(self._options, said, f"{name}: {len(took)} pongs, min/avg/max {shown}")
 
     def _once(self, asked: dict[str, ProcessRecord], until: float, name: str) -> float:
-        """How long an answer took, s."""
+        """Return how long an answer took, s."""
         begun = time.monotonic()
-        # No node has a parameter of that name: that it says so shows that its loop turns.
+        # No node has this parameter: the refusal shows that its executor runs.
         with contextlib.suppress(Invalid):
             left = max(until - begun, 0.001)
             params_of(self._client, asked[name], [f"{name}.ping"], left)

@@ -24,44 +24,44 @@ DEFAULT_FILE = Path("quad.toml")
 
 
 class Change(Struct, frozen=True):
-    """A parameter that is not the same on both sides; None where a side has none of that name."""
+    """Parameter that differs between two sides; None on a side without it."""
 
     name: str
     before: Any
     after: Any
 
     def __str__(self) -> str:
-        """As `safety.takeoff: 1.0 -> 2.0`."""
+        """Return e.g. `safety.takeoff: 1.0 -> 2.0`."""
         return f"{self.name}: {_shown(self.before)} -> {_shown(self.after)}"
 
     def document(self, before: str = "before", after: str = "after") -> dict[str, Any]:
-        """What --json prints of it, the sides named."""
+        """Return the change as --json prints it, with the names of the two sides."""
         return {"name": self.name, before: self.before, after: self.after}
 
 
 def changes(before: Values, after: Values) -> list[Change]:
-    """What differs, in the order in which it is declared."""
+    """Return the parameters that differ, in the order of declaration."""
     names = [*before, *(name for name in after if name not in before)]
     found = [Change(name, before.get(name), after.get(name)) for name in names]
     return [change for change in found if change.before != change.after]
 
 
 def file_values(file: Path | None, options: Options) -> Values:
-    """Every parameter of the vehicle meant as `up FILE` would take it; without a file the defaults."""
+    """Return the vehicle's parameters as `up FILE` would set them; the defaults without a file."""
     return values_of(*gather(file), options)
 
 
 def values_of(said: Mapping[str, Any], source: str, options: Options) -> Values:
-    """The same of a file's tables; raises Invalid, naming the source."""
+    """Return the vehicle's parameters by a file's tables; raise Invalid with the source."""
     params = params_of(said, source, options.vehicles)[options.vehicle]
     whole = msgspec.to_builtins(params)
     return dict(flatten({name: table for name, table in whole.items() if table}))
 
 
 def known_of(values: Values, running: Values) -> Values:
-    """Those that the running system can be seen to have or not; says what is left out.
+    """Return the values of the tables visible in the running system; note the others on stderr.
 
-    Over --connect the supervisor's own tables cannot be seen, nor those of a node that is down.
+    With --connect the supervisor's own tables are not visible, nor those of a node that is down.
     """
     known = {name.partition(".")[0] for name in running}
     if "supervise" in known:
@@ -69,12 +69,12 @@ def known_of(values: Values, running: Values) -> Values:
     unseen = {name.partition(".")[0] for name in values} - known
     if unseen:
         left_out = ", ".join(name for name in tables() if name in unseen)
-        output.note(f"cannot be seen from here, and is left out: {left_out}")
+        output.note(f"left out, as it is not visible from here: {left_out}")
     return {name: value for name, value in values.items() if name.partition(".")[0] in known}
 
 
 def tell(options: Options, document: Any, found: Iterable[Change]) -> None:
-    """Print a document where --json asks for one, changes a line each otherwise."""
+    """Print a document with --json, else one change per line."""
     if options.json:
         output.document(document)
     else:
@@ -92,7 +92,7 @@ def diff(
         Path | None, Arg("A parameter file (default: ./quad.toml, else the defaults in code).")
     ] = None,
 ) -> None:
-    """Show what differs from a file: its value, and what the running system has.
+    """Show the values that differ from a file: the file's and the running system's.
 
     Example: quadctl param diff quad.toml
     """
@@ -134,10 +134,10 @@ def dump(
 def save(
     options: Options, file: Annotated[Path, Arg("The file to bring up to date.")] = DEFAULT_FILE
 ) -> None:
-    """Write what the running system has into a parameter file; comments and order stay.
+    """Write the running system's values into a parameter file; comments and order stay.
 
-    Only what differs from what the file says, or leaves at its default, is touched. Of one of
-    several vehicles it goes into a table of its own.
+    Only values that differ from the file's (or the default, where the file has none) are written.
+    With several vehicles they go into the vehicle's own table.
 
     Example: quadctl param save
     """
@@ -145,7 +145,7 @@ def save(
     with RunningParams(options) as running:
         now = running.whole()
     known = known_of(said, now)
-    # A command that the file names and the run does not have was added since: it stays.
+    # A command that is in the file and not in the run was added since: it stays.
     found = [change for change in changes(known, now) if change.name in now]
     if found:
         own = f"{options.vehicle}." if len(options.vehicles) > 1 else ""
@@ -157,19 +157,18 @@ def save(
 
 
 def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:
-    """Hold that the new text says what it shall; raises Invalid, the file being untouched."""
+    """Raise Invalid unless the new text has the wanted values; the file is still untouched."""
     if values_of(parse(text, str(file)), str(file), options) != wanted:
         raise Invalid(
-            f"{file} cannot be changed in place, or was changed meanwhile; it is untouched",
+            f"{file} cannot be changed in place, or has just been changed; it is untouched",
             "`quadctl param dump -o FILE` writes a new one",
         )
 
 
 def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> None:
-    """Set all that a file says on the running system; what it does not name stays.
+    """Set all values of a file on the running system; other parameters stay.
 
-    Everything is checked before anything is changed. Then each node takes all of its values or
-    none.
+    All values are checked before any is changed. Then each node takes all of its values or none.
 
     Example: quadctl param load tuned.toml
     """
@@ -185,7 +184,7 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
 
 
 def _said(file: Path, options: Options) -> Values:
-    """What the file itself names, each value as its type has it; raises Invalid."""
+    """Return the values that the file itself names, each in its type; raise Invalid."""
     tables = read(file)
     whole = values_of(tables, str(file), options)
     named = flatten(said_of(tables, options.vehicle, options.vehicles))
@@ -193,7 +192,7 @@ def _said(file: Path, options: Options) -> Values:
 
 
 def _check(values: Values, file: Path) -> None:
-    """Rules between values hold for the file's beside those that stay, too."""
+    """Check the rules between values, the file's and those that stay; raise Invalid."""
     tables: dict[str, Any] = {}
     for name, value in values.items():
         put(tables, name, value, str(file))
@@ -203,13 +202,10 @@ def _check(values: Values, file: Path) -> None:
 def _refuse_fixed(found: list[Change], file: Path) -> None:
     fixed = [change for change in found if fixed_at_launch(change.name)]
     if fixed:
-        switches = "".join(
-            f", and use {switch}" for change in fixed if (switch := live_switch(change.name))
-        )
-        raise Invalid(
-            f"fixed at launch: {_told(fixed)}; nothing was changed",
-            f"`quadctl down`, then `quadctl up {file}`; or take it out of the file{switches}",
-        )
+        switches = filter(None, (live_switch(change.name) for change in fixed))
+        hint = f"`quadctl down`, then `quadctl up {file}`; or take it out of the file"
+        hint += "".join(f", and use {switch}" for switch in switches)
+        raise Invalid(f"fixed at launch: {_listed(fixed)}; nothing was changed", hint)
 
 
 def _set(running: RunningParams, found: list[Change]) -> None:
@@ -226,17 +222,17 @@ def _set(running: RunningParams, found: list[Change]) -> None:
             if not reply.success:
                 raise Invalid(reply.reason)
         except QuadctlError as problem:
-            told = _how_far([*nodes.values()], number)
-            raise type(problem)(f"{problem.message}; {told}", problem.hint) from problem
+            done = _how_far([*nodes.values()], number)
+            raise type(problem)(f"{problem.message}; {done}", problem.hint) from problem
 
 
 def _how_far(parts: list[list[Change]], failed: int) -> str:
-    """What was changed and what was not, when one of the parts, a node's each, has failed."""
+    """Return the text that lists the changes by outcome, after one node's part has failed."""
     done = [change for part in parts[:failed] for change in part]
     rest = [change for part in parts[failed + 1 :] for change in part]
-    told = {"changed": done, "failed": parts[failed], "not tried": rest}
-    return "; ".join(f"{what}: {_told(some) or 'nothing'}" for what, some in told.items())
+    outcomes = {"changed": done, "failed": parts[failed], "not tried": rest}
+    return "; ".join(f"{name}: {_listed(part) or 'nothing'}" for name, part in outcomes.items())
 
 
-def _told(found: list[Change]) -> str:
+def _listed(found: list[Change]) -> str:
     return ", ".join(map(str, found))

@@ -20,10 +20,9 @@ def describe(
     options: Options,
     names: Annotated[list[str], Arg("Parameters, or whole tables.", complete="param")],
 ) -> None:
-    """Tell what parameters are: type, unit, bounds, default, meaning, and the present value.
+    """Describe parameters: type, unit, bounds, default, meaning, and the present value.
 
-    Where nothing runs there is no present value, and the rest is told all the same: so it is
-    where somebody does not answer, and then the exit code tells.
+    The present value is missing if nothing runs, or if a node does not answer: see the exit code.
 
     Example: quadctl param describe safety.virtual_cage
     """
@@ -31,12 +30,11 @@ def describe(
     names = [normal_name(name) for name in names]
     known = catalogue.leaves()
     found = {name: [known[leaf] for leaf in leaves_of(known, name)] for name in names}
-    heard = _present(
-        options, {leaf.name.partition(".")[0] for all_ in found.values() for leaf in all_}
-    )
+    tables = {leaf.name.partition(".")[0] for leaves in found.values() for leaf in leaves}
+    heard = _present(options, tables)
     values = {name: value for answer in heard.answers.values() for name, value in answer.items()}
     if options.json:
-        output.document([_document(leaf, values) for all_ in found.values() for leaf in all_])
+        output.document([_document(leaf, values) for leaves in found.values() for leaf in leaves])
     else:
         _print(found, values)
     heard.fail()
@@ -111,9 +109,9 @@ def list_(
         list[str] | None, Arg("Nodes or tables (default: all).", complete="param")
     ] = None,
 ) -> None:
-    """List every parameter of the running system, or those of a node.
+    """List every parameter of the running system, or of some nodes.
 
-    Of all, where a node does not answer, the others' are listed and the exit code tells.
+    If a node does not answer, only the rest is listed; see the exit code.
 
     Example: quadctl param list safety
     """
@@ -134,9 +132,9 @@ def get(
     options: Options,
     names: Annotated[list[str], Arg("Parameters, whole tables, or / for all.", complete="param")],
 ) -> None:
-    """Print the values of parameters, in the words that `param set` takes.
+    """Print the values of parameters in the form that `param set` takes.
 
-    Of a value that waits for the vehicle's next standstill, tell too what is in force until then.
+    If a value waits for the vehicle's next standstill, print also the value in force until then.
 
     Example: quadctl param get safety.virtual_cage.x
     """

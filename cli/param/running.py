@@ -19,15 +19,12 @@ from quadctl.services.runtime.run_files import UNSERVED, not_running
 
 
 def nodes_with_params(client: Client) -> list[str]:
-    """The live nodes that have parameters."""
+    """Return the live nodes that have parameters."""
     return sorted({offer.node for offer in client.endpoints() if offer.type == "GetParams"})
 
 
 def node_of(name: str, live: list[str]) -> str:
-    """The one of the live nodes that a parameter belongs to; raises Invalid with the nearest name.
-
-    A node of ours may just be away.
-    """
+    """Return a parameter's node, live or one of the lab's; raise Invalid with the nearest name."""
     node = name.partition(".")[0]
     if node in live or node in NODES or not live:
         return node
@@ -36,28 +33,28 @@ def node_of(name: str, live: list[str]) -> str:
 
 
 Values = dict[str, Any]
-"""By dotted name."""
+"""Values by dotted name."""
 ALL = ""
-"""What `/` names: the parameters of every node."""
+"""Normal form of `/`: the parameters of every node."""
 
 
 def tables() -> tuple[str, ...]:
-    """Every table of the file; only some commands need to know them, and pay for the import."""
+    """Return every table of the file; only commands that need them pay for the import."""
     from quadctl.schemas.params import Params
 
     return Params.__struct_fields__
 
 
 class RunningParams:
-    """Asks within a `with` block. All of it together takes no longer than --timeout."""
+    """Access to parameters in a `with` block; all calls together take at most --timeout."""
 
     def __init__(self, options: Options) -> None:
-        """Connect; raises Unreachable where nothing runs."""
+        """Connect; raise Unreachable if nothing runs."""
         self._options = options
         self._deadline = time.monotonic() + options.timeout
         self._client = context.connect(options)
         self.in_force: Values = {}
-        """Of the values read so far, what holds in place of those that wait for a standstill."""
+        """Values in force until the next standstill, for those read so far that wait for it."""
 
     def __enter__(self) -> Self:
         return self
@@ -66,11 +63,11 @@ class RunningParams:
         self._client.__exit__()
 
     def nodes(self) -> list[str]:
-        """The live nodes that have parameters."""
+        """Return the live nodes that have parameters."""
         return nodes_with_params(self._client)
 
     def get(self, names: Iterable[str]) -> Values:
-        """Values by leaf or by table, in the order asked for; raises where one is not to be had."""
+        """Return values by leaf or by table, in the given order; raise if one is not available."""
         names = [normal_name(name) for name in names]
         if ALL in names:
             return _all_of(self.every())
@@ -85,19 +82,19 @@ class RunningParams:
         return {leaf: found[leaf] for name in names for leaf in leaves_of(found, name)}
 
     def every(self) -> Answers[Values]:
-        """What each node answers, users' own among them, and the supervisor's own tables."""
+        """Return each node's answer, users' own nodes included, and the supervisor's tables."""
         live = self.nodes()
-        # Looked for last: one that the hub loses between the two is then in both, not in neither.
+        # Asked last: a node that the hub loses in between is then in both lists, not in neither.
         frozen = [process.name for process in self._client.silent_processes()]
         heard = self._ask({node: [] for node in sorted({*live, *frozen})})
         heard.answers[""] = self._kept(UNSERVED)
         return heard
 
     def declared(self, wanted: Collection[str]) -> Answers[Values]:
-        """What each node answers for tables of the file.
+        """Return each node's answer for tables of the file.
 
-        Of a node that does not run it is what it would start with. Nothing is known of those,
-        nor of the supervisor's own tables, where the run is on another machine.
+        A node that does not run has the values that it would start with. On another machine these
+        are unknown, and so are the supervisor's own tables.
         """
         served = [node for node in self.nodes() if node in wanted and node not in UNSERVED]
         heard = self._ask({node: [] for node in served})
@@ -105,7 +102,7 @@ class RunningParams:
         return heard
 
     def whole(self) -> Values:
-        """Every parameter, in the file's order; raises where a node does not answer."""
+        """Return every parameter, in the file's order; raise if a node does not answer."""
         found = _all_of(self.declared(tables()))
         return {leaf: found[leaf] for name in tables() for leaf in found if _in(name, leaf)}
 
@@ -114,11 +111,9 @@ class RunningParams:
         return self._client.call(set_params(node), SetParamsRequest(values), self._left())
 
     def absent(self, node: str) -> QuadctlError:
-        """Why a node that has parameters does not take them."""
-        problem = Unreachable(
-            f"nothing was changed: nobody takes the parameters of {node}",
-            f"is {node} up? `quadctl node list` shows it",
-        )
+        """Return the error for a node that should have parameters and is not live."""
+        text = f"nothing was changed: no live node takes the parameters of {node}"
+        problem = Unreachable(text, f"is {node} up? `quadctl node list` shows it")
         return self._client.explained(problem, node)
 
     def _ask(self, wanted: dict[str, list[str]]) -> Answers[Values]:
@@ -131,7 +126,7 @@ class RunningParams:
         return ask_each(wanted, ask)
 
     def _kept(self, wanted: Collection[str]) -> Values:
-        """What the realm's folder says of tables; nothing where it says nothing."""
+        """Return the values of tables from the realm's folder; none if it has none."""
         if self._options.connect:
             return {}
         realm = Realm(self._options.realm)
@@ -139,7 +134,7 @@ class RunningParams:
             there = run_files.tables(realm, self._options.vehicle)
         except FileNotFoundError as error:
             raise not_running(realm) from error
-        # Of `processes` there may be nothing to say.
+        # `processes` may be absent.
         return dict(flatten({name: there[name] for name in wanted if there.get(name)}))
 
     def _left(self) -> float:
@@ -152,7 +147,7 @@ def _all_of(heard: Answers[Values]) -> Values:
 
 
 def leaves_of(found: Mapping[str, Any], name: str) -> list[str]:
-    """A parameter, or those of a table, among known names; raises Invalid with the nearest name."""
+    """Return a parameter, or a table's, among known names; raise Invalid with the nearest name."""
     leaves = [leaf for leaf in found if _in(name, leaf)]
     if not leaves:
         from quadctl.services.runtime.params.load import nearest_declared

@@ -27,11 +27,11 @@ def set_(
     """
     if len(words) == 2 and "=" not in words[0]:
         words = [f"{words[0]}={words[1]}"]
-    # What only slashes stand before names everything, and no parameter.
+    # Slashes alone before the = name everything, and no parameter.
     if not all("=" in word.lstrip("/=") for word in words):
         raise UsageError(
             "param set takes NAME VALUE or NAME=VALUE...",
-            f"`quadctl param get {words[0]}` prints what it is" if len(words) == 1 else "",
+            f"`quadctl param get {words[0]}` prints its value" if len(words) == 1 else "",
         )
     options, words = context.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)
@@ -40,7 +40,7 @@ def set_(
     if len(nodes) > 1:
         raise UsageError(
             f"these belong to different nodes: {', '.join(sorted(nodes))}",
-            "set one node's parameters at a time, so that all are taken or none",
+            "set one node's parameters at a time, so that all are accepted or none",
         )
     with RunningParams(options) as running:
         if nodes <= set(UNSERVED):
@@ -54,13 +54,12 @@ def set_(
         return
     for name, value in values.items():
         waits = any(leaf == name or leaf.startswith(f"{name}.") for leaf in reply.waits)
-        output.line(
-            f"{name}: {catalogue.word(value)}{' (from the next standstill)' if waits else ''}"
-        )
+        when = " (from the next standstill)" if waits else ""
+        output.line(f"{name}: {catalogue.word(value)}{when}")
 
 
 def _way_out(values: Values) -> str:
-    """What helps where a node has refused values: its reason says no more than what is wrong."""
+    """Return the hint for values that a node has refused; its reason only names the fault."""
     leaves = {normal_name(name): value for name, value in flatten(values)}
     if switch := next(filter(None, map(catalogue.live_switch, leaves)), ""):
         return f"{switch} changes it at once"
@@ -69,7 +68,7 @@ def _way_out(values: Values) -> str:
         settings = " ".join(f"--set {name}={catalogue.word(leaves[name])}" for name in fixed)
         return f"it takes a new run: `quadctl down`, then `quadctl up {settings}`"
     if leaves.keys() <= catalogue.leaves().keys() | catalogue.tables().keys():
-        return f"`quadctl param describe {' '.join(leaves)}` tells the bounds"
-    # What a user's own node has is described nowhere.
+        return f"`quadctl param describe {' '.join(leaves)}` shows the bounds"
+    # The parameters of a user's own node have no description.
     ours = next(iter(leaves)).partition(".")[0] in tables()
     return "`quadctl param list` shows those that there are" if ours else ""

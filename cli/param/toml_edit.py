@@ -9,7 +9,7 @@ from quadctl.services.runtime.errors import Invalid
 
 
 def edited(text: str, values: dict[str, Any]) -> str:
-    """The file's text with values set by dotted name; a table that is missing comes at the end."""
+    """Return a file's text with values set by dotted name; a missing table is added at the end."""
     import tomlkit
     from tomlkit.items import InlineTable
 
@@ -20,21 +20,17 @@ def edited(text: str, values: dict[str, Any]) -> str:
         for depth, part in enumerate(path):
             if part not in table:
                 # A table within an inline one can only be inline.
-                fresh = (
-                    tomlkit.inline_table()
-                    if isinstance(table, InlineTable)
-                    else tomlkit.table(is_super_table=depth < len(path) - 1)
-                )
-                table[part] = fresh
+                fresh = tomlkit.table(is_super_table=depth < len(path) - 1)
+                table[part] = tomlkit.inline_table() if isinstance(table, InlineTable) else fresh
             table = table[part]
         table[last] = value
     return tomlkit.dumps(document)
 
 
 def replace(file: Path, data: bytes) -> None:
-    """Replace a file so that a crash leaves the old text or the new.
+    """Replace a file so that a crash leaves the old text or the new; raise Invalid.
 
-    A link stays a link, and the file keeps its mode and owner; raises Invalid where it cannot be.
+    A link stays a link, and the file keeps its mode and owner.
     """
     try:
         target = file.resolve()
@@ -59,7 +55,7 @@ def _like(target: Path, descriptor: int) -> None:
     with contextlib.suppress(FileNotFoundError):
         was = target.stat()
         if os.name == "posix":
-            # Only root may give a file away; anybody else gets one of their own.
+            # Only root may give a file away; for any other user it becomes their own.
             with contextlib.suppress(PermissionError):
                 os.fchown(descriptor, was.st_uid, was.st_gid)
             os.fchmod(descriptor, was.st_mode & 0o7777)

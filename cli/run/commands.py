@@ -1,4 +1,4 @@
-"""`status`, `down` and `init`, without an import of the supervisor itself."""
+"""`status`, `down` and `init`, which do not import the supervisor itself."""
 
 import time
 from pathlib import Path
@@ -57,24 +57,19 @@ def status(options: Options) -> None:
     if options.json:
         output.document(msgspec.to_builtins(run) | {"faults": faults})
         return
-    some = "vehicle" if len(run.vehicles) == 1 else "vehicles"
-    output.line(
-        f"realm {run.realm}, {some} {listed(run.vehicles)}, supervised by process {run.pid}"
-    )
+    vehicles = f"vehicle{'s' if len(run.vehicles) > 1 else ''} {listed(run.vehicles)}"
+    output.line(f"realm {run.realm}, {vehicles}, supervised by process {run.pid}")
     rows = (_row(node) for node in run.nodes)
     output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
     for fault in faults:
-        output.line(f"fault: {fault}; `quadctl fault clear` takes it out")
+        output.line(f"fault: {fault}; `quadctl fault clear` removes it")
 
 
 def _faults(realm: Realm, run: RunState) -> list[str]:
-    """The faults put in by name, as `uav pose-frozen`; of a process, as `safety-frozen`."""
-    of_vehicles = (
-        f"{vehicle} {fault}"
-        for vehicle in run.vehicles
-        for fault in active(values_of(realm, vehicle))
-    )
-    return [*of_vehicles, *frozen_of(run)]
+    """Return the faults that are in, e.g. `uav pose-frozen`; of a process, `safety-frozen`."""
+    by_vehicle = {name: active(values_of(realm, name)) for name in run.vehicles}
+    found = [f"{vehicle} {fault}" for vehicle, faults in by_vehicle.items() for fault in faults]
+    return found + frozen_of(run)
 
 
 def _row(node: ProcessRecord) -> tuple[object, ...]:

@@ -1,4 +1,4 @@
-"""The live table of `up` on a terminal.
+"""Live table of `up` on a terminal.
 
 Written by hand: a frame takes a tenth of a millisecond, less than with any table library.
 """
@@ -26,17 +26,17 @@ _CLEAR_LINE, _CLEAR_BELOW = "\033[K", "\033[J"
 
 
 class Panel:
-    """Draws on a terminal that nobody else writes to. The cursor rests behind the last line."""
+    """Panel on a terminal without other writers. The cursor rests behind the last line."""
 
     def __init__(self, terminal: TextIO) -> None:
         self._terminal = terminal
         self._lines: list[str] = []
 
     def draw(self, above: str, lines: list[str], columns: int) -> None:
-        """Put text above the panel, for good, and new lines in the panel's place.
+        """Write text above the panel, permanently, and replace the panel's lines.
 
-        The text ends with a newline or is empty. `columns` is the terminal's width now, which
-        may have changed. Raises OSError where the terminal is gone.
+        The text is empty or ends with a newline. `columns` is the terminal's width, which may have
+        changed. Raises OSError if the terminal is gone.
         """
         frame = above + "\n".join(lines)
         self._terminal.write(
@@ -46,11 +46,11 @@ class Panel:
         self._lines = lines
 
     def forget(self) -> None:
-        """Draw the next one where the cursor is: others have written to the terminal."""
+        """Draw the next panel at the cursor: others have written to the terminal."""
         self._lines = []
 
     def _back(self, columns: int) -> str:
-        """To where the panel begins. A terminal that was made narrower has wrapped its lines."""
+        """Return the escape to the panel's start; a narrowed terminal has wrapped its lines."""
         rows = sum(-(-len(_ESCAPES.sub("", line)) // columns) or 1 for line in self._lines)
         return f"\r\033[{rows - 1}A" if rows > 1 else "\r"
 
@@ -61,14 +61,11 @@ _DIM = 2
 _STATE = 1
 _TITLES = ("NAME", "STATE", "PID", "RESTARTS", "MSG/S", "MEMORY", "CPU")
 _FEWEST = 2
-"""Columns that stay however narrow the terminal is: the name and the state."""
+"""Columns that stay in a terminal of any width: the name and the state."""
 
 
 class Measurements(NamedTuple):
-    """What is known of processes beside their records.
-
-    Messages per second by node; megabytes and per cent of a core by pid.
-    """
+    """Messages per second by node; megabytes and per cent of a core by pid."""
 
     rates: Mapping[str, float]
     memory: Mapping[int, float]
@@ -84,9 +81,9 @@ def lines(
     *,
     colour: bool,
 ) -> list[str]:
-    """A head, and a table with a line for each process; fewer columns or rows where they do not fit.
+    """Return a head and a table with a line per process, without columns or rows that do not fit.
 
-    No line fills the terminal's width, lest it wrap.
+    No line fills the terminal's width, so that none wraps.
     """
     texts = [_TITLES, *(_texts(row, taken) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
@@ -128,28 +125,28 @@ def _painted(text: str, number: int, *, colour: bool) -> str:
 
 
 def is_live() -> bool:
-    """Whether somebody watches: a terminal that can move its cursor, and is ours to write on."""
+    """Return whether stdout is a terminal that can move its cursor and is this job's."""
     return _is_able() and is_ours()
 
 
 def is_ours() -> bool:
-    """Whether the terminal is this job's, or the shell has put it in the background (`&`)."""
+    """Return whether the terminal is this job's; false in the background (`&`)."""
     if sys.platform == "win32":
         return True
     try:
         return os.tcgetpgrp(sys.stdout.fileno()) == os.getpgrp()
     except OSError:
-        # Not our session's, such as one that a test or a service manager has opened.
+        # A terminal of another session, e.g. opened by a test or a service manager.
         return False
 
 
 def has_colour() -> bool:
-    """Whether to paint: by the convention of no-color.org."""
+    """Return whether to use colour, by the convention of no-color.org."""
     return _is_able() and not os.environ.get("NO_COLOR")
 
 
 def for_lines() -> TextIO:
-    """Standard output for lines alone; says that it is no terminal where colour is not wanted."""
+    """Return stdout for plain lines; if colour is not wanted, it reports that it is no terminal."""
     if has_colour() or not sys.stdout.isatty():
         return sys.stdout
     return _Uncoloured(sys.stdout.buffer, encoding="utf-8", errors="replace")
@@ -166,7 +163,7 @@ def _is_able() -> bool:
 
 @contextlib.contextmanager
 def without_echo() -> Iterator[None]:
-    """Keep keys pressed meanwhile from being written into what is drawn; they are dropped."""
+    """Keep the keys pressed during the block out of the display; they are dropped."""
     if sys.platform == "win32" or not sys.stdin.isatty() or not is_ours():
         yield
         return
@@ -186,9 +183,9 @@ def without_echo() -> Iterator[None]:
 _EVERY = 1.0
 """Seconds between two measurements of rates, memory and processor."""
 _STOPPED = 3.0
-"""Seconds without a look, after which this process was stopped and the shell has written here."""
+"""Seconds between two looks that mean: this process was stopped, and the shell wrote here."""
 _LEAVE = 3
-"""Rows of the terminal that the table leaves to the lines, at least."""
+"""Rows of the terminal that the table always leaves to the lines."""
 
 
 class Shares:
@@ -212,7 +209,7 @@ class Shares:
 
 
 class Screen:
-    """Draws when the supervisor's loop turns, and only what has changed."""
+    """Screen drawn by the supervisor's loop, only when something has changed."""
 
     def __init__(self, launch: Launch) -> None:
         self._launch = launch
@@ -220,7 +217,7 @@ class Screen:
         self._panel = Panel(sys.stdout)
         self._waiting = _Sheet(self._colour)
         self.emit = Printer(self._waiting)
-        """Have a process's line shown at the next look."""
+        """Printer of the processes' lines, which the next look shows."""
         self._rates: RateProbe | None = None
         self._shares = Shares()
         self._taken = Measurements({}, {}, {})
@@ -235,7 +232,7 @@ class Screen:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the lines, and nothing else."""
+        """Remove the table and leave the lines."""
         try:
             if self._rates is not None:
                 self._rates.close()
@@ -244,7 +241,7 @@ class Screen:
             self._echo.__exit__(None, None, None)
 
     def look(self, supervisor: Supervisor) -> None:
-        """Bring the screen up to date."""
+        """Update the screen."""
         now, rows = time.monotonic(), supervisor.rows()
         if now - self._looked > _STOPPED:
             self._panel.forget()
@@ -260,7 +257,7 @@ class Screen:
 
     def _measure(self, rows: list[ProcessRecord], now: float) -> None:
         if self._rates is None:
-            # Not before now: what has threads cannot fork, and the processes are forked.
+            # Not earlier: it starts threads, after which the processes could not be forked.
             self._rates = RateProbe(Realm(self._launch.realm), self._launch.vehicles)
         stats = {row.pid: stats_of(row.pid) for row in rows if row.pid}
         memory = {pid: each.rss / 1e6 for pid, each in stats.items() if each.rss is not None}
@@ -283,12 +280,12 @@ class Screen:
         try:
             self._panel.draw(above, table, columns)
         except OSError:
-            # A closed terminal is no reason to fall; the files have every line.
+            # A closed terminal must not end the run; the log files have every line.
             self._gone = True
 
 
 class _Sheet(io.StringIO):
-    """Collects text for a terminal."""
+    """Buffer of text for a terminal."""
 
     def __init__(self, colour: bool) -> None:
         super().__init__()
@@ -309,5 +306,5 @@ def _size() -> os.terminal_size:
         size = os.get_terminal_size(sys.stdout.fileno())
     except OSError:
         return os.terminal_size((80, 24))
-    # A terminal that was never told its size says 0.
+    # A terminal reports 0 until its size is set.
     return size if size.columns and size.lines else os.terminal_size((80, 24))

@@ -25,21 +25,17 @@ from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 Detach = Annotated[bool, Option("Return when all processes are ready.", ("--detach", "-d"))]
 Listen = Annotated[
-    list[str] | None, Option("Let other machines in here, as tls/0.0.0.0:7447.", metavar="ENDPOINT")
+    list[str] | None, Option("Listen on the network, e.g. tls/0.0.0.0:7447.", metavar="ENDPOINT")
 ]
-Insecure = Annotated[
-    bool, Option("Let listeners that are not encrypted be reached from other machines.")
-]
+Insecure = Annotated[bool, Option("Let other machines reach listeners without encryption.")]
 
 
 def up(
     options: Options,
-    file: Annotated[
-        Path | None, Arg("Parameter file (default: ./quad.toml if it is there).")
-    ] = None,
+    file: Annotated[Path | None, Arg("Parameter file (default: ./quad.toml if any).")] = None,
     detach: Detach = False,
     vehicles: Annotated[
-        int | None, Option("Fly so many vehicles: uav0, uav1 .. (default: one, uav).", metavar="N")
+        int | None, Option("Number of vehicles: uav0, uav1 .. (default: one, uav).", metavar="N")
     ] = None,
     without: Annotated[list[str] | None, Option("Leave a process out.", metavar="NODE")] = None,
     settings: Annotated[
@@ -55,8 +51,8 @@ def up(
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
 
-    Several vehicles start on a grid of 2 m; --set uav3.safety.takeoff=2 sets one's own parameter.
-    With --connect the run's hub joins that other one.
+    Several vehicles start on a grid of 2 m; --set uav3.safety.takeoff=2 sets a parameter of one.
+    With --connect the run's hub joins another hub.
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
@@ -67,21 +63,18 @@ def up(
     parameters = load.load_vehicles(source, [*(settings or ()), *network], names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
-    begin(
-        Launch(options.realm, parameters, without or [], str(folder), recording, insecure),
-        options,
-        detach=detach,
-    )
+    launch = Launch(options.realm, parameters, without or [], str(folder), recording, insecure)
+    begin(launch, options, detach=detach)
 
 
 def reached(listen: list[str] | None, connect: str) -> list[str]:
-    """The settings that say where the hub is reached, and which other one it joins."""
+    """Return the settings for the hub's listeners and for the other hub that it joins."""
     said = {"listen": listen or [], "connect": [connect] if connect else []}
     return [f"hub.{name}={json.dumps(places)}" for name, places in said.items() if places]
 
 
 def begin(launch: Launch, options: Options, *, detach: bool) -> None:
-    """Supervise it, here or in the background."""
+    """Supervise a run, here or in the background."""
     launch.processes()
     capacity.check(launch)
     options = structs.replace(options, connect="")
@@ -97,7 +90,7 @@ def begin(launch: Launch, options: Options, *, detach: bool) -> None:
 
 
 def _recording(name: str) -> str:
-    """The file to record to, its name whole: the recorder works in a folder of its own."""
+    """Return the recording's absolute path: the recorder works in another folder."""
     from quadctl.cli.record.record import default_file, free
 
     file = Path(name) if name else default_file()
@@ -106,10 +99,9 @@ def _recording(name: str) -> str:
 
 
 def _watch(launch: Launch) -> int:
-    """Run in the foreground; returns the signal that ended it.
+    """Run in the foreground and return the signal that ended the run.
 
-    Lines are all that is printed then, so --json changes nothing; on a terminal the processes are
-    shown below them.
+    It prints only lines, so --json changes nothing; a terminal shows the processes below them.
     """
     if not is_live():
         return running.run(launch, for_lines(), _go_on)
@@ -118,17 +110,17 @@ def _watch(launch: Launch) -> int:
 
 
 def _go_on(_supervisor: Supervisor, _failed: str) -> None:
-    """A process that is left down does not end the others."""
+    """Continue: a process that is left down does not end the others."""
 
 
 def hub(
     options: Options, detach: Detach = False, listen: Listen = None, insecure: Insecure = False
 ) -> None:
-    """Run a hub without a vehicle, for others to meet at; with --connect it joins that other one.
+    """Run a hub without a vehicle, for other hubs to join; with --connect it joins another hub.
 
     Example: quadctl hub --listen tls/0.0.0.0:7447 --identity keys/field
     """
-    # A hub's nodes stand beside the vehicles' under a name, which two hubs must not share.
+    # The keys of a hub's nodes begin with its name, which two hubs must not share.
     name = options.named or f"{HUB_ALONE}{os.urandom(2).hex()}"
     parameters = load.load_vehicles(None, reached(listen, options.connect), [name])
     without = [node for node in NODES if node != "hub"]

@@ -18,7 +18,7 @@ from quadctl.services.runtime.errors import Invalid, UsageError
 
 
 def split(name: str) -> tuple[str, str]:
-    """The name without the fields behind a topic of ours, and their path as `position.x`."""
+    """Split a name into a declared topic and the path of a field behind it, e.g. `position.x`."""
     bare = name.strip("/")
     for spelling in (bare, bare.partition("/")[2]):
         for topic in TOPICS:
@@ -29,15 +29,15 @@ def split(name: str) -> tuple[str, str]:
 
 
 class NoField(Invalid):
-    """A message has no such field."""
+    """Field that a message does not have."""
 
 
 def shown(message: Message, key: str, vehicle: str) -> Any:
-    """A message of our topics checked against its type, anything else as it can be read.
+    """Return a message of a declared topic checked against its type, any other as it can be read.
 
-    `key` is what was listened to, and tells the topic where it is not an expression.
-    What another vehicle, or no vehicle at all, publishes under a topic's name is ours only where
-    its encoding says so. Raises Invalid for what cannot be read.
+    `key` is the key subscribed to; unless it is an expression, it determines the topic. Under a
+    topic's name, a message of another vehicle or of none is typed only if its encoding is. Raises
+    Invalid for an unreadable message.
     """
     of = message.key if "*" in key else key
     declared = topic_of(of)
@@ -48,10 +48,7 @@ def shown(message: Message, key: str, vehicle: str) -> Any:
 
 
 def field_of(value: Any, path: str) -> Any:
-    """One field of a message by its path, as `position.z`, `position/z` or `values.0`.
-
-    Raises NoField.
-    """
+    """Return a message's field `position.z`, `position/z` or `values.0`; raise NoField."""
     within, left = "", path.split(".")[::-1]
     while left:
         part = left.pop()
@@ -60,7 +57,7 @@ def field_of(value: Any, path: str) -> Any:
         elif isinstance(value, list) and part.isdecimal() and int(part) < len(value):
             value = value[int(part)]
         elif "/" in part:
-            # As ROS writes it; a stranger's field may have it in its name.
+            # ROS's form; a foreign message may have a slash in the name of a field.
             left += part.split("/")[::-1]
             continue
         elif part:
@@ -83,14 +80,12 @@ def echo(
     topic: Annotated[str, Arg("A topic, or any Zenoh key or key expression.", complete="topic")],
     count: Annotated[int | None, Option("End after so many messages.", ("-n",), min=1)] = None,
     once: Annotated[bool, Option("End after one message.", ("-1", "--once"))] = False,
-    field: Annotated[
-        str, Option("Show one field of each message, as position.z or values.0.")
-    ] = "",
+    field: Annotated[str, Option("Show one field, e.g. position.z or values.0.")] = "",
 ) -> None:
-    """Print messages as they come; ends when none comes within the timeout.
+    """Print messages as they come; end when none comes within the timeout.
 
-    Of an expression, as uav/**, each message is preceded by its key, and with --json is
-    {"key": ..., "value": ...}. A field may stand behind its topic, as pose/position/z.
+    For an expression, e.g. uav/**, each message follows its key, and with --json it is
+    {"key": ..., "value": ...}. A field may follow its topic, e.g. pose/position/z.
 
     Example: quadctl topic echo sensors/pressure -n 3
     """
@@ -120,13 +115,13 @@ def echo(
 
 
 def _is_field(client: Client, key: str, topic: str) -> bool:
-    """Whether a key means a field behind a topic of the vehicle: it may be somebody's own topic."""
+    """Return whether a key means a field of the vehicle's topic, and not a user's own topic."""
     ours = checked_key(topic, client.vehicle).startswith(f"{client.vehicle}/")
     return ours and all(offer.key != key for offer in client.endpoints())
 
 
 class _Echo:
-    """The messages of a key that can be shown; of the others it is said, once a kind, why not."""
+    """Messages of a key that can be shown; each kind of other message is noted once."""
 
     def __init__(self, client: Client, key: str, field: str) -> None:
         self._client, self._key, self._field = client, key, field
@@ -135,7 +130,7 @@ class _Echo:
         self._heard = False
 
     def next(self) -> tuple[Message, Any]:
-        """The next message with what there is to show of it; raises what Client.silent says."""
+        """Return the next message and its value to show; raise Client.silent's error."""
         deadline = time.monotonic() + self._client.timeout
         unread: Invalid | None = None
         while (message := self._stream.next(deadline - time.monotonic())) is not None:
@@ -143,21 +138,19 @@ class _Echo:
             try:
                 value = shown(message, self._key, self._client.vehicle)
                 return message, field_of(value, self._field)
-            except NoField as problem:
-                if "*" not in self._key:
-                    raise
-                unread = self._told(message.key, problem)
             except Invalid as problem:
-                unread = self._told(message.key, problem)
-            # A flood of nonsense must not keep the command from its timeout.
+                if isinstance(problem, NoField) and "*" not in self._key:
+                    raise
+                unread = self._note(message.key, problem)
+            # A flood of unreadable messages must not delay the timeout.
             if time.monotonic() > deadline:
                 break
         raise self._client.silent(self._key, unread, more=self._heard)
 
-    def _told(self, key: str, problem: Invalid) -> Invalid:
+    def _note(self, key: str, problem: Invalid) -> Invalid:
         of = key if "*" in self._key else self._key
         said, kind = unreadable(of, problem), (of, type(problem))
         if kind not in self._kinds:
             self._kinds.add(kind)
-            output.note(f"passed over a message on {said.message}")
+            output.note(f"skipped a message on {said.message}")
         return said

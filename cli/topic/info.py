@@ -21,24 +21,22 @@ def list_(options: Options) -> None:
     with context.connect(options) as client:
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
     if options.json:
-        output.document(
-            [
-                {"key": o.key, "type": o.type, "node": o.node, "declared_hz": o.hz, "hash": o.hash}
-                for o in offers
-            ]
-        )
+        output.document([
+            {"key": o.key, "type": o.type, "node": o.node, "declared_hz": o.hz, "hash": o.hash}
+            for o in offers
+        ])  # fmt: skip
         return
     rows = [(o.key, o.type, o.node, f"{o.hz:g} Hz" if o.hz else "on change") for o in offers]
     output.table([("TOPIC", "TYPE", "NODE", "RATE"), *rows])
 
 
-_LISTENERS = {True: "at least one", False: "none", None: "told to those alone who may publish"}
+_LISTENERS = {True: "at least one", False: "none", None: "shown only to a publisher"}
 
 
 def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete="topic")]) -> None:
-    """Show a topic's type, rate, publishers and fields, and whether anybody listens.
+    """Show a topic's type, rate, publishers and fields, and whether it has listeners.
 
-    The bus tells who publishes and that somebody listens, but not who.
+    The bus names a topic's publishers, but not its listeners.
 
     Example: quadctl topic info sensors/pressure
     """
@@ -46,9 +44,9 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
     key = single_key(topic, options.vehicle)
     with context.connect(options) as client:
         outlet = client.raw_publisher(key) if _may_publish(options, key) else None
-        # A round trip to the hub, which by its end has told of listeners too.
+        # A round trip to the hub: after it, the listeners are known, too.
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
-        # Over a network a hub tells of listeners those alone who may publish.
+        # Over a network a hub shows listeners only to clients that may publish.
         heard = outlet.is_heard() if outlet else None
         ours = own_topic(key, options.vehicle)
         found = [offer for offer in offers if offer.key == key]
@@ -72,7 +70,7 @@ def _may_publish(options: Options, key: str) -> bool:
 
 
 def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> dict[str, Any]:
-    """What its publishers say of a topic, or without any what our contract says."""
+    """Describe a topic as its publishers announce it or, without any, as our contract does."""
     type_: Any
     if found:
         name, digest, hz = found[0].type, found[0].hash, found[0].hz
@@ -106,6 +104,6 @@ def _rows(said: dict[str, Any], about: str) -> list[tuple[str, str]]:
 
 def _nobody(key: str, offers: list[EndpointInfo], *, heard: bool) -> Unreachable:
     return Unreachable(
-        f"nobody offers {key} now" + (", though somebody listens to it" if heard else ""),
+        f"no node publishes {key} now" + (", but it has a listener" if heard else ""),
         nearest(key, {offer.key for offer in offers}) or "`quadctl topic list` shows what there is",
     )

@@ -16,7 +16,7 @@ from quadctl.services.runtime.errors import Invalid
 
 
 class Arrival(NamedTuple):
-    """Of one message: its arrival (s, monotonic), its size (bytes) and its age (s) then."""
+    """Arrival of a message: the time (s, monotonic), its size (bytes), its age (s) then."""
 
     received: float
     size: int
@@ -24,7 +24,7 @@ class Arrival(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """The same figures as a document and as text."""
+    """Figures as a document and as text."""
 
     document: dict[str, Any]
     text: str
@@ -34,7 +34,7 @@ Measure = Callable[[Sequence[Arrival]], Figures]
 
 
 def rate(heard: Sequence[Arrival]) -> Figures:
-    """Messages a second, and how their gaps (s) vary; of two messages or more."""
+    """Return messages per second and the spread of their gaps (s), from two messages or more."""
     times = [message.received for message in heard]
     gaps = [b - a for a, b in pairwise(times)]
     hz = _per(len(gaps), times)
@@ -45,9 +45,9 @@ def rate(heard: Sequence[Arrival]) -> Figures:
 
 
 def bandwidth(heard: Sequence[Arrival]) -> Figures:
-    """Bytes a second, and how the sizes vary; of two messages or more.
+    """Return bytes per second and the spread of the sizes, from two messages or more.
 
-    The first message was sent before the time that is counted, so its bytes are not.
+    The first message was sent before the measured time, so its bytes do not count.
     """
     sizes = [message.size for message in heard]
     per_second = _per(sum(sizes[1:]), [message.received for message in heard])
@@ -61,7 +61,7 @@ def bandwidth(heard: Sequence[Arrival]) -> Figures:
 
 
 def delay_figures(heard: Sequence[Arrival]) -> Figures:
-    """The mean age on arrival (s), and how it varies; of one message or more."""
+    """Return the mean age on arrival (s) and its spread, from one message or more."""
     ages = [message.age for message in heard]
     mean = math.fsum(ages) / len(ages)
     return Figures(
@@ -71,7 +71,7 @@ def delay_figures(heard: Sequence[Arrival]) -> Figures:
 
 
 def _per(amount: float, times: Sequence[float]) -> float:
-    # Two messages can come in one tick of the clock; as fast as that is fast enough to say.
+    # Two messages can arrive in one tick of the clock.
     return amount / max(times[-1] - times[0], 1e-9)
 
 
@@ -82,13 +82,13 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
 
 
 def _seconds(values: Sequence[float], digits: int, more: int) -> str:
-    """The spread as rostopic writes it, the deviation with digits of its own."""
+    """Format the spread as rostopic does, the deviation with `more` digits."""
     low, high, std = _spread(values).values()
     return f"min: {low:.{digits}f}s max: {high:.{digits}f}s std dev: {std:.{more}f}s"
 
 
 def _bytes(amount: float) -> str:
-    """An amount as rostopic writes it: B, KB of a thousand, MB of a million."""
+    """Format an amount as rostopic does: B, KB of a thousand, MB of a million."""
     for unit, size in (("MB", 1e6), ("KB", 1e3)):
         if amount >= size:
             return f"{amount / size:.2f}{unit}"
@@ -96,21 +96,19 @@ def _bytes(amount: float) -> str:
 
 
 _PERIOD = 1.0
-"""Seconds from one line to the next."""
+"""Seconds between two lines of output."""
 _LONGEST = 50_000
-"""Messages that are kept where no window is given, as rostopic has it."""
+"""Messages in the window if none is given, as in rostopic."""
 
 Topic = Annotated[
     str, Arg("A topic, any Zenoh key, or an expression: all its keys together.", complete="topic")
 ]
-Window = Annotated[
-    int | None, Option("Count the last so many messages.", ("-w", "--window"), min=2)
-]
+Window = Annotated[int | None, Option("Messages in the window.", ("-w", "--window"), min=2)]
 Count = Annotated[int | None, Option("End after so many messages.", ("-n",), min=2)]
 
 
 def hz(options: Options, topic: Topic, window: Window = None, count: Count = None) -> None:
-    """Measure how often messages come, by their arrival, until Ctrl-C.
+    """Measure the rate of messages, by their arrival, until Ctrl-C.
 
     Example: quadctl topic hz pose -n 100
     """
@@ -118,7 +116,7 @@ def hz(options: Options, topic: Topic, window: Window = None, count: Count = Non
 
 
 def bw(options: Options, topic: Topic, window: Window = 100, count: Count = None) -> None:
-    """Measure how many bytes come, until Ctrl-C; those of the payloads alone.
+    """Measure the bytes per second of the payloads, until Ctrl-C.
 
     Example: quadctl topic bw pose
     """
@@ -126,10 +124,9 @@ def bw(options: Options, topic: Topic, window: Window = 100, count: Count = None
 
 
 def delay(options: Options, topic: Topic, window: Window = None, count: Count = None) -> None:
-    """Measure how old messages are on arrival, by the time that their sender stamped, until Ctrl-C.
+    """Measure the age of messages on arrival, by their sender's time stamps, until Ctrl-C.
 
-    The two clocks are the same on the same machine only. A sender that stamps nothing gets the
-    hub's time.
+    Only on the same machine are the two clocks the same. Without a sender's stamp the hub's counts.
 
     Example: quadctl topic delay pose
     """
@@ -142,7 +139,7 @@ def _measure(
     options = about_topic(options, topic)
     key = checked_key(topic, options.vehicle)
     heard: deque[Arrival] = deque(maxlen=window)
-    seen, told, due = 0, 0, time.monotonic() + _PERIOD
+    seen, printed, due = 0, 0, time.monotonic() + _PERIOD
 
     def tell() -> None:
         figures = measure(heard)
@@ -161,18 +158,16 @@ def _measure(
                 raise client.silent(key, more=seen > 0)
             if now >= due:
                 due = now + _PERIOD
-                # With -n and --json one document is asked for: the last.
-                if seen > max(told, 1) and not (options.json and count):
+                # With -n and --json only the last document is printed.
+                if seen > max(printed, 1) and not (options.json and count):
                     tell()
-                    told = seen
-    if seen > told:
+                    printed = seen
+    if seen > printed:
         tell()
 
 
 def _heard(message: Message, *, aged: bool) -> Arrival:
     if aged and message.age is None:
-        raise Invalid(
-            f"a message on {message.key} bears no time, so its age cannot be told",
-            "let its publisher open its session with timestamping enabled",
-        )
+        hint = "enable timestamping in the session of its publisher"
+        raise Invalid(f"a message on {message.key} has no time stamp, so its age is unknown", hint)
     return Arrival(message.received, len(message.payload), message.age or 0.0)

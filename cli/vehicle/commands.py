@@ -37,7 +37,7 @@ def calibrate(
 
 
 def _reading_with(client: Client, readings: TypedSubscriber[Pressure], baseline: float) -> Pressure:
-    """The topic tells how good a baseline is, from its next message on."""
+    """Return the first message with a baseline; it also has the baseline's samples and spread."""
     deadline = time.monotonic() + client.timeout
     while (reading := readings.next(deadline - time.monotonic())) is not None:
         if reading.baseline == baseline:
@@ -68,7 +68,7 @@ def reset(options: Options) -> None:
 
 
 _LOOK = 0.3
-"""Seconds at most for a look at what was before: safety answers in milliseconds, also from afar."""
+"""Longest wait (s) for the state before: safety answers in milliseconds, also from afar."""
 
 
 def on(options: Options) -> None:
@@ -107,7 +107,7 @@ def show(options: Options) -> None:
 def _toggle(options: Options, *, cage_on: bool) -> None:
     with context.connect(options) as client:
         ends = time.monotonic() + client.timeout
-        # Only a cage that comes on stops a flight, and only a user is told of it.
+        # Only turning the cage on stops a flight, and only the text output reports it.
         before = _seen(client) if cage_on and not options.json else None
         left = max(ends - time.monotonic(), 0.001)
         reply = client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on), left)
@@ -121,7 +121,7 @@ def _toggle(options: Options, *, cage_on: bool) -> None:
 
 
 def _seen(client: Client) -> SafetyState | None:
-    """The state as it is; None where it is not to be had at once, for the cage must not wait."""
+    """Return the current state; None if it does not come at once, as the cage must not wait."""
     try:
         return client.beside(client.vehicle, min(_LOOK, client.timeout / 4)).latest(STATE)
     except QuadctlError:
@@ -129,9 +129,9 @@ def _seen(client: Client) -> SafetyState | None:
 
 
 def _caused(before: SafetyState, after: SafetyState) -> str:
-    """What the cage's coming on has stopped; empty where it was on, or stopped nothing.
+    """Return why turning the cage on has stopped a flight; empty if it was on or stopped none.
 
-    The reason may be an old one, of a request that was refused or a flight that was stopped.
+    An unchanged reason is an old one, of a refused request or an earlier flight.
     """
     is_new = not before.cage_on and after.cage_on and after.reason != before.reason
     return after.reason if is_new else ""

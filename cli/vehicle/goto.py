@@ -21,12 +21,12 @@ _SLACK = 5.0
 
 
 def distance(a: Position, b: Position) -> float:
-    """Metres between two points."""
+    """Return the metres between two points."""
     return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
 
 
 def patience(client: Client, metres: float) -> float:
-    """How long (s) to wait for an arrival so far away: twice the planned time, and 5.
+    """Return the time (s) to wait for an arrival: twice the planned time, and 5.
 
     The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
     """
@@ -40,7 +40,7 @@ def patience(client: Client, metres: float) -> float:
 
 
 class Flight:
-    """One flight to a goal. Make it before asking for the goal, so that nothing is missed."""
+    """One flight to a goal. Create it before requesting the goal, so that no message is missed."""
 
     def __init__(self, client: Client, goal: Position) -> None:
         self.arrived, self.reason, self.paused = False, "", ""
@@ -52,10 +52,7 @@ class Flight:
         self._moving = False
 
     def begin(self) -> None:
-        """Hear the distance there is to go, or that it was stopped before that was told.
-
-        Raises what Client.silent says where nothing is heard.
-        """
+        """Wait for the distance to go, or for an earlier stop; raise Client.silent's error."""
         deadline = time.monotonic() + self._client.timeout
         while self._began is None and not self.reason:
             message = self._readings.next(deadline - time.monotonic())
@@ -66,12 +63,11 @@ class Flight:
     def watch(
         self, limit: float, on_progress: Any = None, on_pause: Any = lambda _reason: None
     ) -> None:
-        """Follow the flight for up to `limit` s, telling `on_progress` the metres to go.
+        """Follow the flight for up to `limit` s; call `on_progress` with the metres to go.
 
         `on_pause` is called with the reason when the flight pauses, and with "" when it goes on.
-
-        Raises Refused where it was stopped, TimedOut where it is not there in time, and what
-        Client.silent says where nothing is heard any more.
+        Raises Refused if the flight was stopped, TimedOut if it does not arrive in time, and
+        Client.silent's error if messages stop.
         """
         ends = time.monotonic() + limit
         while not (self.arrived or self.reason):
@@ -102,7 +98,7 @@ class Flight:
             self.seconds = message.stamp - self._began
             return
         if not message.boot:
-            # Safety was started anew, and has seen nothing yet; what comes next says so.
+            # Safety has restarted and has seen no pose; its next states report the outcome.
             return
         if self._moving and message.reason.startswith(PAUSED):
             self.paused = message.reason
@@ -112,9 +108,10 @@ class Flight:
             self._moving = self._moving or message.state == "MOVING"
             self.arrived = self._moving and message.state == "HOVERING"
         elif self._moving and message.state != "VERIFYING":
+            moving = message.state == "MOVING"
             other = "another goal was accepted in its place"
             self.reason = message.reason or (
-                other if message.state == "MOVING" else "safety holds the vehicle elsewhere"
+                other if moving else "safety holds the vehicle elsewhere"
             )
 
 
@@ -143,7 +140,7 @@ def goto(
             output.line("accepted" if reply.accepted else "rejected")
         problem: QuadctlError | None = None
         if not reply.accepted:
-            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` say more")
+            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` show more")
         elif not no_wait:
             problem = _watch(client, flight, arrive, quiet=as_json)
     if as_json:
@@ -155,7 +152,7 @@ def goto(
 
 
 def check_arrive(arrive: float | None) -> None:
-    """Raises Invalid for what is no time (s) to arrive in."""
+    """Raise Invalid unless this is a time (s) to arrive in."""
     if arrive is not None and not 0 < arrive <= LONGEST_TIMEOUT:
         raise Invalid(f"--arrive {arrive}: not a time", "give seconds, more than 0")
 
@@ -163,7 +160,7 @@ def check_arrive(arrive: float | None) -> None:
 def _watch(
     client: Client, flight: Flight, arrive: float | None, *, quiet: bool
 ) -> QuadctlError | None:
-    """Show the flight until it ends; returns what kept it from its goal."""
+    """Show the flight until it ends; return the error that kept it from its goal."""
     try:
         flight.begin()
         whole = max(flight.distance, 1e-6)
@@ -171,8 +168,7 @@ def _watch(
         with Progress("flying", quiet=quiet) as progress:
 
             def show(left: float) -> None:
-                said = flight.paused or f"{left:.2f} m to go"
-                progress.update(1 - left / whole, said)
+                progress.update(1 - left / whole, flight.paused or f"{left:.2f} m to go")
 
             def tell(paused: str) -> None:
                 if not quiet:
@@ -188,7 +184,7 @@ def _watch(
 
 
 def report(flight: Flight | None, reply: GotoResponse) -> dict[str, Any]:
-    """What --json prints of a verdict and the flight after it, which is None without an answer."""
+    """Return the --json document of a verdict and its flight, which is None without an answer."""
     known = flight is not None and math.isfinite(flight.distance)
     return {
         "accepted": reply.accepted,
@@ -200,7 +196,7 @@ def report(flight: Flight | None, reply: GotoResponse) -> dict[str, Any]:
 
 
 def request_of(x: float, y: float, z: float, *, replace: bool) -> GotoRequest:
-    """A request for a point, m; raises Invalid for what is no place."""
+    """Return a request for a point, m; raise Invalid if it is no place."""
     asked = {"x": x, "y": y, "z": z}
     try:
         return msgspec.convert(asked | {"replace": replace}, GotoRequest)

@@ -42,20 +42,20 @@ def _watch(client: Client, *, as_json: bool) -> None:
 
 
 def _changes(client: Client) -> Iterator[SafetyState]:
-    """The state now, and each other one; raises what Client.silent says where none comes."""
+    """Yield the current state and each change; raise Client.silent's error if none comes."""
     states = client.subscribe(STATE)
-    now, told = client.latest(STATE), None
+    now, shown = client.latest(STATE), None
     waiting = list(iter(lambda: states.next(0), None))
     if now not in waiting:
-        # Published before we listened; what was since is heard before the reply that says it.
+        # Published before we subscribed: any later state arrives before the reply with it.
         waiting.insert(0, now)
     while True:
-        # With nothing new to print we would not notice that nobody reads it any more.
+        # Without new output we would not notice that the reader has left.
         output.ensure_read()
         for state in waiting:
             content = msgspec.structs.replace(state, stamp=0.0)
-            if content != told:
-                told = content
+            if content != shown:
+                shown = content
                 yield state
         following = states.next(client.timeout)
         if following is None:
@@ -64,7 +64,7 @@ def _changes(client: Client) -> Iterator[SafetyState]:
 
 
 def _with_poses(client: Client) -> Iterator[tuple[SafetyState, Pose]]:
-    """Each of the changes with the newest pose."""
+    """Yield each change with the newest pose."""
     poses = client.subscribe(POSE)
     pose = poses.next(client.timeout)
     if pose is None:

@@ -1,1 +1,1 @@
-"""The encrypted side of the hub, in a process of its own."""
+"""Encrypted side of the hub, as a separate process."""

@@ -1,7 +1,7 @@
-"""Gate: the way of other machines to the hub, limited to the rights of their certificates' roles.
+"""Gate: connects other machines to the hub, limited to the rights of their certificates' roles.
 
-A process of its own: what strangers send never meets the process that the vehicle flies by, and a
-revoked name costs a moment of the network and none of the flight.
+As a separate process it keeps foreign traffic out of the process that the vehicle flies by, and
+revoking a name interrupts the network for a moment but not the flight.
 """
 
 from quadctl.schemas.params import Params
@@ -13,25 +13,25 @@ from quadctl.services.runtime.security.access_control import RevocationWatch, id
 from quadctl.services.runtime.security.endpoints import secure
 
 _LOOKS = 5.0
-"""Hz, at which the list of names is looked at."""
+"""Hz at which the list of names is checked for changes."""
 
 
 def run(node: Node, params: Params) -> None:
-    """Route until stopped, or until the list of names is another one."""
+    """Route until stopped, or until the list of names changes."""
     if not node.is_first:
         node.spin()
         return
     listen, join = secure(params.hub.listen), secure(params.hub.connect)
-    who = identity_for([*listen, *join])
+    identity = identity_for([*listen, *join])
     for endpoint in listen:
-        node.log.info("listening on %s as %s", endpoint, who.name.common_name)
+        node.log.info("listening on %s as %s", endpoint, identity.name.common_name)
     for endpoint in join:
-        node.log.info("joining %s as %s", endpoint, who.name.common_name)
-    watch = RevocationWatch(who.folder)
+        node.log.info("joining %s as %s", endpoint, identity.name.common_name)
+    watch = RevocationWatch(identity.folder)
     for _ in node.ticks(_LOOKS):
         router.disable_tcp_linger()
         if watch.changed():
-            node.log.info("the list of names has changed: everybody is let in anew")
+            node.log.info("the list of names has changed: all clients must reconnect")
             raise ReopenSession
 
 

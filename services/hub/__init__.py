@@ -1,1 +1,1 @@
-"""The Zenoh router, in a process of its own."""
+"""Zenoh router, as a separate process."""

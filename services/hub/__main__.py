@@ -1,4 +1,4 @@
-"""Hub: the Zenoh router that every other process is a client of."""
+"""Hub: the Zenoh router to which every other process connects as a client."""
 
 from quadctl.schemas.params import Params
 from quadctl.services.runtime.bus import router

@@ -1,1 +1,1 @@
-"""Records what is said on the bus."""
+"""Recorder of the messages on the bus."""

@@ -1,4 +1,4 @@
-"""Process of the recorder, with its progress on stdout.
+"""Process of the recorder; it reports its progress on stdout.
 
 python -P -m quadctl.services.recorder -o FILE [--key KEY]... [--duration S] [--attended]
 """
@@ -31,37 +31,35 @@ from quadctl.services.runtime.realm import Realm
 
 
 class Attendant:
-    """Reads one JSON document a line; the recorder ends, with a whole file, when its stdin does."""
+    """Link to the command that reads our stdout; at its end the recorder completes its file."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        # Who does not read what is told must not keep the recorder waiting.
+        # A command that does not read its pipe must not block the recorder.
         os.set_blocking(1, False)
         threading.Thread(target=self._watch, daemon=True).start()
 
     def tell(self, facts: dict[str, object]) -> None:
-        """Say how far it is; who is gone, or frozen, is not told."""
+        """Print the facts; drop them if the command has ended or does not read."""
         with contextlib.suppress(BrokenPipeError, BlockingIOError):
             os.write(1, msgspec.json.encode(facts) + b"\n")
 
     def tell_failure(self, problem: QuadctlError) -> None:
-        """Say why it has ended."""
-        said = {"code": problem.code, "message": problem.message, "hint": problem.hint}
-        self.tell({"state": "failed", **said})
+        """Print why the recording failed."""
+        error = {"code": problem.code, "message": problem.message, "hint": problem.hint}
+        self.tell({"state": "failed", **error})
 
     def _watch(self) -> None:
-        # The attendant holds the other end: it is closed however that one ends.
+        # The command holds the other end, which closes however the command ends.
         while os.read(0, 1 << 10):
             pass
         self._node.executor.stop()
 
 
 _FLUSHES = 4.0
-"""Chunks a second: what is not in a whole chunk is lost with the process. A quarter of a second,
-so that with all delays it is less than half of one."""
+"""Hz at which chunks are written. A crash loses the last chunk: with all delays less than 0.5 s."""
 _AT_ONCE, _PAUSE = 100, 0.001
-"""Messages that are written at a stretch, and how long (s) what comes meanwhile is then given: the
-thread that reads needs the interpreter for each message."""
+"""Messages per batch, and the pause (s) after it in which the thread that receives gets the GIL."""
 _HUB_WAIT = 5.0
 _EVERYTHING = ("**", "*/@call/**")
 
@@ -69,16 +67,16 @@ Tell = Callable[[dict[str, object]], None]
 
 
 def main() -> None:
-    """Read the words that no other node has, and be a node."""
+    """Parse the options that only the recorder has, then run its node."""
     options, rest = _parser().parse_known_args()
-    # Of a realm elsewhere nothing is known but what is said on its bus.
+    # The parameters of a realm on another machine are not known here.
     options.local = not any(word.startswith("--connect") for word in rest)
     sys.argv[1:] = rest
     if options.attended:
-        # What a run's supervisor says to its own is not for the recorder of a command in that run.
+        # A command within a run inherits these, but only that run's own recorder is supervised.
         for name in ("QUADCTL_SUPERVISED", "QUADCTL_RESTARTS"):
             os.environ.pop(name, None)
-    # A run has one recorder; whoever wants another may have it beside.
+    # A supervised run has one recorder of this name; others run beside it under their own names.
     alone = not os.environ.get("QUADCTL_SUPERVISED")
     name = f"{RECORDER}-{os.getpid()}" if alone else RECORDER
     start(name, partial(_attended, options), partial(_open, options))
@@ -98,13 +96,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--key", action="append", default=[])
     parser.add_argument("--duration", type=float, default=float("inf"))
-    # Tells how far it is on stdout, one JSON document a line, and ends when stdin does.
+    # Print the progress on stdout, one JSON document a line, and end when stdin closes.
     parser.add_argument("--attended", action="store_true")
     return parser
 
 
 def _attended(options: argparse.Namespace, node: Node, params: Params) -> None:
-    """Run, and tell whoever has started it how it went."""
+    """Record; if attended, print progress and failures for the command that started us."""
     if not options.attended:
         run(options, node, params, lambda _facts: None)
         return
@@ -120,9 +118,9 @@ def _attended(options: argparse.Namespace, node: Node, params: Params) -> None:
 
 
 def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> None:
-    """Record until stopped; `tell` about once a second how far it is, of the hub's loss at once.
+    """Record until stopped; of several vehicles' nodes the first one records for all.
 
-    Of several vehicles' nodes the first one records, for all.
+    `tell` gets the progress about once a second, and at once when the hub is lost or back.
     """
     if not node.is_first:
         node.spin()
@@ -137,17 +135,17 @@ def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> 
     }
     if options.local:
         notes["params"] = msgspec.json.encode(params).decode()
-    recording = Recording(_next_free(path) if node.restarted else path, notes)
+    if node.restarted:
+        path = _next_free(path)
+    recording = Recording(path, notes)
     tap = node.tap(tuple(options.key) or _EVERYTHING)
     for topic in TOPICS:
         if topic.latched:
             tap.ask(f"*/{topic.name}")
-    node.log.info("recording to %s", recording.path)
+    node.log.info("recording to %s", path)
     _record(node, recording, tap, tell, time.monotonic() + options.duration)
     facts = recording.facts("done")
-    node.log.info(
-        "recorded %d messages of %d keys to %s", facts["messages"], facts["keys"], recording.path
-    )
+    node.log.info("recorded %d messages of %d keys to %s", facts["messages"], facts["keys"], path)
     tell(facts)
 
 
@@ -157,7 +155,7 @@ def _record(
     for count, now in enumerate(node.ticks(_FLUSHES)):
         _write(recording, tap)
         if tap.lost > recording.lost:
-            node.log.warning("%d messages came that there was no room for", tap.lost)
+            node.log.warning("%d messages were lost: no room to buffer them", tap.lost)
         recording.lost = tap.lost
         before, recording.connected = recording.connected, tap.has_held()
         if count % _FLUSHES == 0 or recording.connected is not before:
@@ -170,7 +168,7 @@ def _record(
 
 
 def _write(recording: Recording, tap: RecorderSubscriber) -> None:
-    """Write what waits now, and no more than that: others want something, too."""
+    """Write the messages that wait now, not later ones: the loop has other work, too."""
     left = tap.waiting
     while left > 0:
         recording.take(tap.take(min(left, _AT_ONCE)))
@@ -181,7 +179,7 @@ def _write(recording: Recording, tap: RecorderSubscriber) -> None:
 
 
 def _next_free(path: Path) -> Path:
-    """Beside what was recorded before this process took a dead one's place."""
+    """Return an unused path beside the file of the recorder that died before this one."""
     number = 1
     while (free := path.with_stem(f"{path.stem}-{number}")).exists():
         number += 1
@@ -189,7 +187,7 @@ def _next_free(path: Path) -> Path:
 
 
 def _leave_nothing(realm: Realm, node: Node) -> None:
-    """Our name will not be another's: its lock goes, and a folder that was made for it alone."""
+    """Remove our lock, as no other process will have our name, and the folder if it is empty."""
     (realm.folder / f"{node.vehicle}.{node.name}.lock").unlink(missing_ok=True)
     with contextlib.suppress(OSError):
         realm.folder.rmdir()

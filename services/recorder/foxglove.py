@@ -1,6 +1,6 @@
-"""Foxglove messages, and the scene made of them. Pure.
+"""Foxglove messages, and the scene built from them. Pure.
 
-Fields follow https://docs.foxglove.dev/docs/visualization/message-schemas, m and rad. Shapes
+Fields follow https://docs.foxglove.dev/docs/visualization/message-schemas, in m and rad. Shapes
 that are not drawn are empty lists, because readers expect the fields.
 """
 
@@ -13,7 +13,7 @@ from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState
 
 TRANSFORM, SCENE = "foxglove.FrameTransform", "foxglove.SceneUpdate"
 LINE_LIST = 2
-"""Of a line's types: points two by two."""
+"""Line type in which each pair of points is a separate line."""
 _SECOND = 1_000_000_000
 
 
@@ -25,7 +25,7 @@ class Time(Struct, frozen=True):
 
     @classmethod
     def of(cls, nanoseconds: int) -> "Time":
-        """From a Unix time in ns."""
+        """Convert a Unix time in ns."""
         return cls(*divmod(nanoseconds, _SECOND))
 
 
@@ -47,14 +47,14 @@ class Rotation(Struct, frozen=True):
 
 
 class Placed(Struct, frozen=True):
-    """A place and an attitude."""
+    """A position and an attitude."""
 
     position: Vector3 = Vector3()
     orientation: Rotation = Rotation()
 
 
 class Color(Struct, frozen=True):
-    """Each from 0 to 1."""
+    """Red, green, blue and opacity, each from 0 to 1."""
 
     r: float
     g: float
@@ -63,7 +63,7 @@ class Color(Struct, frozen=True):
 
 
 class FrameTransform(Struct, frozen=True):
-    """Where a frame is in another."""
+    """Pose of a frame in its parent frame."""
 
     timestamp: Time
     parent_frame_id: str
@@ -94,7 +94,7 @@ class Line(Struct, frozen=True):
 
 
 class SceneEntity(Struct, frozen=True):
-    """A thing in a frame, until another of the same `id` takes its place."""
+    """An object in a frame; a later one with the same `id` replaces it."""
 
     timestamp: Time
     frame_id: str
@@ -113,7 +113,7 @@ class SceneEntity(Struct, frozen=True):
 
 
 class SceneUpdate(Struct, frozen=True):
-    """Things that are new or changed."""
+    """Objects that are new or changed."""
 
     deletions: list[dict[str, Any]]
     entities: list[SceneEntity]
@@ -124,51 +124,46 @@ _ON, _OFF = Color(0.10, 0.50, 0.22, 0.9), Color(0.55, 0.58, 0.62, 0.5)
 _GOAL = Color(0.12, 0.44, 0.92, 0.7)
 _ARM, _NOSE = Color(0.15, 0.17, 0.20, 1.0), Color(0.81, 0.13, 0.18, 1.0)
 _GOAL_SIZE = 0.15
-"""Diameter of the goal's mark, m."""
+"""Diameter (m) of the goal's marker."""
 _SPAN, _BEAM = 0.4, 0.03
-"""How far the vehicle's arms reach from tip to tip, and how thick they are, m."""
+"""Length of the vehicle's arms from tip to tip, and their thickness, m."""
 
 
 class Scene:
-    """What there is to draw of one vehicle; each thing again only when it has changed."""
+    """Drawing of one vehicle; each object is sent again only when it has changed."""
 
     def __init__(self, vehicle: str) -> None:
         self._vehicle = vehicle
         self._drawn: tuple[CageSize, bool, Position] | None = None
 
     def frame(self, pose: Pose, at: int) -> FrameTransform:
-        """Where the vehicle's body is, at a Unix time, ns."""
+        """Return the frame of the vehicle's body at a Unix time, ns."""
         p, q = pose.position, pose.orientation
         return FrameTransform(
             Time.of(at), WORLD, self._vehicle, Vector3(p.x, p.y, p.z), Rotation(q.x, q.y, q.z, q.w)
         )
 
     def update(self, state: SafetyState, at: int) -> SceneUpdate | None:
-        """Body, cage and goal, where the state has other ones than the last; Unix time, ns."""
+        """Return body, cage and goal at a Unix time (ns), or None if they have not changed."""
         now = (state.cage, state.cage_on, state.goal)
         if now == self._drawn:
             return None
         self._drawn = now
-        outline = Line(
-            LINE_LIST, Placed(), 2.0, True, _edges(state.cage), _ON if state.cage_on else _OFF
-        )
+        colour = _ON if state.cage_on else _OFF
+        outline = Line(LINE_LIST, Placed(), 2.0, True, _edges(state.cage), colour)
         goal, size = state.goal, Vector3(_GOAL_SIZE, _GOAL_SIZE, _GOAL_SIZE)
         mark = Solid(Placed(Vector3(goal.x, goal.y, goal.z)), size, _GOAL)
-        stamp, forever = Time.of(at), Time(0, 0)
-        return SceneUpdate(
-            [],
-            [
-                SceneEntity(stamp, WORLD, f"{self._vehicle}/cage", forever, False, lines=[outline]),
-                SceneEntity(stamp, WORLD, f"{self._vehicle}/goal", forever, False, spheres=[mark]),
-                SceneEntity(
-                    stamp, self._vehicle, f"{self._vehicle}/body", forever, True, cubes=_body()
-                ),
-            ],
-        )
+        stamp, forever, name = Time.of(at), Time(0, 0), self._vehicle
+        entities = [
+            SceneEntity(stamp, WORLD, f"{name}/cage", forever, False, lines=[outline]),
+            SceneEntity(stamp, WORLD, f"{name}/goal", forever, False, spheres=[mark]),
+            SceneEntity(stamp, name, f"{name}/body", forever, True, cubes=_body()),
+        ]
+        return SceneUpdate([], entities)
 
 
 def _edges(cage: CageSize) -> list[Vector3]:
-    """The twelve edges of the cage, each as its two ends."""
+    """Return the twelve edges of the cage, each as its two ends."""
     lows, highs = (-cage.x, -cage.y, 0.0), (cage.x, cage.y, cage.z)
     points = []
     for axis in range(3):
@@ -180,11 +175,7 @@ def _edges(cage: CageSize) -> list[Vector3]:
 
 
 def _body() -> list[Solid]:
-    """Two beams crosswise, and a red nose, so that one sees where front is."""
+    """Return two crossed beams, and a red nose that marks the front."""
     along, across = Vector3(_SPAN, _BEAM, _BEAM), Vector3(_BEAM, _SPAN, _BEAM)
-    nose = Placed(Vector3(_SPAN / 2, 0.0, 0.0))
-    return [
-        Solid(Placed(), along, _ARM),
-        Solid(Placed(), across, _ARM),
-        Solid(nose, Vector3(2 * _BEAM, 2 * _BEAM, 2 * _BEAM), _NOSE),
-    ]
+    front, nose = Placed(Vector3(_SPAN / 2)), Vector3(2 * _BEAM, 2 * _BEAM, 2 * _BEAM)
+    return [Solid(Placed(), along, _ARM), Solid(Placed(), across, _ARM), Solid(front, nose, _NOSE)]

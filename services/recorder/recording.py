@@ -1,4 +1,4 @@
-"""Growing recording: messages from the bus, and the scene that viewers draw of them."""
+"""Recording in progress: messages from the bus, and the scene that viewers draw from them."""
 
 import time
 from collections.abc import Iterable
@@ -13,14 +13,14 @@ from quadctl.services.runtime.files import making
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 
 FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
-"""Where viewers look; no key of Zenoh begins so."""
+"""Topics that viewers look for; no Zenoh key begins with a slash."""
 
 
 class Recording:
-    """One file; `flush` and `end` raise QuadctlError where the disk does not take it."""
+    """File of one recording; `flush` and `end` raise QuadctlError if it cannot be written."""
 
     def __init__(self, path: Path, notes: dict[str, str]) -> None:
-        """Make the file, with facts about the run; raises Invalid where that cannot be."""
+        """Create the file with notes about the run; raises Invalid if it cannot be created."""
         self.path, self.lost, self.connected = path, 0, True
         self._began = time.monotonic()
         self._scenes: dict[str, Scene] = {}
@@ -36,12 +36,20 @@ class Recording:
             raise QuadctlError(f"{path}: {error.strerror}", "make room on its disk") from error
 
     def take(self, messages: Iterable[RawMessage]) -> None:
-        """Keep messages, until the next `flush`."""
+        """Buffer messages until the next `flush`."""
         for message in messages:
-            self._keep(message)
+            typed = self._bag.add(message).message
+            if not isinstance(typed, Pose | SafetyState):
+                continue
+            vehicle = message.key.partition("/")[0]
+            scene = self._scenes.setdefault(vehicle, Scene(vehicle))
+            if isinstance(typed, Pose):
+                self._bag.derive(FRAMES_KEY, TRANSFORM, scene.frame(typed, message.at), message.at)
+            elif update := scene.update(typed, message.at):
+                self._bag.derive(SCENE_KEY, SCENE, update, message.at)
 
     def flush(self) -> None:
-        """Hand what is kept to the system, after which it is not lost with this process."""
+        """Write the buffer to the file; a crash of this process no longer loses it."""
         try:
             self._bag.flush()
         except OSError as error:
@@ -49,7 +57,7 @@ class Recording:
             raise self._stopped(error) from error
 
     def end(self) -> None:
-        """Make the file whole."""
+        """Write the index and close the file."""
         try:
             self._bag.finish()
         except OSError as error:
@@ -58,7 +66,7 @@ class Recording:
             self._bag.close()
 
     def facts(self, state: str) -> dict[str, Any]:
-        """How far it is, for whoever shows it."""
+        """Return the progress to display."""
         bag = self._bag
         return {
             "state": state,
@@ -71,22 +79,9 @@ class Recording:
             "connected": self.connected,
         }
 
-    def _keep(self, message: RawMessage) -> None:
-        said = self._bag.add(message).message
-        if not isinstance(said, Pose | SafetyState):
-            return
-        vehicle = message.key.partition("/")[0]
-        scene = self._scenes.get(vehicle)
-        if scene is None:
-            scene = self._scenes[vehicle] = Scene(vehicle)
-        if isinstance(said, Pose):
-            self._bag.derive(FRAMES_KEY, TRANSFORM, scene.frame(said, message.at), message.at)
-        elif update := scene.update(said, message.at):
-            self._bag.derive(SCENE_KEY, SCENE, update, message.at)
-
     def _stopped(self, error: OSError) -> QuadctlError:
         return QuadctlError(
             f"the recording has stopped: {self.path} cannot be written: {error.strerror};"
-            f" {self._bag.size} bytes of it are there",
-            f"make room, then `quadctl bag repair {self.path}` makes it whole",
+            f" {self._bag.size} bytes of it are saved",
+            f"make room, then `quadctl bag repair {self.path}` completes it",
         )

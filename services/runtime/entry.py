@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -33,23 +33,23 @@ Run = Callable[[Node, Params], None]
 
 
 class ReopenSession(Exception):
-    """What a service raises to have the session opened anew, and itself run on it."""
+    """Request of a service, raised in its `run`: open a new session and run again on it."""
 
 
 _HUB_WAIT = 5.0
 _FORGOTTEN = 5.0
-"""Seconds after a session's end in which its name may still be taken by itself."""
+"""Seconds after the end of our session in which hubs may still list its name as taken."""
 _REST = 0.3
-"""Seconds between closing a session and opening it anew: a hub takes a tenth to understand that its
-neighbour is gone, and does not tell one that is back sooner what there is."""
+"""Seconds between closing and reopening a session: a hub needs 0.1 s to notice that its neighbour
+is gone, and does not send its declarations to a neighbour that is back sooner."""
 
 
 def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = None) -> NoReturn:
     """Run a node until SIGINT, SIGTERM, or its supervisor's death; never returns.
 
-    Reads the command line (`--help` tells), opens the session, serves the node's parameters
-    and calls `run(node, params)`, once for each of several vehicles, which take turns. `opening` replaces
-    the way the session is opened, and opens it again where `run` raises ReopenSession.
+    Parses the command line (see `--help`), opens the session, serves the parameters and calls
+    `run(node, params)`, once for each of several vehicles, which take turns. `opening` opens the
+    session in place of the default, again after each ReopenSession.
     """
     options = _parse(name)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
@@ -61,7 +61,7 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
         logging.getLogger(name).error("error: %s. %s", error.message, error.hint)
         code = error.exit_code
     sys.stderr.flush()
-    # Zenoh's threads are done with; skipping the interpreter's own farewell saves 5 ms.
+    # The session is closed; skipping the interpreter's own shutdown saves 5 ms.
     os._exit(code)
 
 
@@ -73,8 +73,8 @@ def _run(
     fleet = _params(realm, options)
     with ExitStack() as held:
         for vehicle in fleet:
-            lock = FileLock(realm.folder / f"{vehicle}.{name}.lock", f"the node {name}")
-            held.enter_context(lock)
+            path = realm.folder / f"{vehicle}.{name}.lock"
+            held.enter_context(FileLock(path, f"the node {name}"))
         address = session.address_of(realm, options.connect)
         _check_role(address.endpoint, name, list(fleet))
         ending, again, patience = ShutdownEvent(), True, 0.0
@@ -84,16 +84,14 @@ def _run(
                 try:
                     executor = _executor_of(name, run, fleet, opened, realm)
                 except AlreadyServed:
-                    # Hubs further away may still hold our own last session for alive.
+                    # Distant hubs may still list our own previous session as alive.
                     if time.monotonic() > patience:
                         raise
                 else:
                     ending.on_shutdown(executor.stop)
-                    try:
+                    with suppress(ReopenSession):
                         executor.run()
                         again = False
-                    except ReopenSession:
-                        again = True
                     patience = time.monotonic() + _FORGOTTEN
             again = again and not ending.wait(_REST)
     return 0
@@ -118,7 +116,7 @@ def _check_welcome(opened: zenoh.Session, connect: str) -> None:
 def _executor_of(
     name: str, run: Run, fleet: dict[str, Params], opened: zenoh.Session, realm: Realm
 ) -> MultiNodeExecutor:
-    """The service of every vehicle, about to run."""
+    """Return an executor with the service of every vehicle, ready to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
     single = len(fleet) == 1
     executor, first = MultiNodeExecutor(single=single), next(iter(fleet.values()))
@@ -136,11 +134,11 @@ def _executor_of(
 def _parse(name: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=f"quadctl's node {name}, one process.")
     parser.add_argument("--realm", default=default_name())
-    parser.add_argument("--vehicle", action="append", help="may be given several times")
-    parser.add_argument("--connect", default="", help="a hub's endpoint, as tls/host:7447")
-    parser.add_argument("--identity", help="who it is on a network: a folder")
-    parser.add_argument("--insecure", action="store_true", help="let a plain listener be reached")
-    parser.add_argument("--config", type=Path, help="a TOML file, in place of the run's own")
+    parser.add_argument("--vehicle", action="append", help="can be given several times")
+    parser.add_argument("--connect", default="", help="the hub's endpoint, e.g. tls/host:7447")
+    parser.add_argument("--identity", help="folder of the certificate for tls and quic")
+    parser.add_argument("--insecure", action="store_true", help="allow open plain endpoints")
+    parser.add_argument("--config", type=Path, help="a TOML file instead of the run's own")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options = parser.parse_args()
     if options.identity:
@@ -151,8 +149,8 @@ def _parse(name: str) -> argparse.Namespace:
 
 
 def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
-    said = os.environ.get("QUADCTL_VEHICLES") or os.environ.get("QUADCTL_VEHICLE") or DEFAULT
-    vehicles = [vehicle_name(vehicle) for vehicle in options.vehicle or said.split(",")]
+    names = os.environ.get("QUADCTL_VEHICLES") or os.environ.get("QUADCTL_VEHICLE") or DEFAULT
+    vehicles = [vehicle_name(vehicle) for vehicle in options.vehicle or names.split(",")]
     found = {}
     for vehicle in vehicles:
         running = None if options.config else live.read_values(realm, vehicle)

@@ -1,4 +1,4 @@
-"""Event loops: an Executor for one node, or several that take turns on one thread (greenlets)."""
+"""Event loops: an Executor for one node; several take turns on one thread (greenlets)."""
 
 import math
 import threading
@@ -14,11 +14,11 @@ from typing import Any
 Item = Callable[[], None]
 
 LOOK_UP = 0.5
-"""An untimed wait can miss a signal, so even an endless one looks up now and then, s."""
+"""Longest wait (s) without a return to Python: an untimed wait can miss a signal."""
 
 
 class CallbackQueue:
-    """That of a loop which has its thread for itself."""
+    """Thread-safe queue of an executor that owns its thread."""
 
     def __init__(self) -> None:
         self._items: SimpleQueue[Item] = SimpleQueue()
@@ -27,18 +27,18 @@ class CallbackQueue:
         return self._items.qsize()
 
     def put(self, item: Item) -> None:
-        """Post something; safe to call from any thread and from a signal handler."""
+        """Append an item; safe to call from any thread and from a signal handler."""
         self._items.put(item)
 
     def next(self) -> Item | None:
-        """What waits, without waiting for it; None where nothing does."""
+        """Return the next item, or None if the queue is empty."""
         try:
             return self._items.get_nowait()
         except Empty:
             return None
 
     def wait(self, deadline: float) -> Item | None:
-        """What comes until then (monotonic s); None where nothing does, or for no reason at all."""
+        """Return the next item, or None at the deadline (monotonic s). May wake spuriously."""
         left = deadline - time.monotonic()
         if left <= 0:
             return self.next()
@@ -49,41 +49,37 @@ class CallbackQueue:
 
 
 _LATE = 0.1
-"""A loop that is later than this (s) drops the ticks it missed instead of hurrying after them."""
+"""Lateness (s) beyond which a loop drops the ticks that it missed and does not catch up."""
 
 
 class Executor:
-    """Serves an inbox between ticks, so that a call is answered on arrival.
+    """Event loop that serves its queue between ticks, so that a call is answered on arrival.
 
-    A handler never runs beside another: it has the turn. The loop's own thread has it unless it
-    sleeps; then one of Zenoh's may take it for what is done at once, which saves waking the loop.
+    Handlers run one at a time, under the lock `_turn`. The loop's thread holds it except while it
+    sleeps; a Zenoh thread may then run an inline item itself, which saves waking the loop. Loops
+    with the same `origin` (monotonic s) and rate tick together; so their messages travel together.
     """
 
     def __init__(self, inbox: CallbackQueue | None = None, origin: float | None = None) -> None:
-        """With an inbox of its own, or this one.
-
-        Loops with the same `origin` (monotonic s) tick together where their rates are equal: what
-        they send then travels together.
-        """
         self._inbox, self._origin = CallbackQueue() if inbox is None else inbox, origin
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
         self.waits = 0
-        """Waits for a condition under way; while there are any, anything may be what is waited for."""
+        """Number of `wait_for` calls in progress: any item may fulfil their conditions."""
         self._turn = threading.Lock()
         self._turn.acquire()
         self.stopping = False
 
     def run_inline(self, item: Item) -> None:
-        """Have something done on this thread while the loop sleeps, else soon, in its order.
+        """Run `item` on this thread if the loop is idle, else enqueue it.
 
-        It must not wait for anything: this may be the thread by which that would come.
+        It must not block: this may be the Zenoh thread that would deliver what it waits for.
         """
         if not self._turn.acquire(blocking=False):
             self.post(item)
             return
         try:
-            # A loop that waits for a condition has to look at it afterwards.
+            # A loop in `wait_for` must check its condition afterwards.
             if self.waits or len(self._inbox):
                 self.post(item)
             else:
@@ -94,33 +90,33 @@ class Executor:
             self._turn.release()
 
     def post(self, item: Item) -> None:
-        """Have something done soon; safe to call from any thread."""
+        """Enqueue an item for the loop; safe to call from any thread."""
         self._inbox.put(item)
 
     def stop(self) -> None:
-        """End the loop soon; safe to call from a signal handler and from other threads."""
+        """Make the loop end soon; safe to call from a signal handler and from other threads."""
         self.stopping = True
         self.post(lambda: None)
 
     def retime(self) -> None:
-        """Have the rate of the ticks looked at anew."""
+        """Make the loop read its tick rate again."""
         self._retimed = True
         self.post(lambda: None)
 
     def add_poller(self, source: Callable[[], None]) -> None:
-        """Call this before every tick and call: it takes in what has come without waking us."""
+        """Call `source` before every tick and call, to read messages that did not wake the loop."""
         self._sources.append(source)
 
     def poll(self) -> None:
-        """Take in what has come."""
+        """Call every poller."""
         for source in self._sources:
             source()
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Yield monotonic seconds at a rate, serving the inbox in between, until stopped.
+        """Yield monotonic seconds at a rate, serving the queue in between, until stopped.
 
-        Ticks are counted, not added up, so none is lost to rounding. A callable rate is read
-        at every tick and whenever it is to be: a new one counts from the last tick.
+        Ticks are counted, not added up, so none is lost to rounding. A callable rate is read at
+        every tick and after `retime`; a new rate counts from the last tick.
         """
         rate_now = hz if callable(hz) else lambda: hz
         rate, count = rate_now(), 0
@@ -138,14 +134,14 @@ class Executor:
                     start, count = self._beat(rate), 1
 
     def spin(self) -> None:
-        """Serve the inbox until stopped."""
+        """Serve the queue until stopped."""
         while self._serve_until(math.inf):
             pass
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
+        """Serve the queue until the condition holds; False at the timeout (s) or when stopped."""
         deadline = time.monotonic() + timeout
-        # Counted first: what comes between the two would wake nobody and not be seen.
+        # Counted before the poll: a message between the two would wake no loop and be missed.
         self.waits += 1
         self.poll()
         try:
@@ -157,18 +153,17 @@ class Executor:
             self.waits -= 1
 
     def _beat(self, rate: float) -> float:
-        """From when on ticks are counted: from now, or from the last one of all with this origin."""
+        """Return the start of the tick count: now, or the last common tick of this origin."""
         now = time.monotonic()
         if self._origin is None or rate == math.inf:
             return now
         return self._origin + math.floor((now - self._origin) * rate) / rate
 
     def _serve_until(self, deadline: float) -> bool:
-        """Serve the inbox until a time on the monotonic clock; False when stopped.
+        """Serve the queue until a time on the monotonic clock; False when stopped.
 
-        Returns early when the rate may have changed. What waits already is served even when the
-        time has passed, and no more than that: a loop that is late still answers, and a flood does
-        not hold up its ticks.
+        Returns early when the rate may have changed. Items queued before the call are served even
+        after that time, later ones not: a late loop still answers, and a flood delays no tick.
         """
         for _ in range(len(self._inbox)):
             if item := self._inbox.next():
@@ -196,123 +191,117 @@ def _fail(error: BaseException) -> None:
 
 
 class MultiNodeExecutor:
-    """They live and die together: when one ends, by itself or by an error, all do.
+    """Executor of several nodes on one thread; when one returns or raises, all are stopped.
 
-    Several take turns on one thread, each a greenlet that goes on where it waited. A thread for
-    each would have them wait for the interpreter's lock at every turn, which costs more than what
-    they do in it.
+    Each node is a greenlet that resumes where it waited. Threads would wait for the interpreter's
+    lock at every turn, which costs more than their work. A `single` node needs no greenlet.
     """
 
     def __init__(self, *, single: bool) -> None:
-        """Of a `single` service, which has the thread for itself, or of several."""
         self._single = single
         self._runs: list[tuple[Executor, Callable[[], None]]] = []
-        self._berths: list[_GreenletQueue] = []
+        self._queues: list[_GreenletQueue] = []
         self._errors: list[BaseException] = []
-        self._roused: SimpleQueue[_GreenletQueue] = SimpleQueue()
-        self._alarms: list[tuple[float, int, _GreenletQueue]] = []
+        self._runnable: SimpleQueue[_GreenletQueue] = SimpleQueue()
+        self._timers: list[tuple[float, int, _GreenletQueue]] = []
         self._numbers = count()
         self._origin = time.monotonic()
 
     def new_executor(self) -> Executor:
-        """A loop for one of them."""
+        """Return the event loop for one node."""
         if self._single:
             return Executor()
-        berth = _GreenletQueue(self._roused.put, self._sleep)
-        self._berths.append(berth)
-        return Executor(berth, self._origin)
+        queue = _GreenletQueue(self._runnable.put, self._sleep)
+        self._queues.append(queue)
+        return Executor(queue, self._origin)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
-        """Add one; `run` is to return when its loop is stopped."""
+        """Add a node; `run` must return when its loop is stopped."""
         self._runs.append((loop, run))
 
     def stop(self) -> None:
-        """Have all of them end soon; safe to call from a signal handler."""
+        """Make all nodes end soon; safe to call from a signal handler."""
         for loop, _ in self._runs:
             loop.stop()
 
     def run(self) -> None:
-        """Run all until they have ended; raises what one of them raised."""
+        """Run all nodes until they have ended; raise the first error of one."""
         if self._single:
             self._runs[0][1]()
             return
         from greenlet import greenlet
 
-        for berth, (_, run) in zip(self._berths, self._runs, strict=True):
-            berth.task = greenlet(lambda run=run: self._live(run))
-        for berth in self._berths:
-            berth.task.switch()
-        while not all(berth.task.dead for berth in self._berths):
+        for queue, (_, run) in zip(self._queues, self._runs, strict=True):
+            queue.task = greenlet(lambda run=run: self._run_node(run))
+        for queue in self._queues:
+            queue.task.switch()
+        while not all(queue.task.dead for queue in self._queues):
             self._take_turns()
         if self._errors:
             raise self._errors[0]
 
-    def _live(self, run: Callable[[], None]) -> None:
+    def _run_node(self, run: Callable[[], None]) -> None:
         try:
             run()
-        except BaseException as error:  # noqa: BLE001 - raised again where all have ended
+        except BaseException as error:  # noqa: BLE001 - raised again when all have ended
             self._errors.append(error)
         finally:
             self.stop()
 
     def _take_turns(self) -> None:
-        """Wait for the next who has something to do, then let all go on whose time has come."""
-        left = (self._alarms[0][0] if self._alarms else inf) - time.monotonic()
+        """Wait for the next runnable node, then resume every node whose timer has expired."""
+        left = (self._timers[0][0] if self._timers else inf) - time.monotonic()
         try:
-            roused = self._roused.get(timeout=max(min(left, LOOK_UP), 0))
+            queue = self._runnable.get(timeout=max(min(left, LOOK_UP), 0))
         except Empty:
             pass
         else:
-            roused.go_on()
+            queue.resume()
         now = time.monotonic()
-        while self._alarms and self._alarms[0][0] <= now:
-            _, number, berth = heappop(self._alarms)
-            # One that went on before its time has another alarm by now, or none.
-            if berth.alarm == number:
-                berth.go_on()
+        while self._timers and self._timers[0][0] <= now:
+            _, number, queue = heappop(self._timers)
+            # A node resumed before its time has another timer by now, or none.
+            if queue.timer == number:
+                queue.resume()
 
-    def _sleep(self, berth: "_GreenletQueue", deadline: float) -> None:
-        berth.alarm = next(self._numbers)
+    def _sleep(self, queue: "_GreenletQueue", deadline: float) -> None:
+        queue.timer = next(self._numbers)
         if deadline < inf:
-            heappush(self._alarms, (deadline, berth.alarm, berth))
-        berth.task.parent.switch()
+            heappush(self._timers, (deadline, queue.timer, queue))
+        queue.task.parent.switch()
 
 
 class _GreenletQueue(CallbackQueue):
-    """The inbox of a loop that sleeps while others on its thread have their turns."""
+    """Queue of a loop that sleeps while other loops run on its thread."""
 
     def __init__(
         self,
-        rouse: Callable[["_GreenletQueue"], None],
+        wake: Callable[["_GreenletQueue"], None],
         sleep: Callable[["_GreenletQueue", float], None],
     ) -> None:
         super().__init__()
-        self.task: Any = None
-        """Its greenlet."""
-        self.alarm = -1
-        """The number of the alarm that it has set."""
-        self._rouse, self._sleep, self._is_roused = rouse, sleep, False
+        self.task: Any = None  # a greenlet
+        self.timer = -1  # the number of its last timer
+        self._wake, self._sleep, self._is_runnable = wake, sleep, False
 
     def put(self, item: Item) -> None:
-        """As CallbackQueue.put."""
         super().put(item)
-        self._be_roused()
+        self._make_runnable()
 
     def wait(self, deadline: float) -> Item | None:
-        """As CallbackQueue.wait; what is there already comes after the others' turns."""
+        """Wait like CallbackQueue.wait, but let the other nodes run first in any case."""
         if len(self):
-            self._be_roused()
+            self._make_runnable()
         self._sleep(self, deadline)
         return self.next()
 
-    def go_on(self) -> None:
-        """Let it go on where it waited, until it waits again or ends."""
-        self._is_roused = False
+    def resume(self) -> None:
+        self._is_runnable = False
         if not self.task.dead:
             self.task.switch()
 
-    def _be_roused(self) -> None:
-        # Said once; what is posted after that it finds where it looks.
-        if not self._is_roused:
-            self._is_roused = True
-            self._rouse(self)
+    def _make_runnable(self) -> None:
+        # Once is enough: the resumed loop finds all later items in the queue.
+        if not self._is_runnable:
+            self._is_runnable = True
+            self._wake(self)

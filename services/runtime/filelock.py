@@ -9,21 +9,20 @@ from typing import Self
 from quadctl.services.runtime.errors import AlreadyServed
 
 _A_LOOK = 0.05
-"""Seconds: a look whether the lock is held may bar it for a moment, which is no refusal."""
+"""Seconds for which another process's `held` may block the lock; that is no refusal."""
 _LOOKERS = 2.0
-"""Seconds that many lookers, one after the other, may keep who wants the lock waiting."""
+"""Seconds for which many such checks, one after the other, may block it."""
 
 
 class FileLock:
-    """Held by one process at a time; the file says by whom."""
+    """Lock on `what`, e.g. `realm lab`, for one process at a time; the file has its pid."""
 
     def __init__(self, path: str | os.PathLike[str], what: str, hint: str = "") -> None:
-        """`what` names the thing locked, for the error: `realm lab`, `node safety`."""
         self._path, self._what, self._hint = path, what, hint
         self._fd: int | None = None
 
     def acquire(self) -> Self:
-        """Take the lock; raises AlreadyServed, naming the holder's pid, if it is taken."""
+        """Take the lock; raise AlreadyServed, naming the holder's pid, if it is taken."""
         started = time.monotonic()
         while (fd := self._attempt()) is None:
             waited = time.monotonic() - started
@@ -33,9 +32,9 @@ class FileLock:
                 )
             time.sleep(_A_LOOK / 10)
         self._fd = fd
-        # Where the disk is full, the holder stays unnamed; it holds the lock all the same.
+        # On a full disk the file keeps no pid; the lock holds all the same.
         with contextlib.suppress(OSError):
-            # Written over first, cut after: given back to a full disk, the room may be lost.
+            # Overwritten first, truncated after: on a full disk, room once freed may be lost.
             os.ftruncate(fd, os.write(fd, str(os.getpid()).encode()))
         return self
 
@@ -49,7 +48,7 @@ class FileLock:
     def _is_file(self, fd: int) -> bool:
         # A holder that ended may have removed the file while we opened it.
         with contextlib.suppress(FileNotFoundError):
-            return os.fstat(fd).st_ino == os.stat(self._path).st_ino  # noqa: PTH116 - pathlib is slow to import
+            return os.fstat(fd).st_ino == os.stat(self._path).st_ino  # noqa: PTH116 - faster
         return False
 
     def _holder(self) -> str:
@@ -66,13 +65,13 @@ class FileLock:
         self.release()
 
     def stands(self) -> bool:
-        """Whether we hold it, and nobody has removed its file, which would let another in."""
+        """Return whether we hold the lock and its file: a removed one would let another in."""
         return self._fd is not None and self._is_file(self._fd)
 
     def held(self) -> bool:
-        """Whether any process, this one included, holds the lock now; creates no file.
+        """Return whether any process, this one included, holds the lock now; create no file.
 
-        Those who look do not see one another, but on Windows, which can share no lock.
+        Concurrent checks do not see each other, except on Windows, which has no shared locks.
         """
         try:
             fd = os.open(self._path, os.O_RDWR)
@@ -84,7 +83,7 @@ class FileLock:
             os.close(fd)
 
     def release(self) -> None:
-        """Let go; does nothing when not held."""
+        """Release the lock, if held."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
@@ -94,9 +93,9 @@ if sys.platform == "win32":
     import msvcrt
 
     _FAR_AWAY = 1 << 30
-    """Windows locks bar reading too, so a byte beyond the text is locked."""
+    """Offset of the locked byte, beyond the text: a Windows lock also prevents reading."""
 
-    def _try_lock(fd: int, *, alone: bool) -> bool:  # noqa: ARG001 - as said in held()
+    def _try_lock(fd: int, *, alone: bool) -> bool:  # noqa: ARG001 - no shared locks here
         os.lseek(fd, _FAR_AWAY, os.SEEK_SET)
         try:
             msvcrt.locking(fd, msvcrt.LK_NBLCK, 1)

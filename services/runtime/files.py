@@ -11,7 +11,7 @@ _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a text to a file that is not there yet, whole or not at all; raises Invalid."""
+    """Write a text to a new file, whole or not at all; raise Invalid if it cannot be written."""
     with making(path), path.open("x", encoding="utf-8") as out:
         try:
             out.write(text)
@@ -23,17 +23,17 @@ def write_new(path: Path, text: str) -> None:
 
 @contextmanager
 def making(path: Path) -> Iterator[None]:
-    """Tell why a file could not be made; raises Invalid."""
+    """Raise Invalid with the reason if the block cannot create its file."""
     try:
         yield
     except FileExistsError as error:
         raise taken(path) from error
     except OSError as error:
         full = error.errno in _FULL
-        hint = "make room on its disk" if full else "name a place that you may write to"
+        hint = "make room on its disk" if full else "choose a folder that you may write to"
         raise Invalid(f"{path} cannot be written: {error.strerror}", hint) from error
 
 
 def taken(path: Path) -> Invalid:
-    """What is told of a name that is in use."""
-    return Invalid(f"{path} is there already", "name another file, or remove it")
+    """Return the error for a file that already exists."""
+    return Invalid(f"{path} already exists", "choose another name, or remove the file")

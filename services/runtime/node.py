@@ -27,7 +27,12 @@ _DEPTH = 1000
 
 
 class Node:
-    """What a service sees of the world: topics, services, ticks."""
+    """Interface of a service to the bus: topics, services and ticks of one vehicle.
+
+    `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
+    process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
+    Raises AlreadyServed when another process is this node.
+    """
 
     def __init__(
         self,
@@ -40,20 +45,13 @@ class Node:
         reference_params: Params | None = None,
         single: bool = True,
     ) -> None:
-        """`restarted` says that the supervisor started this process in a dead one's place.
-
-        `reference_params` are those of a process's first vehicle, where this is another; `single` says
-        that it has no other.
-
-        Raises AlreadyServed when another process is this node.
-        """
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
         self._others = liveliness.offers(session, vehicle)
         if name in liveliness.nodes(session, vehicle):
-            raise AlreadyServed(f"another process already is the node {name} of {vehicle}")
+            raise AlreadyServed(f"another process is already the node {name} of {vehicle}")
         log = logging.getLogger(name)
-        self.log = log if single else _Of(vehicle, log)
+        self.log = log if single else _VehicleLog(vehicle, log)
         self._session = session
         self.executor = executor or Executor()
         self._declared: list[Any] = []
@@ -67,16 +65,15 @@ class Node:
     def publisher(
         self, topic: Topic[M], hz: Callable[[], float] | None = None, *, waits: bool = False
     ) -> Publisher[M]:
-        """Offer a topic, at its declared rate or at what `hz` says now and after each change.
+        """Declare a topic, at its own rate or at `hz()` now and after each change of parameters.
 
-        In lock-step, nothing of what it `waits` to publish is lost to a slow subscriber.
+        In lock-step, a publisher that `waits` loses no message to a slow subscriber.
         """
         key, digest = topic.key(self.vehicle), codec.digest(topic.type)
 
         def offer() -> keyexpr.EndpointInfo:
             rate = topic.hz if hz is None else hz()
-            name = topic.type.__name__
-            return keyexpr.EndpointInfo("@pub", self.name, name, digest, rate, key)
+            return keyexpr.EndpointInfo("@pub", self.name, topic.type.__name__, digest, rate, key)
 
         self._offers.append(offer)
         publisher = Publisher(self._session, key, topic, waits=waits)
@@ -92,9 +89,9 @@ class Node:
         *,
         inline: bool = False,
     ) -> Subscription[M]:
-        """Hear a topic; the handler, where there is one, is called on the loop's turn.
+        """Subscribe to a topic; the handler, if any, runs on the node's loop.
 
-        With `inline` it is called sooner, as it may be that waits for nothing.
+        With `inline` it may run earlier, on a Zenoh thread, and must not block.
         """
 
         def awaited() -> bool:
@@ -113,17 +110,16 @@ class Node:
         return subscription
 
     def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
-        """Hear all that comes on keys or key expressions, undecoded."""
+        """Subscribe to keys or key expressions, undecoded."""
         return RecorderSubscriber(self._session, keys)
 
     def serve(
         self, service: Service[Q, R], handler: Callable[[Q], R], *, inline: bool = False
     ) -> Server[Q, R]:
-        """Answer a service; the handler is called on the loop's turn and may raise a QuadctlError.
+        """Serve a service; the handler runs on the node's loop and may raise a QuadctlError.
 
-        With `inline` it is called sooner, as it may be that waits for nothing.
-
-        Raises AlreadyServed when another node answers it.
+        With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
+        AlreadyServed when another node serves it.
         """
         journal = None
         if not service.reads:
@@ -139,24 +135,24 @@ class Node:
         return server
 
     def advance_sim_time(self, boot: str, stamp: float) -> None:
-        """It is `stamp` (simulated s) of `boot`: the calls held for that time are executed now."""
+        """Set the simulated time to `stamp` (s) of `boot` and execute the calls that are due."""
         self._schedule.advance(boot, stamp, time.time())
 
     @property
     def is_first(self) -> bool:
-        """Whether this is the node of its process's first vehicle."""
+        """Return whether this is the node of its process's first vehicle."""
         return self.reference_params is None
 
     @property
     def in_mission(self) -> bool:
-        """Whether calls are held for times of this boot.
+        """Return whether calls are scheduled for times of the current boot.
 
-        The flight is then to be the same whatever the machine's load: at any speed in lock-step.
+        The flight must then be the same under any load of the machine: in lock-step at any speed.
         """
         return self._schedule.under_way
 
     def params_changed(self) -> None:
-        """Tell the service, where it wants to know, that its parameters have new values."""
+        """Notify the service of new parameter values and update the rates that depend on them."""
         if self.on_params is not None:
             self.on_params()
         self.executor.retime()
@@ -164,11 +160,11 @@ class Node:
             self._announce()
 
     def params_in_force(self) -> dict[str, Any]:
-        """Return what still holds, by name, of parameters that wait for a standstill."""
+        """Return by name the values still in force of parameters that wait for a standstill."""
         return self.in_force()
 
     def ready(self) -> None:
-        """Announce the offers and then, last, the node: who sees it may already call it."""
+        """Declare the endpoints, and last the node: a client that sees it may call it at once."""
         if self._ready:
             return
         self._ready = True
@@ -177,22 +173,22 @@ class Node:
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Announce the node; then as Executor.ticks, at a rate that parameters may change."""
+        """Declare the node ready and yield Executor.ticks; a callable rate may change."""
         self.ready()
         return self.executor.ticks(hz)
 
     def spin(self) -> None:
-        """Serve the inbox until stopped, for a node with no rhythm of its own."""
+        """Declare the node ready and serve its queue until stopped, for a node without ticks."""
         self.ready()
         self.executor.spin()
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Serve the inbox until the condition holds; False at the timeout (s) or when stopped."""
+        """Serve the queue until the condition holds; False at the timeout (s) or when stopped."""
         return self.executor.wait_for(condition, timeout)
 
     @property
     def stopping(self) -> bool:
-        """Whether the loop is to end."""
+        """Return whether the loop must end."""
         return self.executor.stopping
 
     def _answer_queries(
@@ -205,7 +201,7 @@ class Node:
             take(lambda: on_turn(query))
 
         def on_turn(query: zenoh.Query) -> None:
-            # What was said before the question counts in the answer.
+            # Messages that came before the query count in its answer.
             self.executor.poll()
             answer(query)
 
@@ -213,7 +209,7 @@ class Node:
         self._declared.append(self._session.declare_queryable(key, callback, complete=True))
 
     def _announce(self) -> None:
-        # A token is replaced only where it says something new, so that nobody blinks.
+        # An unchanged token stays: an endpoint must not disappear, even for a moment.
         keys = {keyexpr.endpoint_key(self.vehicle, offer()) for offer in self._offers}
         for key in self._tokens.keys() - keys:
             self._tokens.pop(key).undeclare()
@@ -221,8 +217,8 @@ class Node:
             self._tokens[key] = self._session.liveliness().declare_token(key)
 
 
-class _Of(logging.LoggerAdapter[logging.Logger]):
-    """Says of which vehicle a line tells, where there are several."""
+class _VehicleLog(logging.LoggerAdapter[logging.Logger]):
+    """Logger of a process with several vehicles: each line begins with the vehicle's name."""
 
     def __init__(self, vehicle: str, log: logging.Logger) -> None:
         super().__init__(log)

@@ -7,7 +7,7 @@ from msgspec import Struct
 
 _PROC = "/proc"
 _PPID, _UTIME, _STIME, _STARTED = 1, 11, 12, 19
-"""Fields of /proc/PID/stat, counted behind the command's name."""
+"""Fields of /proc/PID/stat, counted after the command's name."""
 _RESIDENT = 1
 """Field of /proc/PID/statm: pages in memory."""
 
@@ -31,9 +31,11 @@ def stats_of(pid: int) -> ProcessStats:
     if not stat:
         return ProcessStats("" if _is_mounted() else None)
     second = os.sysconf("SC_CLK_TCK")
+    memory = _read(pid, "statm").split()
+    pages = int(memory[_RESIDENT]) if memory else 0  # 0 of a process that has ended
     return ProcessStats(
         state=stat[0],
-        rss=_resident(pid),
+        rss=pages * os.sysconf("SC_PAGE_SIZE") or None,
         cpu=(int(stat[_UTIME]) + int(stat[_STIME])) / second,
         uptime=time.clock_gettime(time.CLOCK_BOOTTIME) - int(stat[_STARTED]) / second,
     )
@@ -73,16 +75,8 @@ def _is_mounted() -> bool:
 
 
 def _stat(pid: int) -> list[str]:
-    text = _read(pid, "stat")
-    # The name, in brackets, may hold blanks and brackets itself.
-    return text.rpartition(")")[2].split()
-
-
-def _resident(pid: int) -> int | None:
-    """Return the resident memory, bytes; None for a process that has ended and lost its memory."""
-    fields = _read(pid, "statm").split()
-    pages = int(fields[_RESIDENT]) if fields else 0
-    return pages * os.sysconf("SC_PAGE_SIZE") if pages else None
+    # The name, in brackets, may itself contain blanks and brackets.
+    return _read(pid, "stat").rpartition(")")[2].split()
 
 
 def _read(pid: int, name: str) -> str:

@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 DEFAULT = "uav"
-"""The vehicle's name where none is given."""
+"""Default name of a vehicle."""
 HUB_ALONE = "hub-"
-"""The beginning of the name that a hub without a vehicle has in the place of one."""
+"""Prefix of the name that a hub without a vehicle uses instead of a vehicle's."""
 _MOST_LISTED = 12
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
 ADDRESS = "hub.json"
-"""The file of a realm's folder that says where its hub listens."""
+"""File in a realm's folder with the address of its hub."""
 RECORD = "run.json"
-"""What the run says of itself; written anew at every change."""
+"""File with the state of the run, replaced at every change."""
 LOCK = "up.lock"
-"""Held by the run for as long as it lives."""
+"""Lock file that the run holds for as long as it lives."""
 _LONGEST_SOCKET_PATH = 100
-"""The kernel's sun_path holds 108 bytes, and Zenoh adds a suffix for its lock."""
+"""Bytes; the kernel's sun_path holds 108, and Zenoh adds a suffix for its lock."""
 
 
 def vehicle_name(name: str) -> str:
@@ -36,26 +36,26 @@ def vehicle_name(name: str) -> str:
 def _checked(name: str, what: str) -> str:
     if not _NAME.fullmatch(name):
         raise UsageError(
-            f"'{name}' is no name for {what}",
+            f"'{name}' is not a valid name for {what}",
             "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",
         )
     return name
 
 
 def listed(vehicles: Sequence[str]) -> str:
-    """Return the names for a message, the first and the last of many."""
+    """Return the names for a message; of many, only the first and the last."""
     if len(vehicles) <= _MOST_LISTED:
         return ", ".join(vehicles)
     return f"{vehicles[0]} .. {vehicles[-1]} ({len(vehicles)})"
 
 
 def default_name() -> str:
-    """The realm of this shell: `QUADCTL_REALM`, else `default`."""
+    """Return the realm of this shell: `QUADCTL_REALM`, else `default`."""
     return os.environ.get("QUADCTL_REALM") or "default"
 
 
 class _Within:
-    """A path in a realm's folder, made when asked for: a call needs none, and pathlib is slow."""
+    """Path in a realm's folder, built on access: a call needs none, and pathlib is slow."""
 
     def __init__(self, name: str = "") -> None:
         self._name = name
@@ -67,10 +67,7 @@ class _Within:
 
 
 class Realm:
-    """Where one run keeps its socket, logs and record. Creating the object touches nothing.
-
-    `path` is its folder as a string.
-    """
+    """Folder of one run: socket, logs, record; `path` as a string. The object creates no file."""
 
     folder = _Within()
     socket = _Within("hub.sock")
@@ -92,10 +89,7 @@ class Realm:
             )
 
     def create(self) -> None:
-        """Make the folder, readable by its owner alone; raises where that cannot be.
-
-        A FileNotFoundError says that a run which is just ending has removed it again.
-        """
+        """Create the folder, readable by its owner alone; raise QuadctlError if it cannot be."""
         own = "set XDG_RUNTIME_DIR to a folder of your own"
         for folder in (self.folder.parent, self.folder):
             try:
@@ -104,16 +98,16 @@ class Realm:
                     raise QuadctlError(f"{folder} belongs to another user", own)
                 folder.chmod(0o700)
             except FileNotFoundError:
-                raise
+                raise  # a run that is just ending has removed it again
             except OSError as error:
-                raise QuadctlError(f"{folder} cannot be made: {error.strerror}", own) from error
+                raise QuadctlError(f"{folder} cannot be created: {error.strerror}", own) from error
 
     def clear(self) -> None:
-        """Remove what a killed run has left, all but locks and sockets: others may have them."""
+        """Remove what a killed run left, except locks and sockets: others may hold them."""
         self._remove(lambda path: path.suffix not in {".lock", ".sock"})
 
     def remove(self) -> None:
-        """Remove the folder; the lock's file last, so that nobody takes the realm in between."""
+        """Remove the folder, the lock file last: no other run can take the realm in between."""
         self._remove(lambda path: path != self.lock)
         self.lock.unlink(missing_ok=True)
         # A new run may be creating its own files by now.
@@ -136,14 +130,14 @@ def _root() -> str:
     if sys.platform == "win32":
         own = f"quadctl-{os.environ.get('USERNAME', 'user')}"
         return os.path.join(os.environ["TEMP"], own)
-    # What tempfile.gettempdir() answers, without its 15 ms of import in every command.
+    # The result of tempfile.gettempdir(), without its 15 ms of import in every command.
     return os.path.join(_absolute("TMPDIR") or "/tmp", f"quadctl-{os.getuid()}")  # noqa: S108
 
 
 def _absolute(variable: str) -> str:
     value = os.environ.get(variable, "")
     if value and not os.path.isabs(value):
-        # Every process would find another folder there, each from where it stands.
+        # Processes with different working directories would use different folders.
         raise UsageError(
             f"{variable} is {value}, a relative path", f"set it to {os.path.abspath(value)}"
         )
@@ -151,12 +145,12 @@ def _absolute(variable: str) -> str:
 
 
 def write_atomically(path: "Path", data: bytes) -> None:
-    """Replace a file so that a reader sees the old text or the new, never a part."""
+    """Replace a file so that a reader sees the old or the new text, never a part."""
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         fresh.write_bytes(data)
         fresh.replace(path)
     except OSError:
-        # A full disk took the file but not what is in it.
+        # On a full disk the file was created, but not its content.
         fresh.unlink(missing_ok=True)
         raise

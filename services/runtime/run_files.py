@@ -10,11 +10,11 @@ from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.realm import LOCK, RECORD, Realm, write_atomically
 
 UNSERVED = ("supervise", "processes")
-"""Tables of the supervisor, which is no node: nobody on the bus has them, and nothing sets them."""
+"""Tables of the supervisor, which is not a node: nothing on the bus reads or sets them."""
 
 
 def tables(realm: Realm, vehicle: str) -> dict[str, Any]:
-    """A vehicle's tables by name, none where the run has no such vehicle, or there is no run."""
+    """Return a vehicle's tables by name; none without such a vehicle or without a run."""
     files = sorted((realm.params / vehicle).glob("[!.]*.json"))
     return {file.stem: msgspec.json.decode(file.read_bytes()) for file in files}
 
@@ -23,7 +23,7 @@ State = Literal["starting", "ready", "restarting", "down"]
 
 
 class ProcessRecord(Struct, frozen=True):
-    """One process as it is; pid 0 while there is none. `started` at that Unix time (s)."""
+    """State of one process; pid 0 while there is none, `started` in Unix s."""
 
     name: str
     pid: int
@@ -33,7 +33,7 @@ class ProcessRecord(Struct, frozen=True):
 
 
 class RunState(Struct, frozen=True):
-    """A live run: the supervisor's pid, its vehicles and its processes, the hub among them."""
+    """State of a live run: the supervisor's pid, its vehicles and its processes, with the hub."""
 
     realm: str
     pid: int
@@ -47,24 +47,23 @@ def write(realm: Realm, record: RunState) -> None:
 
 
 def is_live(realm: Realm) -> bool:
-    """Whether a supervisor holds the realm."""
+    """Return whether a supervisor holds the realm."""
     return FileLock(f"{realm.path}/{LOCK}", "").held()
 
 
 def read(realm: Realm) -> RunState:
-    """The record of a live run; raises Unreachable where nothing runs in the realm."""
+    """Return the record of a live run; raise Unreachable if nothing runs in the realm."""
     try:
         if is_live(realm):
             with open(f"{realm.path}/{RECORD}", "rb") as file:  # noqa: PTH123 - pathlib takes 7 ms
                 return msgspec.json.decode(file.read(), type=RunState)
     except FileNotFoundError:
-        # It went down, or has not come up, between the two looks.
-        pass
+        pass  # the run ended, or has no record yet
     raise not_running(realm)
 
 
 def not_running(realm: Realm) -> Unreachable:
-    """The error of who asks for a run that is not there."""
+    """Return the error for a realm without a run."""
     return Unreachable(
         f"nothing is running in the realm {realm.name}",
         f"`quadctl up --realm {realm.name}` starts it",

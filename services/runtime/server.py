@@ -1,7 +1,7 @@
 """Server side of a service: dispatch, exactly-once, scheduled calls, call log.
 
-The clock is a boot of the simulation and a time in it. A call is for the present boot or a future
-one; it is never executed once its boot is over.
+Time is a boot of the simulation and the simulated time in it. A call is for the current boot or a
+later one; it is never executed after its boot has ended.
 """
 
 import logging
@@ -23,14 +23,14 @@ from quadctl.services.runtime.bus.pubsub import Publisher
 from quadctl.services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
 
 MOST = 10_000
-"""Calls that a node holds at a time."""
+"""Most scheduled calls of a node at a time."""
 
 
 class ScheduledCall(NamedTuple):
-    """A call that waits.
+    """Call that waits for its simulated time.
 
     `at` is in simulated s of `boot`, `deadline` in Unix s. `settle` is called once: with None to
-    execute and answer it, else with the reason why it will not be.
+    execute and answer the call, else with the error that answers it.
     """
 
     boot: str
@@ -40,46 +40,43 @@ class ScheduledCall(NamedTuple):
 
 
 class Schedule:
-    """The calls that one node holds, and the simulated time that it has seen."""
+    """Scheduled calls of one node, and the simulated time that it last received."""
 
     def __init__(self) -> None:
         self._boot, self._stamp = "", 0.0
         self._held: list[ScheduledCall] = []
         self._soonest = self._first_deadline = inf
         self.under_way = False
-        """Whether a call waits for a time of the boot that is now."""
+        """True if a call waits for a time of the current boot."""
         self.holding = False
-        """Whether any call waits."""
+        """True if any call waits."""
 
     @property
     def now(self) -> tuple[str, float]:
-        """The boot and the time in it (simulated s) last seen; "" and 0 before the first."""
+        """Return the boot and the time in it (simulated s) last received; "" and 0 before."""
         return self._boot, self._stamp
 
     def schedule(self, call: ScheduledCall) -> None:
-        """Let a call wait; one for boot "" is for the boot that is now.
-
-        Raises NotReady, Expired or Refused where it cannot.
-        """
+        """Add a call; boot "" is the current one. Raises NotReady, Expired or Refused."""
         if not self._boot:
             raise NotReady(
                 "no simulated time is known here",
-                "is dynamics up? `quadctl status`; a node of your own calls `node.advance_sim_time`",
+                "is dynamics up? `quadctl status`; in your own node, call `node.advance_sim_time`",
             )
         call = call._replace(boot=call.boot or self._boot)
         if call.boot == self._boot and call.at <= self._stamp:
-            raise Expired(f"the call was for {call.at:g} s, and it is {self._stamp:g} s already")
+            raise Expired(f"the call was for {call.at:g} s, and it is {self._stamp:g} s now")
         if len(self._held) >= MOST:
-            raise Refused(f"{MOST} calls are held already", "let some of them be executed first")
+            raise Refused(f"{MOST} calls are already waiting", "wait until some are executed")
         self._keep([*self._held, call])
 
     def advance(self, boot: str, stamp: float, now: float) -> None:
-        """It is `stamp` of `boot`, and `now` by Unix time: settle the calls whose time has come.
+        """Set the time to `stamp` of `boot`, `now` in Unix s, and settle the calls that are due.
 
         They are settled in the order of their times, equal ones in the order of their arrival.
         """
         before, self._boot, self._stamp = self._boot, boot, stamp
-        # Told of every pose, and nearly always there is nothing to do.
+        # This runs at every pose, and nearly always no call is due.
         if boot == before and stamp < self._soonest and now <= self._first_deadline:
             return
         due: list[ScheduledCall] = []
@@ -87,7 +84,7 @@ class Schedule:
         rest: list[ScheduledCall] = []
         for call in self._held:
             if call.boot == before != boot:
-                late.append((call, f"the call was for {call.at:g} s of a boot that is over"))
+                late.append((call, f"the call was for {call.at:g} s of a boot that has ended"))
             elif call.deadline < now:
                 late.append((call, "the deadline passed before the call's simulated time came"))
             elif call.boot == boot and call.at <= stamp:
@@ -109,11 +106,11 @@ class Schedule:
 
 
 _LONGEST = 1_000
-"""Characters of an error that are told."""
+"""Most characters of an error that are published."""
 
 
 class CallLog:
-    """Publishes each call on `VEHICLE/@call/SERVICE`, with the time that the schedule shows."""
+    """Publisher of each call on `VEHICLE/@call/SERVICE`, with the time of the schedule."""
 
     def __init__(
         self, session: zenoh.Session, vehicle: str, service: Service[Any, Any], schedule: Schedule
@@ -123,7 +120,7 @@ class CallLog:
         self._calls = Publisher(session, topic.key(vehicle), topic)
 
     def publish(self, request: Struct, answer: tuple[bool, bytes], *, held: bool) -> None:
-        """Tell of a request, and of the reply or error reply that it got, where anybody listens."""
+        """Publish a request and its reply or error reply, if there is a subscriber."""
         if not self._calls.is_heard:
             return
         boot, stamp = self._schedule.now
@@ -145,20 +142,19 @@ Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 _REMEMBERED = 1024
-"""How many calls' replies are kept, so that a repeated id is answered and not executed."""
+"""Most calls of which the reply is kept, so that a repeated id is answered and not executed."""
 
 _log = logging.getLogger(__name__)
 
 Answer = tuple[bool, bytes]
-"""Whether it is a reply or an error reply, and its payload."""
+"""True for a reply and False for an error reply, and the payload."""
 
 
 class Server(Generic[Q, R]):
-    """Turns the queries of one service into calls of a handler.
+    """Server of one service, which calls the handler for each query.
 
     `answer` runs on the node's loop. The handler may raise a QuadctlError to refuse. A call for a
-    simulated time waits in `schedule` and is answered when that has come. `journal` is told of all
-    that is executed.
+    simulated time waits in `schedule` until then. `journal` publishes every executed call.
     """
 
     def __init__(
@@ -171,7 +167,7 @@ class Server(Generic[Q, R]):
     ) -> None:
         self.key = service.key(vehicle)
         self.call: Call | None = None
-        """What goes with the request that is being executed, where anything does."""
+        """Id, deadline and time of the request in execution; None if it has none."""
         self._service, self._handler = service, handler
         self._schedule, self._journal = schedule or Schedule(), journal
         self._encoding = codec.encoding(service.response)
@@ -179,7 +175,7 @@ class Server(Generic[Q, R]):
         self._held: dict[str, list[zenoh.Query]] = {}
 
     def answer(self, query: zenoh.Query) -> None:
-        """Reply to one query, come what may: now, or when its simulated time has come."""
+        """Reply to one query in every case: now, or at its simulated time."""
         try:
             call = self._call(query)
             answer = self._execute(query, None) if call is None else self._once(call, query)
@@ -194,18 +190,18 @@ class Server(Generic[Q, R]):
                 f"'{query.key_expr}' is a pattern, and services are not called by pattern",
                 f"call {self.key}",
             )
-        # The binding makes each part anew whenever it is looked at.
+        # The binding makes a copy of each part at every access.
         attachment = query.attachment
         return codec.decode_call(attachment.to_bytes() if attachment else None)
 
     def _once(self, call: Call, query: zenoh.Query) -> Answer | None:
-        """The first answer to this call, None where it is yet to be given."""
+        """Return the first answer to this call; None if it still waits."""
         if call.id in self._held:
             self._held[call.id].append(query)
             return None
         if call.id not in self._answers:
             if call.deadline < time.time():
-                raise Expired("the call came after its deadline and was not executed")
+                raise Expired("the call arrived after its deadline and was not executed")
             if call.at is not None:
                 self._hold(call, call.at, query)
                 return None
@@ -235,8 +231,8 @@ class Server(Generic[Q, R]):
         try:
             sent, encoding = query.payload, query.encoding
             payload = sent.to_bytes() if sent is not None else b""
-            said = str(encoding) if encoding is not None else ""
-            request = codec.decode(self._service.request, payload, said)
+            name = str(encoding) if encoding is not None else ""
+            request = codec.decode(self._service.request, payload, name)
         except QuadctlError as error:
             return False, codec.encode_error(error)
         answer = self._handle(request)
@@ -249,11 +245,11 @@ class Server(Generic[Q, R]):
             return True, codec.encode(self._handler(request))
         except QuadctlError as error:
             return False, codec.encode_error(error)
-        except Exception:  # noqa: BLE001 - whatever a handler does wrong is answered
-            # A fault in a handler must not end the process, nor leave its caller waiting.
+        except Exception:  # noqa: BLE001 - every fault of a handler is answered
+            # A fault in a handler must not end the process or leave its caller waiting.
             _log.exception("%s failed", self.key)
             return False, codec.encode_error(
-                QuadctlError(f"{self.key} failed inside", "its log has the traceback")
+                QuadctlError(f"{self.key} failed in its handler", "see the traceback in its log")
             )
 
     def _remember(self, call_id: str, answer: Answer) -> None:

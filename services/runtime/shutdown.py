@@ -1,4 +1,4 @@
-"""Signals to end a process: SIGINT, SIGTERM, and the death of its supervisor."""
+"""Signals that end a process: SIGINT, SIGTERM, and the death of its supervisor."""
 
 import ctypes
 import os
@@ -10,21 +10,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_PR_SET_PDEATHSIG = 1
-"""From linux/prctl.h."""
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _LAST_WORDS = 1.0
-"""How long (s) an orphan may take to end by itself before it is ended."""
+"""Seconds that an orphan has to end by itself before it is ended."""
 
 
 class ShutdownEvent:
-    """Whether this process is to end, whatever it is doing at the moment."""
+    """Event that this process must end; kept even while no loop runs that it could stop."""
 
     def __init__(self) -> None:
         self._came = threading.Event()
         self._stop: Callable[[], None] | None = None
 
     def on_shutdown(self, stop: Callable[[], None]) -> None:
-        """Have `stop` called when the process is to end, in place of what was said before."""
+        """Call `stop` when the process must end, instead of any earlier callback."""
         first, self._stop = self._stop is None, stop
         if first:
             stop_on_signals(self._come)
@@ -32,7 +31,7 @@ class ShutdownEvent:
             stop()
 
     def wait(self, seconds: float) -> bool:
-        """Wait for it that long; whether it has come."""
+        """Wait at most so many seconds; return whether the event has come."""
         return self._came.wait(seconds)
 
     def _come(self) -> None:
@@ -57,9 +56,9 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Have Ctrl-C wait until the block is done, where the system can make it wait.
+    """Delay Ctrl-C until the block is done, where the system allows it.
 
-    What it interrupts half done could not be told from what somebody else has done.
+    An interrupted block would leave traces that look like those of another process.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -72,8 +71,8 @@ def uninterrupted() -> Iterator[None]:
 
 
 def _watch_parent(stop: Callable[[], None]) -> None:
-    # The supervisor holds the other end of our stdin: it ends when the supervisor does,
-    # even by kill -9, on every platform.
+    # The supervisor holds the other end of our stdin, which closes when the supervisor ends, even
+    # by kill -9, on every platform.
     while os.read(0, 1):
         pass
     stop()
@@ -82,9 +81,6 @@ def _watch_parent(stop: Callable[[], None]) -> None:
 
 
 def die_with_parent() -> None:
-    """Ask the kernel, where it is Linux, to kill this process when its parent dies.
-
-    A frozen process hears nothing else, and a stranger's command may not listen.
-    """
+    """Make Linux kill this process with its parent: it may be frozen, or a user's command."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

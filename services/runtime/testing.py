@@ -1,8 +1,8 @@
-"""Bus in a list: a node's messages and calls in order, without Zenoh.
+"""Fake bus: a list of a node's messages and calls in order, without Zenoh.
 
     said = play("safety", run, params, [(POSE, pose), ...], calls)
 
-The service's own `run` is executed, as fast as it goes.
+The service's own `run` is executed, as fast as possible.
 """
 
 import logging
@@ -23,7 +23,7 @@ from quadctl.services.runtime.params.live import LiveParams
 
 
 class Published(NamedTuple):
-    """A message that the node has published, on the topic of that name."""
+    """Message that the node has published, and the name of its topic."""
 
     topic: str
     message: Struct
@@ -36,19 +36,17 @@ def play(
     heard: Iterable[tuple[Topic[Any], Struct]],
     calls: Iterable[Called] = (),
 ) -> list[Published]:
-    """Run a service on what it once heard and was asked; returns what it says to that.
+    """Run a service on recorded messages and calls; return the messages that it publishes.
 
-    A call is executed when its simulated time has come: one that was held for it within the
-    message of that time, any other after it.
+    A call is executed at its simulated time: a scheduled one within that message, others after it.
     """
     script = FakeNode(name, params, heard, calls)
-    # Node's shape, as far as a service uses it.
-    run(cast("Node", script), params)
+    run(cast("Node", script), params)  # has every part of Node that services use
     return script.said
 
 
 class FakeNode:
-    """Stands in for a Node. What it is told to publish is in `said`."""
+    """Stand-in for a Node, with its published messages in `said`."""
 
     def __init__(
         self,
@@ -74,43 +72,43 @@ class FakeNode:
         self.serve(set_params(name), live.set)
 
     def publisher(self, topic: Topic[Any], *_: Any, **__: Any) -> "FakePublisher":
-        """What is put there is kept."""
+        """Return a publisher that keeps its messages in `said`."""
         return FakePublisher(topic.name, self.said)
 
     def listen(
         self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, *_: int, **__: bool
     ) -> "FakeSubscription":
-        """Hear what the list has of a topic."""
+        """Subscribe to the list's messages of a topic."""
         self._listeners[topic.name] = FakeSubscription(handler)
         return self._listeners[topic.name]
 
     def serve(
         self, service: Service[Any, Any], handler: Callable[[Any], Any], **_: bool
     ) -> "FakeNode":
-        """Have the calls of a service executed."""
+        """Execute the list's calls of a service."""
         self._services[service.name] = (service, handler)
         return self
 
     def ready(self) -> None:
-        """Nobody looks."""
+        """Do nothing: there is no bus."""
 
     def advance_sim_time(self, boot: str, stamp: float) -> None:
-        """It is that simulated time (s): what was called ahead for it is executed now."""
+        """Set the simulated time (s) and execute the calls that were scheduled for it."""
         self._now = (boot, stamp)
         self._boots.add(boot)
         self._execute(held=True)
 
     def wait_for(self, condition: Callable[[], bool], _timeout: float) -> bool:
-        """Go on with the list until the condition holds; False at its end."""
+        """Play the list until the condition holds; return False at its end."""
         while not condition():
             if not self._next():
                 return False
         return True
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """A tick in each period of simulated time, until the list is at its end."""
+        """Yield a tick in each period of simulated time, until the end of the list."""
         last = None
-        # All that it serves is known by now: the other calls were those of other nodes.
+        # The node has declared all its services by now: any other call was for another node.
         self._calls = deque(call for call in self._calls if call.service in self._services)
         while self._next():
             now = self._now[1]
@@ -149,18 +147,18 @@ class FakeNode:
 
 
 class FakePublisher:
-    """A publisher whose messages are kept in a list."""
+    """Publisher that keeps its messages in a list."""
 
     def __init__(self, topic: str, said: list[Published]) -> None:
         self._topic, self._said = topic, said
 
     def put(self, message: Struct) -> None:
-        """Keep a message, as it is now."""
+        """Keep a message."""
         self._said.append(Published(self._topic, message))
 
 
 class FakeSubscription:
-    """A subscription that is fed by hand; `received` is then, monotonic s."""
+    """Subscription fed by `take`; `received` is the time of the last one, monotonic s."""
 
     def __init__(self, handler: Callable[[Any], None] | None) -> None:
         self.value: Any = None
@@ -169,14 +167,14 @@ class FakeSubscription:
 
     @property
     def age(self) -> float:
-        """Seconds since the newest message; infinite before the first."""
+        """Return the seconds since the newest message; infinite before the first."""
         return time.monotonic() - self.received if self.value is not None else float("inf")
 
     def defer_wakeups(self, _seconds: float) -> None:
-        """There is nothing to rest from."""
+        """Do nothing: there is no loop to wake."""
 
     def take(self, message: Any) -> None:
-        """Hear a message."""
+        """Receive a message."""
         self.value, self.received = message, time.monotonic()
         if self._handler is not None:
             self._handler(message)

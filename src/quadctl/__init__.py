@@ -1,11 +1,11 @@
-"""quadctl: what a program of your own imports; each name is loaded when it is first used."""
+"""quadctl: the names for your own programs; each is loaded when it is first used."""
 
 import os
 
-TYPE_CHECKING = False  # known to type checkers by its name; importing typing takes 15 ms
+TYPE_CHECKING = False  # type checkers know the name; importing typing takes 15 ms
 
 if not os.path.isdir(__path__[0] + "/services"):  # noqa: PTH112 - pathlib is slow
-    # A checkout whose system has no symbolic links: the three folders are at its top.
+    # A checkout on a system without symbolic links: the three folders are at its top.
     __path__.append(os.path.dirname(os.path.dirname(__path__[0])))  # noqa: PTH120
 
 __all__ = ["Client", "Node", "Params", "QuadctlError", "Service", "Topic", "start"]
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from quadctl.services.runtime.entry import start
     from quadctl.services.runtime.errors import QuadctlError
     from quadctl.services.runtime.node import Node
-else:  # hidden from type checkers, which would take every name for one of ours
+else:  # hidden from type checkers, which would accept any name as ours
     _MODULES = {
         "Client": "services.runtime.bus.client",
         "Node": "services.runtime.node",

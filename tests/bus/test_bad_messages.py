@@ -1,4 +1,4 @@
-"""Whatever a stranger sends, every service answers it, nothing changes, and nothing ends."""
+"""Bad messages from a third party: services answer, nothing changes, no process ends."""
 
 import itertools
 import math
@@ -20,56 +20,56 @@ FOREIGN = "application/msgpack;quadctl.Pose#ffffffff"
 
 
 @contextmanager
-def nonsense(bare: Bare, vehicle: str) -> Iterator[None]:
-    """A stranger who does not stop sending what nobody can read."""
-    enough = threading.Event()
+def garbage(bare: Bare, vehicle: str) -> Iterator[None]:
+    """Publish unreadable messages until the block ends."""
+    stop = threading.Event()
 
     def send() -> None:
-        # Not more than a node's own rate: a flood of it would stop a flight, and rightly so.
+        # At a node's normal rate at most: a flood would stop a flight, by design.
         for name, payload in itertools.cycle(itertools.product(KEYS, JUNK)):
-            if enough.wait(0.005):
+            if stop.wait(0.005):
                 return
             bare.session.put(f"{vehicle}/{name}", payload)
             if payload == JUNK[0]:
                 bare.session.put(f"{vehicle}/pose", JUNK[-1], encoding=FOREIGN)
                 bare.session.put(f"{vehicle}/**", b"for all")
 
-    stranger = threading.Thread(target=send)
-    stranger.start()
+    sender = threading.Thread(target=send)
+    sender.start()
     try:
         yield
     finally:
-        enough.set()
-        stranger.join()
+        stop.set()
+        sender.join()
 
 
 @pytest.mark.parametrize(
     "line", ["goto 1 -1 1", "calibrate", "state", "state --json", "goto -1 0.5 1 --replace"]
 )
-def test_a_command_waits_for_what_can_be_read(shared_lab: Lab, hover: Bare, line: str):
-    with nonsense(hover, "uav"):
+def test_a_command_skips_unreadable_messages(shared_lab: Lab, hover: Bare, line: str):
+    with garbage(hover, "uav"):
         done = shared_lab.quadctl(*line.split(), "--timeout", 10)
     assert done == (0, done.out, "")
 
 
-def test_echo_says_so_once_and_goes_on(shared_lab: Lab, bare: Bare):
-    with nonsense(bare, "uav"):
+def test_echo_reports_each_kind_of_bad_message_once_and_goes_on(shared_lab: Lab, bare: Bare):
+    with garbage(bare, "uav"):
         done = shared_lab.quadctl("topic", "echo", "pose", "-n", 100, "--json", "--timeout", 10)
     assert done.code == 0
     assert len([row["seq"] for row in done.rows]) == 100
     said = done.err.splitlines()
-    assert all(line.startswith("passed over a message on uav/pose: ") for line in said)
-    assert len(said) == 2, "one of a kind: no Pose at all, and one of another version"
+    assert all(line.startswith("skipped a message on uav/pose: ") for line in said)
+    assert len(said) == 2, "one line per kind: not a Pose, and a Pose of another version"
     assert any("schema mismatch" in line for line in said)
 
 
-def test_where_nothing_else_comes_the_error_says_what_came(shared_lab: Lab, bare: Bare):
+def test_a_timeout_error_names_the_unreadable_message(shared_lab: Lab, bare: Bare):
     lines = ["topic echo pose", "topic echo pose -n 1 --json"]
-    with nonsense(bare, "drone"):
+    with garbage(bare, "drone"):
         done = shared_lab.each(lines, "--vehicle", "drone", "--timeout", "0.5")
     for ended in done.values():
         assert (ended.code, ended.out) == (6, "")
-        assert "nothing that can be read came within 0.5 s: drone/pose: " in ended.err
+        assert "no readable message came within 0.5 s: drone/pose: " in ended.err
 
 
 def reply_with(query: zenoh.Query, payload: bytes) -> None:
@@ -77,21 +77,21 @@ def reply_with(query: zenoh.Query, payload: bytes) -> None:
         query.reply(query.key_expr, payload)
 
 
-def test_a_strangers_reply_does_not_hide_the_state(shared_lab: Lab, bare: Bare):
-    liar = bare.session.declare_queryable(
+def test_an_invalid_third_party_reply_does_not_hide_the_state(shared_lab: Lab, bare: Bare):
+    server = bare.session.declare_queryable(
         "uav/safety/state", lambda query: reply_with(query, b"junk"), complete=True
     )
     for _ in range(3):
         done = shared_lab.quadctl("cage", "show", "--json")
         assert (done.code, done.json["on"]) == (0, True)
-    liar.undeclare()
-    alone = bare.session.declare_queryable(
+    server.undeclare()
+    only_server = bare.session.declare_queryable(
         "drone/safety/state", lambda query: reply_with(query, b"junk"), complete=True
     )
     said = shared_lab.quadctl("cage", "show", "--vehicle", "drone", "--timeout", 0.3, "--json")
     assert (said.code, said.error["code"]) == (6, "invalid")
     assert "drone/safety/state: not a valid SafetyState" in said.error["message"]
-    alone.undeclare()
+    only_server.undeclare()
 
 
 ERROR = "application/json;quadctl.Error"
@@ -119,8 +119,8 @@ BAD: dict[str, list[Any]] = {
 }
 
 
-def condition(bare: Bare) -> Any:
-    """All that a bad call must not change."""
+def snapshot(bare: Bare) -> Any:
+    """Return the state that a bad call must not change."""
     reading = bare.watch("uav/sensors/pressure").next()[0]
     pose = bare.watch("uav/pose").next()[0]
     state = {**bare.state(), "stamp": 0}
@@ -132,18 +132,18 @@ def pids(lab: Lab) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("service", BAD)
-def test_impossible_request_is_invalid_and_changes_nothing(hover: Bare, service: str):
-    before = condition(hover)
+def test_an_impossible_request_is_invalid_and_changes_nothing(hover: Bare, service: str):
+    before = snapshot(hover)
     for value in BAD[service]:
         answer = hover.query(f"uav/@srv/{service}", pack(value))
         assert (answer.ok, answer.encoding) == (False, ERROR), value
         assert answer.code == "invalid", value
         assert answer.value["message"]
-    assert condition(hover) == before
+    assert snapshot(hover) == before
 
 
 def test_random_bytes_on_every_service_change_nothing(shared_lab: Lab, hover: Bare):
-    before, running = condition(hover), pids(shared_lab)
+    before, running = snapshot(hover), pids(shared_lab)
     rng = random.Random(1)
     valid = {
         "x": 1.0,
@@ -162,7 +162,7 @@ def test_random_bytes_on_every_service_change_nothing(shared_lab: Lab, hover: Ba
                 junk[rng.randrange(len(junk))] ^= 1 << rng.randrange(8)
             answer = hover.query(f"uav/@srv/{service}", bytes(junk))
             assert (answer.code, answer.encoding) == ("invalid", ERROR), (service, bytes(junk))
-    assert condition(hover) == before
+    assert snapshot(hover) == before
     assert pids(shared_lab) == running
     assert hover.call("goto", x=0.5, y=0.0, z=1.0).value["accepted"]
     assert hover.call("calibrate_pressure", zero=True).ok
@@ -192,7 +192,7 @@ def test_poses_with_nan_and_infinity_do_not_reach_safety(hover: Bare):
 
 
 def test_parameters_out_of_bounds_change_nothing(hover: Bare):
-    before = condition(hover)
+    before = snapshot(hover)
     for name, value in {
         "virtual_cage.x": math.nan,
         "virtual_cage.y": 0.0,
@@ -206,4 +206,4 @@ def test_parameters_out_of_bounds_change_nothing(hover: Bare):
         assert reply.ok
         assert reply.value["success"] is False
         assert name.partition(".")[0] in reply.value["reason"]
-    assert condition(hover) == before
+    assert snapshot(hover) == before

@@ -1,4 +1,4 @@
-"""How a service may be called: by its very key, its own schema, once, and in time."""
+"""Rules of a service call: exact key, matching schema, executed once, before its deadline."""
 
 import threading
 from collections.abc import Iterator
@@ -17,8 +17,8 @@ GOTO = "uav/@srv/goto"
 GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
 
 
-class Waiting:
-    """A query beside the test, which is answered later."""
+class PendingCall:
+    """Query on its own thread, answered later."""
 
     def __init__(self, bare: Bare, key: str, fields: dict[str, Any], attachment: bytes) -> None:
         self._answers: list[Answer] = []
@@ -36,44 +36,44 @@ class Waiting:
         return answer
 
 
-def arrived(bare: Bare, *nodes: str) -> None:
-    """Return when the nodes have taken up what was asked of them before; the ids must differ."""
+def wait_for_earlier_calls(bare: Bare, *nodes: str) -> None:
+    """Wait until the nodes have read the earlier calls, which must have other ids."""
     for node in nodes:
         assert bare.call(f"{node}/get_params", names=[]).ok
 
 
-def now(bare: Bare) -> float:
-    """Simulated time, s."""
+def sim_time(bare: Bare) -> float:
+    """Return the simulated time, s."""
     stamp: float = bare.watch("uav/pose").next()[0]["stamp"]
     return stamp
 
 
-def test_goto_is_held_until_its_time_and_decided_on_that_pose(hover: Bare):
+def test_a_scheduled_goto_is_decided_on_the_pose_at_its_time(hover: Bare):
     states = hover.watch("uav/safety/state")
-    at = round(now(hover) + 0.73, 2)
-    waiting = Waiting(hover, GOTO, GOAL, ticket(30, at=at))
+    at = round(sim_time(hover) + 0.73, 2)
+    waiting = PendingCall(hover, GOTO, GOAL, ticket(30, at=at))
     taken = states.until(lambda s: s["goal"] == GOAL and s["state"] == "MOVING")
     # Safety steps on a pose every 50 ms.
     assert at <= taken["stamp"] < at + 0.0501
     assert waiting.answer().value == {"accepted": True, "reason": ""}
 
 
-def test_past_time_is_refused_and_a_reset_drops_held_calls(hover: Bare):
+def test_a_past_time_is_refused_and_a_reset_drops_scheduled_calls(hover: Bare):
     before = hover.state()
     past = hover.query(GOTO, pack(GOAL), attachment=ticket(30, at=0.0))
     assert (past.ok, past.code) == (False, "expired")
-    held = ticket(30, "held", at=now(hover) + 60.0)
-    waiting = Waiting(hover, GOTO, GOAL, held)
-    # The same id is answered when the first one is: both wait for the same call.
+    held = ticket(30, "held", at=sim_time(hover) + 60.0)
+    waiting = PendingCall(hover, GOTO, GOAL, held)
+    # A query with the same id is answered together with the first: both wait for one call.
     states = hover.watch("uav/safety/state")
-    arrived(hover, "safety")
+    wait_for_earlier_calls(hover, "safety")
     assert hover.call("reset").ok
     anew = states.until(lambda s: s["boot"] != before["boot"])
     assert anew["goal"] != GOAL
     assert waiting.answer().code == "expired"
 
 
-def test_a_reset_begins_the_boot_that_it_names_once(hover: Bare):
+def test_a_reset_begins_the_boot_it_names_only_once(hover: Bare):
     poses = hover.watch("uav/pose")
     named = hover.query("uav/@srv/reset", pack({}), attachment=ticket(30, boot="first"))
     assert named.value == {"success": True}
@@ -82,8 +82,8 @@ def test_a_reset_begins_the_boot_that_it_names_once(hover: Bare):
     assert (again.ok, again.code) == (False, "refused")
 
 
-def test_every_service_takes_a_time(hover: Bare):
-    at = now(hover) + 0.4
+def test_every_service_can_be_scheduled(hover: Bare):
+    at = sim_time(hover) + 0.4
     asked: list[tuple[str, dict[str, Any]]] = [
         ("calibrate_pressure", {"zero": True}),
         ("toggle_cage", {"cage_on": True}),
@@ -91,31 +91,31 @@ def test_every_service_takes_a_time(hover: Bare):
         ("dynamics/get_params", {"names": []}),
     ]
     waiting = [
-        Waiting(hover, f"uav/@srv/{name}", fields, ticket(30, at=at)) for name, fields in asked
+        PendingCall(hover, f"uav/@srv/{name}", fields, ticket(30, at=at)) for name, fields in asked
     ]
     assert [one.answer().ok for one in waiting] == [True] * len(waiting)
-    later = ticket(30, at=now(hover) + 0.2)
-    assert Waiting(hover, "uav/@srv/reset", {}, later).answer().value == {"success": True}
+    later = ticket(30, at=sim_time(hover) + 0.2)
+    assert PendingCall(hover, "uav/@srv/reset", {}, later).answer().value == {"success": True}
 
 
 KEY = "red/@srv/hold"
-"""Of a vehicle that a bare program flies."""
+"""Service of vehicle `red`, which a third-party program serves."""
 
 
-def hold(room: Lab) -> Done:
-    """The command, as from another machine."""
-    there = f"unixsock-stream/{room.home / 'hub.sock'}"
-    return room.quadctl("hold", "--vehicle", "red", "--connect", there)
+def hold(module_lab: Lab) -> Done:
+    """Run `hold` as if from another machine."""
+    there = f"unixsock-stream/{module_lab.home / 'hub.sock'}"
+    return module_lab.quadctl("hold", "--vehicle", "red", "--connect", there)
 
 
 @pytest.fixture(scope="module")
-def room() -> Iterator[Lab]:
+def module_lab() -> Iterator[Lab]:
     with private_lab() as made:
         made.start()
         yield made
 
 
-def test_unanswered_call_is_sent_again_with_the_same_id(room: Lab):
+def test_an_unanswered_call_is_sent_again_with_the_same_id(module_lab: Lab):
     ids: list[str] = []
 
     def answer(query: zenoh.Query) -> None:
@@ -125,13 +125,13 @@ def test_unanswered_call_is_sent_again_with_the_same_id(room: Lab):
             if len(ids) > 2:
                 query.reply(KEY, pack({"success": True}), encoding=codec.encoding(HoldResponse))
 
-    with room.bare() as bare, bare.session.declare_queryable(KEY, answer, complete=True):
-        done = hold(room)
+    with module_lab.bare() as bare, bare.session.declare_queryable(KEY, answer, complete=True):
+        done = hold(module_lab)
     assert done.code == 0, done.err
     assert ids == [ids[0]] * 3
 
 
-def test_a_server_that_ended_in_mid_call_is_not_asked_again(room: Lab):
+def test_a_call_is_not_repeated_when_its_server_ends_in_mid_call(module_lab: Lab):
     asked: list[str] = []
     servers: list[Any] = []
 
@@ -140,11 +140,11 @@ def test_a_server_that_ended_in_mid_call_is_not_asked_again(room: Lab):
         servers.pop().undeclare()
         query.drop()
 
-    with room.bare() as bare:
+    with module_lab.bare() as bare:
         servers.append(bare.session.declare_queryable(KEY, ends, complete=True))
-        done = hold(room)
+        done = hold(module_lab)
     assert done.code == 3
-    assert "went away in mid-call: the outcome is unknown" in done.err
+    assert "ended during the call: the outcome is unknown" in done.err
     assert asked == ["first"]
 
 
@@ -158,7 +158,7 @@ def test_a_server_that_ended_in_mid_call_is_not_asked_again(room: Lab):
         "uav/@srv/toggle_cag$*",
     ],
 )
-def test_a_pattern_executes_nothing(hover: Bare, pattern: str):
+def test_a_wildcard_key_executes_nothing(hover: Bare, pattern: str):
     answers = hover.answers(pattern, pack({"cage_on": False}))
     assert not [answer for answer in answers if answer.ok]
     assert {answer.code for answer in answers} <= {"invalid"}
@@ -166,12 +166,12 @@ def test_a_pattern_executes_nothing(hover: Bare, pattern: str):
     assert (state["cage_on"], state["state"]) == (True, "HOVERING")
 
 
-def test_verbatim_services_are_not_found_by_double_stars(hover: Bare):
+def test_a_double_star_does_not_match_a_service(hover: Bare):
     assert hover.answers("uav/**/toggle_cage", pack({"cage_on": False})) == []
     assert hover.state()["cage_on"]
 
 
-def test_another_schema_is_refused_and_both_are_named(hover: Bare):
+def test_another_schema_is_refused_and_both_hashes_are_named(hover: Bare):
     encoding = "application/msgpack;quadctl.GotoRequest#deadbeef"
     answer = hover.query("uav/@srv/goto", pack(GOAL), encoding=encoding)
     assert (answer.ok, answer.code) == (False, "invalid")
@@ -182,7 +182,7 @@ def test_another_schema_is_refused_and_both_are_named(hover: Bare):
     assert hover.query("uav/@srv/goto", pack(GOAL), encoding=named).value["accepted"]
 
 
-def test_wrong_type_is_refused_and_no_digest_is_checked_by_field(hover: Bare):
+def test_a_wrong_type_is_refused_and_a_type_without_hash_accepted(hover: Bare):
     wrong = "application/msgpack;quadctl.HoldRequest"
     assert hover.query("uav/@srv/goto", pack(GOAL), encoding=wrong).code == "invalid"
     plain = "application/msgpack;quadctl.GotoRequest"
@@ -191,7 +191,7 @@ def test_wrong_type_is_refused_and_no_digest_is_checked_by_field(hover: Bare):
     assert answer.encoding.startswith("application/msgpack;quadctl.GotoResponse#")
 
 
-def test_a_topic_with_another_schema_is_not_taken(hover: Bare):
+def test_a_message_of_another_schema_is_ignored(hover: Bare):
     before = hover.state()["request"]
     encoding = "application/msgpack;quadctl.Waypoint#deadbeef"
     hover.session.put("uav/input/position_request", pack(GOAL), encoding=encoding)
@@ -199,7 +199,7 @@ def test_a_topic_with_another_schema_is_not_taken(hover: Bare):
     assert hover.state()["request"] == before
 
 
-def test_the_same_id_is_executed_once_and_answered_alike(hover: Bare):
+def test_a_repeated_id_is_executed_once_and_answered_the_same(hover: Bare):
     first, before = ticket(30), hover.state()["request"]
     answers = [
         hover.query("uav/@srv/goto", pack(GOAL | {"replace": True}), attachment=first)
@@ -207,7 +207,7 @@ def test_the_same_id_is_executed_once_and_answered_alike(hover: Bare):
     ]
     assert [answer.value for answer in answers] == [{"accepted": True, "reason": ""}] * 3
     assert hover.state()["request"] == before + 1
-    # A refusal is repeated too, though by now it would be granted.
+    # A refusal is repeated too, even if the call would be accepted now.
     second = ticket(30)
     refused = hover.query("uav/@srv/goto", pack({"x": 9.0, "y": 0, "z": 1}), attachment=second)
     assert not refused.value["accepted"]
@@ -215,7 +215,7 @@ def test_the_same_id_is_executed_once_and_answered_alike(hover: Bare):
     assert hover.query("uav/@srv/goto", pack(GOAL), attachment=second) == refused
 
 
-def test_past_its_deadline_a_call_is_expired_and_not_executed(hover: Bare):
+def test_a_call_past_its_deadline_expires_and_is_not_executed(hover: Bare):
     payload = pack({"cage_on": False})
     late = hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(-0.1))
     assert (late.ok, late.code) == (False, "expired")
@@ -224,7 +224,7 @@ def test_past_its_deadline_a_call_is_expired_and_not_executed(hover: Bare):
     assert not hover.state()["cage_on"]
 
 
-def test_answered_id_is_answered_again_after_its_deadline(hover: Bare):
+def test_an_answered_call_is_answered_again_after_its_deadline(hover: Bare):
     payload = pack({"cage_on": False})
     assert hover.query("uav/@srv/toggle_cage", payload, attachment=ticket(30, "once")).ok
     hover.call("toggle_cage", cage_on=True)
@@ -233,7 +233,7 @@ def test_answered_id_is_answered_again_after_its_deadline(hover: Bare):
 
 
 @pytest.mark.parametrize("attachment", [b"", b"\xc1", pack({"id": "a"}), pack({"deadline": 1.0})])
-def test_broken_attachment_is_invalid_and_call_not_executed(hover: Bare, attachment: bytes):
+def test_a_broken_attachment_is_invalid_and_executes_nothing(hover: Bare, attachment: bytes):
     payload = pack({"cage_on": False})
     answer = hover.query("uav/@srv/toggle_cage", payload, attachment=attachment)
     if attachment:

@@ -1,6 +1,6 @@
-"""Every service and every topic under payloads of all kinds: nothing wrong is taken, nothing ends.
+"""Fuzzed payloads on every service and topic: no malformed one is accepted, no process ends.
 
-`pytest -m prove tests/bus/test_fuzz.py` sends 100 000; PAYLOADS says how many.
+`pytest -m prove tests/bus/test_fuzz.py` sends 100 000; see PAYLOADS.
 """
 
 import math
@@ -15,11 +15,11 @@ from tests.support.proofs import Proofs
 
 PAYLOADS = {"test": 2_000, "prove": 100_000}
 ROUND = 100
-"""Payloads on one service or topic before it is the next one's turn."""
+"""Payloads on one service or topic before the next one is tried."""
 
 
 def fuzz(lab: Lab, bare: Bare, count: int, seed: int) -> int:
-    """Send so many; returns how many of the calls could not be understood."""
+    """Send `count` payloads; return the number of calls that had to be refused."""
     rng, refused = random.Random(seed), 0
     pids = {name: node["pid"] for name, node in lab.nodes().items()}
     places = [*((service, True) for service in SOUND), *((topic, False) for topic in TOPICS)]
@@ -43,13 +43,15 @@ def fuzz(lab: Lab, bare: Bare, count: int, seed: int) -> int:
     return refused
 
 
-def test_nothing_wrong_is_taken_and_nothing_ends(shared_lab: Lab, hover: Bare):
+def test_fuzzed_payloads_are_refused_and_end_no_process(shared_lab: Lab, hover: Bare):
     assert fuzz(shared_lab, hover, PAYLOADS["test"], seed=1) > PAYLOADS["test"] // 2
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(1800)
-def test_nor_in_a_hundred_thousand(shared_lab: Lab, hover: Bare, proofs: Proofs):
+def test_a_hundred_thousand_fuzzed_payloads_end_no_process(
+    shared_lab: Lab, hover: Bare, proofs: Proofs
+):
     refused = fuzz(shared_lab, hover, PAYLOADS["prove"], seed=2)
     proofs.add(
         "fuzzed payloads on every service and topic: taken, unanswered, or the end of a process",

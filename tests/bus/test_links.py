@@ -1,5 +1,5 @@
-"""Bad links: 200 ms each way, and cuts. No command is executed twice or late, the vehicle hovers when
-nobody tells it where to go, and everything comes back by itself.
+"""Bad links: 200 ms each way, and cuts. No command is executed twice or late, the vehicle hovers
+without setpoints, and every connection recovers by itself.
 """
 
 import signal
@@ -18,28 +18,28 @@ from tests.support.proxy import Proxy
 from tests.support.running import eventually
 
 DELAY = 0.2
-"""Seconds, each way."""
+"""Seconds of delay, each way."""
 SHORT, LONG = 1.5, 5.0
-"""Seconds of a cut; either is longer than Zenoh keeps a connection that is silent."""
+"""Seconds of a cut. Zenoh closes a silent connection sooner than either."""
 ROOMY = (*PATIENT, "--set", "dynamics.start.z=1", "--set", "safety.virtual_cage.x=50",
          "--set", "supervise.answer_timeout=30")  # fmt: skip
-"""A busy machine is no bad link."""
+"""Long timeouts: a busy machine must not count as a bad link."""
 AT_REST = 0.05
-"""m/s."""
+"""Highest speed (m/s) of a vehicle at rest."""
 GOTO = "uav/@srv/goto"
 
 
 @pytest.fixture(scope="module")
 def far_operator() -> Iterator[tuple[Lab, Proxy]]:
-    """A whole system, and a bad link to it."""
+    """Complete system, and a bad link from an operator to it."""
     with private_lab() as made, Proxy(made.home / "hub.sock", DELAY) as link:
         made.start(*ROOMY)
         yield made, link
 
 
 @contextmanager
-def safety_apart() -> Iterator[tuple[Lab, Proxy]]:
-    """A system whose safety is a process of its own at the other end of a bad link."""
+def remote_safety() -> Iterator[tuple[Lab, Proxy]]:
+    """Start a system with safety as a separate process behind a bad link."""
     with private_lab() as made, Proxy(made.home / "hub.sock", DELAY) as link:
         made.start("--without", "safety", *ROOMY)
         safety = made.spawn(
@@ -54,18 +54,18 @@ def safety_apart() -> Iterator[tuple[Lab, Proxy]]:
             safety.wait()
 
 
-def place(number: int) -> dict[str, float]:
-    """A goal that is no other one's."""
+def numbered_goal(number: int) -> dict[str, float]:
+    """Return a goal with coordinates unique to `number`."""
     return {"x": 1.0 + number / 1000, "y": 0.0, "z": 1.0}
 
 
-def test_over_a_slow_link_each_command_is_executed_once(far_operator: tuple[Lab, Proxy]):
+def test_each_command_over_a_slow_link_is_executed_once(far_operator: tuple[Lab, Proxy]):
     lab, link = far_operator
     over = ("--connect", link.endpoint, "--timeout", 20)
     with lab.bare() as here:
         gotos, before = here.watch("uav/@call/goto"), here.state()["request"]
         for number in range(2):
-            goal = place(number).values()
+            goal = numbered_goal(number).values()
             done = lab.quadctl("goto", *goal, "--no-wait", "--replace", "--vehicle", "uav", *over)
             assert done == (0, "accepted\n", "")
         assert lab.quadctl("fleet", "hold", *over).code == 0
@@ -73,39 +73,43 @@ def test_over_a_slow_link_each_command_is_executed_once(far_operator: tuple[Lab,
         assert [call["request"]["x"] for call in gotos.messages] == [1.0, 1.001]
 
 
-def test_call_that_arrives_after_its_deadline_is_not_executed(
+def test_a_call_that_arrives_after_its_deadline_is_not_executed(
     far_operator: tuple[Lab, Proxy],
 ):
     lab, link = far_operator
     with lab.bare() as here, Bare(link.endpoint) as far:
         before = here.state()["request"]
-        late = far.query(GOTO, pack(place(10)), attachment=ticket(DELAY / 2))
+        late = far.query(GOTO, pack(numbered_goal(10)), attachment=ticket(DELAY / 2))
         assert (late.ok, late.code) == (False, "expired")
         assert here.state()["request"] == before
 
 
-def test_over_a_lossy_link_what_is_answered_is_what_was_done(far_operator: tuple[Lab, Proxy]):
+def test_answers_over_a_lossy_link_match_the_executed_calls(far_operator: tuple[Lab, Proxy]):
     lab, _ = far_operator
     lossy = Proxy(lab.home / "hub.sock", DELAY / 4, lost=0.2)
     with lossy, lab.bare() as here, Bare(lossy.endpoint) as far:
         gotos = here.watch("uav/@call/goto")
         replies = []
         for number in range(100, 140):
-            # Some come in time, and some may not.
+            # Even numbers have time to arrive; odd ones may miss their deadline.
             attachment = ticket(0.2 if number % 2 else 30.0)
-            replies.append((number, ask(far, attachment, place(number))))
+            replies.append((number, send_goto(far, attachment, numbered_goal(number))))
             time.sleep(0.01)
         answers = {number: next(iter(reply)) for number, reply in replies}
-        taken = [place(number)["x"] for number, reply in answers.items() if reply.ok is not None]
-        assert [call["request"]["x"] for call in gotos.messages] == taken, "each once, in order"
-        assert {place(number)["x"] for number in range(100, 140, 2)} <= set(taken)
+        taken = [
+            numbered_goal(number)["x"] for number, reply in answers.items() if reply.ok is not None
+        ]
+        assert [call["request"]["x"] for call in gotos.messages] == taken, (
+            "each accepted goto is executed once, in order"
+        )
+        assert {numbered_goal(number)["x"] for number in range(100, 140, 2)} <= set(taken)
 
 
-def test_cut_link_executes_no_call_twice_or_late(far_operator: tuple[Lab, Proxy]):
+def test_a_cut_link_executes_no_call_twice_or_late(far_operator: tuple[Lab, Proxy]):
     assert cut_off_the_operator(*far_operator, SHORT) == 1
 
 
-def test_a_stalled_viewer_gets_the_newest_and_holds_up_nobody(far_operator: tuple[Lab, Proxy]):
+def test_a_stalled_viewer_gets_the_newest_and_delays_no_one(far_operator: tuple[Lab, Proxy]):
     lab, link = far_operator
     with lab.bare() as here, Bare(link.endpoint) as far:
         stalled, direct = far.watch("uav/pose"), here.watch("uav/pose")
@@ -117,20 +121,20 @@ def test_a_stalled_viewer_gets_the_newest_and_holds_up_nobody(far_operator: tupl
         link.mend()
         stalled.until(lambda pose: pose["seq"] >= newest)
         own = [pose["seq"] for pose in direct.messages]
-        assert own == list(range(own[0], own[0] + len(own))), "nobody else has missed a pose"
+        assert own == list(range(own[0], own[0] + len(own))), "the other subscriber missed no pose"
         seen = [pose["seq"] for pose in stalled.messages]
         assert seen == sorted(set(seen))
-        assert len(seen) < seen[-1] - seen[0], "what was too old has been left out"
+        assert len(seen) < seen[-1] - seen[0], "poses that were too old are dropped"
 
 
-def test_vehicle_hovers_while_safety_is_cut_off_then_recovers():
-    with safety_apart() as (lab, link):
+def test_the_vehicle_hovers_while_safety_is_cut_off_then_recovers():
+    with remote_safety() as (lab, link):
         cut_off_safety(lab, link, SHORT, 0)
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(600)
-def test_cuts_of_five_seconds_again_and_again(proofs: Proofs):
+def test_the_system_recovers_from_repeated_cuts_of_five_seconds(proofs: Proofs):
     count = 10
     with private_lab() as lab, Proxy(lab.home / "hub.sock", DELAY) as link:
         lab.start(*ROOMY)
@@ -140,7 +144,7 @@ def test_cuts_of_five_seconds_again_and_again(proofs: Proofs):
         f"{executed - count} of {4 * count}",
         "none",
     )
-    with safety_apart() as (lab, link):
+    with remote_safety() as (lab, link):
         times = [cut_off_safety(lab, link, LONG, number) for number in range(count)]
     hover, back = (max(column) for column in zip(*times, strict=True))
     proofs.add(
@@ -153,57 +157,59 @@ def test_cuts_of_five_seconds_again_and_again(proofs: Proofs):
 
 
 def cut_off_the_operator(lab: Lab, link: Proxy, seconds: float) -> int:
-    """Calls before, in and after a cut, one of which is repeated; returns how many were executed."""
+    """Call goto before, in and after a cut, one call twice; return the number executed."""
     with lab.bare() as here, Bare(link.endpoint) as far:
         gotos, before = here.watch("uav/@call/goto"), here.state()["request"]
         poses = far.watch("uav/pose")
-        # Executed, but the answer is lost on its way; then, in the cut, more are sent.
+        # The first is executed but its answer is lost; more calls are sent during the cut.
         first, began = ticket(60), time.monotonic()
-        ask(far, first, place(20))
-        gotos.until(lambda call: call["request"]["x"] == place(20)["x"])
+        send_goto(far, first, numbered_goal(20))
+        gotos.until(lambda call: call["request"]["x"] == numbered_goal(20)["x"])
         link.cut()
         for number in (21, 22):
-            ask(far, ticket(seconds / 2), place(number))
+            send_goto(far, ticket(seconds / 2), numbered_goal(number))
         time.sleep(max(began + seconds - time.monotonic(), 0))
         link.mend()
         poses.until(lambda _: True)
         poses.next()
-        # The operator asks again, in the same words, and hears what was answered then.
-        answer = eventually(lambda: again(far, first))
+        # The operator repeats the identical call and receives the original answer.
+        answer = eventually(lambda: repeat_goto(far, first))
         assert answer == {"accepted": True, "reason": ""}
-        late = far.query(GOTO, pack(place(23)), attachment=ticket(DELAY / 2))
+        late = far.query(GOTO, pack(numbered_goal(23)), attachment=ticket(DELAY / 2))
         assert late.code == "expired"
         executed: int = here.state()["request"] - before
-        assert [call["request"] for call in gotos.messages] == [place(20) | {"replace": True}]
+        assert [call["request"] for call in gotos.messages] == [
+            numbered_goal(20) | {"replace": True}
+        ]
         return executed
 
 
-def ask(bare: Bare, attachment: bytes, goal: dict[str, Any]) -> Any:
-    """Call goto; returns where the answer will come."""
+def send_goto(bare: Bare, attachment: bytes, goal: dict[str, Any]) -> Any:
+    """Call goto; return the channel that will receive the answer."""
     payload = pack(goal | {"replace": True})
     return bare.session.get(GOTO, payload=payload, attachment=attachment, timeout=60.0)
 
 
-def again(bare: Bare, attachment: bytes) -> Any:
-    """What a call that was made before is answered; nothing while there is no way to the hub."""
-    payload = pack(place(20) | {"replace": True})
+def repeat_goto(bare: Bare, attachment: bytes) -> Any:
+    """Repeat the first call and return its answer; None while the hub is unreachable."""
+    payload = pack(numbered_goal(20) | {"replace": True})
     answers = bare.answers(GOTO, payload, timeout=5.0, attachment=attachment)
     return answers[0].value if answers else None
 
 
 def cut_off_safety(lab: Lab, link: Proxy, seconds: float, number: int) -> tuple[float, float]:
-    """Cut off safety in flight; returns after how long the vehicle hovered, and flew again, s."""
+    """Cut off safety in flight; return the seconds until the hover, and until safety is back."""
     with lab.bare() as here:
         poses, gotos = here.watch("uav/pose"), here.watch("uav/@call/goto")
         side = 30.0 if number % 2 else -30.0
         goal = {"x": side, "y": number / 100, "z": 1.0}
-        called(here, goal)
+        goto_accepted(here, goal)
         poses.until(lambda pose: speed(pose) > 1.0)
         cut = time.monotonic()
         link.cut()
         rest = poses.until(lambda pose: speed(pose) < AT_REST)
         hovered = time.monotonic() - cut
-        assert gap(rest["position"], goal) > 0.5, "it has stopped under way"
+        assert gap(rest["position"], goal) > 0.5, "the vehicle stops before its goal"
         time.sleep(max(cut + seconds - time.monotonic(), 0))
         link.mend()
         mended, seen = time.monotonic(), len(poses.messages)
@@ -211,10 +217,10 @@ def cut_off_safety(lab: Lab, link: Proxy, seconds: float, number: int) -> tuple[
         states.until(lambda s: s["state"] == "HOVERING" and "no pose" in s["reason"])
         eventually(lambda: "safety" in here.nodes())
         back = time.monotonic() - mended
-        assert max(map(speed, poses.messages[seen:])) < AT_REST, "nothing old has moved it"
+        assert max(map(speed, poses.messages[seen:])) < AT_REST, "no old setpoint moves the vehicle"
         there = rest["position"]
         near = {"x": there["x"] * 0.9, "y": there["y"], "z": 1.0}
-        called(here, near)
+        goto_accepted(here, near)
         states.until(lambda s: s["goal"] == near and s["state"] == "HOVERING")
         assert [call["request"] for call in gotos.messages] == [
             goal | {"replace": True},
@@ -223,7 +229,7 @@ def cut_off_safety(lab: Lab, link: Proxy, seconds: float, number: int) -> tuple[
     return hovered, back
 
 
-def called(bare: Bare, goal: dict[str, float]) -> None:
-    """Call goto, which must be granted."""
+def goto_accepted(bare: Bare, goal: dict[str, float]) -> None:
+    """Call goto, which must be accepted."""
     answer = bare.call("goto", **goal, replace=True)
     assert answer.value == {"accepted": True, "reason": ""}, answer

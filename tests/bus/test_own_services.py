@@ -1,4 +1,4 @@
-"""Services of a user's own, found and called by what they tell on the bus; and names that are none."""
+"""A user's own services, found and called by their liveliness tokens; and unknown names."""
 
 import json
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Serve = Callable[[zenoh.Query], None]
 
 
 def blink(query: zenoh.Query) -> None:
-    """Replies what it was sent, in the form that it came in; refuses what has no `times`."""
+    """Echo the request in its own encoding; refuse a request without `times`."""
     with query:
         assert query.payload is not None
         form, data = str(query.encoding), query.payload.to_bytes()
@@ -32,7 +32,7 @@ def blink(query: zenoh.Query) -> None:
 
 
 @pytest.fixture
-def mine(bare: Bare) -> None:
+def users_service(bare: Bare) -> None:
     bare._declared += [
         bare.session.declare_queryable(KEY, blink, complete=True),
         bare.session.declare_queryable("uav/@srv/unannounced", blink, complete=True),
@@ -40,7 +40,7 @@ def mine(bare: Bare) -> None:
     ]
 
 
-def test_it_is_listed_shown_and_called(shared_lab: Lab, mine: None):
+def test_a_users_service_is_listed_shown_and_called(shared_lab: Lab, users_service: None):
     done = shared_lab.each(
         [
             "service list",
@@ -72,7 +72,7 @@ def test_it_is_listed_shown_and_called(shared_lab: Lab, mine: None):
     assert formless.code == 2
 
 
-def test_its_type_before_the_request_is_left_out(shared_lab: Lab, mine: None):
+def test_a_type_before_the_request_is_ignored(shared_lab: Lab, users_service: None):
     spellings = ("Blink '{times: 3}'", "quad/Blink times=3", "my_own/srv/Blink 'times: 3'")
     done = shared_lab.each([f"service call /mine/blink {spelling}" for spelling in spellings])
     assert {ended.out.splitlines()[0] for ended in done.values()} == {"did: 3"}
@@ -80,7 +80,9 @@ def test_its_type_before_the_request_is_left_out(shared_lab: Lab, mine: None):
     assert alone.err.startswith(f"error: {KEY} failed: times, please\n")
 
 
-def test_a_name_that_is_none_is_told_the_nearest_live_one(shared_lab: Lab, mine: None):
+def test_an_unknown_name_is_answered_with_the_nearest_live_one(
+    shared_lab: Lab, users_service: None
+):
     done = shared_lab.each(
         [
             "service info mine/blnk",
@@ -104,7 +106,7 @@ def test_a_name_that_is_none_is_told_the_nearest_live_one(shared_lab: Lab, mine:
     ]
 
 
-def test_a_service_that_drops_a_call_is_not_told_as_gone(shared_lab: Lab, bare: Bare):
+def test_a_service_that_drops_a_call_is_not_reported_as_gone(shared_lab: Lab, bare: Bare):
     def drop(query: zenoh.Query) -> None:
         with query:
             pass
@@ -113,5 +115,5 @@ def test_a_service_that_drops_a_call_is_not_told_as_gone(shared_lab: Lab, bare: 
     said = shared_lab.quadctl("service", "call", "uav/@srv/drops", "--json")
     assert said.code == 3
     assert said.error["message"] == (
-        "who serves uav/@srv/drops ended the call without an answer: the outcome is unknown"
+        "the server of uav/@srv/drops ended the call without an answer: the outcome is unknown"
     )

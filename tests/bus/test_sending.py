@@ -1,4 +1,4 @@
-"""What was sent to a hub that died or froze is not told as sent."""
+"""Messages to a hub that died or froze are not reported as sent."""
 
 import signal
 import time
@@ -21,8 +21,8 @@ def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
         lab.signal("hub", signal.SIGKILL)
     lab.revived("hub", old)
     assert said.wait() == 3, said.log
-    # The second, where it asked while the next hub was not there yet.
-    told = ("the hub was restarted meanwhile", "the connection to the hub is lost")
+    # The second text appears if the command asks before the next hub is up.
+    told = ("the hub was restarted during the command", "the connection to the hub is lost")
     assert any(text in said.log for text in told), said.log
 
 
@@ -34,7 +34,7 @@ def test_messages_to_a_frozen_hub_are_not_reported_as_sent(lab: Lab):
         said = lab.spawn(*lab.command(*words))
         heard.next(3)
         lab.signal("hub", signal.SIGSTOP)
-        # Whoever hears nothing of the hub for a second takes it for gone; it comes back.
+        # A client that receives nothing from the hub for a second drops it, then reconnects.
         eventually(lambda: not bare.session.info.routers_zid())
         time.sleep(1.0)
         lab.signal("hub", signal.SIGCONT)
@@ -43,7 +43,7 @@ def test_messages_to_a_frozen_hub_are_not_reported_as_sent(lab: Lab):
     assert lab.nodes()["hub"]["restarts"] == 0
 
 
-def test_ctrl_c_tells_what_may_be_lost(lab: Lab):
+def test_ctrl_c_reports_the_messages_that_may_be_lost(lab: Lab):
     lab.start("--set", "dynamics.start.z=1")
     old = lab.nodes()["hub"]["pid"]
     with lab.bare() as bare:
@@ -56,10 +56,10 @@ def test_ctrl_c_tells_what_may_be_lost(lab: Lab):
         heard.next(3)
     said.send(signal.SIGINT)
     assert said.wait() == 130
-    assert "messages on own/key a part may be lost: " in said.log
+    assert "messages on own/key some may be lost: " in said.log
 
 
-def test_a_replay_asks_the_hub_and_not_itself(lab: Lab, monkeypatch: pytest.MonkeyPatch):
+def test_a_replay_checks_the_hub_and_not_its_own_session(lab: Lab, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
     lab.start(*(f"--without={node}" for node in NODES if node != "hub"))
     for _ in range(4):

@@ -1,4 +1,4 @@
-"""Beside a viewer of everything that stands still, safety answers every pose that is due, as soon as ever."""
+"""Beside a stalled viewer of all keys, safety answers every pose that is due, and no later."""
 
 import os
 import signal
@@ -18,26 +18,26 @@ from tests.support.running import eventually
 SIZE = 8_000_000
 
 
-def test_a_query_of_megabytes_comes_through_whole_and_back():
+def test_a_query_of_megabytes_arrives_complete_and_is_answered():
     def echo(query: zenoh.Query) -> None:
         with query:
             assert query.payload is not None
             query.reply("stranger/echo", query.payload.to_bytes())
 
     sent = bytes(range(256)) * (SIZE // 256)
-    # A lab of its own: were the hub to stop over it, all others of its tests would suffer.
+    # A private lab: if the hub failed here, the other tests of a shared lab would fail too.
     with private_lab() as lab:
         lab.start("--set", "dynamics.start.z=1")
         with lab.bare() as server, lab.bare() as caller, lab.bare() as third:
             server.session.declare_queryable("stranger/echo", echo, complete=True)
             poses = third.watch("uav/pose")
-            assert asked(caller, sent) == [sent]
+            assert echoed(caller, sent) == [sent]
             stamps = [pose["stamp"] for pose in poses.next(20)]
             assert stamps == sorted(stamps)
             assert lab.nodes()["hub"]["restarts"] == 0
 
 
-def asked(caller: Bare, sent: bytes) -> list[bytes]:
+def echoed(caller: Bare, sent: bytes) -> list[bytes]:
     replies = caller.session.get("stranger/echo", payload=sent, timeout=20.0)
     return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
 
@@ -47,7 +47,7 @@ PERIOD = 5
 
 
 class Answers:
-    """When each pose came, and its answer, by its number; monotonic s."""
+    """Arrival times (monotonic s) of each pose and of its answer, by the number of the pose."""
 
     def __init__(self, bare: Bare) -> None:
         self._asked: dict[int, float] = {}
@@ -65,27 +65,27 @@ class Answers:
 
     @property
     def answered(self) -> list[int]:
-        """The poses that have an answer."""
+        """Return the numbers of the poses that have an answer."""
         return sorted(self._told)
 
     @property
     def latencies(self) -> list[float]:
-        """From a pose to its answer, s, the shortest first."""
+        """Return the seconds from each pose to its answer, the shortest first."""
         return sorted(
             told - self._asked[seq] for seq, told in self._told.items() if seq in self._asked
         )
 
 
 @pytest.fixture(scope="module")
-def watched() -> Iterator[Lab]:
+def flying_lab() -> Iterator[Lab]:
     with private_lab() as made:
         made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 
 @contextmanager
-def standing_still(lab: Lab) -> Iterator[None]:
-    """A viewer of all keys, stopped when it has seen something."""
+def stalled_viewer(lab: Lab) -> Iterator[None]:
+    """Run a viewer of all keys, stopped (SIGSTOP) after its first output."""
     viewer = lab.spawn(*lab.command("topic", "echo", "uav/**"))
     eventually(lambda: viewer.log)
     os.kill(viewer.pid, signal.SIGSTOP)
@@ -95,8 +95,8 @@ def standing_still(lab: Lab) -> Iterator[None]:
         viewer.end()
 
 
-def flown(lab: Lab, legs: int) -> Answers:
-    """What was answered in some flights to and fro."""
+def answers_of_flights(lab: Lab, legs: int) -> Answers:
+    """Fly `legs` legs to and fro and return the answers."""
     with lab.bare() as bare:
         answers = Answers(bare)
         for leg in range(legs):
@@ -104,24 +104,24 @@ def flown(lab: Lab, legs: int) -> Answers:
         return answers
 
 
-def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(watched: Lab):
-    with standing_still(watched):
-        answered = flown(watched, 4).answered
+def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(flying_lab: Lab):
+    with stalled_viewer(flying_lab):
+        answered = answers_of_flights(flying_lab, 4).answered
     steps = [b - a for a, b in pairwise(answered)]
     assert len(steps) > 50
-    assert set(steps) <= set(range(1, 2 * PERIOD + 1)), "a period was left out"
+    assert set(steps) <= set(range(1, 2 * PERIOD + 1)), "a period was skipped"
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(300)
-def test_and_it_comes_as_soon(watched: Lab, proofs: Proofs):
+def test_answers_beside_a_stalled_viewer_are_not_later(flying_lab: Lab, proofs: Proofs):
     free: list[float] = []
     beside: list[float] = []
     for _ in range(5):
-        free += flown(watched, 3).latencies
-        with standing_still(watched):
-            beside += flown(watched, 3).latencies
-    (median, late), (median_beside, late_beside) = map(middle_and_tail, (free, beside))
+        free += answers_of_flights(flying_lab, 3).latencies
+        with stalled_viewer(flying_lab):
+            beside += answers_of_flights(flying_lab, 3).latencies
+    (median, late), (median_beside, late_beside) = map(median_and_p99, (free, beside))
     proofs.add(
         "a viewer of all keys that stands still: from a pose to safety's answer",
         f"{median_beside:.1f} ms, p99 {late_beside:.1f} ms (n {len(beside)});"
@@ -131,7 +131,7 @@ def test_and_it_comes_as_soon(watched: Lab, proofs: Proofs):
     assert median_beside <= 1.2 * median + 0.2
 
 
-def middle_and_tail(times: list[float]) -> tuple[float, float]:
-    """The median and the 99th percentile, ms."""
+def median_and_p99(times: list[float]) -> tuple[float, float]:
+    """Return the median and the 99th percentile, ms."""
     times = sorted(times)
     return 1000 * times[len(times) // 2], 1000 * times[99 * len(times) // 100]

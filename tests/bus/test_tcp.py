@@ -1,4 +1,4 @@
-"""Where there are no Unix sockets: loopback TCP on a free port, behind a password."""
+"""Transport without Unix sockets: loopback TCP on a free port, with a password."""
 
 import json
 
@@ -9,7 +9,7 @@ from tests.support.bare import Bare
 from tests.support.lab import Lab
 
 
-def test_a_flight_over_loopback_tcp_and_strangers_stay_out(lab: Lab):
+def test_loopback_tcp_flies_and_rejects_a_wrong_password(lab: Lab):
     lab.start("--set", "hub.transport=tcp")
     assert not (lab.home / "hub.sock").exists()
     assert lab.home.stat().st_mode & 0o077 == 0

@@ -1,4 +1,4 @@
-"""What a stranger sees on the topics: rates, latched state, and the lab's unanswered command."""
+"""Topics as a third party sees them: rates, latched state, and the unanswered position request."""
 
 import math
 from functools import partial
@@ -13,7 +13,7 @@ from tests.support.lab import Lab
 REQUEST = "uav/input/position_request"
 
 
-def test_the_state_is_latched(hover: Bare):
+def test_the_safety_state_is_latched(hover: Bare):
     got = hover.query("uav/safety/state", b"")
     assert got.encoding.startswith("application/msgpack;quadctl.SafetyState#")
     assert set(got.value) == {
@@ -24,7 +24,7 @@ def test_the_state_is_latched(hover: Bare):
     assert got.value["boot"] == hover.watch("uav/pose").next()[0]["boot"]
 
 
-def test_info_says_who_serves_what(hover: Bare):
+def test_info_names_the_node_of_each_service_and_topic(hover: Bare):
     info = hover.latest("uav/info")
     assert info["vehicle"] == "uav"
     assert info["services"]["goto"] == "safety"
@@ -32,7 +32,7 @@ def test_info_says_who_serves_what(hover: Bare):
     assert info["topics"]["pose"] == "dynamics"
 
 
-def test_poses_come_at_100_hz_without_a_gap_and_with_all_fields(hover: Bare):
+def test_poses_arrive_at_100_hz_without_a_gap_and_with_all_fields(hover: Bare):
     watch = hover.watch("uav/pose")
     poses = watch.next(100)
     assert {round(b["stamp"] - a["stamp"], 6) for a, b in pairwise(poses)} == {0.01}
@@ -56,11 +56,11 @@ def test_setpoints_answer_every_fifth_pose_in_every_state(hover: Bare):
     setpoints.next(10)
     answered = sorted({setpoint["for_seq"] for setpoint in setpoints.messages})
     steps = [b - a for a, b in pairwise(answered)]
-    assert set(steps) <= set(range(1, 11)), "a period was left out"
+    assert set(steps) <= set(range(1, 11)), "a period was skipped"
     assert sum(steps) / len(steps) == pytest.approx(5, abs=0.5)
 
 
-def test_pressure_at_10_hz_and_state_at_1_hz_when_idle(hover: Bare):
+def test_an_idle_vehicle_publishes_pressure_at_10_hz_state_at_1_hz(hover: Bare):
     readings, states = hover.watch("uav/sensors/pressure"), hover.watch("uav/safety/state")
     quiet = states.next(3)
     assert 1 < quiet[2]["stamp"] - quiet[0]["stamp"] < 3
@@ -80,27 +80,27 @@ def test_a_published_request_without_a_type_is_flown(hover: Bare):
     poses.until(lambda p: gap(p["position"], goal) < 0.1)
 
 
-def test_refused_requests_are_counted_and_say_why(hover: Bare):
+def test_refused_requests_are_counted_with_their_reason(hover: Bare):
     goal = hover.state()["goal"]
     states = hover.watch("uav/safety/state")
     before = hover.state()["request"]
     for number in (before + 1, before + 2):
         hover.put(REQUEST, {"x": 9, "y": 0, "z": 1})
-        refused = states.until(partial(answers, number))
+        refused = states.until(partial(has_verdict, number))
         assert "x = 9" in refused["reason"]
         assert refused["goal"] == goal
 
 
-def answers(number: int, state: dict[str, Any]) -> bool:
-    """Whether a state tells the verdict on the request of that number."""
+def has_verdict(number: int, state: dict[str, Any]) -> bool:
+    """Return whether a state has the verdict on the request `number`."""
     return bool(state["request"] == number and state["state"] != "VERIFYING")
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, "2", None])
-def test_a_request_that_is_no_point_is_ignored(hover: Bare, bad: object):
+def test_a_request_that_is_not_a_point_is_ignored(hover: Bare, bad: object):
     before = hover.state()
     hover.put(REQUEST, {"x": bad, "y": 0.0, "z": 1.0})
-    # Same sender, same link, same inbox: answered after the bad one was read.
+    # Same sender, same link, same queue: this call is answered after the bad request was read.
     assert hover.call("safety/get_params", names=["safety.takeoff"]).ok
     after = hover.state()
     assert {**after, "stamp": 0} == {**before, "stamp": 0}
@@ -131,8 +131,8 @@ def test_a_reset_is_a_new_boot_and_drops_the_goal(shared_lab: Lab, hover: Bare):
 
 
 @pytest.mark.parametrize(("key", "shown"), [("uav/info", "vehicle"), ("safety/state", "reason")])
-def test_what_a_latched_topic_holds_is_echoed_at_once(shared_lab: Lab, key: str, shown: str):
-    # The state is published once a second, info never again.
+def test_a_latched_value_is_echoed_at_once(shared_lab: Lab, key: str, shown: str):
+    # The state is published once a second, info only once.
     said = shared_lab.quadctl("topic", "echo", key, "-n", 1, "--timeout", 0.5, "--json")
     assert (said.code, said.err) == (0, "")
     assert shown in said.json

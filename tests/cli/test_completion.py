@@ -1,4 +1,4 @@
-"""Completion of names that live now, by the environment in which a shell asks for it."""
+"""Completion of live names, requested through the environment like a shell does."""
 
 import signal
 
@@ -13,37 +13,37 @@ def complete(lab: Lab, line: str) -> list[str]:
     return done.out.split()
 
 
-def completes(lab: Lab, line: str, names: list[str]) -> None:
-    """A shell is not kept waiting: on a busy machine the first look may show nothing."""
+def wait_for_completion(lab: Lab, line: str, names: list[str]) -> None:
+    """Wait for the names: completion never waits, so on a busy machine it may find nothing at first."""
     eventually(lambda: complete(lab, f"quadctl {line}") == names)
 
 
-def test_names_that_live(shared_lab: Lab, bare: Bare):
+def test_live_names_are_completed(shared_lab: Lab, bare: Bare):
     mine = "uav/@node/mine/@pub/Image/00000000/5/uav%camera%left"
     token = bare.session.liveliness().declare_token(mine)
-    # What it is not called by: a name of nobody's that stands alone is a key of its own.
-    completes(shared_lab, "topic echo uav/ca", ["uav/camera/left"])
+    # `ca` alone does not complete: an unknown relative name is a complete key.
+    wait_for_completion(shared_lab, "topic echo uav/ca", ["uav/camera/left"])
     assert complete(shared_lab, "quadctl topic echo ca") == []
     token.undeclare()
     topics = {"pose", "sensors/pressure", "safety/state"}
     eventually(lambda: topics <= set(complete(shared_lab, "quadctl topic echo ")))
-    completes(shared_lab, "topic echo /uav/pos", ["/uav/pose"])
-    completes(shared_lab, "topic echo uav/sensors", ["uav/sensors/pressure"])
-    completes(shared_lab, "topic pub input/position_", ["input/position_request"])
-    completes(shared_lab, "service info tog", ["toggle_cage"])
-    completes(shared_lab, "service call /cal", ["/calibrate_pressure"])
-    completes(shared_lab, "service call /uav/cal", ["/uav/calibrate_pressure"])
-    completes(shared_lab, "node kill /saf", ["/safety"])
-    completes(shared_lab, "param get /safety/take", ["/safety/takeoff"])
+    wait_for_completion(shared_lab, "topic echo /uav/pos", ["/uav/pose"])
+    wait_for_completion(shared_lab, "topic echo uav/sensors", ["uav/sensors/pressure"])
+    wait_for_completion(shared_lab, "topic pub input/position_", ["input/position_request"])
+    wait_for_completion(shared_lab, "service info tog", ["toggle_cage"])
+    wait_for_completion(shared_lab, "service call /cal", ["/calibrate_pressure"])
+    wait_for_completion(shared_lab, "service call /uav/cal", ["/uav/calibrate_pressure"])
+    wait_for_completion(shared_lab, "node kill /saf", ["/safety"])
+    wait_for_completion(shared_lab, "param get /safety/take", ["/safety/takeoff"])
     cage = [f"safety.virtual_cage.{axis}" for axis in "xyz"]
-    completes(shared_lab, "param get safety.virt", cage)
+    wait_for_completion(shared_lab, "param get safety.virt", cage)
     assert complete(shared_lab, "quadctl --realm nowhere topic echo ") == []
 
 
 def test_completion_does_not_wait_for_a_frozen_hub_or_node(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60", "--set", "safety.takeoff=0")
     lab.signal("pressure", signal.SIGSTOP)
-    # A shell is not kept waiting: on a busy machine safety may miss one look at it.
+    # Completion never waits: on a busy machine safety may miss one request.
     eventually(lambda: "safety.takeoff" in complete(lab, "quadctl param get "))
     names = complete(lab, "quadctl param get ")
     assert not [name for name in names if name.startswith("pressure")]

@@ -1,4 +1,4 @@
-"""The command: how it begins and ends, and whom its server talks to."""
+"""`console`: start-up errors, and the clients that its server accepts."""
 
 import http.client
 import sys
@@ -18,16 +18,16 @@ SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 
 
 @pytest.fixture(scope="module")
-def pair() -> Iterator[Lab]:
-    """Two vehicles."""
+def two_vehicles() -> Iterator[Lab]:
+    """System with two vehicles."""
     with private_lab() as made:
         made.start("--vehicles", 2)
         yield made
 
 
 @pytest.fixture(scope="module")
-def pairs_console(pair: Lab) -> Iterator[Console]:
-    with served(pair) as made:
+def console_of_two(two_vehicles: Lab) -> Iterator[Console]:
+    with served(two_vehicles) as made:
         yield made
 
 
@@ -41,13 +41,13 @@ def get(url: str, **headers: str) -> tuple[int, str, http.client.HTTPMessage]:
     return found
 
 
-def test_nothing_running_is_told_at_the_start(lab: Lab):
+def test_console_without_a_run_exits_3(lab: Lab):
     done = lab.quadctl("console", "--port", "0", "--json")
     assert (done.code, done.out) == (3, "")
     assert "nothing is running" in done.error["message"]
 
 
-def test_without_the_extra_it_says_what_to_install(monkeypatch, capsys):
+def test_console_without_its_extra_names_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "nicegui", None)
     quadctl: Quadctl = runner(monkeypatch, capsys)
     said = quadctl("console", "--json")
@@ -55,7 +55,7 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch, capsys):
     assert "pip install 'quadctl[console]'" in said.error["hint"]
 
 
-def test_it_does_not_listen_beyond_this_machine_unasked(lab: Lab):
+def test_console_refuses_a_public_address_without_insecure(lab: Lab):
     done = lab.quadctl("console", "--host", "0.0.0.0", "--json")
     assert done.code == 2
     assert "--insecure" in done.error["hint"]
@@ -63,50 +63,50 @@ def test_it_does_not_listen_beyond_this_machine_unasked(lab: Lab):
     assert lab.quadctl("console", "--host", "here").code == 2
 
 
-def test_a_vehicle_that_there_is_not_is_told_at_the_start(pair: Lab):
-    done = pair.quadctl("console", "--vehicle", "uav7", "--port", "0", "--json")
+def test_console_refuses_an_unknown_vehicle(two_vehicles: Lab):
+    done = two_vehicles.quadctl("console", "--vehicle", "uav7", "--port", "0", "--json")
     assert done.code == 3
     assert "uav0, uav1" in done.error["hint"]
 
 
-def test_a_taken_port_is_told(pair: Lab, pairs_console: Console):
-    port = urlsplit(pairs_console.watch).port
-    assert pair.quadctl("console", "--port", port).code == 7
+def test_console_exits_7_when_its_port_is_in_use(two_vehicles: Lab, console_of_two: Console):
+    port = urlsplit(console_of_two.watch).port
+    assert two_vehicles.quadctl("console", "--port", port).code == 7
 
 
-def test_each_vehicle_has_a_page(pairs_console: Console):
+def test_each_vehicle_has_a_page(console_of_two: Console):
     for number, vehicle in enumerate(("uav0", "uav1")):
-        status, page, _ = get(f"{pairs_console.control}&vehicle={vehicle}")
+        status, page, _ = get(f"{console_of_two.control}&vehicle={vehicle}")
         assert status == 200
         chosen = f'"model-value":{{"value":{number},"label":"{vehicle}"}}'
         assert chosen in page.replace(" ", "")
 
 
-def test_the_token_is_on_no_page_that_watches(pairs_console: Console):
-    token = urlsplit(pairs_console.control).query.partition("=")[2]
-    status, page, headers = get(pairs_console.watch)
+def test_a_watching_page_does_not_contain_the_token(console_of_two: Console):
+    token = urlsplit(console_of_two.control).query.partition("=")[2]
+    status, page, headers = get(console_of_two.watch)
     assert status == 200
     assert token not in page
     assert "watching only" in page
-    assert "watching only" in get(f"{pairs_console.watch}?token={token[:-1]}")[1]
+    assert "watching only" in get(f"{console_of_two.watch}?token={token[:-1]}")[1]
     assert "default-src 'self'" in headers["content-security-policy"]
 
 
-def test_another_name_for_this_machine_is_refused(pairs_console: Console):
-    status, said, _ = get(pairs_console.control, Host="evil.example")
+def test_a_foreign_host_header_is_refused(console_of_two: Console):
+    status, said, _ = get(console_of_two.control, Host="evil.example")
     assert status == 403
     assert "127.0.0.1" in said
 
 
-def test_another_sites_page_gets_nothing(pairs_console: Console):
-    assert get(pairs_console.control, Origin="http://evil.example")[0] == 403
-    address = f"ws://{urlsplit(pairs_console.watch).netloc}{SOCKET}"
+def test_a_page_of_another_site_is_refused(console_of_two: Console):
+    assert get(console_of_two.control, Origin="http://evil.example")[0] == 403
+    address = f"ws://{urlsplit(console_of_two.watch).netloc}{SOCKET}"
     with (
         pytest.raises(InvalidStatus) as refused,
         connect(address, origin=Origin("http://evil.example")),
     ):
         pass
     assert refused.value.response.status_code == 403
-    own = f"http://{urlsplit(pairs_console.watch).netloc}"
+    own = f"http://{urlsplit(console_of_two.watch).netloc}"
     with connect(address, origin=Origin(own)) as taken:
         assert taken.recv(timeout=10)

@@ -1,4 +1,4 @@
-"""The console's page in a browser: what a user does there, and what comes of it."""
+"""The console's page in a browser: the actions of a user and their effects."""
 
 import json
 import signal
@@ -12,7 +12,7 @@ from tests.support.lab import NODES, Lab, private_lab
 from tests.support.running import eventually
 from tests.support.served_console import Console, served
 
-# On a machine that is busy drawing a page, a pose may be late.
+# A pose may be late on a machine that is busy drawing a page.
 SETTINGS = [
     word
     for name in ("dynamics.start.z=1", "safety.virtual_cage.z=2", "safety.pose_timeout=5")
@@ -21,23 +21,23 @@ SETTINGS = [
 
 
 @pytest.fixture(scope="module")
-def flown() -> Iterator[Lab]:
-    """A running system with one vehicle, in the air at (0, 0, 1)."""
+def running_lab() -> Iterator[Lab]:
+    """Running system with one vehicle, in the air at (0, 0, 1)."""
     with private_lab() as made:
         made.start(*SETTINGS)
         yield made
 
 
 @pytest.fixture(scope="module")
-def console(flown: Lab) -> Iterator[Console]:
-    """Its console."""
-    with served(flown) as made:
+def console(running_lab: Lab) -> Iterator[Console]:
+    """Console of that system."""
+    with served(running_lab) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """A browser with an empty profile."""
+    """Browser with an empty profile."""
     with browser() as made:
         yield made
 
@@ -49,7 +49,7 @@ LIVE = "document.body?.dataset.link === 'live'"
 
 @pytest.fixture(scope="module")
 def page(console: Console, chromium: Browser) -> Iterator[Tab]:
-    """The page of who may control, in one tab that the tests share."""
+    """Controlling page in one tab that the tests share."""
     tab = chromium.tab(console.control)
     tab.until(LIVE, 40)
     tab.until("document.body.dataset.state === 'HOVERING'")
@@ -60,7 +60,7 @@ def page(console: Console, chromium: Browser) -> Iterator[Tab]:
 
 @pytest.fixture(scope="module")
 def phone(console: Console, chromium: Browser) -> Iterator[Tab]:
-    """The same on a phone."""
+    """Controlling page with the screen of a phone."""
     tab = chromium.tab(console.control, PHONE)
     tab.until(LIVE, 40)
     yield tab
@@ -70,7 +70,7 @@ def phone(console: Console, chromium: Browser) -> Iterator[Tab]:
 
 @pytest.fixture(autouse=True)
 def at_rest(page: Tab) -> None:
-    """No test begins in another's flight."""
+    """Wait for a hover, so that no test begins during the flight of another."""
     page.until("document.body.dataset.state === 'HOVERING'")
 
 
@@ -79,10 +79,10 @@ def position(lab: Lab) -> tuple[float, ...]:
     return tuple(round(at[axis], 1) for axis in "xyz")
 
 
-def test_a_click_on_the_floor_flies_there(page: Tab, flown: Lab):
+def test_a_click_on_the_floor_flies_there(page: Tab, running_lab: Lab):
     page.floor(2, 1)
     page.reads(".journal", "accepted", "arrived", "at (2, 1, 1)")
-    eventually(lambda: position(flown) == (2.0, 1.0, 1.0))
+    eventually(lambda: position(running_lab) == (2.0, 1.0, 1.0))
     page.reads(".readout", "2.00")
 
 
@@ -94,33 +94,33 @@ def test_a_goal_outside_is_refused_with_its_reason(page: Tab):
     page.reads(".q-notification", said)
 
 
-def test_keys_aim_by_a_metre_and_enter_sends(page: Tab, flown: Lab):
-    assert flown.quadctl("goto", 0, 0, 1).code == 0
+def test_arrow_keys_move_the_target_by_a_metre_and_enter_sends_it(page: Tab, running_lab: Lab):
+    assert running_lab.quadctl("goto", 0, 0, 1).code == 0
     page.reads(".safety dd", "(0, 0, 1)")
     for key in ("ArrowLeft", "ArrowLeft", "ArrowUp"):
         page.key(key)
     page.reads(".target", "(-2, 1, 1)")
     page.key("Enter")
     page.reads(".journal", "at (-2, 1, 1)")
-    eventually(lambda: position(flown) == (-2.0, 1.0, 1.0))
+    eventually(lambda: position(running_lab) == (-2.0, 1.0, 1.0))
     assert page.text(".target") == ""
 
 
-def test_the_cage_goes_off_and_on(page: Tab, flown: Lab):
-    # Until a state has come the page shows a cage that is off.
+def test_the_cage_switch_turns_the_cage_off_and_on(page: Tab, running_lab: Lab):
+    # The page shows the cage as off until the first state arrives.
     page.until("document.body.dataset.cage === 'on'")
     for word, on in (("off", False), ("on", True)):
         page.press(".buttons .q-toggle")
         page.until(f"document.body.dataset.cage === '{word}'")
-        assert flown.quadctl("cage", "show", "--json").json["on"] is on
+        assert running_lab.quadctl("cage", "show", "--json").json["on"] is on
     page.reads(".journal", "cage off", "cage on")
 
 
-def test_the_switch_follows_a_cage_that_somebody_else_turns_off(page: Tab, flown: Lab):
+def test_the_cage_switch_follows_a_cage_turned_off_elsewhere(page: Tab, running_lab: Lab):
     switch = "document.querySelector('.buttons .q-toggle').getAttribute('aria-checked')"
-    assert flown.quadctl("cage", "off").code == 0
+    assert running_lab.quadctl("cage", "off").code == 0
     page.until(f"{switch} === 'false'")
-    assert flown.quadctl("cage", "on").code == 0
+    assert running_lab.quadctl("cage", "on").code == 0
     page.until(f"{switch} === 'true'")
 
 
@@ -131,23 +131,23 @@ def test_calibrating_shows_the_baseline(page: Tab):
 
 
 @pytest.mark.parametrize("fault", ["barometer-stuck", "motor-weak"])
-def test_a_fault_goes_in_and_out_by_a_click(page: Tab, flown: Lab, fault: str):
+def test_a_click_injects_and_clears_a_fault(page: Tab, running_lab: Lab, fault: str):
     button = f".faults [data-fault={fault}]"
     for there in ("true", "false"):
         page.press(button)
         page.until(f"document.querySelector('{button}').getAttribute('aria-pressed') === '{there}'")
-        faults = flown.quadctl("fault", "list", "--json").json
+        faults = running_lab.quadctl("fault", "list", "--json").json
         assert [row["active"] for row in faults if row["name"] == fault] == [there == "true"]
 
 
-def test_a_fault_that_somebody_else_puts_in_is_lit(page: Tab, flown: Lab):
-    assert flown.quadctl("fault", "inject", "gust").code == 0
+def test_a_fault_injected_elsewhere_is_highlighted(page: Tab, running_lab: Lab):
+    assert running_lab.quadctl("fault", "inject", "gust").code == 0
     page.until("document.querySelector('[data-fault=gust]').classList.contains('in')")
-    assert flown.quadctl("fault", "clear").code == 0
+    assert running_lab.quadctl("fault", "clear").code == 0
     page.until("!document.querySelector('[data-fault=gust]').classList.contains('in')")
 
 
-def enter(page: Tab, name: str, text: str) -> None:
+def enter_parameter(page: Tab, name: str, text: str) -> None:
     field = f"[data-param='{name}'] input"
     page.press(field)
     page.js(f"document.querySelector({json.dumps(field)}).select()")
@@ -155,24 +155,24 @@ def enter(page: Tab, name: str, text: str) -> None:
     page.key("Enter")
 
 
-def value(page: Tab, name: str) -> str:
+def parameter_value(page: Tab, name: str) -> str:
     return f"""document.querySelector("[data-param='{name}'] input").value"""
 
 
-def test_a_parameter_is_changed_and_checked(page: Tab, flown: Lab):
+def test_a_parameter_is_changed_and_checked(page: Tab, running_lab: Lab):
     name = "safety.virtual_cage.x"
-    page.until(f"{value(page, name)} === '5.0'")
-    enter(page, name, "4")
+    page.until(f"{parameter_value(page, name)} === '5.0'")
+    enter_parameter(page, name, "4")
     page.reads(".safety", "x [-4, 4]")
-    assert flown.quadctl("param", "get", name, "--json").json == {name: 4.0}
-    enter(page, name, "0.1")
+    assert running_lab.quadctl("param", "get", name, "--json").json == {name: 4.0}
+    enter_parameter(page, name, "0.1")
     page.reads(".q-notification.bg-negative", "0.2", within=20)
-    page.until(f"{value(page, name)} === '4.0'")
-    assert flown.quadctl("param", "set", name, 5).code == 0
-    page.until(f"{value(page, name)} === '5.0'")
+    page.until(f"{parameter_value(page, name)} === '4.0'")
+    assert running_lab.quadctl("param", "set", name, 5).code == 0
+    page.until(f"{parameter_value(page, name)} === '5.0'")
 
 
-def test_every_table_of_parameters_can_be_looked_at(page: Tab):
+def test_every_table_of_parameters_can_be_opened(page: Tab):
     tabs = "[...document.querySelectorAll('.parameters .q-tab')]"
     for table, row in (
         ("pressure", "pressure.noise"),
@@ -184,44 +184,44 @@ def test_every_table_of_parameters_can_be_looked_at(page: Tab):
     page.reads("[data-param='safety.takeoff']", "[0, 10000] m", "height of the first goal")
 
 
-def test_a_killed_process_is_seen_and_can_be_restarted(page: Tab, flown: Lab):
+def test_a_killed_process_is_shown_and_can_be_restarted(page: Tab, running_lab: Lab):
     row = ".processes [data-node=pressure]"
-    old = flown.signal("pressure", signal.SIGKILL)
+    old = running_lab.signal("pressure", signal.SIGKILL)
     page.reads(row, "1 restart")
-    flown.revived("pressure", old)
-    now = flown.nodes()["pressure"]["pid"]
+    running_lab.revived("pressure", old)
+    now = running_lab.nodes()["pressure"]["pid"]
     page.reads(row, "ready", str(now))
     page.press(f"{row} button")
-    flown.revived("pressure", now)
-    page.reads(row, "ready", str(flown.nodes()["pressure"]["pid"]))
+    running_lab.revived("pressure", now)
+    page.reads(row, "ready", str(running_lab.nodes()["pressure"]["pid"]))
     page.reads(".journal", "process", f"in place of {now}")
     assert all(page.text(f".processes [data-node={node}]") for node in NODES)
 
 
-def test_reset_begins_anew(page: Tab, flown: Lab):
+def test_reset_returns_the_vehicle_to_its_start(page: Tab, running_lab: Lab):
     page.floor(1, 1)
     page.reads(".journal", "at (1, 1, 1)")
     page.press(".act.reset")
-    eventually(lambda: position(flown)[:2] == (0.0, 0.0))
+    eventually(lambda: position(running_lab)[:2] == (0.0, 0.0))
     page.reads(".journal", "boot")
 
 
-def test_nothing_is_asked_of_any_other_machine(page: Tab, console: Console):
+def test_the_page_requests_nothing_from_another_machine(page: Tab, console: Console):
     here = urlsplit(console.control).netloc
     asked = {urlsplit(url) for url in page.requests}
     assert {url.netloc for url in asked if url.scheme in {"http", "https", "ws", "wss"}} == {here}
     assert {url.scheme for url in asked} <= {"http", "ws", "data", "blob", "about"}
 
 
-def test_page_without_the_token_cannot_change_anything(
-    console: Console, chromium: Browser, flown: Lab
+def test_a_page_without_the_token_cannot_change_anything(
+    console: Console, chromium: Browser, running_lab: Lab
 ):
     watching = chromium.tab(console.watch)
     watching.until(LIVE, 40)
     watching.reads(".top", "watching only")
-    before = flown.quadctl("state", "--json").json
-    pids = [node["pid"] for node in flown.nodes().values()]
-    # Every event that the server has a listener for, with what a page that controls would send.
+    before = running_lab.quadctl("state", "--json").json
+    pids = [node["pid"] for node in running_lab.nodes().values()]
+    # Send every event that the server listens for, with the arguments of a controlling page.
     sent = watching.js("""(() => {
         let sent = 0;
         for (const [id, element] of Object.entries(mounted_app.elements))
@@ -237,21 +237,21 @@ def test_page_without_the_token_cannot_change_anything(
     came = "window.came = (window.came ?? 0)"
     watching.js(f"{came}, window.addEventListener('quadctl', () => (window.came += 1)), 0")
     watching.until("window.came > 5")
-    after = flown.quadctl("state", "--json").json
+    after = running_lab.quadctl("state", "--json").json
     told = ("request", "boot", "cage_on", "cage", "goal", "reason")
     assert {name: after[name] for name in told} == {name: before[name] for name in told}
-    assert [node["pid"] for node in flown.nodes().values()] == pids
+    assert [node["pid"] for node in running_lab.nodes().values()] == pids
     watching.close()
 
 
-def test_a_phone_shows_it_without_sideways_scrolling(phone: Tab, page: Tab):
+def test_a_phone_shows_the_page_without_sideways_scrolling(phone: Tab, page: Tab):
     assert phone.js("document.documentElement.scrollWidth") == PHONE[0]
     phone.press(".act.hold")
     phone.reads(".reason", "hold: stopped on request")
     page.reads(".reason", "hold: stopped on request")
 
 
-def test_a_browser_that_takes_nothing_is_sent_no_more(phone: Tab, page: Tab):
+def test_a_browser_that_stops_reading_is_sent_nothing_more(phone: Tab, page: Tab):
     phone.js("""(() => {
         window.sent = 0;
         const live = getElement(Number(document.querySelector(".live").id.slice(1)));
@@ -263,13 +263,13 @@ def test_a_browser_that_takes_nothing_is_sent_no_more(phone: Tab, page: Tab):
     assert phone.js("window.sent") == 1
 
 
-def test_page_reports_a_lost_run_and_reconnects_by_itself(page: Tab, flown: Lab):
-    assert flown.quadctl("down").code == 0
+def test_the_page_reports_a_lost_run_and_reconnects_by_itself(page: Tab, running_lab: Lab):
+    assert running_lab.quadctl("down").code == 0
     page.until("document.body.dataset.link === 'lost'")
     page.reads(".banner", "nothing is running")
     page.press(".act.hold")
     page.reads(".q-notification:last-child", "not connected")
-    flown.start(*SETTINGS)
+    running_lab.start(*SETTINGS)
     page.until(LIVE)
     page.floor(1, 0)
     page.reads(".journal", "at (1, 0, 1)")

@@ -1,4 +1,4 @@
-"""doctor on real systems: all well, and each fault found, with the exit code for it."""
+"""`doctor` on real systems: a healthy one, and each fault with its exit code."""
 
 import os
 import re
@@ -16,14 +16,14 @@ from tests.support.lab import NODES, Lab, private_lab
 from tests.support.running import Done, eventually
 
 
-def test_at_another_speed_rates_are_of_simulated_time(lab: Lab):
+def test_doctor_measures_rates_in_simulated_time(lab: Lab):
     lab.start("--set", "dynamics.speed=5")
     found = ask(lab)
     assert found.failed == set()
     assert "(simulated time)" in found.checks["topic uav/pose"]["evidence"]
 
 
-def test_a_node_that_was_restarted_and_one_that_is_down(lab: Lab):
+def test_doctor_reports_a_restarted_node_and_a_dead_one(lab: Lab):
     file = lab.file("[processes]\nextra = ['sh', '-c', 'echo no wings; exit 1']\n")
     run = lab.spawn(*lab.command("up", file))
     eventually(lambda: lab.nodes().get("extra", {}).get("state") == "down", 30.0)
@@ -39,7 +39,7 @@ def test_a_node_that_was_restarted_and_one_that_is_down(lab: Lab):
     assert run.wait() == 130
 
 
-def test_a_run_that_died_is_a_fault_and_its_folder_a_leftover(lab: Lab):
+def test_doctor_reports_a_dead_run_and_its_leftover_folder(lab: Lab):
     lab.start("--without", "safety")
     os.kill(lab.status()["pid"], signal.SIGKILL)
     eventually(lambda: not lab.processes())
@@ -54,7 +54,7 @@ def test_a_run_that_died_is_a_fault_and_its_folder_a_leftover(lab: Lab):
     glance(lab).said("realm", "PASS")
 
 
-def test_nodes_that_were_started_by_hand(lab: Lab):
+def test_doctor_reports_nodes_started_by_hand(lab: Lab):
     hub = lab.spawn(*lab.command()[:2], "-m", "quadctl.services.hub")
     bare = lab.first_bare()
     eventually(lambda: bare.nodes() == ["hub"])
@@ -74,13 +74,13 @@ NEED_THE_HUB = {
 
 @pytest.fixture(scope="module")
 def patient() -> Iterator[Lab]:
-    """A lab whose supervisor leaves frozen processes alone."""
+    """Lab with a supervisor that does not kill frozen processes."""
     with private_lab() as made:
         made.start("--set", "supervise.answer_timeout=60", "--set", "dynamics.start.z=1")
         yield made
 
 
-def test_a_healthy_system_has_no_fault_and_is_not_changed(shared_lab: Lab, hover: Bare):
+def test_a_healthy_system_has_no_fault_and_stays_unchanged(shared_lab: Lab, hover: Bare):
     before = hover.state()
     found = ask(shared_lab)
     assert found.failed == set()
@@ -105,7 +105,7 @@ def test_a_healthy_system_has_no_fault_and_is_not_changed(shared_lab: Lab, hover
     assert after | {"stamp": 0.0} == before | {"stamp": 0.0}
 
 
-def test_as_text_and_by_the_hubs_endpoint_alone(shared_lab: Lab):
+def test_doctor_works_as_text_and_with_only_the_hubs_endpoint(shared_lab: Lab):
     said = shared_lab.quadctl("doctor", "--timeout", "10")
     assert (said.code, said.err) == (0, "")
     assert "\nPASS  hub answers: " in said.out
@@ -116,10 +116,10 @@ def test_as_text_and_by_the_hubs_endpoint_alone(shared_lab: Lab):
     assert "realm" not in found.checks
 
 
-def test_a_frozen_node(patient: Lab):
+def test_doctor_finds_a_frozen_node(patient: Lab):
     pid = patient.nodes()["pressure"]["pid"]
     with patient.bare() as bare, frozen(patient, pid):
-        # After its lease the hub takes it for gone.
+        # The hub drops it when its lease expires.
         eventually(lambda: "pressure" not in bare.nodes())
         found = ask(patient)
     assert found.failed == {"node pressure", "announced"}
@@ -130,7 +130,7 @@ def test_a_frozen_node(patient: Lab):
         eventually(lambda: "pressure" in bare.nodes())
 
 
-def test_a_node_that_has_announced_itself_and_keeps_silent(patient: Lab):
+def test_doctor_finds_an_announced_node_that_keeps_silent(patient: Lab):
     held: list[zenoh.Query] = []
     with patient.bare() as bare:
         key = "uav/@srv/mute/get_params"
@@ -155,7 +155,7 @@ def test_a_node_that_has_announced_itself_and_keeps_silent(patient: Lab):
 
 
 @pytest.mark.parametrize("timeout", [0.3, 1.0])
-def test_doctor_ends_with_a_frozen_hub_and_passes_no_check_of_it(patient: Lab, timeout: float):
+def test_doctor_ends_with_a_frozen_hub_and_skips_its_checks(patient: Lab, timeout: float):
     with frozen(patient, patient.nodes()["hub"]["pid"]):
         found = ask(patient, "--timeout", timeout)
     assert found.failed == {"hub answers", "node hub"}
@@ -163,13 +163,13 @@ def test_doctor_ends_with_a_frozen_hub_and_passes_no_check_of_it(patient: Lab, t
         assert found.said(name, "WARN") == "not checked: the hub does not answer"
 
 
-def test_a_frozen_supervisor(patient: Lab):
+def test_doctor_finds_a_frozen_supervisor(patient: Lab):
     with frozen(patient, patient.status()["pid"]):
         found = glance(patient)
     assert "frozen" in found.said("realm", "FAIL")
 
 
-def test_second_servers_and_publishers_and_other_schemas(patient: Lab):
+def test_doctor_finds_second_servers_publishers_and_other_schemas(patient: Lab):
     def answer(query: zenoh.Query) -> None:
         with query:
             query.reply(str(query.key_expr), pack({}))
@@ -182,7 +182,7 @@ def test_second_servers_and_publishers_and_other_schemas(patient: Lab):
         doctor = patient.spawn(*patient.command("doctor", "--json", "--timeout", "10"))
 
         def published() -> bool:
-            # Stamped as if this clock were an hour behind.
+            # Stamped an hour ago, as by a clock that is behind.
             stamp = zenoh.Timestamp(datetime.now(UTC) - timedelta(hours=1), mine)
             bare.session.put("uav/sensors/pressure", pack({"stamp": 1.0}), timestamp=stamp)
             return doctor.ended
@@ -202,8 +202,8 @@ def test_second_servers_and_publishers_and_other_schemas(patient: Lab):
     found.said("topic uav/sensors/pressure", "WARN")
 
 
-def test_somebody_elses_setpoints_are_seen(patient: Lab):
-    """They are safety's alone to write; nobody announces that he writes them too."""
+def test_doctor_finds_a_second_publisher_of_setpoints(patient: Lab):
+    """Publish setpoints without announcing it; only safety may publish them."""
     with patient.bare() as bare:
         states = bare.watch("uav/safety/state")
         doctor = patient.spawn(*patient.command("doctor", "--json", "--timeout", "10"))
@@ -215,14 +215,14 @@ def test_somebody_elses_setpoints_are_seen(patient: Lab):
             return doctor.ended
 
         eventually(written, 30.0)
-        assert states.messages, "safety goes on"
+        assert states.messages, "safety keeps publishing"
     found = Found(Done(doctor.wait(), doctor.log, ""))
     said = found.said("publishers", "FAIL")
     assert said == "uav/input/position is published by safety and 1 more, not announced"
     assert "`quadctl node list`" in found.checks["publishers"]["fix"]
 
 
-def test_a_realm_that_others_can_read_or_whose_socket_is_gone(patient: Lab):
+def test_doctor_finds_a_readable_realm_and_a_missing_socket(patient: Lab):
     patient.home.chmod(0o755)
     assert "mode 0755" in glance(patient).said("realm", "FAIL")
     patient.home.chmod(0o700)
@@ -234,13 +234,13 @@ def test_a_realm_that_others_can_read_or_whose_socket_is_gone(patient: Lab):
     assert "hub.sock is gone" in found.said("realm", "FAIL")
 
 
-def test_another_vehicle(patient: Lab):
+def test_doctor_reports_a_vehicle_that_does_not_run(patient: Lab):
     found = ask(patient, "--vehicle", "cat")
     assert {"realm", "announced"} <= found.failed
     assert "runs the vehicle uav, and cat was asked for" in found.said("realm", "FAIL")
 
 
-def test_where_nothing_can_be_written(patient: Lab):
+def test_doctor_finds_an_unwritable_realm(patient: Lab):
     done = subprocess.run(
         ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh",
          *patient.command("doctor", "--json", "--timeout", "0.3")],
@@ -250,7 +250,7 @@ def test_where_nothing_can_be_written(patient: Lab):
     assert f"{patient.home} cannot be written to" in found.said("disk", "FAIL")
 
 
-def test_a_changed_parameter_and_a_faulty_file(patient: Lab):
+def test_doctor_reports_a_changed_parameter_and_a_faulty_file(patient: Lab):
     patient.file("[dynamics]\nstart = { z = 1.0 }\n", "quad.toml")
     assert patient.quadctl("param", "set", "safety.takeoff", "3").code == 0
     found = ask(patient)

@@ -1,4 +1,4 @@
-"""doctor on broken installations: each made in a folder that Python looks at first."""
+"""`doctor` on broken installations, each made in a folder that Python searches first."""
 
 import json
 import shutil
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def ask(lab: Lab, **environment: str) -> dict[str, Any]:
-    """The checks by name, of an installation with a fault."""
+    """Return the checks of a faulty installation, by name."""
     done = lab.quadctl("doctor", "--json", timeout=30.0, **environment)
     assert (done.code, done.err) == (8, "")
     return {check["name"]: check for check in done.json["checks"]}
@@ -35,7 +35,9 @@ def ask(lab: Lab, **environment: str) -> dict[str, Any]:
         ),
     ],
 )
-def test_what_is_installed(lab: Lab, package: str, files: dict[str, str], check: str, said: str):
+def test_doctor_finds_a_faulty_package(
+    lab: Lab, package: str, files: dict[str, str], check: str, said: str
+):
     name, _, version = package.partition("-")
     folder = lab.folder / "first" / f"{package}.dist-info"
     folder.mkdir(parents=True)
@@ -50,7 +52,7 @@ def test_what_is_installed(lab: Lab, package: str, files: dict[str, str], check:
     assert found[check]["fix"]
 
 
-def test_another_checkout_than_the_one_that_the_processes_import(lab: Lab):
+def test_doctor_finds_a_different_checkout_than_the_imported_one(lab: Lab):
     copy = lab.folder / "copy"
     shutil.copytree(ROOT / "src" / "quadctl", copy / "quadctl")
     done = subprocess.run(
@@ -64,7 +66,7 @@ def test_another_checkout_than_the_one_that_the_processes_import(lab: Lab):
     assert f"quadctl from {ROOT / 'src'}" in imports["evidence"]
 
 
-def test_a_realm_in_too_deep_a_folder(lab: Lab):
+def test_doctor_finds_a_realm_path_that_is_too_long(lab: Lab):
     deep = lab.folder / ("deep" * 25)
     deep.mkdir()
     realm = ask(lab, XDG_RUNTIME_DIR=str(deep))["realm"]

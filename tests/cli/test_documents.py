@@ -1,4 +1,4 @@
-"""What commands print: with --json one document and nothing else, without it plain lines."""
+"""Output of commands: with --json one document and nothing else, without it plain lines."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ def ask(lab: Lab, *words: object) -> Any:
 
 
 @pytest.mark.parametrize("name", ["status", "ps"])
-def test_status(shared_lab: Lab, name: str):
+def test_status_prints_the_realm_and_its_nodes(shared_lab: Lab, name: str):
     said = ask(shared_lab, name)
     assert said.pop("faults") == []
     assert said == shared_lab.status()
@@ -31,14 +31,14 @@ def test_status(shared_lab: Lab, name: str):
         assert node["state"] == "ready"
 
 
-def test_node_list(shared_lab: Lab):
+def test_node_list_prints_topics_and_services(shared_lab: Lab):
     nodes = {node["name"]: node for node in ask(shared_lab, "node", "list")}
     assert list(nodes) == NODES
     assert nodes["dynamics"]["topics"] == ["uav/pose"]
     assert any(service.endswith("toggle_cage") for service in nodes["safety"]["services"])
 
 
-def test_topic_and_service_list(shared_lab: Lab):
+def test_topic_and_service_list_print_types_and_rates(shared_lab: Lab):
     topics = {topic["key"]: topic for topic in ask(shared_lab, "topic", "list")}
     rates = {key: (t["type"], t["node"], t["declared_hz"]) for key, t in topics.items()}
     assert rates["uav/pose"] == ("Pose", "dynamics", 100)
@@ -68,16 +68,16 @@ def test_topic_echo_prints_one_json_message_per_line(shared_lab: Lab):
 def test_topic_echo_shows_untyped_keys(shared_lab: Lab, bare: Bare):
     listening = shared_lab.spawn(*shared_lab.command("topic", "echo", "my/own", "-n", 1))
 
-    def heard() -> bool:
+    def published_until_end() -> bool:
         bare.session.put("my/own", "plain text")
         return listening.ended
 
-    eventually(heard)
+    eventually(published_until_end)
     assert listening.wait() == 0
     assert listening.log == "plain text\n---\n"
 
 
-def test_state_cage_and_parameters(shared_lab: Lab, hover: Bare):
+def test_state_cage_and_parameters_are_printed_as_json(shared_lab: Lab, hover: Bare):
     state = ask(shared_lab, "state")
     assert set(state) >= STATE_FIELDS
     assert (state["state"], state["pose"]["boot"]) == ("HOVERING", state["boot"])
@@ -89,7 +89,7 @@ def test_state_cage_and_parameters(shared_lab: Lab, hover: Bare):
     }
 
 
-def test_goto_calibrate_and_service_call(shared_lab: Lab, hover: Bare):
+def test_goto_calibrate_and_service_call_print_their_replies(shared_lab: Lab, hover: Bare):
     flown = ask(shared_lab, "goto", 1, "-0.5", 1)
     assert set(flown) >= {"accepted", "reason", "arrived", "distance", "seconds"}
     assert (flown["accepted"], flown["arrived"], flown["reason"]) == (True, True, "")
@@ -113,7 +113,7 @@ def test_a_refused_goto_still_prints_its_document(shared_lab: Lab, hover: Bare):
     assert done.error["code"] == "refused"
 
 
-def test_options_stand_anywhere(shared_lab: Lab):
+def test_options_may_come_anywhere_in_the_line(shared_lab: Lab):
     realm = f"--realm {shared_lab.realm}"
     done = shared_lab.each(
         [
@@ -134,7 +134,7 @@ def test_types_are_shown_in_the_labs_form_without_a_run(lab: Lab):
     assert lab.quadctl("type", "show", "calibrate").out == shown.out
 
 
-def test_piped_text_is_plain_and_uncut(shared_lab: Lab):
+def test_piped_text_is_plain_and_not_truncated(shared_lab: Lab):
     done = shared_lab.each(["topic list", "node list", "service list", "status"])
     for ended in done.values():
         assert ended.code == 0

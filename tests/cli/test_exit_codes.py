@@ -58,7 +58,7 @@ FAILS = {
 }
 
 
-def test_where_nothing_runs_every_command_exits_3_and_says_so(lab: Lab):
+def test_every_command_exits_3_when_nothing_runs(lab: Lab):
     done = lab.each(NEEDS_A_RUN, "--json")
     assert {line: ended.code for line, ended in done.items()} == dict.fromkeys(NEEDS_A_RUN, 3)
     assert {ended.error["code"] for ended in done.values()} == {"unreachable"}
@@ -71,7 +71,7 @@ def test_where_nothing_runs_every_command_exits_3_and_says_so(lab: Lab):
     assert "quadctl up" in hint
 
 
-def test_commands_that_cannot_be_fail_by_their_codes(shared_lab: Lab, hover: Bare):
+def test_impossible_commands_fail_with_their_exit_codes(shared_lab: Lab, hover: Bare):
     before = hover.state()
     done = shared_lab.each(FAILS, "--json")
     assert {line: ended.code for line, ended in done.items()} == FAILS
@@ -86,7 +86,7 @@ def test_commands_that_cannot_be_fail_by_their_codes(shared_lab: Lab, hover: Bar
 
 @pytest.fixture(scope="module")
 def patient_lab() -> Iterator[Lab]:
-    """A lab whose supervisor leaves frozen processes alone."""
+    """Lab with a supervisor that does not kill frozen processes."""
     with private_lab() as made:
         made.start("--set", "supervise.answer_timeout=60", "--set", "safety.takeoff=0")
         yield made
@@ -116,10 +116,10 @@ def test_a_frozen_node_ends_a_command_by_its_timeout(patient_lab: Lab, node: str
         for thawed in ("safety", "pressure", "dynamics"):
             key = f"uav/@srv/{thawed}/get_params"
             assert eventually(partial(bare.answers, key, pack({"names": []})))[0].ok
-        assert bare.state()["request"] == 0, "a call was executed after its deadline"
+        assert bare.state()["request"] == 0, "no call is executed after its deadline"
 
 
-def test_missing_server_is_exit_3_and_a_silent_one_exit_4(lab: Lab):
+def test_a_missing_server_is_exit_3_and_a_silent_one_exit_4(lab: Lab):
     lab.start("--without", "safety")
     assert list(lab.nodes()) == ["hub", "dynamics", "pressure"]
     assert lab.quadctl("calibrate").code == 0

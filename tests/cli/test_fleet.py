@@ -1,4 +1,4 @@
-"""Several vehicles at once, on hubs of their own, one of which is away: nobody waits for it."""
+"""Several vehicles on separate hubs: a hub that is away does not delay the others."""
 
 import json
 import signal
@@ -24,17 +24,17 @@ uav1 = [0.0, 0.0, 0.0]
 red = [2.0, 0.0, 0.5]
 """
 NAMES = ["uav0", "uav1", "red"]
-CALM = ("--set", "dynamics.start.z=1", "--set", "safety.pose_timeout=5",
+LONG_TIMEOUTS = ("--set", "dynamics.start.z=1", "--set", "safety.pose_timeout=5",
         "--set", "dynamics.setpoint_timeout=5", "--set", "supervise.answer_timeout=60")  # fmt: skip
-"""On a busy machine nobody is stopped because a process had to wait for its turn."""
+"""Long timeouts: on a busy machine no vehicle must stop because a process waits for a core."""
 
 
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[tuple[Lab, Lab]]:
-    """Two vehicles on one hub, in whose folder the fleet's file stands, and one on another."""
+    """Lab with two vehicles on one hub and the fleet file, and a lab with one vehicle on another hub."""
     with private_lab() as two, private_lab() as one:
-        two.start("--vehicles", 2, *CALM)
-        one.start(*CALM)
+        two.start("--vehicles", 2, *LONG_TIMEOUTS)
+        one.start(*LONG_TIMEOUTS)
         two.file(FILE.format(red=endpoint(one)), "fleet.toml")
         yield two, one
 
@@ -45,12 +45,12 @@ def endpoint(lab: Lab) -> str:
 
 @contextmanager
 def silent_hub() -> Iterator[str]:
-    """Whoever connects is let in by the kernel, and never hears a word."""
+    """Open a server that accepts connections but never answers."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield f"tcp/127.0.0.1:{server.getsockname()[1]}"
 
 
-def beside_a_mute_one(lab: Lab, one: Lab, silent: str) -> Path:
+def file_with_a_mute_vehicle(lab: Lab, one: Lab, silent: str) -> Path:
     mute = f'mute = {{ connect = "{silent}" }}'
     red = f'red = {{ connect = "{endpoint(one)}", vehicle = "uav" }}'
     return lab.file(f"[vehicles]\n{mute}\n{red}", "mute.toml")
@@ -62,7 +62,7 @@ def listed(lab: Lab, *words: object) -> dict[str, dict[str, Any]]:
     return {row["vehicle"]: row for row in done.json}
 
 
-def test_list_tells_where_all_are_and_what_they_do(fleet: tuple[Lab, Lab]):
+def test_fleet_list_shows_position_goal_and_state_of_each(fleet: tuple[Lab, Lab]):
     two, one = fleet
     rows = listed(two)
     assert list(rows) == NAMES
@@ -80,18 +80,18 @@ def test_list_tells_where_all_are_and_what_they_do(fleet: tuple[Lab, Lab]):
     assert [line.split()[0] for line in shown[1:]] == NAMES
 
 
-def test_without_a_file_all_of_the_hub_are_meant(fleet: tuple[Lab, Lab]):
+def test_fleet_list_without_a_file_shows_all_vehicles_of_the_hub(fleet: tuple[Lab, Lab]):
     two, one = fleet
     assert list(listed(one)) == ["uav"]
     with two.bare() as bare:
-        # A recorder goes on over the end of the run of its vehicle.
+        # A recorder may outlive the run of its vehicle.
         token = bare.session.liveliness().declare_token("uav/@node/recorder")
         over = one.quadctl("fleet", "list", "--json", "--connect", endpoint(two))
         token.undeclare()
     assert [row["vehicle"] for row in over.json] == ["uav0", "uav1"]
 
 
-def test_a_formation_goals_by_name_and_a_centre(fleet: tuple[Lab, Lab]):
+def test_fleet_goto_takes_a_formation_named_goals_or_a_centre(fleet: tuple[Lab, Lab]):
     two, _ = fleet
     done = two.quadctl("fleet", "goto", "line", 0, 1, 1, "--json")
     assert done.code == 0, done
@@ -111,7 +111,7 @@ def test_a_formation_goals_by_name_and_a_centre(fleet: tuple[Lab, Lab]):
     assert own.err.startswith("error: red: outside the cage: x = 9 is beyond [-5, 5]")
 
 
-def test_who_is_left_out_is_told(fleet: tuple[Lab, Lab]):
+def test_fleet_commands_name_the_vehicles_they_leave_out(fleet: tuple[Lab, Lab]):
     two, one = fleet
     text = FILE.format(red=endpoint(one)).replace("uav1", "# uav1")
     whole = (two.folder / "fleet.toml").read_text(encoding="utf-8")
@@ -128,7 +128,7 @@ def test_who_is_left_out_is_told(fleet: tuple[Lab, Lab]):
     assert done == (0, "uav0: accepted\nuav1: accepted\n", "red has no place in line: it stays\n")
 
 
-def test_what_is_refused_is_told_in_one_document(fleet: tuple[Lab, Lab]):
+def test_refusals_are_reported_in_one_document(fleet: tuple[Lab, Lab]):
     two, _ = fleet
     far = two.quadctl("fleet", "goto", "uav0=4,4,1", "uav1=-4,-4,1", "--no-wait", "--replace")
     assert far.code == 0, far
@@ -145,7 +145,7 @@ def test_what_is_refused_is_told_in_one_document(fleet: tuple[Lab, Lab]):
     )  # fmt: skip
 
 
-def test_one_command_lands_all_and_again_where_they_stand(fleet: tuple[Lab, Lab]):
+def test_land_all_lands_all_and_can_be_repeated(fleet: tuple[Lab, Lab]):
     two, one = fleet
     assert two.quadctl("fleet", "goto", "line", 1, 1, 1, "--no-wait", "--replace").code == 0
     for _ in range(2):
@@ -155,10 +155,10 @@ def test_one_command_lands_all_and_again_where_they_stand(fleet: tuple[Lab, Lab]
             pose, state = bare.watch("uav/pose").next()[0], bare.state()
         assert pose["position"]["z"] < 0.05
         assert (state["state"], state["goal"]["z"]) == ("HOVERING", 0.0)
-    assert two.quadctl("fleet", "goto", "line", 0, 0, 1).code == 0, "and they fly again"
+    assert two.quadctl("fleet", "goto", "line", 0, 0, 1).code == 0, "the vehicles fly again"
 
 
-def test_unreachable_hub_is_reported_and_the_other_hubs_obey(fleet: tuple[Lab, Lab]):
+def test_an_unreachable_hub_is_reported_and_the_others_obey(fleet: tuple[Lab, Lab]):
     two, one = fleet
     text = FILE.format(red=endpoint(one)).replace("[formations.line]", "%s[formations.line]")
     with silent_hub() as silent:
@@ -175,9 +175,9 @@ def test_unreachable_hub_is_reported_and_the_other_hubs_obey(fleet: tuple[Lab, L
         assert rows.code == 3
         assert [line.split()[0] for line in rows.out.splitlines()[1:]] == [*NAMES, *codes]
         assert "unreachable: nothing answers at tcp/127.0.0.1:1" in rows.out
-        # Without the mute one nobody knows the centre: then nobody is sent.
+        # The centre is unknown without the mute vehicle: no vehicle is sent.
         before = listed(two)
-        # That is known at once of the dead one, however long the mute one may take.
+        # The dead one is known at once, however long the mute one may take.
         words = ("fleet", "goto", 0, 0, 2, "--fleet", file, "--timeout", 60, "--json")
         done = two.quadctl(*words)
         assert (done.code, done.out) == (3, "")
@@ -190,11 +190,11 @@ def test_unreachable_hub_is_reported_and_the_other_hubs_obey(fleet: tuple[Lab, L
 
 
 @pytest.mark.parametrize("verb", ["hold", "land-all"])
-def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str):
+def test_a_silent_hub_does_not_delay_the_other_vehicles(fleet: tuple[Lab, Lab], verb: str):
     two, one = fleet
     with silent_hub() as silent, one.bare() as bare:
         states = bare.watch("uav/safety/state")
-        file = beside_a_mute_one(two, one, silent)
+        file = file_with_a_mute_vehicle(two, one, silent)
         assert bare.call("goto", x=4.0, y=-4.0, z=2.0, replace=True).value["accepted"]
         run = two.spawn(*two.command("fleet", verb, "--fleet", file, "--timeout", 60))
         states.until(lambda s: s["reason"] == "hold: stopped on request")
@@ -205,11 +205,11 @@ def test_nobody_waits_for_the_hub_that_is_away(fleet: tuple[Lab, Lab], verb: str
         assert run.wait() == 130, run.log
 
 
-def test_ctrl_c_says_that_who_has_accepted_flies_on(fleet: tuple[Lab, Lab]):
+def test_ctrl_c_reports_that_accepted_flights_go_on(fleet: tuple[Lab, Lab]):
     two, one = fleet
     with silent_hub() as silent, one.bare() as bare:
         states = bare.watch("uav/safety/state")
-        file = beside_a_mute_one(two, one, silent)
+        file = file_with_a_mute_vehicle(two, one, silent)
         words = ("mute=1,1,1", "red=-4,4,2", "--replace", "--fleet", file, "--timeout", 60)
         run = two.spawn(*two.command("fleet", "goto", *words))
         states.until(lambda s: s["goal"]["x"] == -4 and s["state"] == "HOVERING")
@@ -218,12 +218,12 @@ def test_ctrl_c_says_that_who_has_accepted_flies_on(fleet: tuple[Lab, Lab]):
         assert run.log == "stopped waiting: the flights go on; `quadctl fleet hold` stops them\n"
 
 
-def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab]):
+def test_a_frozen_vehicle_is_listed_with_its_known_fields(fleet: tuple[Lab, Lab]):
     two, one = fleet
     with one.bare() as bare:
         one.signal("dynamics", signal.SIGSTOP)
         try:
-            # Frozen for a second it counts as gone; before that, as one that does not answer.
+            # After a second frozen it counts as gone; before that, as not answering.
             eventually(lambda: "dynamics" not in bare.nodes())
             done = two.quadctl("fleet", "list", "--json", "--timeout", 3)
             assert done.code == 3
@@ -236,8 +236,8 @@ def test_a_frozen_vehicle_is_shown_as_far_as_it_is_known(fleet: tuple[Lab, Lab])
         eventually(lambda: "dynamics" in bare.nodes())
 
 
-def test_it_lands_in_gusts_whatever_the_acceptance_range(lab: Lab):
-    lab.start(*CALM, "--set", "dynamics.wind.gust=1.5", "--set", "dynamics.speed=5",
+def test_a_vehicle_lands_in_gusts_with_a_small_acceptance_range(lab: Lab):
+    lab.start(*LONG_TIMEOUTS, "--set", "dynamics.wind.gust=1.5", "--set", "dynamics.speed=5",
               "--set", "dynamics.wind.mean.x=5", "--set", "safety.acceptance_range=0.02",
               "--set", "safety.margin=1.3", "--set", "dynamics.seed=3")  # fmt: skip
     done = lab.quadctl("fleet", "land-all", "--json")
@@ -245,5 +245,5 @@ def test_it_lands_in_gusts_whatever_the_acceptance_range(lab: Lab):
     assert json.loads(done.out)[0]["landed"]
     with lab.bare() as bare:
         assert bare.state()["state"] == "HOVERING", (
-            "it is not busy with a goal beside which it stands"
+            "not busy with a goal that it has missed by a little"
         )

@@ -1,4 +1,4 @@
-"""With every process frozen in turn, every command ends by its timeout and 0.2 s, and rightly."""
+"""With each process frozen in turn, every command ends within its timeout and 0.2 s, correctly."""
 
 import json
 import os
@@ -32,11 +32,11 @@ from tests.support.proofs import Proofs
 from tests.support.running import Done, eventually
 
 SLACK = 0.2
-"""Seconds that a command may take wait beyond its timeout; the start of Python is none of it."""
+"""Seconds that a command may wait beyond its timeout, without the start of Python."""
 LONGEST_START = 0.6
-"""Seconds of work that a command is excused, most of it the start of Python."""
+"""Seconds of work that are not counted as waiting; most of it is the start of Python."""
 BUSY = 1.5
-"""The same where other tests run beside: that it ends is shown, not how promptly."""
+"""Slack (s) while other tests run: they show that a command ends, not how promptly."""
 NAMES = {2: "usage", 3: "unreachable", 4: "timeout", 5: "refused", 7: "already_served"}
 RECORDING = Path(__file__).parents[1] / "recording" / "data" / "cage.mcap"
 
@@ -50,28 +50,30 @@ def test_every_command_is_in_a_table():
 
 @pytest.fixture(scope="module")
 def patient() -> Iterator[Lab]:
-    """A flying system whose supervisor leaves frozen processes alone."""
+    """Flying system with a supervisor that does not kill frozen processes."""
     with patient_lab() as made:
         yield made
 
 
 @pytest.mark.parametrize("who", FREEZABLE)
-def test_at_once(patient: Lab, who: str):
+def test_commands_end_in_time_right_after_a_freeze(patient: Lab, who: str):
     with frozen(patient, who):
         for line in LINES:
             if line.words in FRESH[who]:
-                ended_well(patient, line, who, BUSY)
+                run_and_check(patient, line, who, BUSY)
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("who", ["", *FREEZABLE])
-def test_when_the_hub_has_lost_it(patient: Lab, proofs: Proofs, who: str):
+def test_commands_end_in_time_after_the_hub_dropped_a_process(
+    patient: Lab, proofs: Proofs, who: str
+):
     with frozen(patient, who):
         if who in {"dynamics", "pressure", "safety"}:
             with patient.bare() as bare:
                 eventually(lambda: who not in bare.nodes())
-        late = {line.words: ended_well(patient, line, who, SLACK) for line in LINES}
+        late = {line.words: run_and_check(patient, line, who, SLACK) for line in LINES}
     worst = max(late, key=lambda words: late[words])
     proofs.add(
         f"commands with {who or 'nobody'} frozen: end, after their timeout, at most",
@@ -83,7 +85,7 @@ def test_when_the_hub_has_lost_it(patient: Lab, proofs: Proofs, who: str):
 @pytest.mark.prove
 @pytest.mark.parametrize("who", FREEZABLE)
 @pytest.mark.parametrize("line", STREAMS, ids=lambda line: line.words)
-def test_in_mid_stream(patient: Lab, line: Line, who: str):
+def test_a_stream_ends_in_time_when_a_process_freezes(patient: Lab, line: Line, who: str):
     words = shlex.split(line.words)
     run = patient.spawn(*patient.command(*words, "--timeout", STREAM_TIMEOUT))
     eventually(lambda: run.log or "pub" in words)
@@ -106,7 +108,7 @@ def test_in_mid_stream(patient: Lab, line: Line, who: str):
 
 @pytest.mark.prove
 @pytest.mark.parametrize("who", FREEZABLE)
-def test_of_what_ends_processes(who: str):
+def test_commands_that_end_processes_work_with_one_frozen(who: str):
     with patient_lab() as lab:
         with frozen(lab, who, heal=False):
             for line in ENDINGS:
@@ -130,7 +132,7 @@ def patient_lab() -> Iterator[Lab]:
 
 @contextmanager
 def frozen(lab: Lab, who: str, *, heal: bool = True) -> Iterator[None]:
-    """With one process stopped; afterwards, where wanted, until all of the run is well again."""
+    """Freeze one process for the block; afterwards, if `heal`, wait until the run is healthy again."""
     status = lab.status()
     pids = {node["name"]: node["pid"] for node in status["nodes"]} | {"up": status["pid"]}
     if who:
@@ -138,7 +140,7 @@ def frozen(lab: Lab, who: str, *, heal: bool = True) -> Iterator[None]:
     try:
         yield
     finally:
-        # By `down` or `node restart` it may have ended.
+        # `down` or `node restart` may have ended it.
         if who and os.path.exists(f"/proc/{pids[who]}"):  # noqa: PTH110 - shorter
             os.kill(pids[who], signal.SIGCONT)
     if heal:
@@ -147,7 +149,7 @@ def frozen(lab: Lab, who: str, *, heal: bool = True) -> Iterator[None]:
 
 
 def timed(lab: Lab, words: str) -> tuple[Done, float]:
-    """What a command left, and how long (s) it waited: its life, less when it was at work.
+    """Run a command; return its output and the s it waited: its lifetime less its work.
 
     Starting Python is work, and so is waiting for a core.
     """
@@ -171,21 +173,21 @@ def timed(lab: Lab, words: str) -> tuple[Done, float]:
 
 
 def clock(pid: int) -> float:
-    """The time (s), less what a child has been at work."""
+    """Return the time (s) less the work of a child."""
     return time.monotonic() - at_work(pid)
 
 
 def at_work(pid: int) -> float:
-    """How long (s) a child's first thread ran, at most a start's time, or waited for a core.
+    """Return the s that a child's first thread ran, up to LONGEST_START, or waited for a core.
 
-    Whom it asks, and its other threads, wait in the same queue: so that counts twice.
+    Its other threads and the processes that it calls wait in the same queue, so waiting counts twice.
     """
     ran, queued, _ = Path(f"/proc/{pid}/schedstat").read_text(encoding="utf-8").split()
     return min(int(ran) / 1e9, LONGEST_START) + 2 * int(queued) / 1e9
 
 
-def ended_well(lab: Lab, line: Line, who: str, allowed: float) -> float:
-    """Run it, hold it against the table, and return how long it waited beyond its timeout (s)."""
+def run_and_check(lab: Lab, line: Line, who: str, allowed: float) -> float:
+    """Run a command, check it against the table, and return its wait beyond its timeout (s)."""
     (lab.folder / "quad.toml").unlink(missing_ok=True)
     done, waited = timed(lab, line.words)
     code = line.expected(who)
@@ -206,7 +208,7 @@ def says_frozen(text: str) -> bool:
 
 
 def ends(pid: int, within: float) -> bool:
-    """Wait for a child's end, without the steps in which Popen looks."""
+    """Wait for the end of a child, without the polling interval of Popen; return whether it ended."""
     descriptor = os.pidfd_open(pid)
     try:
         return bool(select.select([descriptor], [], [], within)[0])

@@ -1,4 +1,4 @@
-"""Nothing that cannot be read is taken by anybody, and whoever takes it is found out."""
+"""`fuzz`: no service of the lab accepts an unreadable payload, and a service that does is reported."""
 
 import signal
 
@@ -9,7 +9,7 @@ from tests.support.lab import Lab
 from tests.support.running import eventually
 
 
-def test_five_hundred_payloads_are_taken_by_nobody(shared_lab: Lab):
+def test_no_service_accepts_five_hundred_fuzzed_payloads(shared_lab: Lab):
     done = shared_lab.quadctl("fuzz", "--payloads", 500, "--seed", 7, "--json", timeout=60)
     assert done.code == 0, done.out
     found = done.json
@@ -20,7 +20,7 @@ def test_five_hundred_payloads_are_taken_by_nobody(shared_lab: Lab):
     assert "none was taken, no process ended, and each answers the next valid call" in told.out
 
 
-def test_who_takes_them_all_is_found_out(lab: Lab):
+def test_fuzz_reports_a_service_that_accepts_every_payload(lab: Lab):
     lab.start("--without", "pressure")
     with lab.bare() as bare:
         key = "uav/@srv/calibrate_pressure"
@@ -36,11 +36,11 @@ def test_who_takes_them_all_is_found_out(lab: Lab):
     assert done.code == 8
     took, unanswered = done.json["faults"]
     assert took.startswith("uav/@srv/calibrate_pressure took ")
-    # Nobody else of pressure's is there.
+    # No other service of pressure is running.
     assert unanswered.endswith("calls were not answered")
 
 
-def test_who_does_not_answer_is_found_out_in_time(lab: Lab):
+def test_fuzz_reports_a_frozen_service_in_time(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60")
     lab.signal("pressure", signal.SIGSTOP)
     done = lab.quadctl("fuzz", "--payloads", 300, "--timeout", 0.7, "--json")

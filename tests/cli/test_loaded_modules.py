@@ -1,4 +1,4 @@
-"""The everyday commands load what they need: each module here is milliseconds of every command."""
+"""Everyday commands load no slow module: each one listed here would cost milliseconds."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""`node info`, `ping`, `logs` and `kill` of our nodes, frozen ones and strangers."""
+"""`node info`, `ping`, `logs`, `kill` and `restart` of the lab's, frozen and foreign nodes."""
 
 import os
 import signal
@@ -12,13 +12,13 @@ from tests.support.running import eventually
 
 @pytest.fixture(scope="module")
 def patient() -> Iterator[Lab]:
-    """A lab whose supervisor leaves frozen processes alone."""
+    """Lab with a supervisor that does not kill frozen processes."""
     with private_lab() as made:
         made.start("--set", "supervise.answer_timeout=60")
         yield made
 
 
-def test_info_of_a_node(patient: Lab):
+def test_node_info_shows_process_topics_and_parameters(patient: Lab):
     done = patient.quadctl("node", "info", "/state_safety_node", "--json")
     assert (done.code, done.err) == (0, "")
     said, row = done.json, patient.nodes()["safety"]
@@ -28,7 +28,7 @@ def test_info_of_a_node(patient: Lab):
     assert "goto" in [service["name"] for service in said["services"]]
     assert "safety.virtual_cage.x" in said["params"]
     assert 1_000_000 < said["pss"] <= said["rss"] < 1_000_000_000
-    # The kernel counts in hundredths of a second, and a young node has not used one yet.
+    # The kernel counts in hundredths of a second; a new node may not have used one yet.
     eventually(lambda: patient.quadctl("node", "info", "safety", "--json").json["cpu"] > 0)
     assert said["uptime"] > 0
     assert patient.quadctl("node", "info", "/uav/safety", "--json").json["pid"] == row["pid"]
@@ -39,7 +39,7 @@ def test_info_of_a_node(patient: Lab):
     assert (unknown.code, unknown.error["hint"]) == (3, "did you mean pressure?")
 
 
-def test_pings_are_told_one_by_one_and_summed_up(patient: Lab):
+def test_node_ping_prints_each_pong_and_a_summary(patient: Lab):
     done = patient.quadctl("node", "ping", "safety", "-n", 3, "--interval", 0, "--json")
     *pongs, last = done.rows
     times = [pong["ms"] for pong in pongs]
@@ -59,7 +59,7 @@ def test_a_frozen_node_is_exit_4_and_the_others_answer(patient: Lab):
     try:
         one = patient.quadctl("node", "ping", "pressure", "--timeout", 0.3, "--json")
         assert (one.code, one.out, one.error["code"]) == (4, "", "timeout")
-        # The hub has taken it for gone by the time that its lease is over.
+        # The hub drops it when its lease expires.
         with patient.bare() as bare:
             eventually(lambda: "pressure" not in bare.nodes())
         lines = [
@@ -80,12 +80,12 @@ def test_a_frozen_node_is_exit_4_and_the_others_answer(patient: Lab):
 
 
 def launches(lab: Lab) -> int:
-    """How often the log of pressure says that it was launched."""
+    """Return the number of launches in the log of pressure."""
     said = lab.quadctl("node", "logs", "pressure").out.splitlines()
     return sum(line.startswith("Launching") for line in said)
 
 
-def test_a_killed_node_is_restarted_and_what_it_said_stays(patient: Lab):
+def test_a_killed_node_is_restarted_and_keeps_its_log(patient: Lab):
     # Other tests of this system may have restarted it before.
     pid, before = patient.nodes()["pressure"]["pid"], launches(patient)
     done = patient.quadctl("node", "kill", "pressure", "--signal", "KILL")
@@ -99,7 +99,7 @@ def test_a_killed_node_is_restarted_and_what_it_said_stays(patient: Lab):
     assert [row["node"] for row in by_name] == ["dynamics", "pressure", "safety", "up"]
 
 
-def test_several_are_killed_at_a_time_or_none(patient: Lab):
+def test_several_nodes_are_killed_together_or_none(patient: Lab):
     before = patient.nodes()
     assert patient.quadctl("node", "kill", "pressure", "nobody").code == 3
     assert patient.nodes() == before
@@ -112,7 +112,7 @@ def test_several_are_killed_at_a_time_or_none(patient: Lab):
         patient.revived(name, before[name]["pid"])
 
 
-def test_foreign_node_is_listed_but_never_signalled(patient: Lab):
+def test_a_foreign_node_is_listed_but_never_signalled(patient: Lab):
     with patient.bare() as bare:
         token = bare.session.liveliness().declare_token("uav/@node/camera")
         nodes = {node["name"]: node for node in patient.quadctl("node", "list", "--json").json}
@@ -126,7 +126,7 @@ def test_foreign_node_is_listed_but_never_signalled(patient: Lab):
         token.undeclare()
 
 
-def test_pid_reused_by_another_process_is_not_signalled(patient: Lab):
+def test_a_pid_reused_by_another_process_is_not_signalled(patient: Lab):
     record = patient.home / "run.json"
     was = record.read_bytes()
     pid = patient.nodes()["pressure"]["pid"]
@@ -138,7 +138,7 @@ def test_pid_reused_by_another_process_is_not_signalled(patient: Lab):
         record.write_bytes(was)
 
 
-def test_logs_are_followed_until_ctrl_c_or_the_runs_end(lab: Lab):
+def test_logs_are_followed_until_ctrl_c_or_the_end_of_the_run(lab: Lab):
     lab.start()
     all_ = lab.spawn(*lab.command("node", "logs", "-f"))
     one = lab.spawn(*lab.command("node", "logs", "safety", "-n", 0, "-f"))
@@ -146,7 +146,7 @@ def test_logs_are_followed_until_ctrl_c_or_the_runs_end(lab: Lab):
     toggled = iter(range(1_000))
 
     def seen() -> bool:
-        # Toggled until the second one listens, too.
+        # Toggle until the second command follows the log, too.
         lab.quadctl("cage", "off" if next(toggled) % 2 else "on")
         return "Cage: off" in one.log and "safety   | Cage: off" in all_.log
 
@@ -159,7 +159,7 @@ def test_logs_are_followed_until_ctrl_c_or_the_runs_end(lab: Lab):
     assert all_.wait() == 0
 
 
-def test_a_frozen_node_is_restarted_when_asked_for(patient: Lab):
+def test_node_restart_restarts_a_frozen_node(patient: Lab):
     before = patient.nodes()["pressure"]
     os.kill(before["pid"], signal.SIGSTOP)
     done = patient.quadctl("node", "restart", "pressure", "--json", "--timeout", "10")
@@ -171,13 +171,13 @@ def test_a_frozen_node_is_restarted_when_asked_for(patient: Lab):
 
 
 @pytest.mark.parametrize(("words", "code"), [("", 2), ("safety --all", 2), ("saftey", 6)])
-def test_a_restart_of_what_cannot_be(patient: Lab, words: str, code: int):
+def test_node_restart_refuses_an_unknown_or_missing_name(patient: Lab, words: str, code: int):
     before = patient.nodes()
     assert patient.quadctl("node", "restart", *words.split()).code == code
     assert patient.nodes() == before
 
 
-def test_frozen_supervisor_is_reported_and_nothing_claimed_done(patient: Lab):
+def test_a_frozen_supervisor_is_reported_and_nothing_claimed_done(patient: Lab):
     supervisor, before = patient.status()["pid"], patient.nodes()["pressure"]["pid"]
     os.kill(supervisor, signal.SIGSTOP)
     try:
@@ -197,8 +197,8 @@ def test_frozen_supervisor_is_reported_and_nothing_claimed_done(patient: Lab):
     patient.revived("pressure", before)
 
 
-def test_slow_restart_reports_the_given_timeout(patient: Lab):
-    # The supervisor looks ten times a second, and Python alone takes longer to start than this.
+def test_a_slow_restart_reports_the_given_timeout(patient: Lab):
+    # The supervisor polls ten times a second, and Python alone takes longer to start than 0.04 s.
     before = patient.nodes()["pressure"]["pid"]
     done = patient.quadctl("node", "restart", "pressure", "--timeout", 0.04, "--json")
     assert (done.code, "within 0.04 s" in done.error["message"]) == (4, True)

@@ -28,7 +28,7 @@ def started() -> Iterator[Lab]:
 
 @pytest.fixture
 def tuned(started: Lab) -> Iterator[Lab]:
-    """The same, with the parameters of the launch and the file as `init` writes it."""
+    """`started` with the parameters of the launch, and with the file as `init` writes it."""
     (started.folder / "quad.toml").unlink()
     assert started.quadctl("init").code == 0
     yield started
@@ -60,7 +60,7 @@ def test_a_dump_is_a_file_that_can_be_launched_and_loaded(tuned: Lab):
     assert load(tuned.folder / "dump.toml") == wanted
     assert tuned.quadctl("param", "dump").out == (tuned.folder / "dump.toml").read_text()
     again = tuned.quadctl("param", "dump", "safety", "-o", "dump.toml", "--json")
-    assert (again.code, again.error["message"]) == (6, "dump.toml is there already")
+    assert (again.code, again.error["message"]) == (6, "dump.toml already exists")
     assert load(tuned.folder / "dump.toml") == wanted
     for command in ("load", "diff"):
         assert tuned.quadctl("param", command, "dump.toml") == (0, "", "")
@@ -100,7 +100,7 @@ def test_diff_shows_what_was_set_and_save_keeps_every_comment(tuned: Lab):
     assert file.stat().st_ino == inode
 
 
-def test_file_from_init_loads_except_for_another_seed(tuned: Lab):
+def test_a_file_from_init_loads_except_for_another_seed(tuned: Lab):
     refused = tuned.quadctl("param", "load", "quad.toml")
     assert (refused.code, refused.out) == (6, "")
     assert "fixed at launch: dynamics.seed: 7 -> 0" in refused.err
@@ -110,7 +110,7 @@ def test_file_from_init_loads_except_for_another_seed(tuned: Lab):
     assert tuned.quadctl("param", "load", "quad.toml") == (0, "", "")
 
 
-def test_a_file_that_cannot_be_taken_whole_changes_nothing(tuned: Lab):
+def test_a_file_with_one_bad_value_changes_nothing(tuned: Lab):
     before = parameters(tuned)
     files = {
         "[pressure]\nrate = 20.0\n[safety]\ntakeoff = -1.0\n": "safety.takeoff",
@@ -127,7 +127,7 @@ def test_a_file_that_cannot_be_taken_whole_changes_nothing(tuned: Lab):
     assert parameters(tuned) == before
 
 
-def test_file_sets_several_nodes_and_leaves_the_rest_unchanged(tuned: Lab):
+def test_a_file_sets_several_nodes_and_leaves_the_rest_unchanged(tuned: Lab):
     before = parameters(tuned)
     text = "[pressure]\nrate = 20\n[safety]\nvirtual_cage = { x = 4 }\n[dynamics]\nseed = 7\n"
     done = tuned.quadctl("param", "load", tuned.file(text), "--json")
@@ -141,7 +141,7 @@ def test_file_sets_several_nodes_and_leaves_the_rest_unchanged(tuned: Lab):
     assert parameters(tuned) == before | {"pressure.rate": 20.0, "safety.virtual_cage.x": 4.0}
 
 
-def test_described_with_the_present_value(tuned: Lab):
+def test_param_describe_shows_the_current_value(tuned: Lab):
     assert tuned.quadctl("param", "set", "/state_safety_node/takeoff", 2).code == 0
     done = tuned.quadctl(
         "param", "describe", "safety.takeoff", "dynamics.seed", "supervise", "--json"
@@ -154,10 +154,10 @@ def test_described_with_the_present_value(tuned: Lab):
     }
 
 
-def test_what_get_prints_set_takes(tuned: Lab):
+def test_param_set_accepts_the_output_of_param_get(tuned: Lab):
     got = tuned.quadctl("param", "get", "safety").out.splitlines()
     assert "safety.cage_on: true" in got
-    # All but the cage's state at launch: whether it is on now is for its own command.
+    # Without `cage_on`, the cage's state at launch: `cage on` and `cage off` change the current one.
     words = [line.replace(": ", "=", 1) for line in got if "cage_on" not in line]
     said = tuned.quadctl("param", "set", *words).out.splitlines()
     assert said == [line for line in got if "cage_on" not in line]
@@ -167,7 +167,7 @@ def test_what_get_prints_set_takes(tuned: Lab):
     assert (refused.code, "fixed at launch" in refused.error["message"]) == (6, True)
 
 
-def test_who_does_not_answer_is_left_out_of_the_list_and_told(tuned: Lab):
+def test_param_list_reports_a_node_that_does_not_answer(tuned: Lab):
     names = tuned.quadctl("param", "list").out.splitlines()
     assert {"safety.takeoff", "hub.transport", "supervise.answer_timeout"} <= set(names)
     with tuned.bare() as bare:
@@ -175,12 +175,12 @@ def test_who_does_not_answer_is_left_out_of_the_list_and_told(tuned: Lab):
         done = tuned.quadctl("param", "list", "--timeout", 0.5, "--json")
         assert (done.code, done.json) == (3, names)
         assert "ghost/get_params" in done.error["message"]
-        # It has no place in a file, so that a dump does not need it.
+        # A foreign node has no table in the file, so a dump does not need it.
         assert tuned.quadctl("param", "dump", "--json").code == 0
         token.undeclare()
 
 
-def test_load_that_fails_halfway_reports_how_far_it_got(lab: Lab):
+def test_a_load_that_fails_halfway_reports_its_progress(lab: Lab):
     lab.start("--without", "safety")
     with lab.bare() as bare:
         served = _stubborn(bare)
@@ -195,14 +195,14 @@ def test_load_that_fails_halfway_reports_how_far_it_got(lab: Lab):
             each.undeclare()
     now = json.loads(lab.quadctl("param", "get", "pressure.rate", "dynamics", "--json").out)
     assert (now["pressure.rate"], now["dynamics.rate"]) == (20.0, 100.0)
-    # With nobody there it fails before anything is changed.
+    # Without a safety node it fails before any change.
     done = lab.quadctl("param", "load", lab.file(text.replace("20.0", "30.0")), "--json")
     assert (done.code, "nothing was changed" in done.error["message"]) == (3, True)
     assert lab.quadctl("param", "get", "pressure.rate").out == "20.0\n"
 
 
 def _stubborn(bare: Bare) -> list[Any]:
-    """A safety node that shows its parameters and lets nobody change them."""
+    """Declare a safety node that shows its parameters and refuses every change."""
 
     def replying(answer: Any) -> Any:
         def reply(query: zenoh.Query) -> None:
@@ -222,7 +222,7 @@ def _stubborn(bare: Bare) -> list[Any]:
     return [*served, bare.session.liveliness().declare_token(OFFER.format("safety"))]
 
 
-def test_a_file_through_a_link_keeps_both_and_its_mode(tuned: Lab):
+def test_param_save_through_a_link_keeps_the_link_and_the_mode(tuned: Lab):
     real: Path = tuned.file("# mine\n[safety] # all of it\ntakeoff = 9.0 # high\n", "real.toml")
     real.chmod(0o640)
     link = tuned.folder / "link.toml"

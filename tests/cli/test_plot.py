@@ -1,4 +1,4 @@
-"""`plot`: a picture of what was flown, or is being flown."""
+"""`plot`: a picture of a recorded or a live flight."""
 
 import os
 import signal
@@ -10,18 +10,18 @@ from tests.support.running import eventually
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def test_what_is_flown_now_is_drawn(shared_lab: Lab, hover: Bare):
+def test_plot_live_draws_the_current_flight(shared_lab: Lab, hover: Bare):
     done = shared_lab.quadctl("plot", "--live", "--duration", 0.5, "-o", "now.png", "--json")
     assert (done.code, done.err) == (0, "")
     assert done.json["vehicles"] == ["uav"]
     assert done.json["poses"] > 20
-    # Of the time that is drawn, however long it has flown before.
+    # The seconds of the picture, not of the whole flight so far.
     first = shared_lab.quadctl("topic", "echo", "pose", "-n", 1, "--json").json["stamp"]
     assert 0.2 < done.json["seconds"] < max(first - 1, 5)
     assert (shared_lab.folder / "now.png").read_bytes().startswith(PNG)
 
 
-def test_ctrl_c_draws_what_came_by_then(shared_lab: Lab, hover: Bare):
+def test_ctrl_c_draws_the_poses_received_so_far(shared_lab: Lab, hover: Bare):
     run = shared_lab.spawn(
         *shared_lab.command("plot", "--live", "--duration", 600, "-o", "then.svg")
     )
@@ -34,7 +34,7 @@ def test_ctrl_c_draws_what_came_by_then(shared_lab: Lab, hover: Bare):
     assert "<svg" in (shared_lab.folder / "then.svg").read_text()
 
 
-def test_a_frozen_vehicle_is_told_by_the_timeout(shared_lab: Lab):
+def test_a_frozen_hub_ends_plot_by_its_timeout(shared_lab: Lab):
     pid = shared_lab.signal("hub", signal.SIGSTOP)
     try:
         done = shared_lab.quadctl("plot", "--live", "--timeout", 0.5, "--json")

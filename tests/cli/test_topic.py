@@ -1,4 +1,4 @@
-"""`topic info|echo|hz|bw|delay` on a running system."""
+"""`topic pub|info|echo|hz|bw|delay` on a running system."""
 
 import signal
 import subprocess
@@ -16,14 +16,14 @@ Sample = tuple[bytes, str]
 
 
 @pytest.fixture
-def heard(bare: Bare) -> list[Sample]:
-    """What comes on `my/**`."""
+def received(bare: Bare) -> list[Sample]:
+    """Messages received on `my/**`."""
     found: list[Sample] = []
     kept: Any = bare.session.declare_subscriber(
         "my/**", lambda s: found.append((s.payload.to_bytes(), str(s.encoding)))
     )
     bare._declared.append(kept)
-    bare.nodes()  # a round trip: the hub knows of it
+    bare.nodes()  # a round trip: now the hub has the declaration
     return found
 
 
@@ -48,7 +48,7 @@ def test_a_waypoint_is_flown_in_every_spelling(shared_lab: Lab, hover: Bare, wor
     assert requests.encodings[0].startswith("application/msgpack;quadctl.Waypoint#")
 
 
-def test_a_strange_key_gets_what_is_written(shared_lab: Lab, heard: list[Sample]):
+def test_pub_sends_any_payload_on_a_foreign_key(shared_lab: Lab, received: list[Sample]):
     sends = {
         "my/text hello": (b"hello", "text/plain"),
         "my/json a=1 b.c=true": (b'{"a":1,"b":{"c":true}}', "application/json"),
@@ -57,22 +57,22 @@ def test_a_strange_key_gets_what_is_written(shared_lab: Lab, heard: list[Sample]
     }
     for words in sends:
         assert shared_lab.quadctl("topic", "pub", *words.split()).code == 0
-    eventually(lambda: len(heard) == len(sends))
-    assert heard == list(sends.values())
+    eventually(lambda: len(received) == len(sends))
+    assert received == list(sends.values())
 
 
-def test_many_messages_at_a_rate(shared_lab: Lab, heard: list[Sample]):
+def test_pub_sends_many_messages_at_a_rate(shared_lab: Lab, received: list[Sample]):
     done = shared_lab.quadctl("topic", "pub", "my/count", 7, "-r", 200, "-n", 20, "--json")
     assert done.json == {"key": "my/count", "sent": 20, "encoding": "text/plain"}
-    eventually(lambda: len(heard) == 20)
+    eventually(lambda: len(received) == 20)
     endless = shared_lab.spawn(*shared_lab.command("topic", "pub", "-r", 50, "my/count", 8))
-    eventually(lambda: (b"8", "text/plain") in heard)
+    eventually(lambda: (b"8", "text/plain") in received)
     endless.send(signal.SIGINT)
     assert endless.wait() == 130
     assert endless.log.startswith("sent ")
 
 
-def test_it_waits_for_a_listener(shared_lab: Lab, bare: Bare):
+def test_pub_waits_for_a_listener(shared_lab: Lab, bare: Bare):
     waiting = shared_lab.spawn(
         *shared_lab.command("topic", "pub", "late/key", "x", "--timeout", 20)
     )
@@ -89,7 +89,7 @@ def test_it_waits_for_a_listener(shared_lab: Lab, bare: Bare):
     assert (alone.code, alone.out) == (0, "sent 1 message on late/other\n")
 
 
-def test_the_nearest_name_is_told_where_nobody_listens(shared_lab: Lab, bare: Bare):
+def test_pub_suggests_the_nearest_name_without_a_listener(shared_lab: Lab, bare: Bare):
     hints = {
         "topic pub sensors/pressur x=1": "did you mean uav/sensors/pressure?",
         "topic pub uav/input/position_reqest x=1 y=2 z=1": "did you mean uav/input/position_request?",
@@ -97,12 +97,12 @@ def test_the_nearest_name_is_told_where_nobody_listens(shared_lab: Lab, bare: Ba
     }
     done = shared_lab.each(hints, "--timeout", "0.2", "--json")
     assert {line: ended.error["hint"] for line, ended in done.items()} == {
-        line: f"{hint} --no-wait sends nevertheless" for line, hint in hints.items()
+        line: f"{hint} --no-wait sends anyway" for line, hint in hints.items()
     }
     assert {ended.code for ended in done.values()} == {3}
 
 
-def test_what_a_node_of_ours_publishes_is_sent_with_a_warning(shared_lab: Lab, bare: Bare):
+def test_pub_on_the_topic_of_a_lab_node_warns(shared_lab: Lab, bare: Bare):
     readings = bare.watch("uav/sensors/pressure")
     words = "sensors/pressure stamp=0 pressure=-7 baseline=0 samples=0 spread=0"
     done = shared_lab.quadctl("topic", "pub", *words.split(), "--json")
@@ -111,7 +111,7 @@ def test_what_a_node_of_ours_publishes_is_sent_with_a_warning(shared_lab: Lab, b
     assert readings.until(lambda reading: reading["pressure"] == -7)
 
 
-def test_what_is_no_message_is_not_sent(shared_lab: Lab, bare: Bare):
+def test_an_invalid_message_is_not_sent(shared_lab: Lab, bare: Bare):
     requests: list[bytes] = []
     kept = bare.session.declare_subscriber(
         REQUEST, lambda sample: requests.append(sample.payload.to_bytes())
@@ -142,14 +142,14 @@ def test_what_is_no_message_is_not_sent(shared_lab: Lab, bare: Bare):
 SPREAD = ["min", "max", "std", "n"]
 
 
-def test_unpublished_topic_is_reported_with_the_nearest_name(shared_lab: Lab, hover: Bare):
+def test_an_unpublished_topic_is_reported_with_the_nearest_name(shared_lab: Lab, hover: Bare):
     done = shared_lab.quadctl("topic", "echo", "uav/sensor/pressure", "-n", 1, "--timeout", 2)
     assert done.code == 3
     assert "did you mean uav/sensors/pressure?" in done.err
 
 
 @pytest.mark.parametrize(("verb", "shown"), [("echo", "---"), ("hz", "average rate")])
-def test_where_no_more_comes_no_other_name_is_guessed(
+def test_a_topic_that_falls_silent_suggests_no_other_name(
     shared_lab: Lab, bare: Bare, verb: str, shown: str
 ):
     run = shared_lab.spawn(*shared_lab.command("topic", verb, "uav/own/word", "--timeout", 2))
@@ -164,11 +164,11 @@ def test_where_no_more_comes_no_other_name_is_guessed(
     assert "did you mean" not in run.log
 
 
-def test_info(shared_lab: Lab):
+def test_topic_info_shows_type_publishers_and_listeners(shared_lab: Lab):
     said = shared_lab.quadctl("topic", "info", "/uav/pose", "--json").json
     assert said["publishers"] == ["dynamics"]
     assert (said["key"], said["type"], said["declared_hz"]) == ("uav/pose", "Pose", 100)
-    assert said["listened"] is True, "safety listens"
+    assert said["listened"] is True, "safety subscribes to the pose"
     assert said["definition"].startswith("string boot\n")
     assert len(said["hash"]) == 8
     text = shared_lab.quadctl("topic", "info", "input/position_request")
@@ -177,7 +177,7 @@ def test_info(shared_lab: Lab):
     assert text.out.endswith("float64 x\nfloat64 y\nfloat64 z\n")
 
 
-def test_info_of_a_strangers_topic_and_of_none(shared_lab: Lab, bare: Bare):
+def test_topic_info_of_a_foreign_topic_and_of_an_unknown_one(shared_lab: Lab, bare: Bare):
     token = "uav/@node/eye/@pub/Image/00c0ffee/30/camera%image"
     kept = [bare.session.liveliness().declare_token(token)]
     said = shared_lab.quadctl("topic", "info", "camera/image", "--json").json
@@ -199,7 +199,7 @@ def test_info_of_a_strangers_topic_and_of_none(shared_lab: Lab, bare: Bare):
     assert kept
 
 
-def test_the_figures_of_a_topic(shared_lab: Lab):
+def test_hz_bw_and_delay_print_their_figures(shared_lab: Lab):
     lines = [f"topic {verb} sensors/pressure -n 5" for verb in ("hz", "bw", "delay")]
     as_json = shared_lab.each(lines, "--json")
     documents = [ended.json for ended in as_json.values()]
@@ -215,7 +215,7 @@ def test_the_figures_of_a_topic(shared_lab: Lab):
     assert all(ended.out.endswith("window: 3\n") for ended in text.values())
 
 
-def test_figures_come_until_ctrl_c(shared_lab: Lab):
+def test_figures_are_printed_until_ctrl_c(shared_lab: Lab):
     watching = [
         shared_lab.spawn(*shared_lab.command("topic", *words.split()))
         for words in ("hz pose", "bw uav/** --json")
@@ -233,13 +233,13 @@ def has_lines(process: Foreground, count: int) -> bool:
     return len(process.log.splitlines()) >= count
 
 
-def test_a_silent_key_ends_by_the_timeout(shared_lab: Lab):
+def test_commands_on_a_silent_key_end_by_the_timeout(shared_lab: Lab):
     lines = {
         "topic hz no/thing": 3,
         "topic bw no/** -n 5": 3,
         "topic delay no/thing": 3,
         "topic echo no/**": 3,
-        # Offered, latched, and not published again.
+        # Announced and latched, but not published again.
         "topic bw */info": 4,
         "topic hz info": 4,
     }
@@ -248,7 +248,7 @@ def test_a_silent_key_ends_by_the_timeout(shared_lab: Lab):
     assert {ended.out for ended in done.values()} == {""}
 
 
-def test_an_expressions_messages_tell_their_key(shared_lab: Lab):
+def test_messages_of_a_key_expression_show_their_key(shared_lab: Lab):
     as_json = shared_lab.quadctl("topic", "echo", "**/pose", "-n", 2, "--json")
     assert [list(row) for row in as_json.rows] == 2 * [["key", "value"]]
     assert as_json.rows[0]["key"] == "uav/pose"
@@ -257,14 +257,14 @@ def test_an_expressions_messages_tell_their_key(shared_lab: Lab):
     assert text[0] == "key: uav/sensors/pressure"
     assert text[1].startswith("stamp: ")
     assert text[-1] == "---"
-    # Not all that comes has the field; what has not is passed over.
+    # Messages without the field are passed over.
     field = shared_lab.quadctl("topic", "echo", "uav/**", "--field", "baseline", "-n", 2)
     assert field.code == 0
     assert field.out.splitlines()[::2] == ["key: uav/sensors/pressure"] * 2
-    assert "passed over a message on uav/pose: the message has no field baseline" in field.err
+    assert "skipped a message on uav/pose: the message has no field baseline" in field.err
 
 
-def test_one_message_and_a_field_of_it_as_in_ros(shared_lab: Lab, hover: Bare):
+def test_echo_accepts_once_and_field_as_in_ros(shared_lab: Lab, hover: Bare):
     lines = {
         "topic echo pose --once": "boot",
         "topic echo -1 /uav/pose": "boot",
@@ -282,10 +282,10 @@ def test_one_message_and_a_field_of_it_as_in_ros(shared_lab: Lab, hover: Bare):
     assert shared_lab.quadctl("topic", "echo", "pose", "-1", "-n", 2).code == 2
 
 
-def test_a_topic_of_ones_own_is_no_field_behind_ours(shared_lab: Lab, bare: Bare):
+def test_a_users_topic_below_pose_is_not_read_as_a_field(shared_lab: Lab, bare: Bare):
     token = "uav/@node/eye/@pub/Point/00c0ffee/30/uav%pose%position"
     kept = [bare.session.liveliness().declare_token(token)]
-    bare.nodes()  # a round trip: the hub knows of it
+    bare.nodes()  # a round trip: now the hub has the declaration
     silent = shared_lab.quadctl("topic", "echo", "uav/pose/position", "-1", "--timeout", 0.3)
     assert (silent.code, silent.out) == (4, "")
     assert "nothing came on uav/pose/position" in silent.err
@@ -303,22 +303,22 @@ def test_a_topic_of_ones_own_is_no_field_behind_ours(shared_lab: Lab, bare: Bare
         (b"\xc1\x00", "zenoh/bytes", "", "c100\n---\n"),
     ],
 )
-def test_what_a_bare_program_publishes_is_shown_as_it_can_be(
+def test_echo_shows_any_payload_of_a_foreign_program(
     shared_lab: Lab, bare: Bare, payload: bytes, encoding: str, words: str, shown: str
 ):
     line = shared_lab.command("topic", "echo", "my/own", "-n", 1, *words.split())
     listening = shared_lab.spawn(*line)
 
-    def heard() -> bool:
+    def published_until_end() -> bool:
         bare.session.put("my/own", payload, encoding=encoding)
         return listening.ended
 
-    eventually(heard)
+    eventually(published_until_end)
     assert (listening.wait(), listening.log) == (0, shown)
 
 
 @pytest.mark.parametrize("words", ["topic echo pose", "state --watch --json", "topic hz pose"])
-def test_a_reader_that_has_enough_ends_it_quietly(shared_lab: Lab, words: str):
+def test_a_closed_pipe_ends_a_command_quietly(shared_lab: Lab, words: str):
     process = subprocess.Popen(
         shared_lab.command(*words.split()),
         stdin=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""`quadctl up` on a terminal: the processes live in a table, and a clean terminal after it."""
+"""`quadctl up` on a terminal: a live table of the processes, and a clean terminal afterwards."""
 
 import re
 import signal
@@ -14,7 +14,7 @@ Open = Callable[..., Terminal]
 
 @pytest.fixture
 def terminal(lab: Lab) -> Iterator[Open]:
-    """Opens terminals with `quadctl up` in them."""
+    """Function that opens a terminal with `quadctl up` in it."""
     opened = []
 
     def up(**environment: str) -> Terminal:
@@ -33,7 +33,7 @@ def row(node: str, state: str, restarts: int) -> Callable[[str], object]:
     return re.compile(rf"^{node} +{state} +\d+ +{restarts}\b", re.MULTILINE).search
 
 
-def test_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, terminal: Open):
+def test_the_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, terminal: Open):
     up = terminal()
     up.until(lambda seen: "4 of 4 ready" in seen)
     assert up.until(row("safety", "ready", 0)).count("NAME ") == 1
@@ -54,11 +54,11 @@ def test_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, terminal:
     assert up.echoes()
     assert "NAME" not in up.screen
     assert "of 4 ready" not in up.screen
-    assert up.screen.endswith("\n"), "the shell's prompt begins on a line of its own"
+    assert up.screen.endswith("\n"), "the shell's prompt begins on a new line"
     assert lab.is_gone()
 
 
-def test_no_colour_if_unwanted_and_no_table_on_a_dumb_terminal(lab: Lab, terminal: Open):
+def test_no_color_and_a_dumb_terminal_are_respected(lab: Lab, terminal: Open):
     up = terminal(NO_COLOR="1")
     up.until(lambda seen: "4 of 4 ready" in seen)
     up.press("\x03")
@@ -71,7 +71,7 @@ def test_no_colour_if_unwanted_and_no_table_on_a_dumb_terminal(lab: Lab, termina
     assert "\033" not in up.raw
 
 
-def test_piped_it_is_lines_alone(lab: Lab):
+def test_piped_output_has_only_log_lines(lab: Lab):
     run = lab.foreground("--set", "safety.takeoff=0")
     run.send(signal.SIGINT)
     assert run.wait() == 130

@@ -1,4 +1,4 @@
-"""The barometer as a real part, and what can go wrong with it, on a running system."""
+"""The barometer as a real sensor, and its faults, on a running system."""
 
 import time
 from collections.abc import Iterator
@@ -13,25 +13,25 @@ from tests.support.running import eventually
 
 
 class Device:
-    """The folder of a sensor."""
+    """Folder of an IIO sensor."""
 
     def __init__(self, lab: Lab) -> None:
         self.folder = lab.folder / "iio:device0"
         self.folder.mkdir()
         self.settings = ("--set", "pressure.source=iio", "--set", f"pressure.iio={self.folder}")
 
-    def holds(self, text: str, name: str = "in_pressure_input") -> None:
-        """Put a file in place as a whole, as the kernel gives it."""
+    def write(self, text: str, name: str = "in_pressure_input") -> None:
+        """Replace a file atomically: a reader never sees it half written, as with the kernel's files."""
         fresh = self.folder / "fresh"
         fresh.write_text(text)
         fresh.replace(self.folder / name)
 
 
 @pytest.fixture(scope="module")
-def real() -> Iterator[tuple[Lab, Device]]:
+def real_sensor() -> Iterator[tuple[Lab, Device]]:
     with private_lab() as made:
         device = Device(made)
-        device.holds("101.325000000\n")
+        device.write("101.325000000\n")
         made.start(*device.settings)
         yield made, device
 
@@ -40,20 +40,20 @@ def log(lab: Lab) -> str:
     return (lab.home / "logs" / "pressure.log").read_text(encoding="utf-8")
 
 
-def test_it_shows_the_sensors_pressure_and_zeroes_it(real: tuple[Lab, Device]):
-    lab, device = real
+def test_the_node_publishes_the_sensors_pressure_and_zeroes_it(real_sensor: tuple[Lab, Device]):
+    lab, device = real_sensor
     with lab.bare() as bare:
         readings, poses = bare.watch("uav/sensors/pressure"), bare.watch("uav/pose")
-        device.holds("101.325000000\n")
+        device.write("101.325000000\n")
         readings.until(lambda r: r["pressure"] == 1013.25)
-        # Whatever the vehicle's height is, and by its time.
+        # Independent of the vehicle's height, and stamped with the simulation's time.
         shown = readings.next(11)
         assert {r["pressure"] for r in shown} == {1013.25}
         poses.until(lambda p: p["stamp"] == shown[-1]["stamp"])
         done = lab.quadctl("calibrate", "--json").json
         assert (done["baseline"], done["spread"]) == (1013.25, 0)
         assert done["samples"] in range(9, 12)
-        device.holds("101.225000000\n")
+        device.write("101.225000000\n")
         fallen = readings.until(lambda r: r["pressure"] < -0.5)
         assert fallen["pressure"] == pytest.approx(-1.0)
         assert bare.call("calibrate_pressure", zero=False).ok
@@ -65,56 +65,58 @@ def test_it_shows_the_sensors_pressure_and_zeroes_it(real: tuple[Lab, Device]):
         assert bare.call("pressure/set_params", values=well).value["success"]
 
 
-def test_garbled_file_ends_the_node_and_a_mended_file_revives_it(real: tuple[Lab, Device]):
-    lab, device = real
-    device.holds("100.000000000\n")
+def test_a_garbled_file_ends_the_node_and_a_repaired_one_revives_it(
+    real_sensor: tuple[Lab, Device],
+):
+    lab, device = real_sensor
+    device.write("100.000000000\n")
     with lab.bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
         readings.until(lambda r: r["pressure"] == 1000)
         seen = len(readings.messages)
         old = lab.nodes()["pressure"]["pid"]
-        device.holds("garbage\n")
+        device.write("garbage\n")
         said = f"error: {device.folder}/in_pressure_input holds 'garbage\\n': not one whole number"
         eventually(lambda: said in log(lab))
-        device.holds("90.000000000\n")
+        device.write("90.000000000\n")
         lab.revived("pressure", old)
         readings.until(lambda r: r["pressure"] == 900)
-        # Never anything but what the sensor said.
+        # Only values that the sensor had are published.
         assert {r["pressure"] for r in readings.messages[seen:]} <= {1000, 900}
     assert "restarted: the baseline is 0 again" in log(lab)
 
 
-def test_bad_or_missing_file_publishes_nothing_until_a_restart(
-    real: tuple[Lab, Device],
+def test_a_bad_or_missing_file_stops_publishing_until_a_restart(
+    real_sensor: tuple[Lab, Device],
 ):
-    lab, device = real
+    lab, device = real_sensor
     spoilt = {
         "101.3": "holds '101.3': not one",
         "101325\n": "says 101325 kPa: the air has 25 to 125",
     }
     with lab.bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
-        device.holds("90.000000000\n")
+        device.write("90.000000000\n")
         readings.until(lambda r: r["pressure"] == 900)
         seen = len(readings.messages)
         for text, said in spoilt.items():
-            device.holds(text)
+            device.write(text)
             eventually(lambda: said in log(lab))  # noqa: B023 - called at once
-            device.holds("95.000000000\n")
+            device.write("95.000000000\n")
             assert lab.quadctl("node", "restart", "pressure").code == 0
             assert readings.next()[0]["pressure"] == 950
         (device.folder / "in_pressure_input").unlink()
         eventually(lambda: "neither in_pressure_input nor in_pressure_raw" in log(lab))
-        # Another driver: a count to be scaled. It comes last, so that what is there is whole.
-        device.holds("0.001000000\n", "in_pressure_scale")
-        device.holds("80000\n", "in_pressure_raw")
+        # Another driver: a raw count and a scale. The count comes last, when the scale is in place.
+        device.write("0.001000000\n", "in_pressure_scale")
+        device.write("80000\n", "in_pressure_raw")
         assert lab.quadctl("node", "restart", "pressure").code == 0
         assert readings.next()[0]["pressure"] == pytest.approx(800)
         values = {round(r["pressure"], 6) for r in readings.messages[seen:]}
         assert values <= {900, 950, 800}
 
 
-def test_a_launch_without_the_sensor_fails_and_says_why(lab: Lab):
+def test_a_launch_without_the_sensor_fails_with_the_reason(lab: Lab):
     device = Device(lab)
     done = lab.quadctl("up", "-d", *device.settings)
     assert done.code == 1
@@ -123,9 +125,9 @@ def test_a_launch_without_the_sensor_fails_and_says_why(lab: Lab):
     assert "pressure.iio" in done.err
 
 
-def test_it_needs_no_simulation(lab: Lab):
+def test_a_real_sensor_needs_no_simulation(lab: Lab):
     device = Device(lab)
-    device.holds("101.325000000\n")
+    device.write("101.325000000\n")
     lab.start(*device.settings, "--without", "dynamics", "--without", "safety")
     with lab.bare() as bare:
         first, second = bare.watch("uav/sensors/pressure").next(2)
@@ -135,12 +137,12 @@ def test_it_needs_no_simulation(lab: Lab):
 
 
 STEP, NOISE, FURTHEST = 0.16, 0.2, 160.0
-"""Of a BMP280, Pa: its resolution, its noise, and how far bias and drift together may be."""
+"""Pa, of a BMP280: its resolution, its noise, and the limit of bias and drift together."""
 
 
 @pytest.fixture(scope="module")
-def part() -> Iterator[Lab]:
-    """A system with a BMP280, the vehicle in the air at 1 m."""
+def bmp280() -> Iterator[Lab]:
+    """System with a BMP280, the vehicle in the air at 1 m."""
     with private_lab() as made:
         made.start(
             "--set", "dynamics.start.z=1", "--set", "pressure.profile=bmp280",
@@ -150,10 +152,10 @@ def part() -> Iterator[Lab]:
 
 
 @pytest.fixture
-def session(part: Lab) -> Iterator[Bare]:
-    with part.bare() as bare:
+def session(bmp280: Lab) -> Iterator[Bare]:
+    with bmp280.bare() as bare:
         yield bare
-        put_in(bare, kind="none")
+        inject(bare, kind="none")
         assert bare.call("calibrate_pressure", zero=False).ok
 
 
@@ -162,21 +164,21 @@ def readings(session: Bare) -> Watch:
     return session.watch("uav/sensors/pressure")
 
 
-def put_in(bare: Bare, **fault: object) -> None:
+def inject(bare: Bare, **fault: object) -> None:
     values = {f"pressure.fault.{name}": value for name, value in fault.items()}
     assert bare.call("pressure/set_params", values=values).value["success"]
 
 
-def test_it_reads_in_its_steps_with_its_noise_and_bias(readings: Watch):
+def test_readings_of_a_bmp280_have_its_steps_noise_and_bias(readings: Watch):
     pascals = 100 * np.array([r["pressure"] for r in readings.next(60)])
     assert pascals / STEP == pytest.approx(np.round(pascals / STEP), abs=1e-3)
     assert NOISE / 2 < pascals.std() < 2 * NOISE
     assert 1 < abs(pascals.mean() - 101312.99) < FURTHEST
 
 
-def test_its_calibration_says_how_many_and_how_far_apart(part: Lab, readings: Watch):
+def test_a_calibration_reports_the_number_and_spread_of_samples(bmp280: Lab, readings: Watch):
     readings.next(26)
-    done = part.quadctl("calibrate", "--json").json
+    done = bmp280.quadctl("calibrate", "--json").json
     assert done["samples"] in range(10, 28)
     assert STEP / 100 <= done["spread"] < 10 * NOISE / 100
     zeroed = readings.until(lambda r: r["baseline"])
@@ -184,53 +186,55 @@ def test_its_calibration_says_how_many_and_how_far_apart(part: Lab, readings: Wa
     assert abs(zeroed["pressure"]) < 6 * NOISE / 100
 
 
-def test_a_rate_that_it_does_not_have_is_refused(part: Lab, session: Bare):
-    done = part.quadctl("param", "set", "pressure.rate", 50, "--json")
+def test_a_rate_above_the_sensors_maximum_is_refused(bmp280: Lab, session: Bare):
+    done = bmp280.quadctl("param", "set", "pressure.rate", 50, "--json")
     assert done.code == 6
     assert "a bmp280 gives at most 26.3 readings a second" in done.error["message"]
-    assert part.quadctl("param", "set", "pressure.profile=ms5611", "pressure.rate=50").code == 0
+    assert bmp280.quadctl("param", "set", "pressure.profile=ms5611", "pressure.rate=50").code == 0
     back = {"pressure.profile": "bmp280", "pressure.rate": 25.0}
     assert session.call("pressure/set_params", values=back).value["success"]
 
 
-def test_stuck_it_repeats_itself_until_it_is_mended(session: Bare, readings: Watch):
-    put_in(session, kind="stuck")
+def test_a_stuck_barometer_repeats_one_value_until_it_is_repaired(session: Bare, readings: Watch):
+    inject(session, kind="stuck")
     readings.next(2)
     stuck = {r["pressure"] for r in readings.next(15)}
     assert len(stuck) == 1
-    put_in(session, kind="none")
+    inject(session, kind="none")
     readings.until(lambda r: r["pressure"] not in stuck)
 
 
-def test_off_it_says_nothing_and_cannot_be_calibrated(part: Lab, session: Bare, readings: Watch):
+def test_a_barometer_that_is_off_is_silent_and_not_calibrated(
+    bmp280: Lab, session: Bare, readings: Watch
+):
     readings.next()
-    put_in(session, kind="off")
+    inject(session, kind="off")
     eventually(lambda: session.call("calibrate_pressure", zero=True).code == "not_ready")
     last = readings.messages[-1]
-    assert part.quadctl("calibrate").code == 5
-    silent = part.quadctl("topic", "echo", "sensors/pressure", "-n", 1, "--timeout", 0.3)
+    assert bmp280.quadctl("calibrate").code == 5
+    silent = bmp280.quadctl("topic", "echo", "sensors/pressure", "-n", 1, "--timeout", 0.3)
     assert silent.code == 4
     assert readings.messages[-1] == last
-    put_in(session, kind="none")
+    inject(session, kind="none")
     assert readings.next()[0]["stamp"] > last["stamp"] + 1
     assert session.call("calibrate_pressure", zero=True).ok
 
 
-def test_glitches_are_spikes_of_the_size_asked_for(session: Bare, readings: Watch):
+def test_glitches_are_spikes_of_the_requested_size(session: Bare, readings: Watch):
     level = readings.next()[0]["pressure"]
-    put_in(session, kind="glitch", magnitude=5.0, interval=0.1)
+    inject(session, kind="glitch", magnitude=5.0, interval=0.1)
     for sign in (1, -1):
         spike = readings.until(lambda r: abs(r["pressure"] - level - sign * 5) < 0.02)  # noqa: B023 - called at once
         assert spike["baseline"] == 0
 
 
-def test_delayed_it_shows_what_was(part: Lab, session: Bare, readings: Watch):
-    # The lab's noise is never the same twice, which tells one reading from another.
+def test_a_delayed_barometer_publishes_older_readings(bmp280: Lab, session: Bare, readings: Watch):
+    # The noise of profile `lab` never repeats a value, so each reading can be identified.
     ideal = {"pressure.profile": "lab"}
     assert session.call("pressure/set_params", values=ideal).value["success"]
     readings.next(40)
     mark = len(readings.messages)
-    put_in(session, kind="delay", delay=1.0)
+    inject(session, kind="delay", delay=1.0)
     readings.until(lambda _: len(readings.messages) >= mark + 15)
     first: dict[float, float] = {}
     for reading in readings.messages[: mark + 12]:
@@ -239,44 +243,48 @@ def test_delayed_it_shows_what_was(part: Lab, session: Bare, readings: Watch):
         assert 0.999 < reading["stamp"] - first[reading["pressure"]] < 2
     back = {"pressure.profile": "bmp280"}
     assert session.call("pressure/set_params", values=back).value["success"]
-    put_in(session, kind="none")
+    inject(session, kind="none")
     told = ("fault: delay", "fault: none")
-    eventually(lambda: all(line in part.quadctl("node", "logs", "pressure").out for line in told))
+    eventually(lambda: all(line in bmp280.quadctl("node", "logs", "pressure").out for line in told))
 
 
-def test_doctor_sees_that_it_is_stuck_or_off_in_flight(part: Lab, session: Bare, readings: Watch):
-    """And the flight goes on as it was: safety does not go by the barometer."""
+def test_doctor_reports_a_barometer_stuck_or_off_in_flight(
+    bmp280: Lab, session: Bare, readings: Watch
+):
+    """Check also that the flight goes on: safety does not use the barometer."""
     states = session.watch("uav/safety/state")
     assert session.call("calibrate_pressure", zero=True).ok
     for kind, x, name, verdict, evidence in (
         ("stuck", 3.0, "barometer", "WARN", "stuck: "),
         ("off", -3.0, "topic uav/sensors/pressure", "FAIL", "nothing came in"),
     ):
-        put_in(session, kind=kind)
+        inject(session, kind=kind)
         session.fly(x, 0.0, 1.0)
         began = time.monotonic()
-        found = ask(part)
+        found = ask(bmp280)
         took = time.monotonic() - began
         assert evidence in found.said(name, verdict)
         assert found.checks[name]["fix"]
         assert found.said("faults", "WARN").startswith(f"put in: barometer-{kind}")
-        assert took < 10, "its whole timeout: it has waited for somebody"
+        assert took < 10, "it waited until its timeout"
     assert {state["reason"] for state in states.messages} == {""}
 
 
-def test_calibrated_in_flight_its_spread_says_so(part: Lab, session: Bare, readings: Watch):
+def test_a_calibration_while_climbing_has_a_larger_spread(
+    bmp280: Lab, session: Bare, readings: Watch
+):
     readings.next(30)
-    at_rest = part.quadctl("calibrate", "--json").json["spread"]
+    at_rest = bmp280.quadctl("calibrate", "--json").json["spread"]
     poses = session.watch("uav/pose")
     assert session.call("safety/set_params", values={"safety.virtual_cage.z": 50.0}).value[
         "success"
     ]
-    # So far that it still climbs when a slow machine has run the command.
+    # High enough that it still climbs when a slow machine has run the command.
     assert session.call("goto", x=0.0, y=0.0, z=45.0).value["accepted"]
     poses.until(lambda p: p["position"]["z"] > 5.0)
-    climbing = part.quadctl("calibrate", "--json")
+    climbing = bmp280.quadctl("calibrate", "--json")
     assert climbing.code == 0
-    # 12 Pa a metre: what the second's readings differ by is the climb, no longer the noise.
+    # 12 Pa a metre: the readings of the last second differ by the climb, far above the noise.
     assert climbing.json["spread"] > max(5 * at_rest, 0.12)
     shown = readings.until(lambda r: r["baseline"] == climbing.json["baseline"])
     assert shown["spread"] == climbing.json["spread"]
@@ -291,7 +299,7 @@ def test_calibrated_in_flight_its_spread_says_so(part: Lab, session: Bare, readi
         (["pressure.source=iio", "dynamics.speed=0"], "needs dynamics.speed 1, not 0"),
     ],
 )
-def test_what_cannot_be_stops_the_launch(lab: Lab, settings: list[str], said: str):
+def test_impossible_barometer_settings_stop_the_launch(lab: Lab, settings: list[str], said: str):
     done = lab.quadctl(
         "up", "-d", *(word for text in settings for word in ("--set", text)), "--json"
     )

@@ -1,4 +1,4 @@
-"""`campaign`: the same flights whoever flies them, each to be flown again, and exit 8 for a fault."""
+"""`campaign`: the same flights on any number of processes, each repeatable; exit 8 for a violation."""
 
 import re
 import signal
@@ -20,13 +20,13 @@ SHORT = ("campaign", "--flights", 6, "--seconds", 4, "--seed", 3)
 SHAPE = {"flights", "seed", "worst_excursion", "transitions", "refusals", "violations", "hash"}
 
 MARGIN, GUSTS = 0.01, 0.05
-"""What a vehicle may be beyond the cage, m: in still air, and beside that in wind, by the square of
-its speed (m/s)."""
+"""Allowed excursion beyond the cage, m: in still air, and in addition per square of the wind speed
+(m/s)."""
 
 
 @pytest.fixture(scope="module")
 def module_lab() -> Iterator[Lab]:
-    """A realm in which nothing runs, nor needs to."""
+    """Realm in which nothing runs, because a campaign needs no system."""
     with private_lab() as made:
         yield made
 
@@ -35,13 +35,13 @@ def module_lab() -> Iterator[Lab]:
 def report(module_lab: Lab) -> dict[str, Any]:
     compiled_kernel()
     done = module_lab.quadctl(*SHORT, "--json", "--processes", 1, timeout=200.0)
-    assert done.code == 0  # on stderr it may say that the vehicle is being compiled
+    assert done.code == 0  # stderr may report that the vehicle is being compiled
     document: dict[str, Any] = done.json
     return document
 
 
 @pytest.mark.timeout(300)
-def test_campaign_is_independent_of_the_number_of_processes(
+def test_a_campaign_is_independent_of_the_number_of_processes(
     module_lab: Lab, report: dict[str, Any]
 ):
     assert report.keys() >= SHAPE
@@ -51,7 +51,7 @@ def test_campaign_is_independent_of_the_number_of_processes(
     assert other.json == report
 
 
-def test_a_flight_is_flown_again_with_its_log(module_lab: Lab, report: dict[str, Any]):
+def test_a_flight_can_be_replayed_with_its_log(module_lab: Lab, report: dict[str, Any]):
     seed = report["worst"]["seed"]
     assert 3_000_000 <= seed < 3_000_006
     again = module_lab.quadctl("campaign", "--replay", seed, "--seconds", 4, "--json")
@@ -60,28 +60,30 @@ def test_a_flight_is_flown_again_with_its_log(module_lab: Lab, report: dict[str,
     assert any("Current State: VERIFYING" in line for line in again.json["log"])
     first = module_lab.quadctl("campaign", "--replay", 3_000_000, "--seconds", 4, "--json")
     alone = module_lab.quadctl("campaign", "--flights", 1, *SHORT[3:], "--json")
-    assert first.json["hash"] == alone.json["hash"], "compiled and in plain Python it is one flight"
+    assert first.json["hash"] == alone.json["hash"], (
+        "the flight is the same compiled and in plain Python"
+    )
     told = module_lab.quadctl("campaign", "--replay", seed, "--seconds", 4)
     assert (told.code, told.err) == (0, "")
     assert re.search(r"^\d+\.\d\d s +goto x=", told.out, re.MULTILINE)
     assert told.out.splitlines()[-1] == f"SHA-256      {again.json['hash']}"
 
 
-def test_ctrl_c_ends_it_and_all_its_workers(lab: Lab):
+def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):
     flying = lab.spawn(*lab.command("campaign", "--flights", 1000, "--processes", 2))
-    # The command, the campaign's own process, and a worker at least.
+    # The command, the campaign's own process, and at least one worker.
     eventually(lambda: len(lab.processes()) >= 3, 30.0)
     flying.send(signal.SIGINT)
     assert flying.wait() == 130
     eventually(lambda: not lab.processes(), 3.0)
 
 
-def test_what_cannot_be_flown_is_a_mistake_of_usage(lab: Lab):
+def test_an_impossible_campaign_is_a_usage_error(lab: Lab):
     for words in ("--seconds 0", "--flights 0", "--flights 2000000", "--seed -1", "--replay x"):
         assert lab.quadctl("campaign", *words.split()).code == 2, words
 
 
-def test_a_violation_ends_it_with_8_and_says_how_to_fly_it_again(
+def test_a_violation_exits_8_and_prints_the_command_to_replay_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], report: dict[str, Any]
 ):
     bad = report | {"violations": [{"seed": 3000001, "what": ["MOVING to a goal outside"]}]}
@@ -96,7 +98,7 @@ def test_a_violation_ends_it_with_8_and_says_how_to_fly_it_again(
 
 @pytest.mark.prove
 @pytest.mark.timeout(1200)
-def test_ten_thousand_flights(module_lab: Lab, proofs: Proofs):
+def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Proofs):
     compiled_kernel()
     for air, more, most in (
         ("still air", (), MARGIN),
@@ -120,7 +122,7 @@ def test_ten_thousand_flights(module_lab: Lab, proofs: Proofs):
         assert done.json["worst_excursion"] <= most
 
 
-def test_it_reads_well(report: dict[str, Any]):
+def test_the_report_names_flights_excursion_and_transitions(report: dict[str, Any]):
     order = {"seconds": 4.0, "faults": False, "wind": 0.0}
     first, *rest = lines(report, order)
     assert first.startswith("6 flights of 4 s, worst excursion beyond the cage ")

@@ -1,4 +1,4 @@
-"""Checkpoint 1: parameters outside the code change what the system does, and what it says."""
+"""Checkpoint 1: parameters outside the code change the behaviour and the log of the system."""
 
 import signal
 
@@ -34,7 +34,7 @@ SAID = (
 
 
 @pytest.mark.parametrize("way", ["file", "settings"])
-def test_cage_and_range_from_outside_change_log_and_behaviour(lab: Lab, way: str):
+def test_a_file_or_settings_change_log_and_behaviour(lab: Lab, way: str):
     run = lab.foreground(*([lab.file(FILE)] if way == "file" else SETTINGS))
 
     assert "Launching with the following parameters:" in run.log
@@ -65,14 +65,14 @@ def test_cage_and_range_from_outside_change_log_and_behaviour(lab: Lab, way: str
     assert run.wait() == 130
 
 
-def test_a_setting_goes_before_the_file_and_quad_toml_is_found(lab: Lab):
+def test_a_setting_overrides_the_file_and_quad_toml_is_found(lab: Lab):
     lab.file(FILE, "quad.toml")
     lab.start("--set", "safety.virtual_cage.x=1.5")
     shown = lab.quadctl("cage", "show", "--json").json
     assert shown == {"on": True, "x": [-1.5, 1.5], "y": [-3.0, 3.0], "z": [0.0, 3.0]}
 
 
-def test_without_file_or_setting_the_defaults_of_the_code_hold(shared_lab: Lab):
+def test_the_defaults_of_the_code_apply_without_file_or_setting(shared_lab: Lab):
     names = ("safety.virtual_cage", "safety.acceptance_range", "pressure.rate")
     assert shared_lab.quadctl("param", "get", *names, "--json").json == {
         "safety.virtual_cage.x": 5.0,

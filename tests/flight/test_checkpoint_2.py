@@ -1,4 +1,4 @@
-"""Checkpoint 2: goals inside are flown to, goals outside are refused and change nothing."""
+"""Checkpoint 2: goals inside the cage are reached; goals outside are refused and change nothing."""
 
 import re
 
@@ -38,7 +38,7 @@ def test_a_goal_outside_is_refused_and_nothing_moves(
     assert f"{axis} = " in refused.err
     assert bound in refused.err
     setpoints.next(10)
-    # `for_seq` alone goes on counting.
+    # Only `for_seq` keeps counting.
     assert {str(s["position"]) for s in setpoints.messages} == {str(setpoint["position"])}
     assert {s["brake"] for s in setpoints.messages} == {setpoint["brake"]}
     moved = max(gap(pose["position"], before["position"]) for pose in poses.messages)
@@ -46,7 +46,7 @@ def test_a_goal_outside_is_refused_and_nothing_moves(
     assert hover.state()["state"] == "HOVERING"
 
 
-def test_the_boundary_belongs_to_the_cage(hover: Bare):
+def test_a_goal_on_the_boundary_is_inside_the_cage(hover: Bare):
     assert hover.call("goto", x=5.0, y=0.0, z=1.0).value["accepted"]
     assert not hover.call("goto", x=5.000000000000001, y=0.0, z=1.0, replace=True).value["accepted"]
 
@@ -65,10 +65,10 @@ def test_a_goal_while_moving_is_busy_until_replaced(shared_lab: Lab, hover: Bare
     assert states.until(lambda s: s["state"] == "HOVERING")["goal"] == near
 
 
-def test_goal_after_start_is_taken_next_is_busy_replace_is_taken(lab: Lab):
-    # Slow, so that the second command finds the first one's flight under way on any machine.
+def test_the_first_goal_is_accepted_the_next_busy_until_replaced(lab: Lab):
+    # Slow, so that the first flight still lasts at the second command, on any machine.
     lab.start("--set", "dynamics.control.max_speed=0.5", *PATIENT)
-    # The first thing after the start: taken, although the take-off is still under way.
+    # The first command after the start is accepted even during the take-off.
     assert lab.quadctl("goto", *FAR, "--no-wait").code == 0
     busy = lab.quadctl("goto", 1, 0, 1)
     assert busy.code == 5
@@ -86,7 +86,7 @@ def test_no_wait_returns_before_the_arrival(shared_lab: Lab, hover: Bare):
     assert hover.state()["state"] == "MOVING"
 
 
-def test_arrival_timeout_is_exit_4_and_the_flight_goes_on(shared_lab: Lab, hover: Bare):
+def test_an_arrival_timeout_exits_4_and_the_flight_goes_on(shared_lab: Lab, hover: Bare):
     late = shared_lab.quadctl("goto", *FAR, "--arrive", 0.2, "--json")
     assert late.code == 4
     assert late.json["accepted"]
@@ -96,7 +96,7 @@ def test_arrival_timeout_is_exit_4_and_the_flight_goes_on(shared_lab: Lab, hover
     assert (now["state"], now["reason"]) == ("MOVING", "")
 
 
-def test_hold_ends_the_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, hover: Bare):
+def test_hold_ends_a_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, hover: Bare):
     poses, states = hover.watch("uav/pose"), hover.watch("uav/safety/state")
     waiting = shared_lab.spawn(*QUADCTL, "goto", "-4.5", "-4.5", "4")
     poses.until(lambda p: speed(p) > 1.0)
@@ -108,7 +108,7 @@ def test_hold_ends_the_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab,
     poses.until(lambda p: speed(p) < 0.02)
     rest = poses.next()[0]["position"]
     assert gap(rest, dict(zip("xyz", FAR, strict=True))) > 0.5
-    # It braked ahead of where it was asked, and neither went back nor on.
+    # It braked ahead of the point of the hold, and moved neither back nor on afterwards.
     assert gap(rest, asked_at) > 0.05
     assert max(gap(pose["position"], rest) for pose in poses.next(100)) < 0.05
     end = states.until(lambda s: gap(s["goal"], rest) < 0.1)
@@ -116,11 +116,11 @@ def test_hold_ends_the_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab,
     assert "hold" in end["reason"]
 
 
-def test_a_goal_is_taken_as_soon_as_safety_is_ready(lab: Lab):
+def test_a_goal_is_accepted_as_soon_as_safety_is_ready(lab: Lab):
     lab.spawn(*QUADCTL, "up")
     with lab.first_bare() as bare:
         eventually(lambda: "safety" in bare.nodes())
-        # The take-off is still under way, and gives way.
+        # The take-off is still under way, and is replaced.
         assert bare.call("goto", **GOAL).value == {"accepted": True, "reason": ""}
         assert bare.state()["goal"] == GOAL
     eventually(lab.is_ready)

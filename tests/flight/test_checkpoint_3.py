@@ -1,4 +1,4 @@
-"""Checkpoint 3: the barometer reads the air, and calibrating zeroes it where the vehicle is."""
+"""Checkpoint 3: the barometer measures the air pressure, and calibrating zeroes it in place."""
 
 import re
 
@@ -16,7 +16,7 @@ def zeroed(bare: Bare) -> bool:
     return bare.watch("uav/sensors/pressure").next(2)[-1]["baseline"] != 0
 
 
-def test_the_topic_reads_the_air_at_height(shared_lab: Lab, hover: Bare):
+def test_the_topic_has_the_air_pressure_at_the_vehicles_height(shared_lab: Lab, hover: Bare):
     echoed = shared_lab.quadctl("topic", "echo", "sensors/pressure", "-n", 3, "--json")
     assert echoed.code == 0
     assert len(echoed.rows) == 3
@@ -27,9 +27,9 @@ def test_the_topic_reads_the_air_at_height(shared_lab: Lab, hover: Bare):
     assert float(text.out) == pytest.approx(1013.13, abs=0.01)
 
 
-def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab, hover: Bare):
+def test_calibrating_zeroes_the_topic_and_unset_restores_it(shared_lab: Lab, hover: Bare):
     heights, readings = hover.watch("uav/pose"), hover.watch("uav/sensors/pressure")
-    readings.next(11)  # so that the whole second that is averaged was at rest
+    readings.next(11)  # so that the vehicle was at rest for the whole averaged second
     done = shared_lab.quadctl("calibrate")
     assert done.code == 0
     assert re.match(r"baseline: 1013\.\d{4} hPa\n", done.out)
@@ -62,7 +62,7 @@ def test_calibrated_the_topic_is_near_zero_and_unset_restores_it(shared_lab: Lab
         ("/uav/calibrate_pressure", "true"),
     ],
 )
-def test_service_call_calibrates_in_every_spelling(
+def test_a_service_call_calibrates_in_every_spelling(
     shared_lab: Lab, hover: Bare, words: tuple[str, ...]
 ):
     called = shared_lab.quadctl("service", "call", *words, "--json")
@@ -72,14 +72,14 @@ def test_service_call_calibrates_in_every_spelling(
     assert hover.call("calibrate_pressure", zero=False).value == {"baseline": 0}
 
 
-def test_first_message_is_a_reading_early_calibration_not_ready(lab: Lab):
+def test_the_first_message_is_a_reading_and_early_calls_not_ready(lab: Lab):
     lab.spawn(*lab.command("up"))
     with lab.first_bare() as bare:
         readings = bare.watch("uav/sensors/pressure")
         early = eventually(lambda: bare.answers("uav/@srv/calibrate_pressure", b"\x81\xa4zero\xc3"))
         answer = early[0]
         first = readings.until(lambda _: True)
-        # Served before its first sample it says so, and from then on it takes what it has.
+        # Before its first sample it answers `not_ready`, afterwards it averages the samples it has.
         if answer.ok:
             assert answer.value["baseline"] == pytest.approx(1013.25, abs=0.2)
         else:

@@ -1,4 +1,4 @@
-"""Checkpoint 4: the cage is a service, and what it says holds in every situation."""
+"""Checkpoint 4: a service turns the cage on and off; its reply is true in every situation."""
 
 from tests.support.bare import Bare, gap, speed
 from tests.support.lab import Lab
@@ -6,7 +6,7 @@ from tests.support.lab import Lab
 OUTSIDE = {"x": 6.0, "y": 0.0, "z": 1.0}
 
 
-def test_refused_outside_then_reached_with_the_cage_off(shared_lab: Lab, hover: Bare):
+def test_a_goal_outside_is_refused_then_reached_with_the_cage_off(shared_lab: Lab, hover: Bare):
     assert shared_lab.quadctl("goto", 6, 0, 1).code == 5
     off = shared_lab.quadctl("cage", "off", "--json")
     assert (off.code, off.json) == (0, {"success": True})
@@ -21,7 +21,7 @@ def test_refused_outside_then_reached_with_the_cage_off(shared_lab: Lab, hover: 
     assert outside["x"] > 5
     assert hover.call("goto", **OUTSIDE).value["accepted"] is False
     assert "x = 6" in hover.state()["reason"]
-    # Put outside by command it hovers in place, and the way back comes nearer at every step.
+    # Outside after a command it hovers in place, and every step of the way back comes nearer.
     assert max(gap(pose["position"], outside) for pose in poses.next(50)) < 0.05
     back = shared_lab.quadctl("goto", 4.5, 0, 1, "--json")
     assert (back.code, back.json["arrived"]) == (0, True)
@@ -29,7 +29,7 @@ def test_refused_outside_then_reached_with_the_cage_off(shared_lab: Lab, hover: 
     assert max(beyond) < outside["x"] + 0.05
 
 
-def test_turned_on_in_flight_to_a_goal_outside_the_vehicle_stops(shared_lab: Lab, hover: Bare):
+def test_turning_the_cage_on_stops_a_flight_to_a_goal_outside(shared_lab: Lab, hover: Bare):
     states, poses = hover.watch("uav/safety/state"), hover.watch("uav/pose")
     hover.call("toggle_cage", cage_on=False)
     far = {"x": -9.0, "y": 0.0, "z": 1.0}
@@ -47,7 +47,7 @@ def test_turned_on_in_flight_to_a_goal_outside_the_vehicle_stops(shared_lab: Lab
     assert hover.call("goto", x=0.0, y=0.0, z=1.0).value["accepted"]
 
 
-def test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on(hover: Bare):
+def test_turning_the_cage_on_keeps_a_flight_to_a_goal_inside(hover: Bare):
     states = hover.watch("uav/safety/state")
     hover.call("toggle_cage", cage_on=False)
     assert hover.call("goto", x=-4.0, y=0.0, z=1.0).value["accepted"]
@@ -57,7 +57,7 @@ def test_turned_on_in_flight_to_a_goal_inside_the_flight_goes_on(hover: Bare):
     assert (end["goal"]["x"], end["reason"]) == (-4.0, "")
 
 
-def test_cage_on_reports_what_it_stopped_and_nothing_older(shared_lab: Lab, hover: Bare):
+def test_cage_on_reports_the_flight_it_stopped_and_nothing_older(shared_lab: Lab, hover: Bare):
     hover.call("toggle_cage", cage_on=False)
     assert hover.call("goto", **OUTSIDE).value["accepted"]
     hover.watch("uav/pose").until(lambda p: speed(p) > 0.5)
@@ -65,13 +65,13 @@ def test_cage_on_reports_what_it_stopped_and_nothing_older(shared_lab: Lab, hove
     assert stopped[0] == "cage is on"
     assert len(stopped) == 2
     assert "x = 6" in stopped[1]
-    # The reason stays in the state: it is neither this toggle's, nor the next one's.
+    # The old reason stays in the state, but the next toggles must not report it again.
     assert hover.state()["reason"] == stopped[1]
     for word, said in (("on", "cage is on\n"), ("off", "cage is off\n"), ("on", "cage is on\n")):
         assert shared_lab.quadctl("cage", word).out == said
 
 
-def test_the_cage_reads_well(shared_lab: Lab, hover: Bare):
+def test_cage_show_prints_the_bounds_and_the_service_turns_it_off(shared_lab: Lab, hover: Bare):
     shown = shared_lab.quadctl("cage", "show")
     assert shown.out.splitlines() == [
         "cage is on",
@@ -83,7 +83,7 @@ def test_the_cage_reads_well(shared_lab: Lab, hover: Bare):
     assert not hover.state()["cage_on"]
 
 
-def test_takeoff_above_the_cage_leaves_the_vehicle_on_the_ground(lab: Lab):
+def test_a_takeoff_above_the_cage_leaves_the_vehicle_on_the_ground(lab: Lab):
     lab.start("--set", "safety.virtual_cage.z=0.5")
     with lab.bare() as bare:
         state = bare.state()

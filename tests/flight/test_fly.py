@@ -1,4 +1,4 @@
-"""`fly`: the same mission is the same flight, to the last bit, at any speed and under any load."""
+"""`fly`: a mission gives the same flight to the last bit, at any speed and under any load."""
 
 import re
 import signal
@@ -25,7 +25,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="module")
 def fast() -> Iterator[Lab]:
-    """A lab as fast as it goes, with the vehicle compiled."""
+    """Lab at the highest speed (`dynamics.speed=0`), with the vehicle compiled."""
     compiled_vehicle()
     with private_lab() as made:
         start(made, *SETTINGS["fast"])
@@ -35,7 +35,7 @@ def fast() -> Iterator[Lab]:
 
 @pytest.fixture(scope="module")
 def flights(fast: Lab) -> dict[str, dict[str, Any]]:
-    """The mission flown at each speed and with another seed, all at once: each loads the others."""
+    """Results of the mission at each speed and with another seed, flown at once to load the machine."""
     with ExitStack() as stack, ThreadPoolExecutor(len(SETTINGS)) as pool:
         labs = {"fast": fast}
         for name in SETTINGS.keys() - labs.keys():
@@ -44,7 +44,7 @@ def flights(fast: Lab) -> dict[str, dict[str, Any]]:
         return dict(zip(labs, pool.map(fly, labs.values()), strict=True))
 
 
-def test_the_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):
+def test_a_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):
     fast = flights["fast"]
     # One vehicle in real time flies as plain Python.
     assert fast["counts"] == {"poses": 801, "transitions": 23, "pressure": 81}
@@ -55,7 +55,7 @@ def test_the_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]])
     assert flights["real"]["wall_seconds"] > 7.9
 
 
-def test_each_row_has_its_verdict(flights: dict[str, dict[str, Any]]):
+def test_each_row_of_a_mission_has_its_verdict(flights: dict[str, dict[str, Any]]):
     rows = flights["fast"]["rows"]
     assert [row["accepted"] for row in rows] == [
         True, True, True, False, True, False, True, True, True, True, True,
@@ -66,16 +66,16 @@ def test_each_row_has_its_verdict(flights: dict[str, dict[str, Any]]):
     assert (rows[4]["do"], rows[4]["at"], rows[4]["replace"]) == ("goto", 2.6, True)
 
 
-def test_another_seed_is_another_flight(flights: dict[str, dict[str, Any]]):
+def test_another_seed_gives_another_flight(flights: dict[str, dict[str, Any]]):
     fast, other = flights["fast"], flights["seed"]
     assert other["seed"] == 7
-    # So far the seed is that of the barometer's noise alone.
+    # The seed changes only the barometer's noise so far.
     assert other["pressure"] != fast["pressure"]
     assert other["hash"] != fast["hash"]
     assert other["transitions"] == fast["transitions"]
 
 
-def test_what_was_before_does_not_count(fast: Lab):
+def test_earlier_commands_do_not_change_a_mission(fast: Lab):
     first = fly(fast)
     assert fast.quadctl("cage", "off").code == 0
     assert fast.quadctl("goto", 7, 1, 2, "--no-wait", "--replace").code == 0
@@ -83,7 +83,7 @@ def test_what_was_before_does_not_count(fast: Lab):
     assert same(fly(fast)) == same(first)
 
 
-def test_it_is_told_in_words_too(fast: Lab):
+def test_fly_prints_rows_and_digests_as_text(fast: Lab):
     told = fast.quadctl("fly", "mission.toml")
     assert (told.code, told.err) == (0, "")
     assert re.search(
@@ -94,7 +94,7 @@ def test_it_is_told_in_words_too(fast: Lab):
     assert re.search(rf"^poses +{digest} +of 801$", told.out, re.MULTILINE)
 
 
-def test_invalid_mission_is_reported_by_row_before_the_flight(lab: Lab):
+def test_an_invalid_mission_is_reported_by_row_before_the_flight(lab: Lab):
     lab.file('rows = [{ at = 1.0, do = "goto", x = 1.0, y = 2.0 }]', "mission.toml")
     wrong = lab.quadctl("fly", "mission.toml", "--json")
     assert (wrong.code, wrong.out) == (6, "")
@@ -104,7 +104,7 @@ def test_invalid_mission_is_reported_by_row_before_the_flight(lab: Lab):
     assert lab.quadctl("fly", "mission.toml").code == 3
 
 
-def test_missing_service_is_reported_before_the_flight(lab: Lab):
+def test_a_missing_service_is_reported_before_the_flight(lab: Lab):
     example = Path(__file__).parents[2] / "examples" / "my_safety.py"
     command = f'[processes]\nsafety = ["python", "{example}"]\n'
     lab.start(lab.file(command), "--set", "dynamics.start.z=1")
@@ -118,7 +118,7 @@ LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 
 
 
 @pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])
-def test_node_death_voids_the_flight_and_the_next_is_complete(fast: Lab, node: str):
+def test_a_node_death_voids_the_flight_and_the_next_is_complete(fast: Lab, node: str):
     fast.file(LONG, "long.toml")
     usual = fly(fast)
     with fast.bare() as bare:
@@ -134,7 +134,7 @@ def test_node_death_voids_the_flight_and_the_next_is_complete(fast: Lab, node: s
     assert same(fly(fast)) == same(usual)
 
 
-def test_ctrl_c_drops_the_mission(fast: Lab):
+def test_ctrl_c_drops_a_mission(fast: Lab):
     fast.file(LONG, "long.toml")
     with fast.bare() as bare:
         poses = bare.watch("uav/pose")
@@ -150,7 +150,7 @@ def test_ctrl_c_drops_the_mission(fast: Lab):
 @pytest.mark.prove
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", ["fast", "ten", "real"])
-def test_no_load_makes_another_flight(lab: Lab, fast: Lab, name: str):
+def test_a_flight_is_the_same_under_any_load(lab: Lab, fast: Lab, name: str):
     expected = same(fly(fast))
     start(lab, *SETTINGS[name])
     for loops in (0, 8):

@@ -1,4 +1,4 @@
-"""`param set`: at once, checked, all or nothing, and kept through a restart."""
+"""`param set` takes effect at once, validates, sets all or nothing, and survives a restart."""
 
 import signal
 from collections.abc import Iterator
@@ -18,18 +18,18 @@ from tests.support.running import eventually
 
 CAGE = {"x": 5.0, "y": 5.0, "z": 2.0}
 GOAL = {"x": 5.0, "y": 3.0, "z": 2.0}
-"""On two walls at once."""
+"""Goal on two walls at once."""
 MOMENTS = (0.5, 1.1, 1.9)
-"""Simulated seconds: gathering speed, at full speed, and braking; the flight begins at 0.2."""
+"""Simulated seconds: accelerating, at full speed, and braking; the flight begins at 0.2."""
 END = 7.0
-"""Two seconds after the standstill at which what waits is adopted."""
+"""Simulated seconds: two after the standstill at which waiting parameters are adopted."""
 MARGIN = 0.01
 WAITS = "from the next standstill"
 _boots = count()
 
 
 def values(name: str) -> list[float]:
-    """The bounds of a parameter, and a value between them."""
+    """Return the bounds of a parameter, and a value between them."""
     entry = catalogue.leaves()[name]
     assert isinstance(entry.type, inspect.FloatType)
     low, high = entry.type.ge, entry.type.le
@@ -42,8 +42,8 @@ NAMES = [name for name in catalogue.leaves() if name.startswith(FROM_STANDSTILL)
 
 
 @pytest.fixture(scope="module")
-def quick() -> Iterator[Bare]:
-    """A system that flies as fast as it goes, its vehicle in the air."""
+def fast() -> Iterator[Bare]:
+    """System at the highest speed (`dynamics.speed=0`), the vehicle in the air."""
     with private_lab() as made:
         settings = ("dynamics.speed=0", "dynamics.start.z=1", "safety.virtual_cage.z=2")
         made.start(*(word for setting in settings for word in ("--set", setting)))
@@ -51,21 +51,21 @@ def quick() -> Iterator[Bare]:
             yield bare
 
 
-def beyond(pose: dict[str, Any]) -> float:
-    """How far out of the cage a pose is, m."""
+def excursion(pose: dict[str, Any]) -> float:
+    """Return the distance of a pose out of the cage, m."""
     x, y, z = (pose["position"][axis] for axis in "xyz")
     out = (max(abs(x) - CAGE["x"], 0), max(abs(y) - CAGE["y"], 0), max(z - CAGE["z"], -z, 0))
     return sqrt(sum(each * each for each in out))
 
 
-def answered(reply: zenoh.Reply) -> dict[str, Any]:
+def reply_fields(reply: zenoh.Reply) -> dict[str, Any]:
     assert reply.ok is not None
     fields: dict[str, Any] = unpack(reply.ok.payload.to_bytes())
     return fields
 
 
 def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]:
-    """Fly to the wall and set a parameter; how far out that took it, and what was answered."""
+    """Fly to the wall and set a parameter; return the excursion (m) and the reason of the reply."""
     boot = f"flight{next(_boots)}"
     poses: list[dict[str, Any]] = []
     listener = bare.session.declare_subscriber(
@@ -87,28 +87,28 @@ def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]
     ]
     reset = bare.query("uav/@srv/reset", pack({}), attachment=ticket(30, boot=boot))
     assert reset.value == {"success": True}
-    went, reply, _ = (answered(next(iter(replies))) for replies in waiting)
+    went, reply, _ = (reply_fields(next(iter(replies))) for replies in waiting)
     assert went["accepted"]
     eventually(lambda: poses[-1]["boot"] == boot and poses[-1]["stamp"] >= END)
     listener.undeclare()
     flown = [pose for pose in poses if pose["boot"] == boot]
-    return max(map(beyond, flown)), reply["reason"]
+    return max(map(excursion, flown)), reply["reason"]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_value_takes_it_out_of_the_cage(quick: Bare, name: str):
+def test_no_value_set_in_flight_takes_the_vehicle_out_of_the_cage(fast: Bare, name: str):
     default = catalogue.leaves()[name].default
     for value in values(name):
         for moment in MOMENTS:
-            farthest, reason = fly(quick, name, value, moment)
+            farthest, reason = fly(fast, name, value, moment)
             assert farthest <= MARGIN, (value, moment, reason)
             assert value == default or WAITS in reason or "would not fly" in reason
-            assert quick.call("dynamics/set_params", values={name: default}).value["success"]
+            assert fast.call("dynamics/set_params", values={name: default}).value["success"]
 
 
 @pytest.fixture(scope="module")
 def tuned() -> Iterator[Lab]:
-    """A lab of its own, because parameters stay changed."""
+    """Private lab, because parameters stay changed."""
     with private_lab() as made:
         # Slow, so that a flight lasts longer than a command on a busy machine.
         made.start(
@@ -125,11 +125,11 @@ def session(tuned: Lab) -> Iterator[Bare]:
         assert bare.call("safety/set_params", values=size).value["success"]
 
 
-def test_a_smaller_cage_holds_at_once(tuned: Lab, session: Bare):
+def test_a_smaller_cage_takes_effect_at_once(tuned: Lab, session: Bare):
     assert session.call("goto", x=4.0, y=0.0, z=1.0).value["accepted"]
     done = tuned.quadctl("param", "set", "safety.virtual_cage.x", 3, "--json")
     assert (done.code, done.json) == (0, {"safety.virtual_cage.x": 3})
-    # The flight to a goal that is outside now has been stopped when the command returns.
+    # When the command returns, the flight to the goal, now outside, has been stopped.
     state = session.state()
     assert (state["state"], state["cage"]["x"]) == ("HOVERING", 3)
     assert "x = 4" in state["reason"]
@@ -138,7 +138,7 @@ def test_a_smaller_cage_holds_at_once(tuned: Lab, session: Bare):
     assert "[-3, 3]" in refused["reason"]
 
 
-def test_vehicle_outside_a_shrunk_cage_hovers_and_may_come_back(tuned: Lab, session: Bare):
+def test_a_vehicle_outside_a_shrunk_cage_hovers_and_may_return(tuned: Lab, session: Bare):
     assert session.call("hold").ok
     poses = session.watch("uav/pose")
     place = poses.until(lambda p: speed(p) < 0.01)["position"]
@@ -178,13 +178,13 @@ def test_a_bad_value_changes_nothing_even_beside_good_ones(tuned: Lab, session: 
         ("dynamics.speed 0", "fixed at launch", "`quadctl up --set dynamics.speed=0`"),
     ],
 )
-def test_the_way_out_is_told_for_what_there_is(tuned: Lab, words: str, said: str, hint: str):
+def test_a_refused_value_comes_with_a_hint(tuned: Lab, words: str, said: str, hint: str):
     error = tuned.quadctl("param", "set", *words.split(), "--json").error
     assert said in error["message"]
     assert hint in error["hint"]
 
 
-def test_the_cage_is_not_said_to_be_on_while_it_is_off(tuned: Lab, session: Bare):
+def test_param_set_cannot_turn_the_cage_on_or_off(tuned: Lab, session: Bare):
     assert tuned.quadctl("cage", "off").code == 0
     try:
         for words in ("safety.cage_on true", "safety.takeoff=2 safety.cage_on=true"):
@@ -199,7 +199,7 @@ def test_the_cage_is_not_said_to_be_on_while_it_is_off(tuned: Lab, session: Bare
     assert "Change:   at launch" in tuned.quadctl("param", "describe", "safety.cage_on").out
 
 
-def test_a_table_is_taken_as_toml_json_or_ros_write_it(tuned: Lab, session: Bare):
+def test_a_table_may_be_written_as_toml_json_or_ros_yaml(tuned: Lab, session: Bare):
     for number, text in enumerate(("{ x = %s }", "{x: %s, y: 4}", '{"x": %s.0, "y": 4.0}'), 2):
         cage = text % number
         assert tuned.quadctl("param", "set", "safety.virtual_cage", cage).code == 0
@@ -210,7 +210,7 @@ def test_a_table_is_taken_as_toml_json_or_ros_write_it(tuned: Lab, session: Bare
     assert (done.code, "q" in done.err) == (6, True)
 
 
-def test_names_as_ros_writes_them(tuned: Lab):
+def test_parameter_names_may_be_written_as_in_ros(tuned: Lab):
     names = tuned.quadctl("param", "list").out.splitlines()
     of_safety = [name for name in names if name.startswith("safety.")]
     lines = {f"param list {name}": of_safety for name in ("safety", "/safety", "/uav/safety")}
@@ -226,7 +226,7 @@ def test_names_as_ros_writes_them(tuned: Lab):
     assert "did you mean safety?" in told["param list saftey"].err
 
 
-def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: Bare):
+def test_several_parameters_are_set_together_and_survive_a_kill(tuned: Lab, session: Bare):
     words = ("safety.virtual_cage.x=3", "/safety/virtual_cage/y=2.5")
     assert tuned.quadctl("param", "set", *words).code == 0
     old = tuned.signal("safety", signal.SIGKILL)
@@ -237,7 +237,7 @@ def test_several_are_set_together_and_survive_the_process(tuned: Lab, session: B
     assert "safety.virtual_cage.y: 2.5" in got.splitlines()
 
 
-def test_rate_and_speed_limit_change_while_they_are_used(session: Bare):
+def test_rate_and_speed_limit_change_while_in_use(session: Bare):
     assert session.call("pressure/set_params", values={"pressure.rate": 50}).value["success"]
     stamps = [r["stamp"] for r in session.watch("uav/sensors/pressure").next(40)[10:]]
     assert (stamps[-1] - stamps[0]) / (len(stamps) - 1) == pytest.approx(0.02, abs=0.01)
@@ -250,7 +250,7 @@ def test_rate_and_speed_limit_change_while_they_are_used(session: Bare):
     assert max(speed(pose) for pose in poses.next(50)) < 0.7
 
 
-def test_what_is_set_in_flight_is_told_to_wait(tuned: Lab, session: Bare):
+def test_a_limit_set_in_flight_is_reported_as_waiting(tuned: Lab, session: Bare):
     assert session.call("goto", x=2.0, y=0.0, z=1.0, replace=True).value["accepted"]
     session.watch("uav/pose").until(lambda p: speed(p) > 0.2)
     name = "dynamics.control.max_acceleration"
@@ -276,7 +276,7 @@ def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
         ("dynamics.vehicle.motor_lag 0.5", "unstable"),
         ("dynamics.vehicle.mass 4", "its motors lift 8.32 m/s^2 at most"),
         ("dynamics.wind.mean.x 12", "wind of 12 m/s"),
-        # What waits is not there yet when the wind is.
+        # The wind takes effect at once, the tilt limit only at the next standstill.
         ("dynamics.wind.mean.x=10 dynamics.control.max_tilt=1.2", "until the vehicle's next"),
     ):
         done = tuned.quadctl("param", "set", *words.split())
@@ -287,7 +287,7 @@ def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
     assert (started.code, "unstable" in started.err) == (6, True)
 
 
-def test_a_node_without_such_a_parameter_says_so(tuned: Lab, session: Bare):
+def test_an_unknown_parameter_is_named_in_the_error(tuned: Lab, session: Bare):
     done = tuned.quadctl("param", "set", "safety.cage", "3", "--json")
     assert done.code == 6
     assert "safety.cage" in done.error["message"]

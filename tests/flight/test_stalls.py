@@ -1,7 +1,7 @@
-"""Processes that do not run for a while: a flight pauses, and goes on or gives up by the grace.
+"""Processes that stall for a while: a flight pauses, then goes on or ends, depending on the grace.
 
-What is assumed of the machine, that it keeps nobody from running for longer than the grace, is measured
-beside: a thread that only sleeps counts how late it wakes.
+The tests assume that the machine itself stalls no process for longer than the grace. A thread that
+only sleeps measures this: it records how late it wakes.
 """
 
 import os
@@ -45,7 +45,7 @@ def test_a_stall_within_the_grace_pauses_the_flight(lab: Lab, node: str):
     assert "arrived" in going.log
 
 
-def test_safety_that_was_held_up_stops_the_flight_and_says_why(lab: Lab):
+def test_a_stall_of_safety_itself_stops_the_flight_with_a_reason(lab: Lab):
     lab.start("--set", "dynamics.start.z=1", "--set", "supervise.answer_timeout=60")
     with lab.bare() as bare:
         states, poses = bare.watch("uav/safety/state"), bare.watch("uav/pose")
@@ -63,34 +63,36 @@ def test_safety_that_was_held_up_stops_the_flight_and_says_why(lab: Lab):
     assert lab.quadctl("goto", 4.5, 0, 1).code == 0
 
 
-def test_setpoints_to_a_goal_given_up_by_a_stop_are_ignored(lab: Lab):
+def test_setpoints_to_an_abandoned_goal_are_ignored(lab: Lab):
     lab.start("--without", "safety", "--set", "dynamics.start.z=1")
     with lab.bare() as bare:
         poses = bare.watch("uav/pose")
-        lead(bare, poses, FAR, lambda p: speed(p) > 1)
+        publish_setpoints(bare, poses, FAR, lambda p: speed(p) > 1)
         place = poses.until(lambda p: speed(p) < 0.01)["position"]
-        led = lead(bare, poses, FAR, count=100)
-        assert all(gap(pose["position"], place) < 0.05 for pose in led)
+        poses_seen = publish_setpoints(bare, poses, FAR, count=100)
+        assert all(gap(pose["position"], place) < 0.05 for pose in poses_seen)
         assert gap(place, FAR) > 1
-        lead(bare, poses, BACK, lambda p: gap(p["position"], BACK) < 0.1)
-        lead(bare, poses, FAR, lambda p: gap(p["position"], FAR) < 0.1)
+        publish_setpoints(bare, poses, BACK, lambda p: gap(p["position"], BACK) < 0.1)
+        publish_setpoints(bare, poses, FAR, lambda p: gap(p["position"], FAR) < 0.1)
     assert "hovering until another goal is asked for" in lab.log("dynamics")
 
 
-def lead(bare: Bare, poses: Watch, goal: dict[str, float], until: Any = None, count: int = 1000):
-    """Answer each pose with a setpoint, until one is as wanted, or so many times."""
-    led = []
+def publish_setpoints(
+    bare: Bare, poses: Watch, goal: dict[str, float], until: Any = None, count: int = 1000
+):
+    """Answer each pose with a setpoint until `until` holds for a pose, or `count` times."""
+    poses_seen = []
     for _ in range(count):
-        led += poses.next()
-        told = {"boot": led[-1]["boot"], "for_seq": led[-1]["seq"], "position": goal}
+        poses_seen += poses.next()
+        told = {"boot": poses_seen[-1]["boot"], "for_seq": poses_seen[-1]["seq"], "position": goal}
         bare.put("uav/input/position", {**told, "brake": False})
-        if until and until(led[-1]):
-            return led
-    assert until is None, f"not within {count} poses; the last was {led[-1]}"
-    return led
+        if until and until(poses_seen[-1]):
+            return poses_seen
+    assert until is None, f"not within {count} poses; the last was {poses_seen[-1]}"
+    return poses_seen
 
 
-def test_without_grace_it_flies_and_any_silence_ends_the_flight(lab: Lab):
+def test_any_silence_ends_a_flight_without_grace(lab: Lab):
     lab.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=0")
     assert lab.quadctl("goto", 1, 0, 1).code == 0
     with lab.bare() as bare:
@@ -110,7 +112,7 @@ CAGE = {"x": (-5, 5), "y": (-5, 5), "z": (0, 5)}
 
 @contextmanager
 def stalling(lab: Lab, draw: random.Random, seconds: tuple[float, float]) -> Iterator[list[float]]:
-    """Stop a process of the system chosen at random, or all at once, every two seconds."""
+    """Stall a random process of the system, or all of them, every two seconds."""
     done, stalls = threading.Event(), []
 
     def stall() -> None:
@@ -142,7 +144,7 @@ def flying() -> Iterator[Lab]:
 
 
 def goal_from(draw: random.Random, here: dict[str, float]) -> dict[str, float]:
-    """Some way off, as likely as not on a wall."""
+    """Return a random goal 1 to 3 m away, often on a wall."""
     while True:
         goal = {
             axis: draw.choice((low, high)) if draw.random() < 0.3 else draw.uniform(low, high)
@@ -152,14 +154,14 @@ def goal_from(draw: random.Random, here: dict[str, float]) -> dict[str, float]:
             return goal
 
 
-def ask(bare: Bare, goal: dict[str, float]) -> None:
+def send_goto(bare: Bare, goal: dict[str, float]) -> None:
     answer = bare.call("goto", timeout=10.0, **goal, replace=True)
     assert answer.value == {"accepted": True, "reason": ""}
 
 
 def fly(bare: Bare, states: Watch, goal: dict[str, float]) -> str:
-    """One flight; returns why it did not arrive, empty where it did."""
-    ask(bare, goal)
+    """Fly once; return the reason why the vehicle did not arrive, or an empty text."""
+    send_goto(bare, goal)
     ended: dict[str, Any] = states.until(
         lambda s: (
             s["state"] == "HOVERING"
@@ -171,8 +173,8 @@ def fly(bare: Bare, states: Watch, goal: dict[str, float]) -> str:
     return "" if ended["goal"] == goal and not ended["reason"] else str(ended["reason"])
 
 
-def farthest(poses: Watch) -> float:
-    """How far out of the cage the vehicle has been, m."""
+def largest_excursion(poses: Watch) -> float:
+    """Return the largest excursion of the vehicle out of the cage, m."""
     return max(
         max(low - pose["position"][axis], pose["position"][axis] - high)
         for pose in poses.messages
@@ -181,7 +183,7 @@ def farthest(poses: Watch) -> float:
 
 
 def among_stalls(lab: Lab, count: int, seed: int) -> tuple[list[str], float, str]:
-    """So many flights; why some did not arrive, how far out of the cage, and what was assumed."""
+    """Fly `count` times; return the reasons of failed flights, the excursion (m), and all stalls."""
     draw, sleeper, problems, out = random.Random(seed), Sleeper(), [], -1.0
     with stalling(lab, random.Random(seed + 1), (0.1, 0.5)) as stalls:
         for _ in range(0, count, 20):
@@ -191,13 +193,13 @@ def among_stalls(lab: Lab, count: int, seed: int) -> tuple[list[str], float, str
                     here = poses.next()[0]["position"]
                     if why := fly(bare, states, goal_from(draw, here)):
                         problems.append(why)
-                out = max(out, farthest(poses))
+                out = max(out, largest_excursion(poses))
     assert len(stalls) > count / 5
     return problems, out, f"{len(stalls)} stalls of ours; {sleeper.stop()}"
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_sixty_flights_among_short_stalls(flying: Lab, seed: int):
+def test_sixty_flights_arrive_despite_short_stalls(flying: Lab, seed: int):
     problems, out, assumed = among_stalls(flying, 20, seed=seed)
     assert problems == [], assumed
     assert out <= MARGIN
@@ -205,7 +207,7 @@ def test_sixty_flights_among_short_stalls(flying: Lab, seed: int):
 
 @pytest.mark.prove
 @pytest.mark.timeout(7200)
-def test_a_thousand_flights_among_short_stalls(flying: Lab, proofs: Proofs):
+def test_a_thousand_flights_arrive_despite_short_stalls(flying: Lab, proofs: Proofs):
     problems, out, assumed = among_stalls(flying, 1000, seed=2)
     proofs.add(
         "1000 flights, a process or all stopped for 0.1 to 0.5 s every 2 s",
@@ -218,11 +220,11 @@ def test_a_thousand_flights_among_short_stalls(flying: Lab, proofs: Proofs):
 
 
 def outage(lab: Lab, nodes: list[str], draw: random.Random) -> None:
-    """Stop some in flight for 2 s: the flight ends with its reason, and does not go on by itself."""
+    """Stop processes in flight for 2 s: the flight ends with a reason, and does not resume by itself."""
     with lab.bare() as bare:
         poses = bare.watch("uav/pose")
         goal = goal_from(draw, poses.next()[0]["position"])
-        ask(bare, goal)
+        send_goto(bare, goal)
         poses.until(lambda p: speed(p) > 1)
         pids = [lab.nodes()[name]["pid"] for name in nodes]
         held = time.monotonic()
@@ -231,7 +233,7 @@ def outage(lab: Lab, nodes: list[str], draw: random.Random) -> None:
         eventually(lambda: time.monotonic() > held + 2.0)
         for pid in pids:
             os.kill(pid, signal.SIGCONT)
-        # A hub that was away has lost sessions: another one, as a user's next command.
+        # A hub that was away has lost its sessions: use a new one, like a user's next command.
     with lab.bare() as after:
         poses, states = after.watch("uav/pose"), after.watch("uav/safety/state")
         stopped = states.until(lambda s: s["state"] == "HOVERING", within=10)
@@ -239,13 +241,13 @@ def outage(lab: Lab, nodes: list[str], draw: random.Random) -> None:
         place = poses.until(lambda p: speed(p) < 0.05, within=10)["position"]
         assert all(gap(p["position"], place) < 0.1 for p in poses.next(100))
         assert after.state()["state"] == "HOVERING"
-        assert farthest(poses) <= MARGIN
+        assert largest_excursion(poses) <= MARGIN
         after.fly(0.0, 0.0, 1.0)
 
 
 @pytest.fixture(scope="module")
 def patient() -> Iterator[Lab]:
-    """One whose supervisor restarts nobody meanwhile: what ends a flight is the silence."""
+    """System with a supervisor so patient that it restarts no process: only silence ends a flight."""
     with private_lab() as made:
         made.start("--set", "dynamics.start.z=1", "--set", "supervise.answer_timeout=30")
         yield made
@@ -260,7 +262,7 @@ def test_an_outage_beyond_the_grace_ends_the_flight(patient: Lab, nodes: list[st
 
 @pytest.mark.prove
 @pytest.mark.timeout(3600)
-def test_a_hundred_outages_beyond_the_grace(patient: Lab, proofs: Proofs):
+def test_a_hundred_outages_beyond_the_grace_end_the_flights(patient: Lab, proofs: Proofs):
     draw = random.Random(3)
     for _ in range(100):
         outage(patient, draw.choice([["dynamics"], ["safety"], ["hub"], NODES]), draw)

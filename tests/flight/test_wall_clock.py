@@ -1,4 +1,4 @@
-"""The wall clock is set in flight, by an hour on and back: nobody who flies goes by it."""
+"""The wall clock is set an hour on and back in flight: no flying process depends on it."""
 
 import ast
 import json
@@ -19,28 +19,28 @@ ROOT = Path(__file__).parents[2]
 HERE = ROOT / "tests" / "support"
 HOUR = 3600
 TIME_OF_DAY = {"time", "time_ns", "datetime", "localtime", "gmtime", "ctime", "strftime"}
-MAY_ASK = {
+MAY_READ = {
     "bus/calls.py": "a call's deadline",
-    "bus/client.py": "since when a command runs, to be compared with a process's start",
+    "bus/client.py": "the start of a command, compared with the start of a process",
     "bus/raw.py": "when a recording begins",
     "bus/scheduled_calls.py": "a call's deadline, which the contract has as Unix time",
-    "bus/streams.py": "the age of messages, which is only told",
+    "bus/streams.py": "the age of messages, which is only shown",
     "bus/survey.py": "the age of messages, and a call's deadline",
-    "node.py": "the deadlines of calls that are held",
-    "security/access_control.py": "until when a certificate holds",
-    "security/authority.py": "until when a certificate holds",
-    "security/identity.py": "until when a certificate holds",
-    "security/registry.py": "until when a certificate holds",
+    "node.py": "the deadlines of scheduled calls",
+    "security/access_control.py": "the expiry of a certificate",
+    "security/authority.py": "the expiry of a certificate",
+    "security/identity.py": "the expiry of a certificate",
+    "security/registry.py": "the expiry of a certificate",
     "server.py": "a call's deadline",
     "supervisor/child.py": "when a line was logged",
-    "supervisor/descendants.py": "a name that no other run has",
+    "supervisor/descendants.py": "a name unique to the run",
     "supervisor/logs.py": "when a line was logged",
-    "supervisor/supervisor.py": "when a process was started, which is only told",
+    "supervisor/supervisor.py": "when a process was started, which is only shown",
 }
 
 
 class Clock:
-    """The time of day of a lab's processes; `ahead` of ours, s."""
+    """Time of day of a lab's processes, `ahead` s ahead of the real one."""
 
     def __init__(self, folder: Path) -> None:
         self.file = folder / "ahead"
@@ -52,8 +52,8 @@ class Clock:
             file.write(ahead.to_bytes(8, sys.byteorder, signed=True))
 
 
-def undisturbed(lab: Lab, jump: Callable[[int], None]) -> int:
-    """Fly to and fro, the clock set in each flight; returns how often that was."""
+def fly_through_jumps(lab: Lab, jump: Callable[[int], None]) -> int:
+    """Fly to and fro, setting the clock in each flight; return the number of flights."""
     with lab.bare() as bare:
         poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
         legs = ((4.0, HOUR), (-4.0, -HOUR), (4.0, 0))
@@ -73,15 +73,15 @@ def undisturbed(lab: Lab, jump: Callable[[int], None]) -> int:
     return len(legs)
 
 
-def stamped(lab: Lab) -> float:
-    """By which time of day dynamics' Zenoh stamps a message, Unix s."""
+def zenoh_timestamp(lab: Lab) -> float:
+    """Return the Zenoh timestamp of a message from dynamics, Unix s."""
     with lab.bare() as bare, bare.session.declare_subscriber("uav/pose") as poses:
         stamp = poses.recv().timestamp
         assert stamp is not None
         return stamp.get_time().timestamp()
 
 
-def test_an_hour_on_and_back_in_flight(lab: Lab):
+def test_nodes_fly_on_when_their_clock_jumps_by_an_hour(lab: Lab):
     clock = Clock(lab.folder)
     nodes = {
         name: [
@@ -95,22 +95,24 @@ def test_an_hour_on_and_back_in_flight(lab: Lab):
     }
     lines = (f"{name} = {json.dumps(command)}\n" for name, command in nodes.items())
     lab.start(lab.file("[processes]\n" + "".join(lines)), "--set", "dynamics.start.z=1", *PATIENT)
-    assert undisturbed(lab, clock.set) == 3
-    # That it has jumped at all: to safety the deadline of what we call now is long over.
+    assert fly_through_jumps(lab, clock.set) == 3
+    # Proof that the clock has jumped: for safety the deadline of a call sent now is long over.
     clock.set(HOUR)
     assert lab.quadctl("goto", 0, 0, 1, "--json").error["code"] == "expired"
 
 
 @pytest.mark.prove
-def test_of_all_that_runs_zenoh_too(lab: Lab, proofs: Proofs):
-    """The hub and the commands as well, as where the clock of the machine is set."""
+def test_all_processes_and_zenoh_fly_on_when_the_clock_jumps(lab: Lab, proofs: Proofs):
+    """Set the clock for the hub and the commands as well, as if the machine's clock were set."""
     clock, library = Clock(lab.folder), lab.folder / "wallclock.so"
     source = str(HERE / "wallclock.c")
     subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
     lab.environment |= {"LD_PRELOAD": str(library), "WALL_CLOCK": str(clock.file)}
     lab.start("--set", "dynamics.start.z=1", *PATIENT)
     clock.set(HOUR)
-    assert stamped(lab) == pytest.approx(time.time() + HOUR, abs=60), "Zenoh has not noticed"
+    assert zenoh_timestamp(lab) == pytest.approx(time.time() + HOUR, abs=60), (
+        "Zenoh does not use the shifted clock"
+    )
     clock.set(0)
     seen = []
 
@@ -118,7 +120,7 @@ def test_of_all_that_runs_zenoh_too(lab: Lab, proofs: Proofs):
         clock.set(ahead)
         seen.append(lab.quadctl("node", "ping", "--all", "-n", 1).code)
 
-    times = undisturbed(lab, jump)
+    times = fly_through_jumps(lab, jump)
     for ahead in (HOUR, -HOUR, 0):
         clock.set(ahead)
         lines = ("goto 1 0 1", "calibrate", "cage on", "topic echo pose -n 1", "goto 0 0 1")
@@ -131,8 +133,8 @@ def test_of_all_that_runs_zenoh_too(lab: Lab, proofs: Proofs):
     assert set(seen) == {0}
 
 
-def asks(file: Path) -> bool:
-    """Whether a module asks for the time of day."""
+def reads_time_of_day(file: Path) -> bool:
+    """Return whether a module reads the time of day."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     return any(
         (isinstance(node, ast.Attribute) and node.attr in TIME_OF_DAY and _is_clock(node.value))
@@ -145,11 +147,15 @@ def _is_clock(node: ast.expr) -> bool:
     return isinstance(node, ast.Name) and node.id in {"time", "dt", "datetime"}
 
 
-def test_what_flies_never_asks_for_the_time_of_day():
+def test_flight_code_never_reads_the_time_of_day():
     for service in ("dynamics", "pressure", "safety", "hub"):
         files = sorted((ROOT / "services" / service).rglob("*.py"))
         assert files
-        assert [str(file) for file in files if asks(file)] == []
+        assert [str(file) for file in files if reads_time_of_day(file)] == []
     runtime = ROOT / "services" / "runtime"
-    found = {file.relative_to(runtime).as_posix() for file in runtime.rglob("*.py") if asks(file)}
-    assert found == set(MAY_ASK)
+    found = {
+        file.relative_to(runtime).as_posix()
+        for file in runtime.rglob("*.py")
+        if reads_time_of_day(file)
+    }
+    assert found == set(MAY_READ)

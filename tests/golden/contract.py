@@ -1,4 +1,4 @@
-"""What the product declares, gathered as plain data: one function for each recorded file."""
+"""Contract of the product, gathered as plain data: one function for each recorded file."""
 
 import re
 import tomllib
@@ -89,7 +89,7 @@ def encoded() -> dict[str, Any]:
         "types": {
             name: _example(type_)
             for name, type_ in sorted(product.wire_types().items())
-            if name != "Error"  # travels as JSON alone
+            if name != "Error"  # sent only as JSON
         },
         "attachments": [
             _as_sent(product.Call(id="0123456789abcdef", deadline=1700000000.5)),
@@ -249,4 +249,4 @@ def _errors(error: Any) -> dict[str, Any]:
 DOCUMENTS: dict[str, Callable[[], dict[str, Any]]] = {
     gather.__name__: gather for gather in (keys, messages, encoded, commands, parameters, names)
 }
-"""What each recorded file is gathered by, by the file's name."""
+"""Function that gathers each recorded file, by the file's name."""

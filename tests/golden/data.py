@@ -1,4 +1,4 @@
-"""The recorded files of the golden tests: how they are read and written."""
+"""Reading and writing the recorded files of the golden tests."""
 
 import json
 from pathlib import Path
@@ -13,11 +13,11 @@ def read(name: str) -> Any:
 
 
 def write(name: str, content: Any) -> None:
-    """Write a recorded file. Only `python -m tests.golden.write` calls it."""
+    """Write a recorded file; called only by `python -m tests.golden.write`."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     (FOLDER / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
 def plain(content: Any) -> Any:
-    """Return content as it would be read back from a file."""
+    """Return `content` as JSON reads it back from a file."""
     return json.loads(json.dumps(content, allow_nan=False))

@@ -1,4 +1,4 @@
-"""Where two documents differ, told in lines."""
+"""Differences of two documents as lines of text."""
 
 from typing import Any
 
@@ -6,14 +6,14 @@ from typing import Any
 def differences(recorded: Any, found: Any, path: str = "") -> list[str]:
     """List where two documents differ, each with its path; the order of names counts."""
     if isinstance(recorded, dict) and isinstance(found, dict):
-        told = [f"{path}/{name}: is gone" for name in recorded if name not in found]
-        told += [f"{path}/{name}: is new" for name in found if name not in recorded]
-        if not told and list(recorded) != list(found):
-            told = [f"{path}: the order was {[*recorded]}, and is {[*found]}"]
+        lines = [f"{path}/{name}: is missing" for name in recorded if name not in found]
+        lines += [f"{path}/{name}: is new" for name in found if name not in recorded]
+        if not lines and list(recorded) != list(found):
+            lines = [f"{path}: the order was {[*recorded]}, now it is {[*found]}"]
         for name in recorded:
             if name in found:
-                told += differences(recorded[name], found[name], f"{path}/{name}")
-        return told
+                lines += differences(recorded[name], found[name], f"{path}/{name}")
+        return lines
     if isinstance(recorded, list) and isinstance(found, list) and len(recorded) == len(found):
         return [
             line
@@ -21,4 +21,4 @@ def differences(recorded: Any, found: Any, path: str = "") -> list[str]:
             for line in differences(one, other, f"{path}/{number}")
         ]
     same = recorded == found and type(recorded) is type(found)
-    return [] if same else [f"{path}: was {recorded!r}, and is {found!r}"]
+    return [] if same else [f"{path}: was {recorded!r}, now it is {found!r}"]

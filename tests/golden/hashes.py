@@ -1,4 +1,4 @@
-"""The hashes of two flights and a campaign, and a probe of the machine that they were flown on."""
+"""Hashes of a mission and two campaigns, and a probe of the machine that flew them."""
 
 import hashlib
 import math
@@ -28,9 +28,9 @@ def gather(lab: Lab) -> dict[str, Any]:
 
 
 def probe() -> str:
-    """Return a digest of what this machine's mathematical functions round to.
+    """Return a digest of the rounding of this machine's mathematical functions.
 
-    Where it is another one, flights may differ in their last bits.
+    On a machine with another digest, flights may differ in their last bits.
     """
     whole = hashlib.sha256()
     for number in range(1, 10_000):

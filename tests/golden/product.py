@@ -1,4 +1,4 @@
-"""Everything that the golden tests take from the product: the only imports of it in this folder.
+"""Names of the product that the golden tests use: its only imports in this folder.
 
 A redesign that moves modules changes this file and no other.
 """
@@ -78,7 +78,7 @@ console_scripts = distribution("quadctl").entry_points
 
 
 def all_topics() -> list[Topic[Any]]:
-    """Return every declared topic, and the one that reports the calls of a service."""
+    """Return every declared topic, and one example of the topics that report service calls."""
     return [*TOPICS, called(GOTO)]
 
 
@@ -88,7 +88,7 @@ def all_services() -> list[Service[Any, Any]]:
 
 
 def wire_types() -> dict[str, type[Struct]]:
-    """Return by name each message, request, response, envelope and each type inside one."""
+    """Return by name each message, request, response and envelope, and each type inside one."""
     outer: list[type[Struct]] = [topic.type for topic in all_topics()]
     for service in all_services():
         outer += [service.request, service.response]
@@ -123,7 +123,7 @@ def tables() -> list[str]:
 
 
 def command_line() -> Any:
-    """Return the whole command line as the command group that Typer makes of it."""
+    """Return the complete command line as Typer's command group."""
     from typer.main import get_command
 
     return get_command(build())

@@ -14,7 +14,7 @@ PLAIN = "application/msgpack"
 
 
 def requests() -> Iterator[dict[str, Any]]:
-    """Yield each request to record, in the order in which a running system is sent them."""
+    """Yield each request to record, in the order of sending."""
     for number, (name, service, fields) in enumerate(_asked(), 1):
         type_ = product.request_type(service)
         yield _request(

@@ -1,4 +1,4 @@
-"""What the commands print with --json, as keys and JSON types: run once, one system for all."""
+"""Output of the commands with --json as keys and JSON types, gathered from one running system."""
 
 import json
 import shutil
@@ -41,7 +41,7 @@ OFFLINE = (
     "goto abc 0 1",
     "goto 1 0 1 --realm nowhere",
 )
-"""Run one after the other, by nobody's system."""
+"""Commands that need no system, run one after another."""
 
 LOOKING = (
     "status",
@@ -78,7 +78,7 @@ LOOKING = (
     "fleet list",
     "doctor",
 )
-"""Change nothing, and so run side by side."""
+"""Commands that change nothing, run at the same time."""
 
 ACTING = (
     "calibrate",
@@ -109,11 +109,11 @@ ACTING = (
     "node kill pressure",
     "down",
 )
-"""Run one after the other, in this order."""
+"""Commands that act on the system, run one after another in this order."""
 
 
 def gather(lab: Lab) -> dict[str, Any]:
-    """Run every command; return the shape of each one's output."""
+    """Run every command and return the shapes of the outputs."""
     shutil.copy(RECORDING, lab.folder / "flight.mcap")
     lab.file(MISSION, "mission.toml")
     lab.file("[safety]\nacceptance_range = 0.5\n", "saved.toml")
@@ -125,9 +125,9 @@ def gather(lab: Lab) -> dict[str, Any]:
     acting = {line: lab.quadctl(*line.split(), "--json") for line in ACTING}
     return {
         "tokens": listed,
-        "offline": {line: _left(*done) for line, done in offline.items()},
-        "looking": {line: _left(*done) for line, done in looking.items()},
-        "acting": {line: _left(*done) for line, done in acting.items()},
+        "offline": {line: _result(*done) for line, done in offline.items()},
+        "looking": {line: _result(*done) for line, done in looking.items()},
+        "acting": {line: _result(*done) for line, done in acting.items()},
     }
 
 
@@ -142,7 +142,7 @@ def tokens(bare: Bare) -> list[str]:
     return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
 
-def _left(code: int, out: str, err: str) -> dict[str, Any]:
+def _result(code: int, out: str, err: str) -> dict[str, Any]:
     found: dict[str, Any] = {"exit": code}
     if out:
         found["out"] = _distinct([shape(json.loads(line)) for line in out.splitlines()])
@@ -153,7 +153,7 @@ def _left(code: int, out: str, err: str) -> dict[str, Any]:
 
 
 def shape(value: Any) -> Any:
-    """Return keys in order and JSON types; of a list, the different shapes of its items."""
+    """Return the keys in order with JSON types; for a list, the distinct shapes of its items."""
     match value:
         case dict():
             return {name: shape(inner) for name, inner in value.items()}
@@ -167,7 +167,7 @@ def shape(value: Any) -> Any:
             return "string"
         case None:
             return "null"
-    raise AssertionError(f"no JSON: {value!r}")
+    raise AssertionError(f"not a JSON value: {value!r}")
 
 
 def _distinct(shapes: list[Any]) -> list[Any]:

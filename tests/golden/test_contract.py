@@ -1,4 +1,4 @@
-"""Keys, types, bytes, commands, parameters and names are the recorded ones, in the recorded order."""
+"""Keys, types, bytes, commands, parameters and names equal the recorded ones, in the same order."""
 
 from typing import Any
 
@@ -10,23 +10,25 @@ from tests.golden.contract import DOCUMENTS
 from tests.golden.differences import differences
 
 ENCODED = data.read("encoded")
-AGAIN = "if this is wanted: `python -m tests.golden.write`, and a line in CHANGELOG.md"
+AGAIN = "if this is intended: `python -m tests.golden.write`, and a line in CHANGELOG.md"
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
-def test_as_recorded(name: str):
+def test_the_contract_is_as_recorded(name: str):
     found = differences(data.read(name), data.plain(DOCUMENTS[name]()))
     assert not found, "\n".join([f"data/{name}.json:", *found, AGAIN])
 
 
 @pytest.mark.parametrize("name", ENCODED["types"])
-def test_recorded_bytes_are_read_and_written_again(name: str):
+def test_recorded_bytes_are_decoded_and_encoded_again(name: str):
     type_, recorded = product.wire_types()[name], ENCODED["types"][name]
     payload = bytes.fromhex(recorded["hex"])
     read = msgspec.msgpack.decode(payload, type=type_)
     assert read == msgspec.convert(recorded["value"], type_)
     assert product.encode(read) == payload
-    assert msgspec.msgpack.decode(payload) == recorded["value"], "a map with the fields' names"
+    assert msgspec.msgpack.decode(payload) == recorded["value"], (
+        "the payload is a map with the names of the fields"
+    )
 
 
 @pytest.mark.parametrize(
@@ -43,7 +45,7 @@ def test_a_recorded_error_reply_is_read(code: str):
     assert (error.code, error.message, error.hint) == (code, f"what {code}", "a hint")
 
 
-def test_reader_names_both_hashes_of_an_unknown_schema():
+def test_a_reader_names_both_hashes_of_an_unknown_schema():
     pose = product.wire_types()["Pose"]
     payload = bytes.fromhex(ENCODED["types"]["Pose"]["hex"])
     known = data.read("messages")["Pose"]["encoding"]

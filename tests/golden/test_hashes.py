@@ -11,10 +11,10 @@ RECORDED = data.read("hashes")
 
 @pytest.mark.skipif(
     hashes.probe() != RECORDED["probe"],
-    reason="this machine's sin, cos or exp round otherwise than the recording one's",
+    reason="sin, cos or exp round differently on this machine than on the recording machine",
 )
 @pytest.mark.timeout(90)
-def test_hashes_as_recorded():
+def test_flights_and_campaigns_have_the_recorded_hashes():
     with private_lab() as lab:
         told = differences(RECORDED, data.plain(hashes.gather(lab)))
     assert not told, "\n".join(told)

@@ -1,4 +1,4 @@
-"""Every command's --json output has the recorded keys and types; the tokens are the recorded ones."""
+"""The --json output of every command has the recorded keys and types; the tokens are as recorded."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.support.lab import private_lab
 
 
 @pytest.mark.timeout(90)
-def test_shapes_as_recorded():
+def test_json_output_has_the_recorded_shapes():
     with private_lab() as lab:
         found = shapes.gather(lab)
     told = differences(data.read("shapes"), data.plain(found))

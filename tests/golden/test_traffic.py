@@ -1,6 +1,6 @@
-"""A recorded client is answered by today's nodes, and today's commands work with recorded nodes.
+"""Today's nodes answer a recorded client, and today's commands work with recorded nodes.
 
-The recorded side is data; nothing of the product is imported here.
+The recorded side is data, so this file does not import the product.
 """
 
 from collections.abc import Iterator
@@ -16,38 +16,40 @@ from tests.support.lab import NODES, PATIENT, Lab, private_lab
 
 RECORDED = data.read("traffic")
 VOLATILE = ("payload",)
-"""Of a reply, what numbers and wording are in."""
+"""Fields of a reply with numbers and wording, which may change."""
 
 
 @pytest.fixture(scope="module")
-def today() -> Iterator[Bare]:
-    """A bare session on a running system of today."""
+def current() -> Iterator[Bare]:
+    """Bare session on a running system of the current version."""
     with private_lab() as lab:
         lab.start("--set", "dynamics.start.z=1", *PATIENT)
         with lab.bare() as bare:
             yield bare
 
 
-def without(reply: dict[str, Any]) -> dict[str, Any]:
+def without_volatile(reply: dict[str, Any]) -> dict[str, Any]:
     return {name: part for name, part in reply.items() if name not in VOLATILE}
 
 
-def test_a_recorded_client_is_answered_as_it_was(today: Bare):
+def test_a_recorded_client_is_answered_as_recorded(current: Bare):
     told = []
     for exchange in RECORDED["exchanges"]:
-        found = ask(today, exchange)
-        recorded = [without(reply) for reply in exchange["replies"]]
-        told += differences(recorded, [without(reply) for reply in found], exchange["name"])
+        found = ask(current, exchange)
+        recorded = [without_volatile(reply) for reply in exchange["replies"]]
+        told += differences(
+            recorded, [without_volatile(reply) for reply in found], exchange["name"]
+        )
         if exchange["attachment"]:
-            assert ask(today, exchange) == found, "a repeated id gets the first reply again"
+            assert ask(current, exchange) == found, "a repeated id gets the first reply again"
     assert not told, "\n".join(told)
 
 
 @pytest.mark.parametrize("key", RECORDED["topics"])
-def test_a_recorded_subscriber_reads_the_topics(today: Bare, key: str):
+def test_a_recorded_subscriber_reads_the_topics(current: Bare, key: str):
     recorded = RECORDED["topics"][key]
-    watch = today.watch(key)
-    message = today.latest(key) if key == "uav/info" else watch.next()[-1]
+    watch = current.watch(key)
+    message = current.latest(key) if key == "uav/info" else watch.next()[-1]
     assert list(message) == list(read(recorded))
     if key != "uav/info":
         assert shape(message).keys() == shape(read(recorded)).keys()
@@ -60,7 +62,7 @@ def read(sent: dict[str, Any]) -> Any:
 
 @pytest.fixture(scope="module")
 def recorded_nodes() -> Iterator[tuple[Lab, Nodes]]:
-    """Today's hub, and the recorded nodes on it."""
+    """Hub of the current version with the recorded nodes on it."""
     with private_lab() as lab:
         lab.start(*(f"--without={node}" for node in NODES if node != "hub"))
         with lab.bare() as bare, Nodes(bare, RECORDED) as nodes:
@@ -100,10 +102,10 @@ def test_todays_commands_read_recorded_nodes(recorded_nodes: tuple[Lab, Nodes]):
         told = {offer[-1].replace("%", "/") for offer in offers if kind in offer}
         assert {row["key"] for row in done[command].json} == told
     assert [row["name"] for row in done["node list"].json] == NODES
-    assert nodes.strange == []
+    assert nodes.unrecorded == []
 
 
-def test_todays_commands_command_recorded_nodes(recorded_nodes: tuple[Lab, Nodes]):
+def test_todays_commands_control_recorded_nodes(recorded_nodes: tuple[Lab, Nodes]):
     lab, nodes = recorded_nodes
     lines = {
         "calibrate": "calibrate",
@@ -119,7 +121,7 @@ def test_todays_commands_command_recorded_nodes(recorded_nodes: tuple[Lab, Nodes
     nodes.asked.clear()
     done = {name: lab.quadctl(*line.split(), "--json") for name, line in lines.items()}
     codes = {name: ended.code for name, ended in done.items()}
-    assert nodes.strange == []
+    assert nodes.unrecorded == []
     assert codes == dict.fromkeys(lines, 0) | {"goto outside": 5}
     assert nodes.asked == list(lines)
     baseline = read(RECORDED["topics"]["uav/sensors/pressure"])["baseline"]
@@ -130,7 +132,7 @@ def test_todays_goto_follows_a_recorded_flight(recorded_nodes: tuple[Lab, Nodes]
     lab, nodes = recorded_nodes
     nodes.asked.clear()
     flown = lab.quadctl("goto", 0.5, 0, 1, "--json")
-    assert nodes.strange == []
+    assert nodes.unrecorded == []
     assert (flown.code, flown.err) == (0, "")
     assert (flown.json["accepted"], flown.json["arrived"]) == (True, True)
     assert nodes.asked == ["goto", "param get of dynamics"]

@@ -1,4 +1,4 @@
-"""A recorded client and recorded nodes: bare Zenoh and MessagePack, nothing of the product."""
+"""Recorded client and recorded nodes: only Zenoh and MessagePack, nothing of the product."""
 
 import json
 import threading
@@ -17,7 +17,7 @@ _PERIOD = 0.02
 """Seconds between two rounds of the recorded publishers."""
 
 Sent = dict[str, Any]
-"""Key, encoding and payload (hex) of a message or reply."""
+"""Key, encoding and payload (hex) of a message."""
 
 
 def ask(bare: Bare, request: dict[str, Any]) -> list[dict[str, Any]]:
@@ -66,21 +66,21 @@ def conversation(lab: Lab, requests: list[dict[str, Any]]) -> dict[str, Any]:
     """Start a system, send it the requests one by one, and record what it publishes."""
     lab.start("--set", "dynamics.start.z=1", *PATIENT)
     with lab.bare() as bare:
-        heard = _Heard(bare)
+        received = _Received(bare)
         exchanges = []
         for request in requests:
             exchanges.append(request | {"replies": ask(bare, request)})
-            heard.after(request["name"])
+            received.after(request["name"])
         return {
             "exchanges": exchanges,
-            "topics": heard.newest,
-            "flight": heard.flight,
+            "topics": received.newest,
+            "flight": received.flight,
             "tokens": tokens(bare),
         }
 
 
-class _Heard:
-    """The newest message of each topic, and the states of the flight that `goto` begins."""
+class _Received:
+    """Newest message of each topic, and the states of the flight that `goto` begins."""
 
     def __init__(self, bare: Bare) -> None:
         self.newest: dict[str, Sent] = {}
@@ -103,7 +103,7 @@ class _Heard:
             self._changed.notify_all()
 
     def after(self, name: str) -> None:
-        """Wait for what the request of that name makes the nodes publish."""
+        """Wait for the messages that the nodes publish because of the request `name`."""
         if name == "calibrate":
             self._until("uav/sensors/pressure", lambda said: said["baseline"] > 0)
         elif name == "goto":
@@ -136,13 +136,13 @@ class _Heard:
 
 
 class Nodes:
-    """Dynamics, pressure and safety as they were recorded, on the hub of a lab."""
+    """Dynamics, pressure and safety, played from the recording on the hub of a lab."""
 
     def __init__(self, bare: Bare, recorded: dict[str, Any]) -> None:
         self.asked: list[str] = []
-        """What was asked of a service, by the name of the recorded request."""
-        self.strange: list[str] = []
-        """What was asked otherwise than recorded."""
+        """Names of the recorded requests that were received."""
+        self.unrecorded: list[str] = []
+        """Received requests that differ from the recording."""
         self._bare, self._topics = bare, recorded["topics"]
         self._flight = recorded["flight"]
         self._state: Sent = self._topics["uav/safety/state"]
@@ -184,7 +184,7 @@ class Nodes:
                 if (exchange["key"], exchange["encoding"], exchange["payload"]) == (key, *asked):
                     break
             else:
-                self.strange.append(f"{key}: {asked}")
+                self.unrecorded.append(f"{key}: {asked}")
                 query.reply_err(pack("not recorded"))
                 return
             self._check(query)
@@ -204,7 +204,7 @@ class Nodes:
         if {name: type(value).__name__ for name, value in ticket.items()} != {
             "id": "str", "deadline": "float", "at": "NoneType", "boot": "str",
         }:  # fmt: skip
-            self.strange.append(f"{query.key_expr}: the attachment {ticket}")
+            self.unrecorded.append(f"{query.key_expr}: the attachment {ticket}")
 
     def _latched(self, query: zenoh.Query) -> None:
         with query:

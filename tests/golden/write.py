@@ -1,6 +1,6 @@
-"""Write the recorded data anew: `python -m tests.golden.write [NAME...]`.
+"""Write the recorded data again: `python -m tests.golden.write [NAME...]`.
 
-For a change of the outside that is wanted: the diff of the data then shows it.
+Run it after an intended change of the contract; the diff of the data then shows the change.
 """
 
 import sys
@@ -13,7 +13,7 @@ from tests.support.lab import private_lab
 
 
 def main() -> None:
-    """Write the files that are named, or all of them."""
+    """Write the named files, or all files."""
     for name in sys.argv[1:] or WRITERS:
         data.write(name, WRITERS[name]())
         print(f"data/{name}.json")

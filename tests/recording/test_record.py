@@ -1,4 +1,4 @@
-"""`record` and `up --record`: all that is said is in the file, and the file is whole."""
+"""`record` and `up --record`: the file has every message and is complete."""
 
 import json
 import os
@@ -22,33 +22,33 @@ BURST = 20_000
 
 
 @pytest.fixture(scope="module")
-def room() -> Iterator[Lab]:
-    """A running system that many tests record."""
+def module_lab() -> Iterator[Lab]:
+    """Running system that many tests record."""
     with private_lab() as made:
         made.start("--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 
 def recording(lab: Lab, *words: object) -> Foreground:
-    """`quadctl record`, which has begun."""
+    """Start `quadctl record` and wait until it records."""
     run = lab.spawn(*lab.command("record", *words))
     eventually(lambda: "recording" in run.log)
     return run
 
 
 def recorder_of(run: Foreground) -> int:
-    """The recorder's process, which the command has started."""
+    """Return the pid of the recorder process of a `record` command."""
     (pid,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
     return int(pid)
 
 
-def stopped(run: Foreground, number: int = signal.SIGINT) -> str:
+def stop_and_log(run: Foreground, number: int = signal.SIGINT) -> str:
     run.send(number)
     assert run.wait() == 0, run.log
     return run.log
 
 
-def grown(file: Path) -> bool:
+def has_grown(file: Path) -> bool:
     return file.stat().st_size > 10_000
 
 
@@ -56,17 +56,17 @@ def keys(path: Path) -> set[str]:
     return {message.key for message in Bag(path).messages()}
 
 
-def test_ctrl_c_is_the_good_end_and_the_file_is_whole(room: Lab):
-    file = room.folder / "a.mcap"
-    run = recording(room, "-o", "a.mcap")
-    with room.bare() as bare:
+def test_ctrl_c_ends_a_recording_and_the_file_is_complete(module_lab: Lab):
+    file = module_lab.folder / "a.mcap"
+    run = recording(module_lab, "-o", "a.mcap")
+    with module_lab.bare() as bare:
         bare.put("my/own", {"x": 1.5})
         bare.put("ghost/pose", {"not": "ours"})
         bare.session.put("my/text", "plain")
         assert bare.call("goto", x=1.0, y=0.5, z=1.0, replace=True).value["accepted"]
         assert bare.call("goto", x=99.0, y=0.5, z=1.0).value["accepted"] is False
         eventually(lambda: {"my/text", "uav/@call/goto"} <= keys(file))
-    first, last = stopped(run).splitlines()
+    first, last = stop_and_log(run).splitlines()
     assert first == "recording to a.mcap; Ctrl-C ends it"
     assert last.startswith("a.mcap: ")
     assert keys(file) >= {
@@ -79,19 +79,19 @@ def test_ctrl_c_is_the_good_end_and_the_file_is_whole(room: Lab):
             assert (schema is not None) == ours, channel.topic
     said = {m.key: m.payload for m in Bag(file).messages()}
     assert (said["my/own"], said["my/text"]) == (pack({"x": 1.5}), b"plain")
-    assert room.quadctl("bag", "check", "a.mcap").code == 0
-    again = room.quadctl("record", "-o", "a.mcap", "--json")
-    assert (again.code, again.error["message"]) == (6, "a.mcap is there already")
+    assert module_lab.quadctl("bag", "check", "a.mcap").code == 0
+    again = module_lab.quadctl("record", "-o", "a.mcap", "--json")
+    assert (again.code, again.error["message"]) == (6, "a.mcap already exists")
 
 
-def test_where_no_file_can_be_it_is_told_and_nothing_is_left(room: Lab):
-    done = room.quadctl("record", "-o", "no/such/folder/a.mcap", "--json")
+def test_an_unwritable_path_is_reported_and_nothing_is_left(module_lab: Lab):
+    done = module_lab.quadctl("record", "-o", "no/such/folder/a.mcap", "--json")
     assert (done.code, done.out, done.error["code"]) == (6, "", "invalid")
     assert done.error["message"].startswith("no/such/folder/a.mcap cannot be written: ")
-    assert not list(room.home.glob("*recorder*"))
+    assert not list(module_lab.home.glob("*recorder*"))
 
 
-def test_a_run_that_goes_down_and_comes_up_again_is_recorded_on(lab: Lab):
+def test_a_recording_goes_on_after_the_run_is_restarted(lab: Lab):
     lab.start()
     run = recording(lab, "-o", "twice.mcap")
     first = lab.first_bare().state()["boot"]
@@ -102,7 +102,7 @@ def test_a_run_that_goes_down_and_comes_up_again_is_recorded_on(lab: Lab):
     with lab.bare() as bare:
         second = bare.state()["boot"]
     eventually(lambda: boots(file) >= {first, second})
-    _, *told, ended = stopped(run).splitlines()
+    _, *told, ended = stop_and_log(run).splitlines()
     assert [line.partition(":")[0] for line in told] == ["the hub is gone", "the hub is back"]
     assert ended.startswith("twice.mcap: ")
     assert lab.quadctl("bag", "check", "twice.mcap").code == 0
@@ -112,26 +112,26 @@ def boots(file: Path) -> set[str]:
     return {m.value["boot"] for m in Bag(file).messages() if m.key == "uav/pose"}
 
 
-def test_only_what_is_asked_for_and_for_so_long(room: Lab):
+def test_a_recording_keeps_to_the_given_keys_and_duration(module_lab: Lab):
     words = ("pose", "uav/**", "-o", "b.mcap", "--duration", 0.5, "--json")
-    done = room.quadctl("record", *words)
+    done = module_lab.quadctl("record", *words)
     assert (done.code, done.err) == (0, "")
     *_, last = done.rows
     assert last["state"] == "done"
     assert {row["state"] for row in done.rows[:-1]} == {"recording"}
-    there = [m for m in Bag(room.folder / "b.mcap").messages() if not m.derived]
+    there = [m for m in Bag(module_lab.folder / "b.mcap").messages() if not m.derived]
     assert last["messages"] == len(there)
     assert (last["lost"], last["file"]) == (0, "b.mcap")
     assert {m.key for m in there} >= {"uav/pose", "uav/input/position"}
     assert not any("@" in m.key for m in there)
     seqs = [m.value["seq"] for m in there if m.key == "uav/pose"]
-    assert len(seqs) == len(set(seqs)), "two patterns bring a message once"
+    assert len(seqs) == len(set(seqs)), "a message that matches two patterns is recorded once"
 
 
-def test_ten_thousand_a_second_are_all_there(room: Lab):
-    run = recording(room, "flood/*", "-o", "flood.mcap", "--json")
+def test_ten_thousand_messages_a_second_are_all_recorded(module_lab: Lab):
+    run = recording(module_lab, "flood/*", "-o", "flood.mcap", "--json")
     payload = {"n": 0, "text": "small"}
-    with room.bare() as bare:
+    with module_lab.bare() as bare:
         publisher = bare.session.declare_publisher(
             "flood/x", congestion_control=zenoh.CongestionControl.BLOCK
         )
@@ -142,36 +142,36 @@ def test_ten_thousand_a_second_are_all_there(room: Lab):
             if number % 100 == 0:
                 time.sleep(max(began + number / 10_000 - time.monotonic(), 0))
         eventually(lambda: f'"messages":{BURST},' in run.log, 60.0)
-    facts = json.loads(stopped(run).splitlines()[-1])
+    facts = json.loads(stop_and_log(run).splitlines()[-1])
     assert (facts["messages"], facts["lost"]) == (BURST, 0)
-    numbers = [m.value["n"] for m in Bag(room.folder / "flood.mcap").messages()]
+    numbers = [m.value["n"] for m in Bag(module_lab.folder / "flood.mcap").messages()]
     assert numbers == list(range(BURST))
 
 
-def test_killed_outright_it_leaves_what_can_be_mended(room: Lab):
-    file = room.folder / "killed.mcap"
-    run = recording(room, "-o", file)
-    eventually(partial(grown, file))
+def test_a_recording_cut_by_sigkill_can_be_repaired(module_lab: Lab):
+    file = module_lab.folder / "killed.mcap"
+    run = recording(module_lab, "-o", file)
+    eventually(partial(has_grown, file))
     os.kill(recorder_of(run), signal.SIGKILL)
     assert run.wait() == 1
     assert f"`quadctl bag repair {file}` makes what there is of it whole" in run.log
-    info = room.quadctl("bag", "info", file)
+    info = module_lab.quadctl("bag", "info", file)
     assert info.code == 0
     assert "it is cut" in info.err
-    assert room.quadctl("bag", "check", file).code == 8
-    mended = room.quadctl("bag", "repair", file, "--json")
+    assert module_lab.quadctl("bag", "check", file).code == 8
+    mended = module_lab.quadctl("bag", "repair", file, "--json")
     assert mended.json["messages"] == len(list(Bag(file).messages())) > 50
-    assert room.quadctl("bag", "check", file).code == 0
+    assert module_lab.quadctl("bag", "check", file).code == 0
 
 
 @pytest.mark.prove
-def test_killed_outright_it_has_lost_half_a_second_at_most(room: Lab):
+def test_a_recording_cut_by_sigkill_loses_half_a_second_at_most(module_lab: Lab):
     for number in range(10):
-        file = room.folder / f"k{number}.mcap"
-        run = recording(room, "pose", "-o", file)
-        eventually(partial(grown, file))
-        with room.bare() as bare:
-            # At any time between two chunks.
+        file = module_lab.folder / f"k{number}.mcap"
+        run = recording(module_lab, "pose", "-o", file)
+        eventually(partial(has_grown, file))
+        with module_lab.bare() as bare:
+            # Kill at a different time between two chunks in each round.
             bare.watch("uav/pose").next(3 * number + 1)
         pid = recorder_of(run)
         killed = time.time()
@@ -183,20 +183,20 @@ def test_killed_outright_it_has_lost_half_a_second_at_most(room: Lab):
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_recorder_ends_with_its_command_and_the_file_is_complete(room: Lab, number: int):
-    file = room.folder / f"orphan{number}.mcap"
-    run = recording(room, "-o", file)
+def test_the_recorder_ends_with_its_command_with_a_complete_file(module_lab: Lab, number: int):
+    file = module_lab.folder / f"orphan{number}.mcap"
+    run = recording(module_lab, "-o", file)
     recorder = recorder_of(run)
     run.send(number)
     run.wait()
     eventually(lambda: not alive(recorder))
-    assert room.quadctl("bag", "check", file).code == 0
+    assert module_lab.quadctl("bag", "check", file).code == 0
 
 
-def test_a_full_disk_stops_the_recording_and_never_the_flight(room: Lab):
-    before = room.nodes()
-    file = room.folder / "full.mcap"
-    run = recording(room, "-o", file, "--json")
+def test_a_full_disk_stops_the_recording_and_never_the_flight(module_lab: Lab):
+    before = module_lab.nodes()
+    file = module_lab.folder / "full.mcap"
+    run = recording(module_lab, "-o", file, "--json")
     size = file.stat().st_size + 10_000
     resource.prlimit(recorder_of(run), resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
     assert run.wait() == 1
@@ -204,30 +204,30 @@ def test_a_full_disk_stops_the_recording_and_never_the_flight(room: Lab):
     assert error["message"].startswith(f"the recording has stopped: {file} cannot be written")
     assert f"quadctl bag repair {file}" in error["hint"]
     assert "Traceback" not in run.log
-    assert room.quadctl("bag", "repair", file).code == 0
-    assert room.quadctl("bag", "check", file).code == 0
-    assert room.nodes() == before
-    assert room.quadctl("goto", 0, 0, 1, "--no-wait", "--replace").code == 0
+    assert module_lab.quadctl("bag", "repair", file).code == 0
+    assert module_lab.quadctl("bag", "check", file).code == 0
+    assert module_lab.nodes() == before
+    assert module_lab.quadctl("goto", 0, 0, 1, "--no-wait", "--replace").code == 0
 
 
-def test_a_frozen_hub_is_told_by_the_timeout(room: Lab):
-    pid = room.signal("hub", signal.SIGSTOP)
+def test_a_frozen_hub_ends_record_by_its_timeout(module_lab: Lab):
+    pid = module_lab.signal("hub", signal.SIGSTOP)
     try:
-        done = room.quadctl("record", "-o", "never.mcap", "--timeout", 0.4, "--json")
+        done = module_lab.quadctl("record", "-o", "never.mcap", "--timeout", 0.4, "--json")
     finally:
         os.kill(pid, signal.SIGCONT)
     assert (done.code, done.error["code"]) == (4, "timeout")
-    assert not (room.folder / "never.mcap").exists()
-    eventually(lambda: room.quadctl("state").code == 0)
+    assert not (module_lab.folder / "never.mcap").exists()
+    eventually(lambda: module_lab.quadctl("state").code == 0)
 
 
-def test_run_is_recorded_and_a_new_recorder_uses_a_new_file(lab: Lab):
+def test_a_restarted_recorder_of_a_run_uses_a_new_file(lab: Lab):
     lab.start("--record", "run.mcap", "--set", "dynamics.start.z=1")
     assert list(lab.nodes()) == ["hub", "dynamics", "pressure", "safety", "recorder"]
     assert lab.quadctl("up", "-d", "--record", "run.mcap", "--json").error["code"] == "invalid"
     first = lab.folder / "run.mcap"
     eventually(lambda: "uav/safety/state" in keys(first))
-    # The run may be recorded a second time meanwhile.
+    # A second recording may run at the same time.
     assert lab.quadctl("record", "-d", 0.3, "-o", "other.mcap").code == 0
     lab.revived("recorder", lab.signal("recorder", signal.SIGKILL))
     second = lab.folder / "run-1.mcap"

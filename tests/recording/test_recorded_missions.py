@@ -1,6 +1,7 @@
-"""Recordings played to the services as they are now: what they say is what was recorded.
+"""Recordings played to the current services: their output must equal the recorded output.
 
-A change of behaviour fails here; where it is meant, the recordings are made again (make.py).
+A change of behaviour fails here. If it is intended, make the recordings again
+(`python -m tests.support.record_mission NAME.toml`).
 """
 
 from functools import partial
@@ -24,32 +25,32 @@ def recorded(request) -> Recorded:
 
 
 def safety(recorded: Recorded) -> list[Published]:
-    return play("safety", run_safety, recorded.params, recorded.heard, recorded.calls)
+    return play("safety", run_safety, recorded.params, recorded.received, recorded.calls)
 
 
 def same(now: list, then: list) -> bool:
-    """Alike to the end of the recording, which may be a message before that of what was heard."""
+    """Return whether both are equal; the recording may end one message early."""
     return now[: len(then)] == then and len(now) - len(then) <= 1
 
 
-def test_safety_decides_as_it_did(recorded):
+def test_safety_decides_as_recorded(recorded):
     said = safety(recorded)
-    assert recorded.transitions(said) == recorded.transitions(recorded.said)
-    assert same(recorded.setpoints(said), recorded.setpoints(recorded.said))
+    assert recorded.transitions(said) == recorded.transitions(recorded.published)
+    assert same(recorded.setpoints(said), recorded.setpoints(recorded.published))
     assert len(recorded.transitions(said)) > 3
     assert len(recorded.setpoints(said)) > 100
 
 
-def test_the_barometer_reads_as_it_did(recorded):
-    said = play("pressure", run_pressure, recorded.params, recorded.heard, recorded.calls)
-    readings = recorded.readings(recorded.said)
+def test_the_barometer_reads_as_recorded(recorded):
+    said = play("pressure", run_pressure, recorded.params, recorded.received, recorded.calls)
+    readings = recorded.readings(recorded.published)
     assert same(recorded.readings(said), readings)
     assert len(readings) > 50
     assert {bool(reading.baseline) for reading in readings} == {True, False}
 
 
-def named(*names: Any) -> int:
-    """Where the rule of that state, event and condition stands."""
+def rule_index(*names: Any) -> int:
+    """Return the index of the rule with a given state, event and condition."""
     found = [(r.at.name, r.on.__name__, r.when.__name__) for r in automaton.RULES]
     return found.index(names)
 
@@ -66,20 +67,20 @@ def named(*names: Any) -> int:
     ],
     ids="-".join,
 )
-def test_one_changed_rule_is_another_flight(rule, monkeypatch):
+def test_one_changed_rule_changes_the_flight(rule, monkeypatch):
     recorded = Recorded(Path(__file__).parent / "data" / "cage.mcap")
-    number = named(*rule)
+    number = rule_index(*rule)
     changed = automaton.RULES[number]._replace(do=automaton.keep, to=automaton.RULES[number].at)
     rules = (*automaton.RULES[:number], changed, *automaton.RULES[number + 1 :])
     monkeypatch.setattr(
         "quadctl.services.safety.monitor.step", partial(automaton.step, rules=rules)
     )
     said = safety(recorded)
-    assert recorded.transitions(said) != recorded.transitions(recorded.said)
+    assert recorded.transitions(said) != recorded.transitions(recorded.published)
 
 
-def test_other_noise_is_another_recording():
+def test_another_noise_seed_changes_the_readings():
     recorded = Recorded(Path(__file__).parent / "data" / "barometer.mcap")
     recorded.params.dynamics.seed += 1
-    said = play("pressure", run_pressure, recorded.params, recorded.heard, recorded.calls)
-    assert not same(recorded.readings(said), recorded.readings(recorded.said))
+    said = play("pressure", run_pressure, recorded.params, recorded.received, recorded.calls)
+    assert not same(recorded.readings(said), recorded.readings(recorded.published))

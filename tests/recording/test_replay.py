@@ -1,4 +1,4 @@
-"""`replay`: on the bus is said again what was said there, to the byte, and only where that is safe."""
+"""`replay` publishes a recording again, to the byte, and only where that is safe."""
 
 import json
 import signal
@@ -9,78 +9,80 @@ from pathlib import Path
 import pytest
 
 from quadctl.services.runtime.recording.reader import Bag, Recorded
-from tests.support.bags import flight, taken, write
+from tests.support.bags import flight, raw_message, write
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
-HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
+ONLY_A_HUB = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
 
 
 @pytest.fixture(scope="module")
-def stage() -> Iterator[Lab]:
-    """A realm with a hub and nobody else, and a recording of two seconds in its folder."""
+def hub_only() -> Iterator[Lab]:
+    """Realm with only a hub, and a recording of two seconds in its folder."""
     with private_lab() as made:
-        made.start(*HUB_ALONE)
+        made.start(*ONLY_A_HUB)
         write(made.folder / "flight.mcap", flight(200))
         yield made
 
 
-def bus(path: Path) -> list[Recorded]:
+def bus_messages(path: Path) -> list[Recorded]:
     return [message for message in Bag(path).messages() if not message.derived]
 
 
-def test_it_is_the_same_again_to_the_byte(stage: Lab):
-    first = bus(stage.folder / "flight.mcap")
-    run = stage.spawn(*stage.command("record", "-o", "again.mcap", "--json"))
+def test_a_replay_publishes_the_same_messages_to_the_byte(hub_only: Lab):
+    first = bus_messages(hub_only.folder / "flight.mcap")
+    run = hub_only.spawn(*hub_only.command("record", "-o", "again.mcap", "--json"))
     eventually(lambda: "recording" in run.log)
-    done = stage.quadctl("replay", "flight.mcap", "--speed", 0, "--json")
+    done = hub_only.quadctl("replay", "flight.mcap", "--speed", 0, "--json")
     assert done.code == 0, done
     eventually(lambda: f'"messages":{len(first)},' in run.log)
     run.send(signal.SIGINT)
     assert run.wait() == 0
-    again = bus(stage.folder / "again.mcap")
+    again = bus_messages(hub_only.folder / "again.mcap")
     assert done.json["messages"] == len(first)
     assert [(m.key, m.payload, m.encoding) for m in again] == [
         (m.key, m.payload, m.encoding) for m in first
     ]
 
 
-def test_it_takes_its_time_from_where_it_is_told_to_begin(stage: Lab):
+def test_a_replay_starts_at_from_and_keeps_the_speed(hub_only: Lab):
     began = time.monotonic()
     words = ("--from", 1.0, "--speed", 2, "--json")
-    done = stage.quadctl("replay", "flight.mcap", *words)
+    done = hub_only.quadctl("replay", "flight.mcap", *words)
     assert done.code == 0
     assert time.monotonic() - began > done.json["wall_seconds"] > 0.45
     assert done.json["seconds"] == pytest.approx(0.99)
-    # Of 100 poses a second, of 10 readings and 10 of the stranger's.
+    # One second: 100 poses, 10 readings and 10 third-party messages.
     assert done.json["messages"] == 120
 
 
-def test_while_it_goes_on_all_commands_find_what_was(stage: Lab):
-    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02))
-    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
-    listed = {row["key"]: row for row in stage.quadctl("topic", "list", "--json").json}
+def test_commands_see_the_recorded_system_during_a_replay(hub_only: Lab):
+    run = hub_only.spawn(*hub_only.command("replay", "flight.mcap", "--speed", 0.02))
+    eventually(lambda: "uav/pose" in hub_only.quadctl("topic", "list").out)
+    listed = {row["key"]: row for row in hub_only.quadctl("topic", "list", "--json").json}
     assert {row["node"] for row in listed.values()} == {"replay"}
     assert listed["uav/pose"]["declared_hz"] == 100
-    shown = stage.quadctl("topic", "echo", "pose", "-n", 1, "--json")
+    shown = hub_only.quadctl("topic", "echo", "pose", "-n", 1, "--json")
     assert shown.json["boot"] == "b0"
-    assert stage.quadctl("state", "--json").json["cage"] == {"x": 5.0, "y": 5.0, "z": 2.0}
-    second = stage.quadctl("replay", "flight.mcap", "--json")
+    assert hub_only.quadctl("state", "--json").json["cage"] == {"x": 5.0, "y": 5.0, "z": 2.0}
+    second = hub_only.quadctl("replay", "flight.mcap", "--json")
     assert (second.code, second.error["code"]) == (7, "already_served")
     run.send(signal.SIGINT)
     assert run.wait() == 130
-    assert stage.quadctl("topic", "list", "--json").json == []
+    assert hub_only.quadctl("topic", "list", "--json").json == []
 
 
-def test_a_hub_that_dies_meanwhile_is_told(stage: Lab):
-    run = stage.spawn(*stage.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1))
-    eventually(lambda: "uav/pose" in stage.quadctl("topic", "list").out)
-    stage.revived("hub", stage.signal("hub", signal.SIGKILL))
+def test_a_replay_reports_a_hub_that_dies(hub_only: Lab):
+    run = hub_only.spawn(
+        *hub_only.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1)
+    )
+    eventually(lambda: "uav/pose" in hub_only.quadctl("topic", "list").out)
+    hub_only.revived("hub", hub_only.signal("hub", signal.SIGKILL))
     assert run.wait() == 3, run.log
     assert "hub" in run.log
 
 
-def test_where_nothing_runs_a_hub_does_for_as_long(lab: Lab):
+def test_a_replay_without_a_run_starts_its_own_hub(lab: Lab):
     write(lab.folder / "f.mcap", flight(20))
     done = lab.quadctl("replay", "f.mcap")
     assert (done.code, done.err) == (0, "")
@@ -89,30 +91,30 @@ def test_where_nothing_runs_a_hub_does_for_as_long(lab: Lab):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
-def test_a_hub_of_its_own_ends_with_it_by_a_signal_too(lab: Lab, number: int):
+def test_a_signal_ends_a_replay_with_its_own_hub(lab: Lab, number: int):
     write(lab.folder / "f.mcap", flight(20))
     run = lab.spawn(*lab.command("replay", "f.mcap", "--speed", 0.001))
     with lab.first_bare() as bare:
         eventually(lambda: "replay" in bare.nodes())
     run.send(number)
     assert run.wait() == (-number if number == signal.SIGKILL else 128 + number), run.log
-    # Killed, it could not wait for the end of its hub.
+    # After SIGKILL it cannot wait for the end of its hub.
     eventually(lab.is_gone)
 
 
-def test_beside_a_live_vehicle_it_is_refused_and_says_nothing(shared_lab: Lab):
-    file = write(shared_lab.folder / "live.mcap", [taken("uav/mine", b"x", 0, "text/plain")])
+def test_a_replay_beside_a_live_vehicle_is_refused(shared_lab: Lab):
+    file = write(shared_lab.folder / "live.mcap", [raw_message("uav/mine", b"x", 0, "text/plain")])
     with shared_lab.bare() as bare:
-        heard = bare.watch("uav/mine")
+        received = bare.watch("uav/mine")
         for words in ((), ("uav/mine",)):
             done = shared_lab.quadctl("replay", file, *words, "--json")
             assert (done.code, done.error["code"]) == (7, "already_served")
-            assert "the vehicle uav is live" in done.error["message"]
-        assert heard.messages == []
+            assert "vehicle uav is live" in done.error["message"]
+        assert received.messages == []
 
 
-def test_a_node_of_somebodys_own_is_fed_with_what_was(stage: Lab):
-    """Recorded poses for a live safety: what it hears is replayed, what it says is its own."""
+def test_recorded_poses_can_be_replayed_to_a_live_node(hub_only: Lab):
+    """Replay recorded poses to a live safety, which publishes its own output."""
     with private_lab() as lab:
         lab.start("--without", "dynamics", "--without", "pressure")
         file = write(lab.folder / "f.mcap", flight(50))
@@ -123,22 +125,22 @@ def test_a_node_of_somebodys_own_is_fed_with_what_was(stage: Lab):
             eventually(lambda: bare.state()["boot"] == "b0")
 
 
-def test_what_cannot_be_replayed_is_told(stage: Lab):
-    stage.file("no recording", "text.mcap")
+def test_an_impossible_replay_is_refused_with_the_reason(hub_only: Lab):
+    hub_only.file("no recording", "text.mcap")
     for words, code, text in (
-        (("text.mcap",), 6, "text.mcap is no recording"),
+        (("text.mcap",), 6, "text.mcap is not a recording"),
         (("missing.mcap",), 6, "missing.mcap cannot be read"),
         (("flight.mcap", "nobodys/own"), 6, "flight.mcap has nothing to replay"),
         (("flight.mcap", "--from", 99), 6, "flight.mcap has nothing to replay"),
         (("flight.mcap", "--speed", -1), 6, "--speed -1: no speed"),
     ):
-        done = stage.quadctl("replay", *words, "--json")
+        done = hub_only.quadctl("replay", *words, "--json")
         assert (done.code, text in done.error["message"]) == (code, True), done
 
 
-def test_a_cut_recording_is_replayed_as_far_as_it_goes(stage: Lab):
-    write(stage.folder / "cut.mcap", flight(100), whole=False)
-    done = stage.quadctl("replay", "cut.mcap", "--speed", 0, "--json")
+def test_a_cut_recording_is_replayed_as_far_as_it_goes(hub_only: Lab):
+    write(hub_only.folder / "cut.mcap", flight(100), whole=False)
+    done = hub_only.quadctl("replay", "cut.mcap", "--speed", 0, "--json")
     assert done.code == 0
     assert json.loads(done.out)["cut"]
     assert "the recording is cut" in done.err

@@ -1,4 +1,4 @@
-"""Machines in namespaces of their own, for many tests."""
+"""Fixtures of machines in network namespaces, shared by many tests."""
 
 import time
 from collections.abc import Iterator
@@ -20,11 +20,11 @@ def net() -> Iterator[Field]:
 
 @pytest.fixture(scope="module")
 def room(proofs: Proofs) -> Iterator[Room]:
-    """All thirty of them up, and heard."""
+    """Classroom of thirty running machines, with poses received from all."""
     with classroom(COUNT) as made, ExitStack() as held:
         made.open()
         began = time.monotonic()
-        made.come()
+        made.start()
         came = time.monotonic()
         names = [student.name for student in made.students]
         eventually(lambda: list(made.listed()) == names, 60.0)

@@ -1,4 +1,4 @@
-"""Thirty students on one network, each with a machine of his own, who cannot disturb one another."""
+"""Thirty students on one network, each with his own machine, cannot disturb each other."""
 
 import time
 from collections.abc import Iterator
@@ -37,12 +37,12 @@ DENIED = (
     ("topic", "pub", "input/position", *SETPOINT),
     ("topic", "pub", "input/position", *SETPOINT, "--vehicle", "uav8"),
 )
-"""By who has uav7."""
+"""Commands that the student of uav7 may not run."""
 
 
 @pytest.fixture(scope="module")
 def arena() -> Iterator[Room]:
-    """All their vehicles up, and each student given his folder."""
+    """Classroom with all vehicles up on the teacher's machine, and a folder given to each student."""
     with classroom(COUNT) as room:
         for line in ("keys init", "keys issue hub teacher --host 10.7.1.1 --host 10.7.2.1"):
             assert room.do(line).code == 0
@@ -53,17 +53,17 @@ def arena() -> Iterator[Room]:
             *("--identity", "keys/teacher", *SHARED),
         )
         for student in room.students:
-            student.be_given(room.keys)
+            student.copy_keys(room.keys)
         yield room
 
 
-def ask(student: Student, *words: object) -> Done:
-    """A command of a student's, to the teacher's machine."""
+def at_teacher(student: Student, *words: object) -> Done:
+    """Run a student's command against the teacher's machine."""
     return student.say(*words, "--connect", ARENA, "--identity", "uav7")
 
 
 def touched(room: Room, bare: Bare, calls: Ear) -> dict[str, tuple[Any, ...]]:
-    """What changes when anybody has asked a vehicle for anything, of all of them."""
+    """Return, for each vehicle, the values that change with every call to it."""
     states = {s.name: bare.latest(f"{s.name}/safety/state") for s in room.students}
     return {
         name: (state["request"], state["cage_on"], state["boot"], len(calls.calls[name]))
@@ -71,11 +71,11 @@ def touched(room: Room, bare: Bare, calls: Ear) -> dict[str, tuple[Any, ...]]:
     }
 
 
-def test_a_student_flies_his_own_and_touches_no_cage(arena: Room, proofs: Proofs):
+def test_a_student_flies_only_his_vehicle_and_toggles_no_cage(arena: Room, proofs: Proofs):
     with arena.teacher.bare() as bare:
         calls = Ear(bare, "*/@call/**")
         before = touched(arena, bare, calls)
-        flown = side_by_side(lambda s: ask(s, "goto", 1, 1, 1), arena.students)
+        flown = side_by_side(lambda s: at_teacher(s, "goto", 1, 1, 1), arena.students)
         assert [done for done in flown if done.code] == []
         eventually(lambda: all(len(calls.calls[name]) == 1 for name in before))
         flown_to = touched(arena, bare, calls)
@@ -83,7 +83,7 @@ def test_a_student_flies_his_own_and_touches_no_cage(arena: Room, proofs: Proofs
             name: (request + 1, cage_on, boot, 1)
             for name, (request, cage_on, boot, _) in before.items()
         }
-        tried = side_by_side(lambda s: [ask(s, *words) for words in DENIED], arena.students)
+        tried = side_by_side(lambda s: [at_teacher(s, *words) for words in DENIED], arena.students)
         for student, tries in zip(arena.students, tried, strict=True):
             for done in tries:
                 assert done.code == 3, (student.name, done)
@@ -94,11 +94,11 @@ def test_a_student_flies_his_own_and_touches_no_cage(arena: Room, proofs: Proofs
             enter = student.port.machine.enter
             return [sent(enter, ARENA, identity, student.neighbour)]
 
-        for student, gots in zip(
+        for student, intrusions in zip(
             arena.students, side_by_side(intrudes, arena.students), strict=True
         ):
             own = f"{student.name}/"
-            for got in gots:
+            for got in intrusions:
                 assert [key for key in got["heard"] if not key.startswith(own)] == []
                 assert got["asked"] == []
         assert touched(arena, bare, calls) == flown_to
@@ -111,32 +111,32 @@ def test_a_student_flies_his_own_and_touches_no_cage(arena: Room, proofs: Proofs
 
 
 ARRIVED = 0.5
-"""m, within which a vehicle that has arrived is of its goal."""
+"""m from its goal, at most, for a vehicle that has arrived."""
 LANDED = 0.05
-"""m."""
+"""m above the ground, at most, for a vehicle that has landed."""
 STILL = 0.05
-"""m, which a hovering vehicle does not stray from its place."""
+"""m from its place, at most, for a hovering vehicle."""
 STALL = 1.0
-"""Seconds without a pose at home that a machine of two cores makes of thirty vehicles; a process that
-is started anew, or a link, takes longer."""
+"""Seconds without a pose at home that thirty vehicles on two cores may cause. A restarted process or
+link takes longer."""
 REVOKED = 2.0
-"""Seconds in which a name is out that was taken from the list."""
+"""Seconds within which a revoked name is out."""
 LONG = 5.0
-"""Seconds that a cable is out."""
+"""Seconds that a cable is unplugged."""
 EVERYWHERE = {"hub", "gate"}
-"""The nodes that everybody may see of everybody."""
+"""Nodes that are visible to all students."""
 
 
 def goals(room: Room, side: float) -> dict[str, dict[str, float]]:
-    """One of his own for each."""
+    """Return a different goal for each student."""
     return {
         student.name: {"x": side * (1.5 + n / 10), "y": -4.0 + n / 4, "z": 1.0 + n / 20}
         for n, student in enumerate(room.students)
     }
 
 
-def undisturbed(room: Room, boots: dict[str, str], since: float) -> float:
-    """Hold that no vehicle was; returns the longest time without a pose at home, s."""
+def assert_undisturbed(room: Room, boots: dict[str, str], since: float) -> float:
+    """Assert that no vehicle was disturbed; return the longest time without a pose at home, s."""
     assert {s.name: s.restarts() for s in room.students} == dict.fromkeys(boots, 0)
     assert {s.name: s.ear.boots[s.name] for s in room.students} == {
         n: {b} for n, b in boots.items()
@@ -150,11 +150,11 @@ def boots_of(room: Room) -> dict[str, str]:
     return {student.name: student.state()["boot"] for student in room.students}
 
 
-def test_all_are_listed_and_their_poses_keep_their_rates(room: Room, proofs: Proofs):
+def test_all_vehicles_are_listed_and_their_poses_keep_their_rates(room: Room, proofs: Proofs):
     rows = room.listed()
     assert list(rows) == [student.name for student in room.students]
     assert {(row["cage_on"], row["error"]) for row in rows.values()} == {(True, None)}
-    # Who does not listen is reached by nobody.
+    # A machine without listening sockets cannot be reached.
     assert [student.port.machine.sockets() for student in room.students] == [[]] * COUNT
     began = time.monotonic()
     time.sleep(10.0)
@@ -169,7 +169,7 @@ def test_all_are_listed_and_their_poses_keep_their_rates(room: Room, proofs: Pro
     assert min(own + far) > 0.95 * HZ
 
 
-def test_one_flies_and_nobody_else_moves(room: Room):
+def test_one_vehicle_flies_and_no_other_moves(room: Room):
     flier, *others = room.students
     before = {student.name: student.at() for student in others}
     done = flier.do("goto 1 2 1")
@@ -179,7 +179,7 @@ def test_one_flies_and_nobody_else_moves(room: Room):
         assert gap(student.at(), before[student.name]) < STILL
 
 
-def test_all_fly_at_the_same_time_each_to_a_goal_of_his_own(room: Room):
+def test_all_vehicles_fly_at_once_each_to_its_own_goal(room: Room):
     wanted, before = goals(room, 1.0), {s.name: s.touched() for s in room.students}
     for student in room.students:
         student.goto(wanted[student.name])
@@ -201,10 +201,10 @@ TRIED = (
     ("topic", "pub", "input/position", "boot=x", "for_seq=1", "position.x=9", "position.y=9",
      "position.z=9", "brake=false"),
 )  # fmt: skip
-"""Of the neighbour's vehicle."""
+"""Commands tried on the neighbour's vehicle."""
 
 
-def test_nobody_reaches_his_neighbours_vehicle(room: Room, proofs: Proofs):
+def test_no_student_reaches_his_neighbours_vehicle(room: Room, proofs: Proofs):
     before = {student.name: student.touched() for student in room.students}
     places = {student.name: student.at() for student in room.students}
 
@@ -214,7 +214,7 @@ def test_nobody_reaches_his_neighbours_vehicle(room: Room, proofs: Proofs):
     assert room.students[0].do("hold --vehicle uav8 --timeout 0.5").code == 3
     assert side_by_side(tries, room.students) == [[3] * len(TRIED)] * COUNT
 
-    # Whoever listens to everything, if it were his neighbour's too.
+    # Each student subscribes to everything, which would include his neighbour's messages.
     ears = {student.name: Ear(student.bare, "**", "*/@call/**") for student in room.students}
 
     def intrudes(student: Student) -> dict[str, list[str]]:
@@ -229,18 +229,18 @@ def test_nobody_reaches_his_neighbours_vehicle(room: Room, proofs: Proofs):
     for student, got in zip(room.students, intruded, strict=True):
         own = f"{student.name}/"
         assert {key for key in got["heard"] if not key.startswith(own)} == set()
-        # An error is Zenoh's own, of a query that nobody answered.
+        # An error is Zenoh's own reply to a query without an answer.
         replied = {key for key in got["replied"] if not key.startswith((own, "error from "))}
         assert replied <= {f"{other.name}/info" for other in room.students}
         assert {key for key in got["asked"] if not key.startswith(own)} == set()
         seen = [key.split("/") for key in got["seen"] if not key.startswith(own)]
         assert {"/".join(words[2:]) for words in seen} <= EVERYWHERE
-    heard = sum(n for ear in ears.values() for n in ear.count.values())
+    received = sum(n for ear in ears.values() for n in ear.count.values())
     others = sum(n for name, ear in ears.items() for of, n in ear.count.items() if of != name)
     proofs.add(
         f"{HERE}, each at his neighbour's vehicle, by commands and by Zenoh alone: what was executed,"
         " and what any has heard of another's",
-        f"0 of {COUNT * len(TRIED)} commands; {others} of {heard} messages",
+        f"0 of {COUNT * len(TRIED)} commands; {others} of {received} messages",
         "nothing",
     )
     assert others == 0
@@ -249,7 +249,7 @@ def test_nobody_reaches_his_neighbours_vehicle(room: Room, proofs: Proofs):
         assert gap(student.at(), places[student.name]) < STILL
 
 
-def test_the_teacher_stops_all_and_lands_all(room: Room, proofs: Proofs):
+def test_the_teacher_stops_and_lands_all_vehicles(room: Room, proofs: Proofs):
     for student in room.students:
         student.goto(goals(room, -1.0)[student.name])
     began = time.monotonic()
@@ -271,7 +271,7 @@ def test_the_teacher_stops_all_and_lands_all(room: Room, proofs: Proofs):
     )
 
 
-def test_a_cable_that_is_out_disturbs_nobody_else(room: Room, proofs: Proofs):
+def test_an_unplugged_cable_disturbs_no_other_student(room: Room, proofs: Proofs):
     boots = boots_of(room)
     gaps, back, away = [], [], []
     for cut in (room.students[3:4], room.students[::3]):
@@ -280,15 +280,15 @@ def test_a_cable_that_is_out_disturbs_nobody_else(room: Room, proofs: Proofs):
             for student in cut:
                 cables.enter_context(student.port.unplugged())
             time.sleep(LONG)
-            # He flies on, for himself alone.
-            gaps.append(undisturbed(room, boots, began))
+            # The vehicle flies on at the student's own machine.
+            gaps.append(assert_undisturbed(room, boots, began))
         mended = time.monotonic()
         room.hears(cut, mended)
         back.append(time.monotonic() - mended)
         names = {student.name for student in cut}
         away += [room.ear.gaps(s.name, began) for s in room.students if s.name not in names]
-        gaps.append(undisturbed(room, boots, began))
-        # Of who is there the teacher has heard all the time, but for the news of who is not.
+        gaps.append(assert_undisturbed(room, boots, began))
+        # Poses of the connected reach the teacher throughout, except while it learns of the lost ones.
         assert max(away) < LONG / 2
     eventually(lambda: len(room.listed()) == COUNT, BACK)
     proofs.add(
@@ -299,7 +299,7 @@ def test_a_cable_that_is_out_disturbs_nobody_else(room: Room, proofs: Proofs):
     )
 
 
-def test_who_is_revoked_is_out_and_the_others_are_undisturbed(room: Room, proofs: Proofs):
+def test_a_revoked_student_is_out_and_the_others_are_undisturbed(room: Room, proofs: Proofs):
     boots = boots_of(room)
     gone = room.students[7]
     others = [student for student in room.students if student is not gone]
@@ -313,8 +313,8 @@ def test_who_is_revoked_is_out_and_the_others_are_undisturbed(room: Room, proofs
     done = room.do("hold --vehicle uav7 --timeout 0.5")
     assert done.code == 3, done
     assert "nobody served uav7/@srv/hold" in done.err
-    longest = undisturbed(room, boots, began)
-    # He flies on, for himself alone.
+    longest = assert_undisturbed(room, boots, began)
+    # The vehicle flies on at the student's own machine.
     assert gone.do("hold").code == 0
     eventually(lambda: set(room.listed()) == {student.name for student in others}, BACK)
     proofs.add(

@@ -1,4 +1,4 @@
-"""docs/many-machines.md, done as it stands there: each block of commands on the machine it names."""
+"""docs/many-machines.md, executed: each block of commands on the machine that it names."""
 
 import os
 import re
@@ -20,7 +20,7 @@ SCP = """#!/bin/sh
 while case "$1" in -*) true;; *) false;; esac; do shift; done
 exec cp -r "$1" "{places}/${{2%%:*}}/${{2#*:}}"
 """
-"""What stands in for scp: there is no ssh between the machines of a test."""
+"""Substitute for scp: there is no ssh between the machines of a test."""
 
 
 class Step(NamedTuple):
@@ -30,7 +30,7 @@ class Step(NamedTuple):
 
 
 def steps() -> list[Step]:
-    """The commands of the page, in order, each with the output that stands below it."""
+    """Return the commands of the page in order, each with the output below it."""
     found = []
     for machine, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
         for part in text.split("\n$ ") if text.startswith("$ ") else []:
@@ -40,7 +40,7 @@ def steps() -> list[Step]:
 
 
 def fits(shown: str, said: str) -> bool:
-    """Whether an output is as shown, where `...` stands for anything."""
+    """Return whether an output matches the shown one; `...` matches anything."""
     parts = (re.escape(part) for part in re.split(r"\.\.\.(?!\.)", shown))
     return re.fullmatch(".*".join(parts), said.rstrip("\n"), re.DOTALL) is not None
 
@@ -49,7 +49,7 @@ def fits(shown: str, said: str) -> bool:
 def places(tmp_path: Path) -> Iterator[dict[str, tuple[Machine, Lab]]]:
     with ExitStack() as held:
         student, teacher, laptop = held.enter_context(three_machines())
-        # The teacher's machine passes on what is for the others, as a router does.
+        # The teacher's machine forwards packets between the others, like a router.
         forward = "echo 1 > /proc/sys/net/ipv4/ip_forward"
         subprocess.run([*teacher.enter, "/bin/sh", "-c", forward], check=True)
         student.ip("route", "add", "default", "via", "10.7.1.1")
@@ -67,11 +67,13 @@ def places(tmp_path: Path) -> Iterator[dict[str, tuple[Machine, Lab]]]:
         yield labs
 
 
-def test_the_page_as_it_stands(places: dict[str, tuple[Machine, Lab]], tmp_path: Path):
+def test_the_commands_of_the_page_print_the_shown_output(
+    places: dict[str, tuple[Machine, Lab]], tmp_path: Path
+):
     said: dict[str, dict[str, str]] = {name: {} for name in places}
-    todo = steps()
-    assert len(todo) > 25
-    for step in todo:
+    to_run = steps()
+    assert len(to_run) > 25
+    for step in to_run:
         machine, lab = places[step.machine]
         if step.command.startswith("export "):
             name, _, value = step.command.removeprefix("export ").partition("=")

@@ -1,4 +1,4 @@
-"""Vehicle, router and operator on three machines, over mutual TLS: who may, may; all others nothing."""
+"""Vehicle, router and operator on three machines, over mutual TLS: only permitted actions work."""
 
 import json
 import shutil
@@ -11,10 +11,10 @@ from tests.support.network_field import PLAIN, QUIC, Field, touched
 from tests.support.running import eventually
 
 OURS = (b"position", b"uav/pose", b"quadctl.Pose", b"calibrate_pressure", b"baseline", b"cage_on")
-"""Names that every packet of ours would have in it, were it not encrypted."""
+"""Words that would be visible in our packets without encryption."""
 
 
-def test_checkpoints_across_machines_with_all_traffic_encrypted(net: Field, tmp_path: Path):
+def test_checkpoints_pass_across_machines_with_encrypted_traffic(net: Field, tmp_path: Path):
     with net.sniffed(tmp_path / "tls"):
         ranges = net.ask("param get safety.virtual_cage", json=True).json
         assert ranges["safety.virtual_cage.x"] == 5.0
@@ -33,7 +33,7 @@ def test_checkpoints_across_machines_with_all_traffic_encrypted(net: Field, tmp_
     assert [word for word in OURS if word in carried] == []
 
 
-def test_the_same_capture_finds_it_all_on_a_plain_link(net: Field, tmp_path: Path):
+def test_a_capture_finds_the_words_on_a_plain_link(net: Field, tmp_path: Path):
     plain = ["hub", "-d", "--realm", "plain", "--listen", PLAIN]
     refused = net.router.quadctl(*plain)
     assert refused.code == 2
@@ -50,12 +50,12 @@ def test_the_same_capture_finds_it_all_on_a_plain_link(net: Field, tmp_path: Pat
     assert net.router.quadctl("down", "--realm", "plain").code == 0
 
 
-def test_over_quic_too(net: Field):
+def test_commands_work_over_quic(net: Field):
     assert net.ask("state", at=QUIC).code == 0
     assert net.ask("hold", at=QUIC).code == 0
 
 
-def test_who_only_joins_listens_nowhere(net: Field):
+def test_only_the_router_has_listening_sockets(net: Field):
     vehicle, router, operator = net.machines
     assert vehicle.sockets() == operator.sockets() == []
     assert router.sockets() == ["tcp 00000000:1D17", "udp 00000000:1D17"]
@@ -79,19 +79,19 @@ DENIED = (
 )
 
 
-def test_who_may_not_is_told_so_at_once(net: Field):
+def test_a_denied_command_fails_at_once_with_the_reason(net: Field):
     before = touched(net.vehicle)
     for who, line, why in DENIED:
         done = net.ask(line, who)
         assert done.code == 3, (line, done)
         assert "not allowed: " in done.err
         assert why in done.err
-        assert f".{who}." in done.err, "the certificate's name"
+        assert f".{who}." in done.err, "the error has the certificate's name"
     assert touched(net.vehicle) == before
 
 
-def test_refusal_by_the_hub_is_not_reported_as_hub_down(net: Field):
-    """Una's certificate says that she flies uav; the router's list, that she does not."""
+def test_a_refusal_by_the_hub_is_not_reported_as_a_hub_down(net: Field):
+    """Call with a certificate that permits uav, while the router's list does not."""
     listed = net.keys / "router" / "names.json"
     original = listed.read_bytes()
     names = json.loads(original)
@@ -110,14 +110,14 @@ def test_refusal_by_the_hub_is_not_reported_as_hub_down(net: Field):
     eventually(lambda: net.ask("hold", "una").code == 0)
 
 
-def test_a_default_up_listens_nowhere(net: Field):
+def test_a_default_up_opens_no_listening_socket(net: Field):
     operator = net.machines[2]
     assert net.operator.quadctl("up", "-d").code == 0
     assert operator.sockets() == []
     assert net.operator.quadctl("down").code == 0
 
 
-def test_who_may_does(net: Field):
+def test_permitted_commands_work(net: Field):
     assert net.ask("state", "eve").code == 0
     assert net.ask("topic echo safety/state -n 1", "eve").code == 0
     assert "safety" in net.ask("topic list", "eve").out
@@ -125,7 +125,7 @@ def test_who_may_does(net: Field):
     assert net.ask("calibrate", "una").code == 0
 
 
-def test_the_nodes_of_one_vehicle_on_two_machines(net: Field):
+def test_the_nodes_of_one_vehicle_run_on_two_machines(net: Field):
     net.issue("hub drone --vehicle drone")
     net.issue("safety guard --vehicle drone")
     net.issue("vehicle sensor --vehicle drone")
@@ -141,12 +141,12 @@ def test_the_nodes_of_one_vehicle_on_two_machines(net: Field):
         ),
     )
     assert up.code == 0, up.err
-    # A barometer may not say where to fly.
+    # A barometer's certificate may not run safety.
     wrong = net.node("safety", "drone", "sensor")
     assert wrong.wait() == 3
     assert "a vehicle of drone may not announce drone/@node/safety" in wrong.log
     nodes = [net.node("safety", "drone", "guard"), net.node("pressure", "drone", "sensor")]
-    # On a machine with much else to do the two nodes, two commands and three gates take their time.
+    # On a busy machine the two nodes, two commands and three gates take long.
     eventually(lambda: net.ask("calibrate --vehicle drone").code == 0, 40.0)
     eventually(lambda: net.ask("goto 1 0 1 --vehicle drone").code == 0, 40.0)
     assert net.ask("topic hz drone/input/position -n 5").code == 0
@@ -154,12 +154,12 @@ def test_the_nodes_of_one_vehicle_on_two_machines(net: Field):
         node.send(signal.SIGTERM)
         assert node.wait() == 0
     assert net.vehicle.quadctl("down", "--realm", "drone").code == 0
-    # What a node that was started alone leaves: its lock's file.
+    # A node that was started separately leaves its lock file.
     shutil.rmtree(net.operator.home)
 
 
-def test_down_is_not_denied(net: Field):
-    """Una may call all of uav's flight, bob all of uav9's, which is nowhere."""
+def test_a_vehicle_that_does_not_run_is_not_reported_as_denied(net: Field):
+    """Call a vehicle that bob may fly but that does not run."""
     done = net.ask("goto 0 0 1 --timeout 1", "bob")
     assert done.code == 3
     assert "nobody served uav9/@srv/goto" in done.err
@@ -173,7 +173,7 @@ def test_down_is_not_denied(net: Field):
         ("eve", {"uav/pose"}, {"uav/info", "uav/safety/state"}),
     ],
 )
-def test_who_breaks_our_rules_meets_zenohs(
+def test_zenohs_access_control_stops_a_client_without_quadctl(
     net: Field, who: str, heard: set[str], replied: set[str]
 ):
     with net.vehicle.bare() as bare:

@@ -1,4 +1,4 @@
-"""A faulty parameter file, or setting, starts nothing and says what is wrong with it."""
+"""A faulty parameter file or setting starts nothing, and the error names the fault."""
 
 import signal
 import sys
@@ -35,7 +35,7 @@ FAULTS = [
 # fmt: on
 
 
-def test_a_faulty_file_starts_nothing_and_says_where_it_is_wrong(lab: Lab):
+def test_a_faulty_file_starts_nothing_and_the_error_names_the_place(lab: Lab):
     files = [lab.file(text, f"{number}.toml") for number, (text, *_) in enumerate(FAULTS)]
     done = lab.each([f"up -d {file} --realm faulty{file.stem}" for file in files], "--json")
     for file, fault, refused in zip(files, FAULTS, done.values(), strict=True):
@@ -51,7 +51,7 @@ def test_a_faulty_file_starts_nothing_and_says_where_it_is_wrong(lab: Lab):
     assert not lab.home.parent.exists() or not list(lab.home.parent.iterdir())
 
 
-def test_in_the_foreground_and_as_text_it_says_the_same(lab: Lab):
+def test_a_foreground_run_reports_a_faulty_file_as_text(lab: Lab):
     file = lab.file("[safety]\nacceptance_rang = 1.0")
     refused = lab.quadctl("up", file)
     assert (refused.code, refused.out) == (6, "")
@@ -60,7 +60,7 @@ def test_in_the_foreground_and_as_text_it_says_the_same(lab: Lab):
     assert hint == "  try: did you mean safety.acceptance_range?"
 
 
-def test_a_faulty_word_starts_nothing(lab: Lab):
+def test_a_faulty_argument_starts_nothing(lab: Lab):
     words = {
         "missing.toml": "missing.toml",
         ".": "cannot be read",
@@ -96,13 +96,13 @@ def test_the_file_that_init_writes_is_accepted(lab: Lab):
     assert (shown["z"], shown["on"]) == ([0, 2], True)
 
 
-def test_without_a_hub_nothing_that_needs_one_is_started(lab: Lab):
+def test_nodes_that_need_a_hub_are_not_started_without_one(lab: Lab):
     refused = lab.quadctl("up", "-d", "--without", "hub", "--json")
     assert (refused.code, refused.error["code"]) == (6, "invalid")
-    assert "dynamics, pressure, safety meet at it" in refused.error["message"]
+    assert "dynamics, pressure, safety need a hub" in refused.error["message"]
     assert "quadctl.services.hub" in refused.error["hint"]
     assert lab.is_gone()
-    # With one that was started alone they come up.
+    # With a hub that was started separately the other nodes come up.
     hub = lab.spawn(sys.executable, "-P", "-m", "quadctl.services.hub", "--realm", lab.realm)
     with lab.first_bare():
         lab.start("--without", "hub")

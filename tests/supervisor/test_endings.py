@@ -1,4 +1,4 @@
-"""However a run ends, nothing of it is left; and a realm or a name is held by one alone."""
+"""A run leaves nothing behind however it ends; a realm or node name has one holder at most."""
 
 import contextlib
 import os
@@ -14,8 +14,8 @@ from tests.support.lab import NODES, Lab
 from tests.support.proofs import Proofs
 from tests.support.running import alive, eventually
 
-# A user's processes that know nothing of us: one that hears no signal, one that reads no pipe, and
-# one whose children are deaf, in a session of their own, or left behind by their parent.
+# A user's processes that do not use quadctl: one ignores SIGTERM, one reads no pipe, and one has
+# children that ignore SIGTERM, have their own session, or are orphans.
 HELPERS = """
 [processes]
 deaf = ["python", "-c", "import signal, time; signal.signal(15, signal.SIG_IGN); time.sleep(99)"]
@@ -29,8 +29,8 @@ family = ["sh", "-c", '''
 """
 
 
-def sleeping(lab: Lab) -> set[str]:
-    """How long each `sleep` of the helpers sleeps."""
+def sleep_durations(lab: Lab) -> set[str]:
+    """Return the duration argument of each running `sleep` of the helpers."""
     found = set()
     for pid in lab.processes():
         with contextlib.suppress(OSError):
@@ -43,12 +43,12 @@ def sleeping(lab: Lab) -> set[str]:
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0), (signal.SIGHUP, 0)]
 )
-def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, code: int):
+def test_a_signal_ends_a_foreground_run_and_all_its_processes(lab: Lab, number: int, code: int):
     run = lab.foreground(lab.file(HELPERS))
     pids = lab.pids()
     assert len(pids) == 8
     assert all(map(alive, pids))
-    eventually(lambda: sleeping(lab) == {"96", "97", "98", "99"})
+    eventually(lambda: sleep_durations(lab) == {"96", "97", "98", "99"})
     run.send(number)
     assert run.wait(5) == code
     assert not any(map(alive, pids))
@@ -57,17 +57,17 @@ def test_a_signal_ends_a_foreground_run_and_all_of_it(lab: Lab, number: int, cod
 
 
 @pytest.mark.parametrize("detached", [False, True], ids=["foreground", "detached"])
-def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
+def test_up_killed_with_sigkill_leaves_no_process_behind(lab: Lab, detached: bool):
     file = lab.file(HELPERS)
     if detached:
         lab.start(file)
     else:
         lab.foreground(file)
     pids = lab.pids()
-    eventually(lambda: sleeping(lab) == {"96", "97", "98", "99"})
+    eventually(lambda: sleep_durations(lab) == {"96", "97", "98", "99"})
     os.kill(pids[0], signal.SIGKILL)
     eventually(lambda: not any(map(alive, pids)) and not lab.processes(), 2)
-    if detached:  # what is left of the folder hinders nobody, and is cleared away with the next
+    if detached:  # the next run clears the leftover folder and is not disturbed by it
         (lab.home / "params" / "safety.json").write_text('{"takeoff": -1}')
         (lab.home / "asked").mkdir()
         (lab.home / "asked" / "hub").touch()
@@ -80,7 +80,7 @@ def test_killed_outright_up_leaves_no_process_behind(lab: Lab, detached: bool):
         shutil.rmtree(lab.home)
 
 
-def test_second_up_is_refused_with_the_pid_that_holds_the_realm(shared_lab: Lab):
+def test_a_second_up_is_refused_with_the_pid_of_the_first(shared_lab: Lab):
     before = shared_lab.status()
     for second in shared_lab.each(["up", "up -d"], "--json").values():
         assert (second.code, second.out) == (7, "")
@@ -113,7 +113,7 @@ def test_a_node_started_a_second_time_exits_7(shared_lab: Lab):
     assert shared_lab.status() == before
 
 
-def test_a_process_runs_alone_beside_a_run_that_leaves_it_out(lab: Lab):
+def test_a_node_left_out_of_a_run_can_be_started_separately(lab: Lab):
     lab.start("--without", "pressure")
     command = (sys.executable, "-P", "-m", "quadctl.services.pressure", "--realm", lab.realm)
     alone = lab.spawn(*command, "--set", "pressure.rate=20")
@@ -131,7 +131,7 @@ def test_a_process_runs_alone_beside_a_run_that_leaves_it_out(lab: Lab):
 
 
 def run_and_end(lab: Lab, times: int) -> None:
-    """Every other time with helpers that hear no signal."""
+    """Start and stop a run `times` times, every other time with helpers that ignore SIGTERM."""
     helpers = lab.file(HELPERS)
     for number in range(times):
         lab.start(*[helpers] * (number % 2))
@@ -169,7 +169,7 @@ def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
-def test_a_run_is_launched_by_who_has_closed_its_streams(lab: Lab, closed: str):
+def test_a_run_starts_with_its_standard_streams_closed(lab: Lab, closed: str):
     launched = lab.spawn("sh", "-c", f"exec {shlex.join(lab.command('up', '-d'))} {closed}")
     assert launched.wait() == 0
     assert launched.log in {"", f"realm {lab.realm} is up\n"}
@@ -178,7 +178,7 @@ def test_a_run_is_launched_by_who_has_closed_its_streams(lab: Lab, closed: str):
     assert lab.is_gone()
 
 
-def test_under_nohup_a_closed_terminal_is_no_end(lab: Lab):
+def test_a_closed_terminal_does_not_end_a_run_under_nohup(lab: Lab):
     run = lab.spawn("sh", "-c", f"trap '' HUP; exec {shlex.join(lab.command('up'))}")
     eventually(lab.is_ready)
     run.send(signal.SIGHUP)

@@ -1,4 +1,4 @@
-"""A full disk, or a folder removed by hand, is told and got over; it ends no run."""
+"""A full disk, or a run folder removed by hand, is reported and ends no run."""
 
 import json
 import resource
@@ -14,71 +14,71 @@ from tests.support.lab import Lab, private_lab
 from tests.support.running import Foreground, eventually
 
 
-class Shown(NamedTuple):
-    """A run in the foreground, all that it shows behind a pipe."""
+class PipedRun(NamedTuple):
+    """Foreground run with its complete output in a pipe."""
 
     lab: Lab
     run: Foreground
 
-    def said(self, text: str) -> list[str]:
-        """The lines that hold a text."""
+    def lines_with(self, text: str) -> list[str]:
+        """Return the output lines that contain `text`."""
         return [line for line in self.run.log.splitlines() if text in line]
 
 
 @pytest.fixture(scope="module")
-def shown() -> Iterator[Shown]:
+def piped_run() -> Iterator[PipedRun]:
     with private_lab() as lab:
         command = " ".join(map(str, lab.command("up")))
         run = lab.spawn("sh", "-c", f"{command} | cat")
         eventually(lab.is_ready)
-        yield Shown(lab, run)
+        yield PipedRun(lab, run)
 
 
-def full(pid: int, size: int) -> None:
-    """No file of a process may grow beyond a size: on every machine what a full disk does."""
+def limit_file_size(pid: int, size: int) -> None:
+    """Limit the size of a process's files, which acts as a full disk on every machine."""
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
-def test_a_run_goes_on_when_its_disk_is_full_and_says_so_once(shown: Shown):
-    lab = shown.lab
+def test_a_run_goes_on_with_a_full_disk_and_reports_it_once(piped_run: PipedRun):
+    lab = piped_run.lab
     supervisor = lab.status()["pid"]
     written = (lab.home / "run.json").read_bytes()
-    full(supervisor, 0)
+    limit_file_size(supervisor, 0)
     try:
-        # Nobody records the new process now: it is known by what it says.
+        # run.json cannot show the new process now: wait for its first log lines instead.
         lab.signal("pressure", signal.SIGKILL)
-        eventually(lambda: len(shown.said("pressure | Param: noise")) == 2)
+        eventually(lambda: len(piped_run.lines_with("pressure | Param: noise")) == 2)
         assert (lab.home / "run.json").read_bytes() == written
-        assert len(shown.said("cannot be written: ")) == 1
+        assert len(piped_run.lines_with("cannot be written: ")) == 1
         with lab.bare() as bare:
             eventually(lambda: "pressure" in bare.nodes())
     finally:
-        full(supervisor, resource.RLIM_INFINITY)
-    eventually(lambda: shown.said("can be written again; "))
+        limit_file_size(supervisor, resource.RLIM_INFINITY)
+    eventually(lambda: piped_run.lines_with("can be written again; "))
     eventually(lambda: lab.nodes()["pressure"]["restarts"] == 1 and lab.is_ready())
-    assert len(shown.said("can be written again; ")) == 1
-    assert "Traceback" not in shown.run.log
+    assert len(piped_run.lines_with("can be written again; ")) == 1
+    assert "Traceback" not in piped_run.run.log
 
 
-def test_deleted_run_folder_is_created_again_and_no_node_is_lost(shown: Shown):
-    lab = shown.lab
-    before, of_the_full_disk = lab.nodes(), shown.said("cannot be written")
+def test_a_deleted_run_folder_is_created_again_and_no_node_is_lost(piped_run: PipedRun):
+    lab = piped_run.lab
+    before, earlier_warnings = lab.nodes(), piped_run.lines_with("cannot be written")
     shutil.rmtree(lab.home)
     eventually(lambda: "hub" in lab.nodes())
     lab.revived("hub", before["hub"]["pid"])
     lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
     eventually(lab.is_ready)
-    assert len(shown.said("was removed under the run")) == 1
-    assert len(shown.said("was made anew")) == 1
-    assert shown.said("cannot be written") == of_the_full_disk
+    assert len(piped_run.lines_with("was removed under the run")) == 1
+    assert len(piped_run.lines_with("was created again")) == 1
+    assert piped_run.lines_with("cannot be written") == earlier_warnings
     assert lab.quadctl("calibrate").code == 0
     assert lab.quadctl("param", "get", "safety.takeoff").code == 0
     assert lab.quadctl("down").code == 0
-    assert shown.run.wait() == 0
-    assert "Traceback" not in shown.run.log
+    assert piped_run.run.wait() == 0
+    assert "Traceback" not in piped_run.run.log
 
 
-def test_run_ends_when_its_realm_is_taken_and_leaves_it_alone(lab: Lab):
+def test_a_run_that_lost_its_realm_ends_and_spares_the_new_holder(lab: Lab):
     first = lab.foreground()
     first.send(signal.SIGSTOP)
     shutil.rmtree(lab.home)
@@ -93,9 +93,9 @@ def test_run_ends_when_its_realm_is_taken_and_leaves_it_alone(lab: Lab):
 
 
 @pytest.mark.parametrize("words", ["up", "up -d"])
-def test_on_a_full_disk_nothing_is_started(lab: Lab, words: str):
+def test_nothing_starts_on_a_full_disk(lab: Lab, words: str):
     command = " ".join(lab.command(*words.split(), "--json"))
-    # The test's own log is a file as well, so the command's words go through a pipe.
+    # The test's own log is a file as well, so the command's output goes through a pipe.
     script = f"(ulimit -f 0; {command}; echo exit $?) 2>&1 | cat"
     run = lab.spawn("sh", "-c", script)
     assert run.wait() == 0
@@ -107,7 +107,7 @@ def test_on_a_full_disk_nothing_is_started(lab: Lab, words: str):
     assert lab.is_gone()
 
 
-def test_a_run_goes_on_when_its_recording_finds_no_room(lab: Lab):
+def test_a_run_goes_on_when_its_recording_has_no_space(lab: Lab):
     limit = "ulimit -f 200; exec " + " ".join(lab.command("up", "-d", "--record", "r.mcap"))
     done = subprocess.run(
         ["sh", "-c", limit], env=lab.environment, cwd=lab.folder, check=False, capture_output=True

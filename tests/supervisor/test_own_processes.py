@@ -1,4 +1,4 @@
-"""A user's own processes run in place of ours, or besides them."""
+"""A user's own processes, in place of the lab's nodes or in addition to them."""
 
 import os
 import signal
@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.support.lab import NODES, Lab
 from tests.support.running import alive, eventually
 
-# A safety node by a student: Zenoh alone, nothing of ours.
+# A student's safety node: only Zenoh, without quadctl.
 STUDENT = """
 import json, os, pathlib, zenoh
 home = pathlib.Path(os.environ["XDG_RUNTIME_DIR"]) / "quadctl" / os.environ["QUADCTL_REALM"]
@@ -38,7 +38,7 @@ def cmdline(pid: int) -> bytes:
         return b""
 
 
-def test_own_safety_node_and_a_helper_that_keeps_dying(
+def test_an_own_safety_node_runs_beside_a_helper_that_keeps_dying(
     lab: Lab,
 ):
     (lab.folder / "student.py").write_text(STUDENT, encoding="utf-8")
@@ -62,7 +62,7 @@ def test_own_safety_node_and_a_helper_that_keeps_dying(
     assert lab.quadctl("down").code == 0
 
 
-def test_imports_of_an_older_release_are_answered_with_new_ones(lab: Lab):
+def test_an_import_of_an_older_release_fails_with_the_new_name(lab: Lab):
     (lab.folder / "old.py").write_text("from schemas.messages import Pose\n", encoding="utf-8")
     toml = lab.file(f'[processes]\nold = "{sys.executable} -P old.py"\n')
     failed = lab.quadctl("up", "-d", toml, "--json")
@@ -70,7 +70,7 @@ def test_imports_of_an_older_release_are_answered_with_new_ones(lab: Lab):
     assert "write `from quadctl.schemas` for `from schemas`" in str(failed.error)
 
 
-def test_a_command_that_ends_at_once_is_no_run_that_is_up(lab: Lab):
+def test_a_command_that_ends_at_once_fails_the_launch(lab: Lab):
     failed = lab.quadctl("up", "-d", lab.file('[processes]\nx = "true"\n'), "--json")
     assert (failed.code, failed.out) == (1, "")
     assert "x does not stay up" in failed.error["message"]
@@ -83,7 +83,7 @@ def test_endless_output_takes_no_memory_and_delays_no_other_node(lab: Lab):
     logs = lab.home / "logs"
 
     def memory() -> int:
-        """Resident kilobytes of the supervisor."""
+        """Return the resident memory of the supervisor, kB."""
         status = Path(f"/proc/{supervisor}/status").read_text(encoding="utf-8")
         return int(status.partition("VmRSS:")[2].split()[0])
 
@@ -101,7 +101,7 @@ def test_endless_output_takes_no_memory_and_delays_no_other_node(lab: Lab):
     assert lab.nodes()["yes"]["restarts"] == lab.nodes()["blob"]["restarts"] == 0
 
 
-def test_what_a_command_has_started_goes_when_it_dies(lab: Lab):
+def test_the_children_of_a_killed_command_end_with_it(lab: Lab):
     lab.start(
         lab.file("""[processes]
 family = ["sh", "-c", "sleep 98 & setsid sleep 97 & echo started; exec sleep 99"]
@@ -109,16 +109,16 @@ family = ["sh", "-c", "sleep 98 & setsid sleep 97 & echo started; exec sleep 99"
     )
     leader = lab.nodes()["family"]["pid"]
 
-    def mine() -> list[int]:
-        """The command's processes that sleep."""
+    def sleep_pids() -> list[int]:
+        """Return the pids of the command's `sleep` processes."""
         return [pid for pid in lab.processes() if b"sleep" in cmdline(pid)]
 
-    eventually(lambda: len(mine()) == 3)
-    old = mine()
+    eventually(lambda: len(sleep_pids()) == 3)
+    old = sleep_pids()
     assert leader in old
     os.kill(leader, signal.SIGKILL)
     lab.revived("family", leader)
     assert not any(map(alive, old))
-    eventually(lambda: len(mine()) == 3)
+    eventually(lambda: len(sleep_pids()) == 3)
     assert lab.quadctl("down").code == 0
-    assert not mine()
+    assert not sleep_pids()

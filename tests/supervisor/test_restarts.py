@@ -1,4 +1,4 @@
-"""A process that dies or freezes in flight comes back by itself, and the lab goes on with it."""
+"""A process that dies or freezes in flight is restarted, and the lab goes on."""
 
 import os
 import signal
@@ -18,17 +18,17 @@ GOAL = {"x": 7.0, "y": 0.0, "z": 1.0}
 
 
 @pytest.fixture(scope="module")
-def roomy() -> Iterator[Lab]:
-    """A lab with room for a flight long enough to kill something in the middle of it."""
+def wide_cage() -> Iterator[Lab]:
+    """Lab with a cage so wide that a process can be killed in the middle of a flight."""
     with private_lab() as made:
         made.start("--set", "safety.virtual_cage.x=9", "--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 
 @pytest.fixture
-def flight(roomy: Lab) -> Iterator[Bare]:
-    """The vehicle under way from the start to the goal, cage off and barometer zeroed."""
-    with roomy.bare() as bare:
+def flight(wide_cage: Lab) -> Iterator[Bare]:
+    """Vehicle in flight from the start to the goal, cage off and barometer zeroed."""
+    with wide_cage.bare() as bare:
         poses = bare.watch("uav/pose")
         boot = poses.next()[0]["boot"]
         assert bare.call("reset").ok
@@ -43,16 +43,18 @@ def flight(roomy: Lab) -> Iterator[Bare]:
 
 
 @pytest.mark.parametrize("node", NODES)
-def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight: Bare, node: str):
-    before = roomy.nodes()
-    old = roomy.signal(node, signal.SIGKILL)
-    roomy.revived(node, old)
-    after = roomy.nodes()
+def test_a_node_killed_in_flight_restarts_and_the_goal_is_flown(
+    wide_cage: Lab, flight: Bare, node: str
+):
+    before = wide_cage.nodes()
+    old = wide_cage.signal(node, signal.SIGKILL)
+    wide_cage.revived(node, old)
+    after = wide_cage.nodes()
     restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
     assert restarts == {name: int(name == node) for name in NODES}
 
-    # A new session, because the hub may be a new one; nothing but ready was waited for.
-    with roomy.bare() as bare:
+    # A new session, because the hub may be a new one. Until here only `ready` was awaited.
+    with wide_cage.bare() as bare:
         poses = bare.watch("uav/pose")
         assert (poses.next()[0]["position"]["x"] < GOAL["x"] - 0.5) or node == "pressure"
         state = bare.state()
@@ -61,7 +63,7 @@ def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight
             assert "restarted" in state["reason"]
         if node == "pressure":
             assert bare.watch("uav/sensors/pressure").next()[0]["baseline"] == 0
-        flown = roomy.quadctl("goto", 7, 0, 1, "--replace", "--json")
+        flown = wide_cage.quadctl("goto", 7, 0, 1, "--replace", "--json")
         assert (flown.code, flown.json["arrived"]) == (0, True)
         poses.until(lambda p: gap(p["position"], GOAL) < 0.1)
         calibrated = bare.call("calibrate_pressure", zero=True)
@@ -71,36 +73,36 @@ def test_node_killed_in_flight_restarts_and_the_goal_is_flown(roomy: Lab, flight
         assert abs(zeroed["pressure"]) < 0.02
 
 
-def test_a_goto_whose_safety_dies_says_that_and_no_other_reason(roomy: Lab, flight: Bare):
-    old = roomy.nodes()["safety"]["pid"]
-    waiting = roomy.spawn(*roomy.command("goto", -7, 0, 1, "--replace"))
+def test_a_waiting_goto_names_the_restart_of_safety_as_the_reason(wide_cage: Lab, flight: Bare):
+    old = wide_cage.nodes()["safety"]["pid"]
+    waiting = wide_cage.spawn(*wide_cage.command("goto", -7, 0, 1, "--replace"))
     eventually(lambda: "accepted" in waiting.log)
-    roomy.signal("safety", signal.SIGKILL)
+    wide_cage.signal("safety", signal.SIGKILL)
     assert waiting.wait(30.0) == 5, waiting.log
     assert "the flight was stopped: safety restarted: hovering here, cage on" in waiting.log
-    roomy.revived("safety", old)
+    wide_cage.revived("safety", old)
 
 
-def test_frozen_nodes_are_killed_and_restarted(roomy: Lab, flight: Bare):
-    frozen = {node: roomy.signal(node, signal.SIGSTOP) for node in ("safety", "pressure")}
-    # Without setpoints the vehicle brakes long before the freeze is noticed by its silence.
+def test_frozen_nodes_are_killed_and_restarted(wide_cage: Lab, flight: Bare):
+    frozen = {node: wide_cage.signal(node, signal.SIGSTOP) for node in ("safety", "pressure")}
+    # Without setpoints the vehicle brakes long before the supervisor detects the freeze.
     poses = flight.watch("uav/pose")
     rest = poses.until(lambda p: speed(p) < 0.02)
     assert rest["position"]["x"] < GOAL["x"] - 0.5
     for node, old in frozen.items():
-        roomy.revived(node, old)
-    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+        wide_cage.revived(node, old)
+    log = (wide_cage.home / "logs" / "up.log").read_text(encoding="utf-8")
     for node in frozen:
         assert f"{node}: no answer for 2 s: killed" in log
     assert flight.call("goto", **GOAL).value["accepted"]
 
 
-def test_node_that_freezes_when_ready_is_killed_and_restarted(roomy: Lab):
-    roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
-    roomy.revived("pressure", roomy.signal("pressure", signal.SIGSTOP))
+def test_a_node_that_freezes_when_ready_is_killed_and_restarted(wide_cage: Lab):
+    wide_cage.revived("pressure", wide_cage.signal("pressure", signal.SIGKILL))
+    wide_cage.revived("pressure", wide_cage.signal("pressure", signal.SIGSTOP))
 
 
-def test_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
+def test_a_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     lab.file(
         '[processes]\nsafety = "python -c \'raise SystemExit(\\"no wings\\")\'"\n', "quad.toml"
     )
@@ -111,66 +113,66 @@ def test_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     assert not lab.home.exists()
 
 
-def test_stopped_supervisor_takes_no_node_for_frozen(roomy: Lab):
-    before = roomy.nodes()
-    supervisor = roomy.status()["pid"]
+def test_a_stopped_supervisor_counts_no_node_as_frozen(wide_cage: Lab):
+    before = wide_cage.nodes()
+    supervisor = wide_cage.status()["pid"]
     os.kill(supervisor, signal.SIGSTOP)
     try:
-        time.sleep(3.0)  # longer than anybody may be silent
+        time.sleep(3.0)  # longer than a node may be silent
     finally:
         os.kill(supervisor, signal.SIGCONT)
-    # It has looked at all of them again when it has restarted one.
-    roomy.revived("pressure", roomy.signal("pressure", signal.SIGKILL))
-    after = roomy.nodes()
+    # After it has restarted one node it has checked all of them again.
+    wide_cage.revived("pressure", wide_cage.signal("pressure", signal.SIGKILL))
+    after = wide_cage.nodes()
     restarts = {name: after[name]["restarts"] - before[name]["restarts"] for name in NODES}
     assert restarts == {name: int(name == "pressure") for name in NODES}
 
 
-def test_who_hears_no_more_of_a_dead_node_is_told_so(roomy: Lab):
-    eventually(roomy.is_ready)
-    supervisor, old = roomy.status()["pid"], roomy.nodes()["dynamics"]["pid"]
-    heard = roomy.spawn(*roomy.command("topic", "echo", "pose", "--timeout", 1))
+def test_echo_names_the_dead_node_when_its_topic_falls_silent(wide_cage: Lab):
+    eventually(wide_cage.is_ready)
+    supervisor, old = wide_cage.status()["pid"], wide_cage.nodes()["dynamics"]["pid"]
+    heard = wide_cage.spawn(*wide_cage.command("topic", "echo", "pose", "--timeout", 1))
     eventually(lambda: "---" in heard.log)
-    # Nobody restarts it meanwhile.
+    # A stopped supervisor does not restart it.
     os.kill(supervisor, signal.SIGSTOP)
     try:
-        roomy.signal("dynamics", signal.SIGKILL)
+        wide_cage.signal("dynamics", signal.SIGKILL)
         assert heard.wait() == 3
     finally:
         os.kill(supervisor, signal.SIGCONT)
     assert "nothing more came on uav/pose within 1 s: dynamics is gone" in heard.log
-    roomy.revived("dynamics", old)
+    wide_cage.revived("dynamics", old)
 
 
-def test_command_during_a_hub_restart_waits_for_the_hub(roomy: Lab):
-    eventually(lambda: all(node["state"] == "ready" for node in roomy.nodes().values()))
-    roomy.signal("hub", signal.SIGKILL)
-    assert roomy.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
+def test_a_command_during_a_hub_restart_waits_for_the_hub(wide_cage: Lab):
+    eventually(lambda: all(node["state"] == "ready" for node in wide_cage.nodes().values()))
+    wide_cage.signal("hub", signal.SIGKILL)
+    assert wide_cage.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
 
 
-def test_requested_restart_is_done_in_any_state_of_the_process(roomy: Lab):
-    realm = realm_of(roomy)
+def test_a_requested_restart_works_in_any_state_of_the_process(wide_cage: Lab):
+    realm = realm_of(wide_cage)
     for node, prepare in (("pressure", None), ("hub", signal.SIGSTOP), ("safety", signal.SIGSTOP)):
-        eventually(roomy.is_ready)
+        eventually(wide_cage.is_ready)
         if prepare is not None:
-            roomy.signal(node, prepare)
+            wide_cage.signal(node, prepare)
         before = control.request_restart(realm, node)
         after = control.wait_restarted(realm, node, before, 10.0)
         assert after.restarts == before.restarts + 1
         assert after.started > before.started > 1e9
-    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
-    assert log.count(": restart asked for\n") == 3
-    assert "pressure ended" not in log.rpartition("pressure: restart asked for")[2]
+    log = (wide_cage.home / "logs" / "up.log").read_text(encoding="utf-8")
+    assert log.count(": restart requested\n") == 3
+    assert "pressure ended" not in log.rpartition("pressure: restart requested")[2]
 
 
 def realm_of(lab: Lab) -> Realm:
-    """The lab's realm, for what is asked in this process."""
+    """Return the lab's realm for calls from the test's own process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
         return Realm(lab.realm)
 
 
-def test_node_left_down_starts_again_on_request(lab: Lab):
+def test_a_node_left_down_starts_again_on_request(lab: Lab):
     command = "shy = ['sh', '-c', '[ -e here ] || exit 3; exec sleep 99']"
     lab.spawn(*lab.command("up", lab.file(f"[processes]\n{command}\n")))
     eventually(lambda: lab.nodes().get("shy", {"state": ""})["state"] == "down")
@@ -184,24 +186,24 @@ def test_node_left_down_starts_again_on_request(lab: Lab):
     assert after.restarts == before.restarts + 1
 
 
-def test_node_whose_name_is_taken_comes_back_when_it_is_free(roomy: Lab):
-    eventually(roomy.is_ready)
-    with roomy.bare() as stranger:
+def test_a_node_whose_name_is_taken_returns_when_the_name_is_free(wide_cage: Lab):
+    eventually(wide_cage.is_ready)
+    with wide_cage.bare() as stranger:
         token = stranger.session.liveliness().declare_token("uav/@node/pressure")
-        before = roomy.nodes()["pressure"]["restarts"]
-        roomy.signal("pressure", signal.SIGKILL)
-        # More often than it may die quickly.
-        eventually(lambda: roomy.nodes()["pressure"]["restarts"] >= before + 6, 30.0)
-        assert roomy.nodes()["pressure"]["state"] != "down"
+        before = wide_cage.nodes()["pressure"]["restarts"]
+        wide_cage.signal("pressure", signal.SIGKILL)
+        # More restarts than quick deaths are allowed.
+        eventually(lambda: wide_cage.nodes()["pressure"]["restarts"] >= before + 6, 30.0)
+        assert wide_cage.nodes()["pressure"]["state"] != "down"
         token.undeclare()
-    roomy.revived("pressure", 0)
-    log = (roomy.home / "logs" / "up.log").read_text(encoding="utf-8")
+    wide_cage.revived("pressure", 0)
+    log = (wide_cage.home / "logs" / "up.log").read_text(encoding="utf-8")
     assert log.count("pressure ended (exit 7): another process has its name") == 1
-    told = (roomy.home / "logs" / "pressure.log").read_text(encoding="utf-8")
-    assert told.count("another process already is the node pressure") == 1
+    told = (wide_cage.home / "logs" / "pressure.log").read_text(encoding="utf-8")
+    assert told.count("another process is already the node pressure") == 1
 
 
-def test_a_hub_that_is_alone_comes_back(lab: Lab):
+def test_a_killed_hub_without_other_nodes_is_restarted(lab: Lab):
     lab.start("--without", "dynamics", "--without", "pressure", "--without", "safety")
     lab.revived("hub", lab.signal("hub", signal.SIGKILL))
     assert lab.nodes()["hub"]["restarts"] == 1

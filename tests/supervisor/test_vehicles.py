@@ -1,4 +1,4 @@
-"""Several vehicles in one run: each on its own keys, none in another's way, four processes for all."""
+"""Several vehicles in one run: own keys, independent flights, four processes for all."""
 
 import signal
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ util.find_spec = lambda name, package=None: None if name == "numba" else find(na
 
 @pytest.fixture
 def without_numba(lab: Lab) -> Lab:
-    """A lab in whose processes numba is not found."""
+    """Lab with processes that cannot import numba."""
     (lab.folder / "sitecustomize.py").write_text(HIDDEN, encoding="utf-8")
     lab.environment["PYTHONPATH"] = str(lab.folder)
     return lab
@@ -27,7 +27,7 @@ def without_numba(lab: Lab) -> Lab:
 
 def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab):
     lab = without_numba
-    # A million steps' worth a second, where plain Python does a few hundred thousand at most.
+    # Worth a million steps a second; plain Python does a few hundred thousand at most.
     done = lab.quadctl("up", "-d", "--vehicles", 200, "--set", "dynamics.rate=1000")
     assert done.code == 2
     assert "vehicles at 1000 Hz in plain Python, 200 were asked for" in done.err
@@ -37,7 +37,7 @@ def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab
     assert lab.quadctl("status").code == 3
 
 
-def test_a_few_start_and_fly(without_numba: Lab):
+def test_two_vehicles_fly_without_numba(without_numba: Lab):
     lab = without_numba
     lab.start("--vehicles", 2, "--set", "dynamics.rate=20")
     done = lab.quadctl("fleet", "goto", "0", "0", "1.5", timeout=60)
@@ -49,8 +49,8 @@ VEHICLES = ["uav0", "uav1", "uav2"]
 
 
 @pytest.fixture(scope="module")
-def three() -> Iterator[Lab]:
-    """Three vehicles that hover, the last one higher."""
+def three_vehicles() -> Iterator[Lab]:
+    """Three hovering vehicles, the last one higher."""
     with private_lab() as made:
         made.start("--vehicles", 3, "--set", "uav2.safety.takeoff=2", *PATIENT)
         for vehicle in VEHICLES:
@@ -66,26 +66,30 @@ def is_up(lab: Lab, vehicle: str) -> bool:
     return height(lab, vehicle) > 0.9
 
 
-def place(lab: Lab, vehicle: str) -> tuple[float, float]:
+def position_of(lab: Lab, vehicle: str) -> tuple[float, float]:
     at = lab.quadctl("state", "--vehicle", vehicle, "--json").json["pose"]["position"]
     return round(at["x"], 1), round(at["y"], 1)
 
 
-def test_four_processes_fly_them_all(three: Lab):
-    status = three.quadctl("status", "--json").json
+def test_four_processes_fly_all_vehicles(three_vehicles: Lab):
+    status = three_vehicles.quadctl("status", "--json").json
     assert status["vehicles"] == VEHICLES
     assert [node["name"] for node in status["nodes"]] == NODES
-    assert "vehicles uav0, uav1, uav2" in three.quadctl("status").out
-    with three.bare() as bare:
+    assert "vehicles uav0, uav1, uav2" in three_vehicles.quadctl("status").out
+    with three_vehicles.bare() as bare:
         poses = {vehicle: bare.watch(f"{vehicle}/pose") for vehicle in VEHICLES}
         boots = {watch.next()[0]["boot"] for watch in poses.values()}
     assert len(boots) == 3
 
 
-def test_they_start_on_a_grid_and_each_as_it_is_told(three: Lab):
-    assert [place(three, vehicle) for vehicle in VEHICLES] == [(-1, -1), (1, -1), (-1, 1)]
-    eventually(lambda: height(three, "uav2") > 1.9)
-    assert height(three, "uav0") < 1.1
+def test_vehicles_start_on_a_grid_each_with_its_own_settings(three_vehicles: Lab):
+    assert [position_of(three_vehicles, vehicle) for vehicle in VEHICLES] == [
+        (-1, -1),
+        (1, -1),
+        (-1, 1),
+    ]
+    eventually(lambda: height(three_vehicles, "uav2") > 1.9)
+    assert height(three_vehicles, "uav0") < 1.1
 
 
 @pytest.mark.parametrize(
@@ -94,54 +98,56 @@ def test_they_start_on_a_grid_and_each_as_it_is_told(three: Lab):
      "topic echo pose -n 1", "topic hz pose -n 3", "service list", "service call hold",
      "param list", "param get safety.takeoff", "node list", "doctor", "fly mission.toml"],
 )  # fmt: skip
-def test_without_a_name_the_names_are_told(three: Lab, line: str):
-    three.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
-    done = three.quadctl(*line.split())
+def test_a_command_without_a_vehicle_lists_the_vehicles(three_vehicles: Lab, line: str):
+    three_vehicles.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
+    done = three_vehicles.quadctl(*line.split())
     assert (done.code, done.out) == (2, "")
     assert "there are several vehicles: uav0, uav1, uav2" in done.err
     assert "--vehicle uav0" in done.err
 
 
-def test_a_full_key_names_its_vehicle(three: Lab):
-    echoed = three.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
+def test_a_full_key_selects_its_vehicle(three_vehicles: Lab):
+    echoed = three_vehicles.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
     assert round(echoed["position"]["y"]) == 1
-    assert three.quadctl("service", "call", "/uav1/hold").code == 0
-    assert three.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
-    everybody = three.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
+    assert three_vehicles.quadctl("service", "call", "/uav1/hold").code == 0
+    assert three_vehicles.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
+    everybody = three_vehicles.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
     assert everybody.code == 0, everybody.err
 
 
-def test_a_parameters_name_may_begin_with_its_vehicle(three: Lab):
-    done = three.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
+def test_a_parameters_name_may_begin_with_its_vehicle(three_vehicles: Lab):
+    done = three_vehicles.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
     assert (done.code, done.out) == (0, "safety.acceptance_range: 0.4\n")
     for vehicle, known in (("uav0", 0.5), ("uav1", 0.4)):
-        found = three.quadctl("param", "get", f"{vehicle}.safety.acceptance_range", "--json").json
+        found = three_vehicles.quadctl(
+            "param", "get", f"{vehicle}.safety.acceptance_range", "--json"
+        ).json
         assert found == {"safety.acceptance_range": known}
-    both = three.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
+    both = three_vehicles.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
     assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
 
 
-def test_unknown_vehicle_is_reported_with_the_existing_ones(three: Lab):
-    done = three.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
+def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three_vehicles: Lab):
+    done = three_vehicles.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
     assert done.code == 3
     assert "this run has no vehicle drone" in done.err
     assert "it has uav0, uav1, uav2" in done.err
 
 
-def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
+def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(three_vehicles: Lab):
     def ask(*words: object, vehicle: str = "uav1") -> dict[str, object]:
-        done = three.quadctl(*words, "--vehicle", vehicle, "--json")
+        done = three_vehicles.quadctl(*words, "--vehicle", vehicle, "--json")
         assert done.code == 0, done.err
         answer: dict[str, object] = done.json
         return answer
 
     assert ask("goto", 2, 1, 1)["arrived"]
-    assert place(three, "uav0") == (-1, -1)
+    assert position_of(three_vehicles, "uav0") == (-1, -1)
     ask("cage", "off")
     assert ask("cage", "show")["on"] is False
     assert ask("cage", "show", vehicle="uav0")["on"] is True
     assert float(str(ask("calibrate")["baseline"])) > 1000
-    with three.bare() as bare:
+    with three_vehicles.bare() as bare:
         first, second = (bare.watch(f"{v}/sensors/pressure").next()[0] for v in ("uav0", "uav1"))
     assert (first["baseline"], first["samples"]) == (0, 0)
     assert second["baseline"] > 1000
@@ -150,38 +156,40 @@ def test_each_has_its_own_flight_cage_baseline_and_parameters(three: Lab):
     assert ask("param", "get", "safety.acceptance_range", vehicle="uav0") == {
         "safety.acceptance_range": 0.5
     }
-    assert three.quadctl("reset", "--vehicle", "uav1").code == 0
+    assert three_vehicles.quadctl("reset", "--vehicle", "uav1").code == 0
 
 
-def test_a_file_is_compared_and_saved_by_vehicle(three: Lab):
+def test_a_file_is_compared_and_saved_by_vehicle(three_vehicles: Lab):
     said = "# kept\n[safety]\ntakeoff = 1.0\npose_timeout = 0.6\n"
-    file = three.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")
-    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav0").out == ""
-    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == (
+    file = three_vehicles.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")
+    assert three_vehicles.quadctl("param", "diff", "saved.toml", "--vehicle", "uav0").out == ""
+    assert three_vehicles.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == (
         "safety.takeoff: 1.0 -> 2.0\n"
     )
-    assert three.quadctl("param", "save", "saved.toml", "--vehicle", "uav2").code == 0
+    assert three_vehicles.quadctl("param", "save", "saved.toml", "--vehicle", "uav2").code == 0
     assert file.read_text().startswith(said)
     assert "[uav2.safety]\ntakeoff = 2.0" in file.read_text()
-    assert three.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == ""
-    assert three.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
+    assert three_vehicles.quadctl("param", "diff", "saved.toml", "--vehicle", "uav2").out == ""
+    assert three_vehicles.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
 
 
-def test_doctor_finds_each_well(three: Lab):
+def test_doctor_passes_for_each_vehicle(three_vehicles: Lab):
     for vehicle in VEHICLES[:2]:
-        found = three.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
+        found = three_vehicles.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
         assert found.json["ok"], found.out
-    none = three.quadctl("doctor", "--vehicle", "uav9", "--json")
+    none = three_vehicles.quadctl("doctor", "--vehicle", "uav9", "--json")
     assert none.code == 8
 
 
 @pytest.mark.parametrize("node", ["safety", "pressure", "dynamics", "hub"])
-def test_a_killed_process_comes_back_for_all(three: Lab, node: str):
-    old = three.signal(node, signal.SIGKILL)
-    three.revived(node, old)
-    eventually(three.is_ready)
+def test_a_killed_process_returns_for_all_vehicles(three_vehicles: Lab, node: str):
+    old = three_vehicles.signal(node, signal.SIGKILL)
+    three_vehicles.revived(node, old)
+    eventually(three_vehicles.is_ready)
     for vehicle in VEHICLES:
-        done = three.quadctl("goto", 0, 0, 1, "--no-wait", "--replace", "--vehicle", vehicle)
+        done = three_vehicles.quadctl(
+            "goto", 0, 0, 1, "--no-wait", "--replace", "--vehicle", vehicle
+        )
         assert done.code == 0, done.err
 
 
@@ -190,10 +198,10 @@ def test_a_killed_process_comes_back_for_all(three: Lab, node: str):
     [
         (["--vehicles", 0], 2, "--vehicles 0: not a number of vehicles"),
         (["--vehicles", 2, "--set", "uav2.safety.takeoff=2"], 6, "unknown parameter uav2"),
-        (["--vehicles", 2, "--set", "uav1.hub.transport=tcp"], 6, "there is one for all"),
+        (["--vehicles", 2, "--set", "uav1.hub.transport=tcp"], 6, "all vehicles share one"),
     ],
 )
-def test_what_cannot_be_is_told_and_nothing_starts(
+def test_impossible_vehicle_settings_are_refused_before_the_start(
     lab: Lab, words: list[object], code: int, said: str
 ):
     done = lab.quadctl("up", "-d", *words)
@@ -202,7 +210,7 @@ def test_what_cannot_be_is_told_and_nothing_starts(
     assert lab.quadctl("status").code == 3
 
 
-def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
+def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(lab: Lab):
     def digest(vehicle: str) -> dict[str, str]:
         done = lab.quadctl("fly", "mission.toml", "--vehicle", vehicle, "--json")
         assert done.code == 0, done.err
@@ -222,11 +230,11 @@ def test_their_flights_are_the_same_whoever_flies_beside_them(lab: Lab):
     assert digest("uav1") == first
 
 
-def test_vehicles_fly_while_compiling_and_down_ends_that_too(lab: Lab):
+def test_vehicles_fly_while_compiling_and_down_ends_the_compiler(lab: Lab):
     lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
     lab.start("--vehicles", 2, *PATIENT)
     eventually(lambda: "compiling the vehicle" in lab.log("dynamics"))
     eventually(lambda: len(lab.processes()) > 1 + len(NODES))
     eventually(partial(is_up, lab, "uav1"))
-    # The lab holds that nothing is left.
+    # The fixture asserts that no process is left.
     assert lab.quadctl("down").code == 0

@@ -48,28 +48,28 @@ def pressure(stamp: float, baseline: float = 0.0) -> Pressure:
     return Pressure(stamp, 1013.0 - baseline, baseline, 0, 0.0)
 
 
-def taken(key: str, message: Any, at: float, said: str | None = None) -> RawMessage:
-    """A message as it comes from the bus, so many seconds after the recording began."""
+def raw_message(key: str, message: Any, at: float, encoding: str | None = None) -> RawMessage:
+    """Return a message as received from the bus, some seconds after the start of the recording."""
     payload = message if isinstance(message, bytes) else codec.encode(message)
     type_: Any = type(message)
-    encoding = codec.encoding(type_) if said is None else said
-    came = BEGAN + round(at * SECOND)
-    return RawMessage(key, payload, encoding, came, came - 1000)
+    encoding = codec.encoding(type_) if encoding is None else encoding
+    received = BEGAN + round(at * SECOND)
+    return RawMessage(key, payload, encoding, received, received - 1000)
 
 
 def flight(poses: int = 100) -> list[RawMessage]:
-    """Some seconds of a system as it is, and a stranger's messages among them."""
-    found = [taken("uav/safety/state", state(0.0), 0.0)]
+    """Return the messages of a short flight, including some with an unknown key."""
+    found = [raw_message("uav/safety/state", state(0.0), 0.0)]
     for seq in range(poses):
-        found.append(taken("uav/pose", pose(seq), seq / 100))
+        found.append(raw_message("uav/pose", pose(seq), seq / 100))
         if seq % 10 == 0:
-            found.append(taken("uav/sensors/pressure", pressure(seq / 100), seq / 100))
-            found.append(taken("my/own", b"\x00\xff raw", seq / 100, "zenoh/bytes"))
+            found.append(raw_message("uav/sensors/pressure", pressure(seq / 100), seq / 100))
+            found.append(raw_message("my/own", b"\x00\xff raw", seq / 100, "zenoh/bytes"))
     return found
 
 
 def write(path: Path, messages: list[RawMessage], every: int = 25, *, whole: bool = True) -> Path:
-    """A recording of these, a chunk of each so many, with or without its index."""
+    """Write a recording with a chunk every `every` messages, with or without its index."""
     bag = BagWriter(Outfile.create(path))
     bag.note("quadctl", {"vehicle": "uav"})
     for count, message in enumerate(messages, start=1):

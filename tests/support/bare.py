@@ -1,4 +1,4 @@
-"""A stranger on the bus: Zenoh and MessagePack alone, no import from schemas, services or cli."""
+"""Independent client on the bus: Zenoh and MessagePack, no import of schemas, services or cli."""
 
 import json
 import threading
@@ -16,7 +16,7 @@ unpack = msgspec.msgpack.decode
 
 
 class Answer(NamedTuple):
-    """A reply or an error reply: which, its contents, its encoding."""
+    """Reply or error reply, with its contents and encoding."""
 
     ok: bool
     value: Any
@@ -24,12 +24,12 @@ class Answer(NamedTuple):
 
     @property
     def code(self) -> str:
-        """The error's code, empty where it is a reply."""
+        """Return the error's code, or an empty text for a reply."""
         return "" if self.ok else str(self.value["code"])
 
 
 class Watch:
-    """The messages of a key as they came, decoded."""
+    """Decoded messages of a key, in their order of arrival."""
 
     def __init__(self) -> None:
         self.messages: list[Any] = []
@@ -45,9 +45,9 @@ class Watch:
             self._changed.notify_all()
 
     def until(self, condition: Callable[[Any], bool], within: float = 10.0) -> Any:
-        """The first message after the last one waited for, for which the condition holds.
+        """Return the first message, after the last one returned, that meets the condition.
 
-        It may have come before the call: what an action causes can be quicker than its reply.
+        It may have arrived before this call: an action's effect can arrive before its reply.
         """
         deadline = time.monotonic() + within
         with self._changed:
@@ -62,7 +62,7 @@ class Watch:
                 self._changed.wait(left)
 
     def next(self, count: int = 1, within: float = 10.0) -> list[Any]:
-        """So many messages, from now on."""
+        """Wait for `count` messages from now on, and return them."""
         with self._changed:
             first = len(self.messages)
             enough = self._changed.wait_for(lambda: len(self.messages) >= first + count, within)
@@ -72,7 +72,7 @@ class Watch:
 
 
 class Bare:
-    """A client session of a hub."""
+    """Client session with a hub."""
 
     def __init__(self, endpoint: str, user: str = "", password: str = "") -> None:
         config: dict[str, Any] = {
@@ -98,47 +98,47 @@ class Bare:
         self.session.close()
 
     def call(self, service: str, timeout: float = 5.0, **fields: Any) -> Answer:
-        """Call a service with a map of fields; there must be exactly one answer."""
+        """Call a service with a map of fields, and return its only reply."""
         return self.query(f"uav/@srv/{service}", pack(fields), timeout=timeout)
 
     def query(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> Answer:
-        """Query a key with any bytes; there must be exactly one answer."""
+        """Query a key with any bytes, and return the only reply."""
         answers = self.answers(key, payload, timeout=timeout, **more)
-        assert len(answers) == 1, f"{key}: {len(answers)} answers"
+        assert len(answers) == 1, f"{key}: {len(answers)} replies"
         return answers[0]
 
     def answers(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> list[Answer]:
-        """All answers to a query."""
+        """Return all replies to a query."""
         replies = self.session.get(key, payload=payload, timeout=timeout, **more)
         return [_answer(reply) for reply in replies]
 
     def latest(self, key: str) -> Any:
-        """What a latched topic holds."""
+        """Return the last message of a latched topic."""
         return self.query(key, b"").value
 
     def watch(self, key: str) -> Watch:
-        """Listen to a key until the session closes."""
+        """Subscribe to a key until the session closes."""
         watch = Watch()
         self._declared.append(self.session.declare_subscriber(key, watch.on_sample))
         return watch
 
     def put(self, key: str, value: Any) -> None:
-        """Publish a map without saying its type."""
+        """Publish a map without a type in its encoding."""
         self.session.put(key, pack(value))
 
     def nodes(self) -> list[str]:
-        """The nodes that have announced themselves."""
+        """Return the names of the announced nodes."""
         replies = self.session.liveliness().get("uav/@node/*", timeout=3.0)
         keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
         return sorted(key.rpartition("/")[2] for key in keys)
 
     def state(self) -> dict[str, Any]:
-        """Safety's state now."""
+        """Return the current state of safety."""
         state: dict[str, Any] = self.latest("uav/safety/state")
         return state
 
     def fly(self, x: float, y: float, z: float) -> dict[str, Any]:
-        """Fly to a point, whatever goes on; returns the state on arrival."""
+        """Fly to a point, replacing any goal, and return the state on arrival."""
         states, poses = self.watch("uav/safety/state"), self.watch("uav/pose")
         goal = {"x": x, "y": y, "z": z}
         assert self.call("goto", **goal, replace=True).value == {"accepted": True, "reason": ""}
@@ -150,17 +150,17 @@ class Bare:
 
 
 def ticket(seconds: float, call_id: str = "", **more: Any) -> bytes:
-    """A command's attachment: an id, a deadline that many seconds from now, and what else it says."""
+    """Return a call's attachment: an id, a deadline some seconds from now, and further fields."""
     return pack({"id": call_id or uuid.uuid4().hex, "deadline": time.time() + seconds, **more})
 
 
 def gap(a: dict[str, float], b: dict[str, float]) -> float:
-    """The distance between two points, m."""
+    """Return the distance between two points, m."""
     return float(sum((a[axis] - b[axis]) ** 2 for axis in "xyz") ** 0.5)
 
 
 def speed(pose: dict[str, Any]) -> float:
-    """How fast the vehicle is, m/s."""
+    """Return the vehicle's speed, m/s."""
     return gap(pose["velocity"], {"x": 0.0, "y": 0.0, "z": 0.0})
 
 
@@ -169,6 +169,6 @@ def _answer(reply: zenoh.Reply) -> Answer:
         sample = reply.ok
         return Answer(True, unpack(sample.payload.to_bytes()), str(sample.encoding))
     assert reply.err is not None
-    said, encoding = reply.err.payload.to_bytes(), str(reply.err.encoding)
+    payload, encoding = reply.err.payload.to_bytes(), str(reply.err.encoding)
     is_json = encoding.startswith("application/json")
-    return Answer(False, json.loads(said) if is_json else said, encoding)
+    return Answer(False, json.loads(payload) if is_json else payload, encoding)

@@ -1,4 +1,4 @@
-"""A headless Chromium, driven through its DevTools protocol: what a user of the page does and sees."""
+"""Headless Chromium, driven through its DevTools protocol as by a user of the page."""
 
 import base64
 import contextlib
@@ -30,13 +30,13 @@ DESKTOP, PHONE = (1100, 800), (390, 844)
 
 
 class Browser:
-    """One process; each `Tab` of it is a window of its own size."""
+    """Chromium process; each `Tab` is a window with its own size."""
 
     def __init__(self, folder: Path) -> None:
         name = chromium.found()
         assert name is not None, chromium.MISSING
         self._folder = folder
-        # Its own helpers would outlive a plain kill: the group ends as a whole.
+        # Chromium's helper processes would survive a plain kill: the whole group is killed.
         self._popen = subprocess.Popen(
             [name, f"--user-data-dir={folder}", *_FLAGS],
             stdin=subprocess.DEVNULL,
@@ -63,7 +63,7 @@ class Browser:
 
 
 class Tab:
-    """One page. `requests` has every address that it has asked for, `errors` what it complained of."""
+    """One page; `requests` has every requested address, `errors` the page's errors."""
 
     def __init__(self, browser: Browser, url: str, size: tuple[int, int]) -> None:
         self.requests: list[str] = []
@@ -89,7 +89,7 @@ class Tab:
         self._ask("Page.navigate", url=url)
 
     def js(self, code: str) -> Any:
-        """What an expression is on the page."""
+        """Return the value of an expression on the page."""
         answer = self._ask(
             "Runtime.evaluate", expression=code, returnByValue=True, awaitPromise=True
         )
@@ -100,11 +100,11 @@ class Tab:
         return str(self.js(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''"))
 
     def until(self, code: str, within: float = 15.0) -> Any:
-        """Wait until an expression is true on the page; what it is then."""
+        """Wait until an expression is true on the page, and return its value."""
         return eventually(lambda: self.js(code), within)
 
     def reads(self, selector: str, *parts: str, within: float = 15.0) -> str:
-        """Wait until an element's text has all the parts."""
+        """Wait until an element's text contains all the parts."""
 
         def read() -> str:
             text = self.text(selector)
@@ -123,14 +123,14 @@ class Tab:
             )  # fmt: skip
 
     def press(self, selector: str) -> None:
-        """Click in the middle of an element, as soon as it is there."""
+        """Click in the middle of an element, as soon as it exists."""
         find = f"""(() => {{ const e = document.querySelector({json.dumps(selector)});
             if (!e) return null; e.scrollIntoView({{block: "center"}});
             const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"""
         self.click(*self.until(find))
 
     def floor(self, x: float, y: float) -> None:
-        """Click on the floor of the scene, m."""
+        """Click on the floor of the scene at x, y (m)."""
         self.js("document.querySelector('.scene').scrollIntoView({block: 'center'})")
         scene = "getElement(Number(document.querySelector('.scene').id.slice(1)))"
         self.click(*self.js(f"{scene}.where({x}, {y}, 0)"))
@@ -183,7 +183,7 @@ class Tab:
 
 @contextlib.contextmanager
 def browser() -> Iterator[Browser]:
-    """A browser with an empty profile."""
+    """Run a browser with an empty profile."""
     folder = Path(tempfile.mkdtemp(prefix="qb", dir="/tmp"))
     made = Browser(folder)
     try:

@@ -1,4 +1,4 @@
-"""Batches of random flights for the tests, in plain Python, and automata with a fault put in."""
+"""Batches of random flights in plain Python, and automata with an injected fault."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -23,13 +23,13 @@ def batch(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> Batc
 
 
 class Sleepless(Batch):
-    """Every monitor sees every pose, as in a live flight."""
+    """Batch in which every monitor receives every pose, as in a live flight."""
 
     def awake(self, period: int, motion: Floats) -> list[int]:
         return list(range(len(self.lanes)))
 
 
-def put_in(patch: pytest.MonkeyPatch, change: Callable[[Rule], Rule | None]) -> None:
-    """Have every monitor, live or in a campaign, go by a changed table."""
+def inject(patch: pytest.MonkeyPatch, change: Callable[[Rule], Rule | None]) -> None:
+    """Make every monitor, live or in a campaign, use a changed rule table."""
     rules = tuple(new for rule in RULES if (new := change(rule)) is not None)
     patch.setattr(monitor, "step", partial(automaton.step, rules=rules))

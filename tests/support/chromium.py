@@ -1,10 +1,10 @@
-"""Whether there is a Chromium for the console's tests, and what is said where there is none."""
+"""Search for the Chromium of the console's tests, and the message when it is missing."""
 
 import os
 import shutil
 
 REQUIRED = "QUADCTL_TEST_BROWSER"
-"""Set to `required` where its absence is a failure, as in continuous integration."""
+"""Environment variable; `required` makes a missing Chromium a failure, e.g. in CI."""
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 MISSING = (
@@ -14,10 +14,10 @@ MISSING = (
 
 
 def found() -> str | None:
-    """Where it is."""
+    """Return the path of Chromium, or None."""
     return next(filter(None, map(shutil.which, _NAMES)), None)
 
 
 def wanted() -> bool:
-    """Whether its tests are to run: they fail where one is required and there is none."""
+    """Return whether its tests run: they also run, and fail, if a required one is missing."""
     return found() is not None or os.environ.get(REQUIRED) == "required" or "CI" in os.environ

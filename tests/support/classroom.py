@@ -1,4 +1,4 @@
-"""A classroom as docs/many-machines.md has it: the teacher's machine and the students', on one network."""
+"""Classroom of docs/many-machines.md: the machines of teacher and students on one network."""
 
 import shutil
 import time
@@ -25,41 +25,41 @@ COUNT = 30
 HERE = f"{COUNT} students' machines and a teacher's on one network"
 AT = "tls/10.7.1.1:7447"
 HZ = 20
-"""Of the poses: thirty vehicles share the processors of one machine here."""
+"""Rate of the poses: here thirty vehicles share the processors of one machine."""
 SHARED = ("--set", f"dynamics.rate={HZ}", "--set", "safety.pose_timeout=5",
           "--set", "dynamics.setpoint_timeout=5", "--set", "supervise.answer_timeout=30")  # fmt: skip
-"""Where many share a core, nobody is taken for dead because he waits for it."""
+"""Longer timeouts: a process that waits for a shared core must not count as dead."""
 NICE = ("nice", "-n", "5")
-"""The teacher's machine has processors of its own, which thirty students' vehicles do not keep busy."""
+"""Lower priority for students' vehicles: a real teacher's machine has its own processors."""
 BACK = 20.0
-"""Seconds in which who was let in anew, or is plugged in again, has been heard by the teacher."""
+"""Seconds until the teacher receives poses of a student readmitted or plugged in again."""
 FLIGHT = 30.0
-"""Seconds in which any flight has ended."""
+"""Seconds in which any flight ends."""
 AT_REST = 0.05
-"""m/s."""
+"""Speed (m/s) below which a vehicle is at rest."""
 _AT_ONCE = 4
-"""Commands side by side that wait for processors rather than for vehicles."""
+"""Number of concurrent commands: they wait for processors rather than for vehicles."""
 
 
 def as_written(line: str) -> list[str]:
-    """The words of a command that stands on the page."""
+    """Return the words of a command that the page contains."""
     assert f"$ quadctl {line}\n" in PAGE, line
     return line.split()
 
 
 def side_by_side(do: Callable[[S], T], over: Iterable[S], at_once: int = _AT_ONCE) -> list[T]:
-    """Do it for all of them, so many at a time."""
+    """Call `do` for all items, `at_once` at a time."""
     with ThreadPoolExecutor(at_once) as pool:
         return list(pool.map(do, over))
 
 
 class Ear:
-    """All that reaches a hub, by the vehicle whose it is."""
+    """Messages that reach a hub, by vehicle."""
 
     def __init__(self, bare: Bare, *keys: str) -> None:
         self.count: dict[str, int] = defaultdict(int)
         self.times: dict[str, list[float]] = defaultdict(list)
-        """When each pose came, monotonic s."""
+        """Arrival time of each pose, monotonic s."""
         self.pose: dict[str, dict[str, Any]] = {}
         self.boots: dict[str, set[str]] = defaultdict(set)
         self.state: dict[str, dict[str, Any]] = {}
@@ -67,17 +67,17 @@ class Ear:
         self.ears = [bare.session.declare_subscriber(key, self._on_sample) for key in keys]
 
     def close(self) -> None:
-        """Hear no more."""
+        """Undeclare the subscribers."""
         for ear in self.ears:
             ear.undeclare()
 
     def gaps(self, vehicle: str, since: float) -> float:
-        """The longest time without a pose of it from a moment until now, s."""
+        """Return the longest time (s) without a pose of the vehicle since a moment."""
         times = [since, *(at for at in self.times[vehicle] if at > since), time.monotonic()]
         return max(b - a for a, b in pairwise(times))
 
     def rate(self, vehicle: str, since: float) -> float:
-        """Its poses from a moment until now, Hz."""
+        """Return the rate of the vehicle's poses since a moment, Hz."""
         return sum(at > since for at in self.times[vehicle]) / (time.monotonic() - since)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
@@ -94,78 +94,78 @@ class Ear:
 
 
 class Student:
-    """A laptop that flies one vehicle, and who sits beside that of the next."""
+    """Student with a laptop that flies one vehicle, next to a neighbour's."""
 
     def __init__(self, name: str, neighbour: str, port: Port, lab: Lab) -> None:
         self.name, self.neighbour, self.port, self.lab = name, neighbour, port, lab
 
     def do(self, line: str, *more: object) -> Done:
-        """A command of the page's student, who has uav7 and tries uav8."""
+        """Run a command of the page's student, with uav7 as his own and uav8 as his neighbour's."""
         return self.say(*as_written(line), *more)
 
     def say(self, *words: object) -> Done:
-        """Any other, with the same names."""
+        """Run any other command, with the same names replaced."""
         named = {"uav7": self.name, "uav8": self.neighbour}
         return self.lab.quadctl(*(named.get(str(word), word) for word in words), timeout=60.0)
 
-    def be_given(self, keys: Path) -> None:
-        """Have the folder that is his from the teacher's, as by a memory stick."""
+    def copy_keys(self, keys: Path) -> None:
+        """Copy the student's folder from the teacher's, as with a memory stick."""
         shutil.copytree(keys / self.name, self.lab.folder / self.name)
 
-    def come(self, keys: Path) -> None:
-        """Be given the folder, and start."""
-        self.be_given(keys)
+    def start(self, keys: Path) -> None:
+        """Copy the folder, and start the student's run."""
+        self.copy_keys(keys)
         up = self.do(f"up -d --vehicle uav7 --connect {AT} --identity uav7", *SHARED)
         assert up.code == 0, up.err
 
     def listen(self, bare: Bare) -> None:
-        """Hear from now on what his vehicle says, and who is called."""
+        """Subscribe to his vehicle's messages and to all calls."""
         topics = (f"{self.name}/{topic}" for topic in ("pose", "safety/state"))
         self.bare, self.ear = bare, Ear(bare, *topics, "*/@call/**")
 
     def state(self) -> dict[str, Any]:
-        """His vehicle's safety state."""
+        """Return his vehicle's safety state."""
         state: dict[str, Any] = self.bare.latest(f"{self.name}/safety/state")
         return state
 
     def goto(self, goal: dict[str, float]) -> None:
-        """Have his vehicle sent to a point, as his own command does; it flies when this returns."""
+        """Send his vehicle to a point as his own command does, and wait until it flies there."""
         answer = self.bare.query(f"{self.name}/@srv/goto", pack(goal))
         assert answer.value == {"accepted": True, "reason": ""}, answer
         eventually(lambda: self.ear.state[self.name]["goal"] == goal)
 
     def rests(self) -> bool:
-        """Whether his vehicle hovers, and stands still."""
+        """Return whether his vehicle hovers at rest."""
         ear, name = self.ear, self.name
         return ear.state[name]["state"] == "HOVERING" and speed(ear.pose[name]) < AT_REST
 
     def at(self) -> dict[str, float]:
-        """Where his vehicle is, m."""
+        """Return his vehicle's position, m."""
         place: dict[str, float] = self.ear.pose[self.name]["position"]
         return place
 
     def touched(self) -> tuple[Any, ...]:
-        """What changes when anybody has asked his vehicle for anything."""
+        """Return the values that change with any call to his vehicle."""
         state = self.state()
         return state["request"], state["cage_on"], state["boot"], len(self.ear.calls[self.name])
 
     def restarts(self) -> int:
-        """How often any of his processes was started anew."""
+        """Return the number of restarts of his processes."""
         return sum(node["restarts"] for node in self.lab.nodes().values())
 
 
 class Room:
-    """The teacher's lab, and the students."""
+    """Teacher's lab and the students."""
 
     def __init__(self, machine: Machine, teacher: Lab, students: list[Student]) -> None:
         self.machine, self.teacher, self.students = machine, teacher, students
 
     def do(self, line: str, *more: object) -> Done:
-        """A command of the page's teacher."""
+        """Run a command of the page's teacher."""
         return self.teacher.quadctl(*as_written(line), *more, timeout=60.0)
 
     def open(self) -> None:
-        """The keys, and the hub at which all meet."""
+        """Create the keys, and start the common hub."""
         lines = (
             "keys init",
             "keys issue hub teacher --host 10.7.1.1 --host 10.7.2.1",
@@ -178,20 +178,20 @@ class Room:
 
     @property
     def keys(self) -> Path:
-        """The fleet's folder."""
+        """Return the folder of the fleet's keys."""
         return self.teacher.folder / "keys"
 
-    def come(self) -> None:
-        """All students, as they come."""
-        side_by_side(lambda student: student.come(self.keys), self.students)
+    def start(self) -> None:
+        """Start all students' runs."""
+        side_by_side(lambda student: student.start(self.keys), self.students)
 
     def listed(self) -> dict[str, dict[str, Any]]:
-        """What the teacher's `fleet list` has, by vehicle; nothing where that tells of a problem."""
+        """Return the rows of the teacher's `fleet list` by vehicle, empty if it fails."""
         done = self.teacher.quadctl("fleet", "list", "--json", timeout=60.0)
         return {row["vehicle"]: row for row in done.json} if done.code == 0 else {}
 
     def listen(self, held: ExitStack) -> None:
-        """Have the teacher and all students hear what reaches them."""
+        """Subscribe the teacher and all students to their messages."""
         bare = held.enter_context(self.teacher.bare())
         self.ear = Ear(bare, "*/pose")
         for student in self.students:
@@ -199,19 +199,19 @@ class Room:
         eventually(lambda: len(self.ear.pose) == len(self.students))
         eventually(lambda: all(s.ear.pose and s.ear.state for s in self.students))
 
-    def hears(self, whom: Iterable[Student], after: float) -> None:
-        """Wait until the teacher has heard them after a moment (monotonic s)."""
-        whom = list(whom)
-        eventually(lambda: all(self.ear.times[s.name][-1] > after for s in whom), BACK)
+    def hears(self, students: Iterable[Student], after: float) -> None:
+        """Wait until the teacher has received their poses after a moment (monotonic s)."""
+        students = list(students)
+        eventually(lambda: all(self.ear.times[s.name][-1] > after for s in students), BACK)
 
     def rests(self) -> None:
-        """Wait until all vehicles do."""
+        """Wait until all vehicles hover at rest."""
         eventually(lambda: all(student.rests() for student in self.students), FLIGHT)
 
 
 @contextmanager
 def classroom(count: int) -> Iterator[Room]:
-    """The machines of so many students and their teacher's, on which nothing runs yet."""
+    """Set up the machines of the students and the teacher, with no run yet."""
     with ExitStack() as held:
         machine, ports = held.enter_context(one_network(count))
         teacher = held.enter_context(private_lab(machine.enter))
@@ -219,6 +219,6 @@ def classroom(count: int) -> Iterator[Room]:
         for number, port in enumerate(ports):
             lab = held.enter_context(private_lab([*port.machine.enter, *NICE]))
             students.append(Student(f"uav{number}", f"uav{(number + 1) % count}", port, lab))
-        # Side by side, which is quicker than one after the other at the labs' own end.
+        # Concurrently, which is faster than one after the other when the labs end.
         held.callback(side_by_side, lambda lab: lab.quadctl("down"), [s.lab for s in students])
         yield Room(machine, teacher, students)

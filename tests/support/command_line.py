@@ -1,4 +1,4 @@
-"""The command line in this process: what it printed and the code it would have left."""
+"""Commands run in this process: their output and exit code."""
 
 import os
 import sys
@@ -11,8 +11,8 @@ import pytest
 from quadctl.cli import command
 
 
-class Said(NamedTuple):
-    """What a command left."""
+class Result(NamedTuple):
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -20,22 +20,22 @@ class Said(NamedTuple):
 
     @property
     def json(self) -> Any:
-        """The one document on stdout."""
+        """Return the only document on stdout."""
         return msgspec.json.decode(self.out)
 
     @property
     def error(self) -> dict[str, str]:
-        """The one error document on stderr."""
+        """Return the only error document on stderr."""
         document = msgspec.json.decode(self.err, type=dict[str, dict[str, str]])
         assert list(document) == ["error"]
         return document["error"]
 
 
-Quadctl = Callable[..., Said]
+Quadctl = Callable[..., Result]
 
 
 class _Left(BaseException):
-    """In place of the process's end."""
+    """Raised instead of ending the process."""
 
 
 def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Quadctl:
@@ -45,7 +45,7 @@ def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     monkeypatch.setattr(command, "_leave", leave)
     monkeypatch.setenv("COLUMNS", "200")
 
-    def run(*words: object) -> Said:
+    def run(*words: object) -> Result:
         monkeypatch.setattr(sys, "argv", ["quadctl", *map(str, words)])
         try:
             command.main()
@@ -53,6 +53,6 @@ def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
             code = int(left.args[0])
         else:
             raise AssertionError(f"quadctl {words} did not leave, in {os.getpid()}")
-        return Said(code, *capsys.readouterr())
+        return Result(code, *capsys.readouterr())
 
     return run

@@ -1,14 +1,14 @@
-"""What commands say, word for word: exit code, stdout and stderr by the line that is typed."""
+"""Exact exit code, stdout and stderr of commands, by the typed line."""
 
 CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
 GOTO = "float64 x\nfloat64 y\nfloat64 z\nbool replace\n---\nbool accepted\nstring reason\n"
 OUTSIDE = "error: outside the cage: x = 9 is beyond [-5, 5]\n"
-SAY_MORE = "  try: `quadctl cage show` and `quadctl state` say more\n"
+SAY_MORE = "  try: `quadctl cage show` and `quadctl state` show more\n"
 FIELDS = "  try: `quadctl type show calibrate_pressure` prints the fields\n"
 DROPPED, HELD = "uav/@srv/dropping/call", "uav/@srv/holding/call"
 FOREIGN = "uav/@srv/foreign/get_params"
 
-SAID = {
+TRANSCRIPTS = {
     "type show calibrate_pressure": (0, CALIBRATE, ""),
     "type show calibrate": (0, CALIBRATE, ""),
     "type show /toggle_cage": (0, "bool cage_on\n---\nbool success\n", ""),
@@ -92,8 +92,8 @@ SAID = {
         3,
         "",
         (
-            f"error: who serves {DROPPED} ended the call without an answer: the outcome is unknown\n"
-            "  try: its handler may have failed: the log of its process may say more\n"
+            f"error: the server of {DROPPED} ended the call without an answer: the outcome is unknown\n"
+            "  try: its handler may have failed: see the log of its process\n"
         ),
     ),
     "service call uav/@srv/nobody --timeout 0.2": (

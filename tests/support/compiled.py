@@ -1,4 +1,4 @@
-"""What numba compiles for the tests: kept in the checkout, and made by one worker for all."""
+"""Code that numba compiles for the tests: by one worker for all, cached in the checkout."""
 
 import time
 from collections.abc import Iterator
@@ -15,13 +15,13 @@ from tests.support.lab import CACHE
 
 
 def compiled_kernel() -> ModuleType:
-    """The kernel of many vehicles; a process with this cache finds it made."""
+    """Return the kernel of many vehicles; processes with this cache find it compiled."""
     with _turn("kernel"):
         return source.load_module("kernel", kernel.kernel_source())
 
 
 def compiled_vehicle() -> Code:
-    """The machine code of one vehicle, for those processes too."""
+    """Return the machine code of one vehicle, cached for those processes too."""
     with _turn("vehicle"):
         code = stored()
         if code is None:
@@ -32,7 +32,7 @@ def compiled_vehicle() -> Code:
 
 @contextmanager
 def _turn(what: str) -> Iterator[None]:
-    """One after the other, with the checkout's cache in the environment."""
+    """Lock out the other workers, with the checkout's cache in the environment."""
     CACHE.mkdir(exist_ok=True)
     lock = FileLock(CACHE / f"{what}.lock", what)
     with pytest.MonkeyPatch.context() as patch:
@@ -45,7 +45,7 @@ def _turn(what: str) -> Iterator[None]:
 
 
 def _take(lock: FileLock) -> None:
-    # The test's own time limit ends a wait that is in vain.
+    # The test's time limit ends a wait that is too long.
     while True:
         try:
             lock.acquire()

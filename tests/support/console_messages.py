@@ -1,4 +1,4 @@
-"""Messages as the console hears them, with what a test does not say filled in."""
+"""Messages as the console receives them, with default fields."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The README's pictures of the console, made anew: `python -m tests.support.console_pictures`."""
+"""Script for the README's console pictures: `python -m tests.support.console_pictures`."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ SIZE = (1440, 1060)
 
 
 def fly(page: Tab) -> None:
-    """A flight worth a picture: a round, a refusal, a calibration."""
+    """Fly a round with a refusal and a calibration for the pictures."""
     page.until(
         "document.body?.dataset.link === 'live' && document.body.dataset.state === 'HOVERING'", 40
     )

@@ -1,4 +1,4 @@
-"""Every type that the contract declares, found by looking, and a valid value of each."""
+"""Every type that the contract declares, found by inspection, and a valid value of each."""
 
 from collections.abc import Iterator
 from types import ModuleType
@@ -39,7 +39,7 @@ def fields(type_: type[Struct]) -> tuple[inspect.Field, ...]:
 
 
 def value(type_: inspect.Type) -> Any:
-    """A value that the type takes."""
+    """Return a value that the type accepts."""
     match type_:
         case inspect.BoolType():
             return True
@@ -65,7 +65,7 @@ def value(type_: inspect.Type) -> Any:
 
 
 def valid(type_: type[Struct]) -> dict[str, Any]:
-    """A map that decodes as the type: its defaults, else sample values."""
+    """Return a map that decodes as the type, with its defaults or else sample values."""
     try:
         return dict(to_builtins(type_()))
     except TypeError:
@@ -73,7 +73,7 @@ def valid(type_: type[Struct]) -> dict[str, Any]:
 
 
 def numbers(type_: type[Struct], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The path of every float in a type, through nested ones."""
+    """Yield the path of every float in a type and its nested types."""
     for field in fields(type_):
         inner, here = bare(field.type), (*path, field.encode_name)
         if isinstance(inner, inspect.FloatType):
@@ -83,7 +83,7 @@ def numbers(type_: type[Struct], path: tuple[str, ...] = ()) -> Iterator[tuple[s
 
 
 def limits(type_: type[Struct], path: tuple[str, ...]) -> inspect.FloatType:
-    """The float at a path, with its bounds."""
+    """Return the float at a path, with its bounds."""
     first, *rest = path
     inner = bare(next(field.type for field in fields(type_) if field.encode_name == first))
     if rest:
@@ -94,7 +94,7 @@ def limits(type_: type[Struct], path: tuple[str, ...]) -> inspect.FloatType:
 
 
 def with_value(table: dict[str, Any], path: tuple[str, ...], number: Any) -> bytes:
-    """The map as MessagePack, with another value at a path."""
+    """Return the map as MessagePack, with another value at a path."""
     changed = msgpack.decode(msgpack.encode(table))
     inner = changed
     for part in path[:-1]:

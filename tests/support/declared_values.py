@@ -1,4 +1,4 @@
-"""Values that parameters may have, made up from what is declared of them."""
+"""Random values of parameters, generated from their declarations."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from quadctl.services.runtime.params import catalogue
 
 
 def changed_values() -> st.SearchStrategy[dict[str, Any]]:
-    """Some declared parameters, each with a value of its type."""
+    """Return a strategy for some declared parameters, each with a value of its type."""
     leaves = {name: leaf for name, leaf in catalogue.leaves().items() if name != "processes"}
     return st.lists(st.sampled_from(sorted(leaves)), unique=True, max_size=6).flatmap(
         lambda names: st.fixed_dictionaries({name: _value(leaves[name].type) for name in names})

@@ -1,4 +1,4 @@
-"""What doctor said of a system, by its checks."""
+"""Reports of doctor about a system, by check."""
 
 import os
 import signal
@@ -10,7 +10,7 @@ from tests.support.running import Done
 
 
 class Found:
-    """What doctor said, by the checks' names; its document and its exit code must agree."""
+    """Checks of a report by name; the document and the exit code must agree."""
 
     def __init__(self, done: Done) -> None:
         assert done.err == ""
@@ -27,7 +27,7 @@ class Found:
         return {name for name, check in self.checks.items() if check["verdict"] == "FAIL"}
 
     def said(self, name: str, verdict: str) -> str:
-        """The evidence of a check that must have this verdict."""
+        """Return the evidence of a check that must have this verdict."""
         check = self.checks[name]
         assert check["verdict"] == verdict, check
         evidence: str = check["evidence"]
@@ -35,12 +35,12 @@ class Found:
 
 
 def ask(lab: Lab, *words: object) -> Found:
-    """With time to spare, which it takes only where somebody does not answer."""
+    """Run doctor with a long timeout, needed only if a node does not answer."""
     return Found(lab.quadctl("doctor", "--json", "--timeout", "10", *words))
 
 
 def glance(lab: Lab, *words: object) -> Found:
-    """With no time for the bus: the rest is found all the same."""
+    """Run doctor without time for the bus: it still makes the other checks."""
     return ask(lab, "--timeout", "0.3", *words)
 
 

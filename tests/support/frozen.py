@@ -1,20 +1,20 @@
-"""How every command ends while a process of the run is frozen, declared line by line."""
+"""Exit codes of every command while a process of the run is frozen, line by line."""
 
 from typing import NamedTuple
 
 FREEZABLE = ("hub", "dynamics", "pressure", "safety", "up")
-"""Our processes, `up` being the supervisor."""
+"""Processes of a run; `up` is the supervisor."""
 
 TIMEOUT = 0.75
-"""Seconds; longer than the half second for which safety itself waits for a lost vehicle."""
+"""Timeout (s), longer than the half second that safety itself waits for a lost vehicle."""
 STREAM_TIMEOUT = 1.5
-"""Seconds; longer than the period of the slowest topic."""
+"""Timeout (s), longer than the period of the slowest topic."""
 
 _NODES = {"dynamics": 4, "pressure": 4, "safety": 4}
 
 
 class Line(NamedTuple):
-    """A command line: its exit code with nothing frozen, and by who is frozen where it differs."""
+    """Command line with its exit code, and with those that differ while a process is frozen."""
 
     words: str
     code: int = 0
@@ -43,7 +43,7 @@ LINES = (
     Line("cage show", 0, {"hub": 4, "safety": 4}),
     Line("topic list", 0, {"hub": 4}),
     Line("topic info safety/state", 0, {"hub": 4, "safety": 4}),
-    # Safety listens, so that there is something to tell.
+    # Safety subscribes, so there is something to show.
     Line("topic info pose", 0, {"hub": 4}),
     Line("topic echo pose -n 1", 0, {"hub": 4, "dynamics": 4}),
     Line("topic echo sensors/pressure -n 1", 0, {"hub": 4, "pressure": 4}),
@@ -52,7 +52,7 @@ LINES = (
     Line("topic hz sensors/pressure -n 3", 0, {"hub": 4, "pressure": 4}),
     Line("topic bw pose -n 3", 0, {"hub": 4, "dynamics": 4}),
     Line("topic delay pose -n 3", 0, {"hub": 4, "dynamics": 4}),
-    # Who reads a topic is declared nowhere: that nobody listens is all that can be known.
+    # Subscribers are not announced: only a complete lack of them can be detected.
     Line("topic pub input/position_request x=0 y=0 z=1", 0, {"hub": 4, "safety": 3}),
     Line("topic pub nobodys/own text --no-wait", 0, {"hub": 4}),
     Line("service list", 0, {"hub": 4}),
@@ -61,14 +61,14 @@ LINES = (
     Line("service call hub/get_params names=[]", 0, {"hub": 4}),
     Line("param list", 0, {"hub": 4, **_NODES}),
     Line("param get safety.takeoff", 0, {"hub": 4, "safety": 4}),
-    # A frozen node's values are known from the realm's folder, but it takes no others.
+    # A frozen node's values are known from the realm's folder, but cannot be changed.
     Line("param describe safety", 0, {"hub": 4}),
     Line("param dump", 0, {"hub": 4}),
     Line("param load lab.toml", 0, {"hub": 4, "pressure": 4}),
     Line("param set pressure.noise 1e-5", 0, {"hub": 4, "pressure": 4}),
     Line("param diff", 0, {"hub": 4}),
     Line("param save saved.toml", 0, {"hub": 4}),
-    # What the supervisor knows is shown behind a frozen hub, too.
+    # The supervisor's record is shown even behind a frozen hub.
     Line("node list"),
     Line("node info pressure", 0, {"hub": 4, "pressure": 4}),
     Line("node ping safety -n 1", 0, {"hub": 4, "safety": 4}),
@@ -83,7 +83,7 @@ LINES = (
     Line("up -d", 7),
     Line("hub -d", 7),
 )
-"""What changes nothing, run with TIMEOUT once the hub has lost the frozen one."""
+"""Lines that change nothing, run with TIMEOUT after the hub has lost the frozen process."""
 
 FRESH = {
     "hub": ("goto 0 0 1", "state", "param describe safety", "node info pressure"),
@@ -92,7 +92,7 @@ FRESH = {
     "safety": ("hold", "param list"),
     "up": ("goto 0 0 1", "status"),
 }
-"""The most telling of these, run at once: they end alike before the hub has lost anybody."""
+"""The most telling lines, run at once: they end alike before the hub detects the loss."""
 
 STREAMS = (
     Line("state --watch", 130, {"hub": 4, "safety": 4}),
@@ -103,10 +103,10 @@ STREAMS = (
     Line("topic pub nobodys/own x=1 --as msgpack -r 20 --no-wait", 130, {"hub": 4}),
     Line("node ping safety -n 1000 --interval 0.05", 130, {"hub": 4, "safety": 4}),
     Line("node logs -f", 130),
-    # It is safety that says how far a flight is: without it --arrive ends the wait.
+    # Safety reports the progress of a flight: without it --arrive ends the wait.
     Line("goto 4 0 1 --arrive 60", 0, {"hub": 4, "dynamics": 5, "safety": 130}),
 )
-"""Run already when somebody freezes, with STREAM_TIMEOUT; 130 where they go on until Ctrl-C."""
+"""Lines that run already at the freeze, with STREAM_TIMEOUT; 130 if they run until Ctrl-C."""
 
 ENDINGS = (
     Line("fleet land-all", 0, {"hub": 4, "safety": 4, "dynamics": 4}),
@@ -114,14 +114,14 @@ ENDINGS = (
     Line("node restart pressure", 0, {"hub": 4, "up": 4}),
     Line("down", 0, {"up": 4}),
 )
-"""What changes the run or its flight, one after the other; they may take longer where they end well."""
+"""Lines that change the run or its flight, in sequence; a successful one may take longer."""
 
-_KEYS = "it reads and writes a fleet's folder, and asks nobody"
-_FILES = "it reads a file, and asks nobody"
+_KEYS = "it reads and writes a fleet's folder, and calls no node"
+_FILES = "it reads a file, and calls no node"
 ELSEWHERE = {
-    "demo": "it runs on a realm of its own, and asks nobody of this one",
-    "record": "it waits for whatever comes, until Ctrl-C; test_record.py freezes its hub",
-    "plot": "it draws a file, or what comes in a time that is asked for; test_plot.py freezes it",
+    "demo": "it runs in its own realm, and calls no node of this one",
+    "record": "it waits for any message until Ctrl-C; test_record.py freezes its hub",
+    "plot": "it draws a file, or the messages of a given time; test_plot.py freezes it",
     "bag info": _FILES,
     "bag check": _FILES,
     "bag repair": _FILES,
@@ -130,10 +130,10 @@ ELSEWHERE = {
     "keys issue": _KEYS,
     "keys list": _KEYS,
     "keys revoke": _KEYS,
-    "campaign": "it needs no run, and asks nobody",
-    "fault inject": "it sets a parameter as `param set` does, or sends a signal as `node kill`",
+    "campaign": "it needs no run, and calls no node",
+    "fault inject": "it sets a parameter like `param set`, or sends a signal like `node kill`",
     "fault clear": "the same",
-    "fuzz": "it throws as much as it is asked to; test_fuzz_command.py freezes a node before it",
-    "console": "it goes on until Ctrl-C: tests/cli/test_console_page.py",
+    "fuzz": "it sends a given number of payloads; test_fuzz_command.py freezes a node before it",
+    "console": "it runs until Ctrl-C: tests/cli/test_console_page.py",
 }
-"""Commands that are in no table, and why."""
+"""Commands without a line, with the reason."""

@@ -1,4 +1,4 @@
-"""Payloads as nobody should send them: random, mutated, and well packed but of the wrong kind."""
+"""Hostile payloads: random, mutated, or well-formed with wrong contents."""
 
 import math
 import random
@@ -20,7 +20,7 @@ SOUND: dict[str, dict[str, Any]] = {
     **{f"{node}/get_params": {"names": []} for node in NODES},
     **{f"{node}/set_params": {"values": {}} for node in NODES},
 }
-"""Of every service a request that can be understood."""
+"""Valid request of every service."""
 
 
 def _coordinate(value: Any) -> bool:
@@ -46,7 +46,7 @@ FIELDS: dict[str, Callable[[Any], bool]] = {
 
 
 def can_be(service: str, payload: bytes) -> bool:
-    """Whether these bytes are a request of the service, told without the system's own types."""
+    """Return whether the bytes are a valid request, judged without the system's own types."""
     try:
         request = msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError):
@@ -59,7 +59,7 @@ def can_be(service: str, payload: bytes) -> bool:
 
 
 def payload(rng: random.Random, sound: dict[str, Any]) -> bytes:
-    """One of the ways to be wrong; now and then it is right by chance."""
+    """Return a payload that is wrong in a random way, and rarely valid by chance."""
     kind = rng.randrange(5)
     if kind == 0:
         return rng.randbytes(rng.randrange(80))

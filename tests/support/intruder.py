@@ -1,6 +1,6 @@
-"""Somebody with a certificate who keeps to no rule of ours: Zenoh alone, and everything tried.
+"""Intruder with a certificate: uses only Zenoh, follows none of our rules, tries everything.
 
-Prints one JSON document: the keys of the replies, messages and liveliness tokens that it was given.
+Prints one JSON document: the keys of all replies, messages, queries and liveliness tokens received.
 """
 
 import json
@@ -42,7 +42,7 @@ SEEN = ["*/@node/*", "uav/@node/*", "uav/@node/*/@srv/**", "**"]
 def sent(
     enter: Sequence[str], endpoint: str, identity: Path, vehicle: str = "uav"
 ) -> dict[str, list[str]]:
-    """What somebody with that certificate gets on a machine who tries everything of a vehicle."""
+    """Run an intruder with a certificate on a machine, and return the keys that it received."""
     done = subprocess.run(
         [*enter, sys.executable, __file__, endpoint, str(identity), vehicle],
         capture_output=True,
@@ -74,13 +74,13 @@ def intrude(opened: zenoh.Session, ears: zenoh.Session, vehicle: str) -> dict[st
     def of(key: str) -> str:
         return f"{vehicle}/{key.removeprefix('uav/')}" if key.startswith("uav/") else key
 
-    # Within one session all that is said comes back, whatever the hub thinks of it: so two.
+    # Within one session messages come back even if the hub denies them: hence two sessions.
     heard: list[str] = []
     listeners = [
         ears.declare_subscriber(of(key), lambda sample: heard.append(str(sample.key_expr)))
         for key in HEARD
     ]
-    # Somebody else's part, played: what is asked of it would come here.
+    # Impersonate servers: misdirected queries would arrive here.
     asked: list[str] = []
     servers = [
         ears.declare_queryable(of(key), lambda query: asked.append(str(query.key_expr)))

@@ -1,4 +1,4 @@
-"""A service of ours to whose Python the time of day jumps: `jumpy.py FILE services.NAME`.
+"""Runs a service whose Python sees the time of day jump: `jumpy.py FILE services.NAME`.
 
 The file holds one int64: seconds to add to the time of day.
 """

@@ -1,4 +1,4 @@
-"""A real system under test: started, asked and ended as a user would, and nothing of it left."""
+"""Real system under test: started, used and stopped as by a user, with nothing left behind."""
 
 import itertools
 import json
@@ -23,18 +23,18 @@ from tests.support.running import Done, Foreground, alive, eventually
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
 PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6")
-"""For `up`, where a flight is not to be stopped because the machine has much else to do."""
+"""Options of `up` that prevent a busy machine from stopping a flight."""
 _PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
-"""What a user's shell may have set and a lab does not inherit."""
+"""Prefixes of environment variables that a lab does not inherit."""
 CACHE = Path(__file__).parents[2] / ".cache"
-"""Where what is compiled is kept for the next time: in the checkout."""
+"""Folder of compiled code, in the checkout, kept for the next test run."""
 _numbers = itertools.count()
 
 
 class Lab:
-    """One realm in a folder of its own; `folder` is also where its commands run.
+    """One realm in its own folder; `folder` is also the working directory of its commands.
 
-    `enter` stands before each command, where they are to run on another machine.
+    `enter` is put before each command, to run it on another machine.
     """
 
     def __init__(self, folder: Path, enter: Sequence[str] = ()) -> None:
@@ -52,7 +52,7 @@ class Lab:
 
     @property
     def home(self) -> Path:
-        """The realm's folder, as the contract names it."""
+        """Return the realm's folder."""
         return self.runtime / "quadctl" / self.realm
 
     def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
@@ -70,7 +70,7 @@ class Lab:
         return Done(done.returncode, done.stdout, done.stderr)
 
     def each(self, lines: Iterable[str], *more: str) -> dict[str, Done]:
-        """Run commands that do not touch one another side by side; what each left, by its line."""
+        """Run independent commands concurrently, and return their results by line."""
 
         def run(line: str) -> Done:
             return self.quadctl(*shlex.split(line), *more)
@@ -80,26 +80,26 @@ class Lab:
             return dict(zip(lines, pool.map(run, lines), strict=True))
 
     def start(self, *words: object) -> Done:
-        """`quadctl up -d`, which must work."""
+        """Run `quadctl up -d`, which must succeed."""
         done = self.quadctl("up", "-d", *words)
         assert done == (0, f"realm {self.realm} is up\n", "")
         return done
 
     def foreground(self, *words: object) -> Foreground:
-        """`quadctl up` in the foreground, all of it ready."""
+        """Run `quadctl up` in the foreground, and wait until all nodes are ready."""
         run = self.spawn(*self.command("up", *words))
         eventually(self.is_ready)
         return run
 
     def spawn(self, *command: str) -> Foreground:
-        """Any process beside the test, in the realm's environment."""
+        """Start any process beside the test, in the realm's environment."""
         log = self.folder / f"log{next(_numbers)}"
         process = Foreground(list(command), self.environment, self.folder, log)
         self._foreground.append(process)
         return process
 
     def log(self, node: str) -> str:
-        """What a node has said so far; a run is up before all of that is written."""
+        """Return the log of a node so far; a run can be up before all of it is written."""
         try:
             return (self.home / "logs" / f"{node}.log").read_text(encoding="utf-8")
         except FileNotFoundError:
@@ -112,7 +112,7 @@ class Lab:
         return path
 
     def status(self) -> dict[str, Any]:
-        """The run record, which `quadctl status --json` prints; no nodes when nothing runs."""
+        """Return the run record that `quadctl status --json` prints, without nodes if there is no run."""
         try:
             record: dict[str, Any] = json.loads((self.home / "run.json").read_bytes())
         except FileNotFoundError:
@@ -120,7 +120,7 @@ class Lab:
         return record
 
     def nodes(self) -> dict[str, dict[str, Any]]:
-        """What `status` says of each node, by name."""
+        """Return the status of each node, by name."""
         return {node["name"]: node for node in self.status()["nodes"]}
 
     def is_ready(self) -> bool:
@@ -128,12 +128,12 @@ class Lab:
         return bool(nodes) and all(node["state"] == "ready" for node in nodes)
 
     def pids(self) -> list[int]:
-        """The supervisor and its children, by the record."""
+        """Return the pids of the supervisor and its children, from the record."""
         status = self.status()
         return [status["pid"], *(node["pid"] for node in status["nodes"])]
 
     def signal(self, node: str, number: int) -> int:
-        """Send a signal to a node; returns the pid that it had."""
+        """Send a signal to a node, and return its pid."""
         pid: int = self.nodes()[node]["pid"]
         os.kill(pid, number)
         return pid
@@ -148,28 +148,28 @@ class Lab:
         eventually(is_back, within, lambda: f"{self.nodes()}\n{self.log('up')}")
 
     def command(self, *words: object) -> list[str]:
-        """The command line of `quadctl`, for a process beside the test."""
+        """Return the command line of `quadctl`, for a process beside the test."""
         return [*self._quadctl, *map(str, words)]
 
     def try_bare(self) -> Bare | None:
-        """A bare session, None while no hub listens."""
+        """Return a bare session, or None while no hub listens."""
         try:
             return self.bare()
         except zenoh.ZError:
             return None
 
     def first_bare(self) -> Bare:
-        """A bare session as soon as a hub listens."""
+        """Wait until a hub listens, and return a bare session."""
         found = eventually(self.try_bare)
         assert found is not None
         return found
 
     def bare(self) -> Bare:
-        """A session that shares no code with the system."""
+        """Open a session that shares no code with the system."""
         return Bare(f"unixsock-stream/{self.home / 'hub.sock'}")
 
     def processes(self) -> list[int]:
-        """Every live process that was started in this lab, recorded or not."""
+        """Return every live process that was started in this lab, recorded or not."""
         mark = os.fsencode(f"XDG_RUNTIME_DIR={self.runtime}\0")
         found = []
         for folder in Path("/proc").glob("[0-9]*"):
@@ -177,15 +177,15 @@ class Lab:
                 if mark in (folder / "environ").read_bytes():
                     found.append(int(folder.name))
             except OSError:
-                continue  # it ended while we looked, or is another user's
+                continue  # the process has just ended, or belongs to another user
         return [pid for pid in found if alive(pid)]
 
     def is_gone(self) -> bool:
-        """Whether nothing is left, neither process nor folder."""
+        """Return whether neither a process nor the folder is left."""
         return not self.processes() and not self.home.exists()
 
     def finish(self) -> None:
-        """Stop what runs, and hold that nothing is left."""
+        """Stop the run, and assert that nothing is left."""
         try:
             if self.processes():
                 self.quadctl("down")
@@ -200,7 +200,7 @@ class Lab:
 
 @contextmanager
 def private_lab(enter: Sequence[str] = ()) -> Iterator[Lab]:
-    """A lab in a fresh short-named folder; a Unix socket's path may have 100 characters."""
+    """Create a lab in a new folder with a short name: a socket's path has at most 100 bytes."""
     folder = Path(tempfile.mkdtemp(prefix="q", dir="/tmp"))
     try:
         made = Lab(folder, enter)

@@ -24,20 +24,20 @@ rows = [
     { at = 6.8, do = "hold" },
 ]
 """
-"""Eight goals: some refused, as busy or outside, one replaced, one that the cage stops."""
+"""Eight goals: some refused as busy or outside, one replaced, one stopped by the cage."""
 
 SAME = ("hash", "poses", "transitions", "pressure", "counts", "rows")
-"""What is to be the same in every flight of a mission."""
+"""Fields that must be equal in every flight of a mission."""
 
 
 def start(lab: Lab, *settings: str) -> None:
-    """A system in lock-step, or not, with a mission beside it."""
+    """Start a system with these settings, and write the mission file."""
     lab.file(MISSION, "mission.toml")
     lab.start(*(word for setting in settings for word in ("--set", setting)))
 
 
 def fly(lab: Lab, timeout: float = 50.0) -> dict[str, Any]:
-    """What one flight left."""
+    """Fly the mission, and return its document."""
     done = lab.quadctl("fly", "mission.toml", "--json", timeout=timeout)
     assert done.code == 0, done.err
     document: dict[str, Any] = done.json
@@ -45,13 +45,13 @@ def fly(lab: Lab, timeout: float = 50.0) -> dict[str, Any]:
 
 
 def same(flight: dict[str, Any]) -> dict[str, Any]:
-    """The part of it that does not depend on the machine."""
+    """Return the part of the document that does not depend on the machine."""
     return {name: flight[name] for name in SAME}
 
 
 @contextmanager
 def busy(loops: int) -> Iterator[None]:
-    """So many processes that never rest."""
+    """Run processes that keep a core busy each."""
     running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
     try:
         yield

@@ -1,4 +1,4 @@
-"""A monitor on a bench: poses are shown to it, and what it tells is kept."""
+"""Test rig of a monitor: feeds poses to it, and records the published states."""
 
 from msgspec.structs import replace
 
@@ -14,22 +14,22 @@ BEYOND = "outside the cage: x = 9 is beyond [-5, 5]"
 
 
 class Rig:
-    """A monitor, the poses shown to it, and what it told."""
+    """Monitor with a simulated pose source; `published` has the states and log lines."""
 
     def __init__(self, *, restarted: bool = False, **params: object) -> None:
         cage = CageParams(5.0, 5.0, 2.0)
         self.params = SafetyParams(**({"virtual_cage": cage} | params))  # type: ignore[arg-type]
-        self.told: list[tuple[SafetyState, str]] = []
+        self.published: list[tuple[SafetyState, str]] = []
         self.monitor = Monitor(
             self.params,
-            lambda state, line: self.told.append((state, line)),
+            lambda state, line: self.published.append((state, line)),
             restarted=restarted,
             grace=1.0,
         )
         self._stamp = 0.0
 
     def at(self, place: Position, velocity: Velocity = STILL, boot: str = "b1") -> SafetyState:
-        """Show a pose that is newer than the one before: by a second, in which one flies far."""
+        """Feed a pose one second newer than the previous one, long enough for a distant place."""
         self._stamp += 1.0
         self.monitor.see(self.pose(self._stamp, place, velocity, boot))
         return self.state
@@ -45,13 +45,13 @@ class Rig:
         return self.monitor.state()
 
     def hovering(self) -> "Rig":
-        """After the take-off, at rest one metre up."""
+        """Take off, and hover at rest one metre up."""
         self.at(GROUND)
         assert self.at(ONE_UP).state == "HOVERING"
         return self
 
     def moving(self) -> "Rig":
-        """On the way to INSIDE."""
+        """Take off, and fly towards INSIDE."""
         assert self.hovering().monitor.ask(INSIDE) == ""
         assert self.state.state == "MOVING"
         return self

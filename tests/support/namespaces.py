@@ -1,4 +1,4 @@
-"""Machines on a network, as network namespaces: each with its own addresses and no way but its links."""
+"""Machines on a network as network namespaces, each with its own addresses and links only."""
 
 import os
 import shutil
@@ -12,23 +12,23 @@ from typing import NamedTuple
 import pytest
 
 _PATH = os.pathsep.join((os.environ.get("PATH", ""), "/usr/sbin", "/sbin", "/usr/bin", "/bin"))
-"""Where `ip` stands is on root's path alone."""
+"""Search path with the folders of `ip`, which only root's path has."""
 _LOOPBACK = (("link", "set", "lo", "up"),)
 
 
 def tool(name: str) -> str:
-    """The full path of a tool that makes networks; fails the test where it is missing."""
+    """Return the path of a network tool, or fail the test if it is missing."""
     found = shutil.which(name, path=_PATH)
     if found is None:
-        pytest.fail(f"{name} is not there: apt install iproute2 util-linux")
+        pytest.fail(f"{name} is missing: apt install iproute2 util-linux")
     return found
 
 
 class Machine:
-    """A network namespace, kept by a process that sleeps in it."""
+    """Network namespace, kept open by a process that sleeps in it."""
 
     def __init__(self, inside: "Machine | None" = None) -> None:
-        """`inside` is a machine whose rights over networks the new one shares."""
+        """Create the namespace, with the network privileges of the machine `inside` if given."""
         own = [] if os.geteuid() == 0 or inside else ["--user", "--map-root-user"]
         before: list[str] = inside.enter if inside else []
         self._holder = subprocess.Popen(
@@ -38,31 +38,31 @@ class Machine:
             text=True,
         )
         assert self._holder.stdout is not None
-        said = self._holder.stdout.readline()
-        if not said:
+        pid = self._holder.stdout.readline()
+        if not pid:
             pytest.fail(
-                "no network namespace can be made here: it takes root, or user namespaces"
+                "no network namespace can be created: this needs root, or user namespaces"
                 " (sysctl kernel.unprivileged_userns_clone=1)"
             )
-        self.pid = int(said)
+        self.pid = int(pid)
         as_user = [] if os.geteuid() == 0 else ["--user", "--preserve-credentials"]
         self.enter: list[str] = [tool("nsenter"), f"--target={self.pid}", *as_user, "--net"]
         for command in _LOOPBACK:
             self.ip(*command)
 
     def ip(self, *words: str) -> str:
-        """Run `ip` in it."""
+        """Run `ip` in the namespace."""
         return subprocess.run(
             [*self.enter, tool("ip"), *words], check=True, capture_output=True, text=True
         ).stdout
 
     def address(self, link: str, address: str) -> None:
-        """Bring a link up with an address, as 10.7.1.2/24."""
+        """Bring a link up with an address, e.g. 10.7.1.2/24."""
         self.ip("address", "add", address, "dev", link)
         self.ip("link", "set", link, "up")
 
     def sockets(self) -> list[str]:
-        """All that listens in it, TCP and UDP over both kinds of IP, as `tcp 0100007F:1D17`."""
+        """Return all listening TCP and UDP sockets, IPv4 and IPv6, e.g. `tcp 0100007F:1D17`."""
         found = []
         for table, listening in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
             lines = Path(f"/proc/{self.pid}/net/{table}").read_text(encoding="utf-8").splitlines()
@@ -71,7 +71,7 @@ class Machine:
         return found
 
     def end(self) -> None:
-        """Let it go, with all its links."""
+        """Remove the namespace with all its links."""
         self._holder.communicate(timeout=5)
 
 
@@ -79,14 +79,14 @@ _HOLD = "import os, sys; print(os.getpid(), flush=True); sys.stdin.read()"
 
 
 def connect(one: Machine, other: Machine, names: tuple[str, str]) -> None:
-    """Lay a cable between two machines, its ends named."""
+    """Connect two machines with a cable whose ends have these names."""
     one.ip("link", "add", names[0], "type", "veth", "peer", "name", names[1])
     one.ip("link", "set", names[1], "netns", str(other.pid))
 
 
 @contextmanager
 def three_machines() -> Iterator[tuple[Machine, Machine, Machine]]:
-    """A vehicle, a router between, and an operator, who see the router and not one another."""
+    """Set up vehicle, router and operator; vehicle and operator reach only the router."""
     with ExitStack() as held:
         router = Machine()
         held.callback(router.end)
@@ -101,7 +101,7 @@ def three_machines() -> Iterator[tuple[Machine, Machine, Machine]]:
 
 
 class Port(NamedTuple):
-    """Where a machine's cable goes into the other's bridge."""
+    """Port of a bridge, with the machine at the other end of the cable."""
 
     machine: Machine
     bridge: Machine
@@ -109,7 +109,7 @@ class Port(NamedTuple):
 
     @contextmanager
     def unplugged(self) -> Iterator[None]:
-        """With the cable pulled out."""
+        """Unplug the cable during the block."""
         self.bridge.ip("link", "set", self.link, "down")
         try:
             yield
@@ -119,7 +119,7 @@ class Port(NamedTuple):
 
 @contextmanager
 def one_network(count: int) -> Iterator[tuple[Machine, list[Port]]]:
-    """A machine at 10.7.1.1, and so many others at 10.7.1.2 and on, all on its bridge."""
+    """Set up a machine at 10.7.1.1 and `count` others from 10.7.1.2, all on its bridge."""
     with ExitStack() as held:
         first, ports = Machine(), []
         held.callback(first.end)

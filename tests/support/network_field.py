@@ -1,4 +1,4 @@
-"""A vehicle, a router and an operator on three machines, with a fleet's keys: what a test may ask."""
+"""Vehicle, router and operator on three machines, with a fleet's keys."""
 
 import shutil
 import subprocess
@@ -14,9 +14,9 @@ from tests.support.namespaces import Machine, three_machines
 from tests.support.running import Done, Foreground, eventually
 
 ROUTER = "10.7.1.1"
-"""The router's address on the vehicle's side."""
+"""Address of the router on the vehicle's side."""
 AT = "10.7.2.1"
-"""The router's address on the operator's side."""
+"""Address of the router on the operator's side."""
 TLS, QUIC, PLAIN = f"tls/{AT}:7447", f"quic/{AT}:7447", f"tcp/{AT}:7448"
 IDENTITIES = (
     "hub router --host 10.7.1.1 --host 10.7.2.1",
@@ -30,20 +30,20 @@ IDENTITIES = (
 
 
 class Field:
-    """The three labs, and the folder of their keys."""
+    """Three labs and the folder of their keys."""
 
     def __init__(self, machines: tuple[Machine, Machine, Machine], labs: list[Lab]) -> None:
         self.machines, (self.vehicle, self.router, self.operator) = machines, labs
         self.keys = self.operator.folder / "keys"
 
     def issue(self, line: str) -> Path:
-        """Have a certificate issued; returns its folder."""
+        """Issue a certificate, and return its folder."""
         issued = self.operator.quadctl("keys", "issue", *line.split(), "--json")
         assert issued.code == 0, issued.err
         return self.operator.folder / str(issued.json["folder"])
 
     def go_up(self) -> None:
-        """The router's hub, and a vehicle whose hub joins it."""
+        """Start the router's hub, and a vehicle whose hub connects to it."""
         assert self.operator.quadctl("keys", "init").code == 0
         for line in IDENTITIES:
             self.issue(line)
@@ -58,22 +58,22 @@ class Field:
         assert up.code == 0, up.err
         eventually(lambda: self.ask("state").code == 0)
 
-    def ask(self, line: str, who: str = "anna", *, at: str = TLS, json: bool = False) -> Done:
-        """A command of the operator's machine, as somebody."""
+    def ask(self, line: str, identity: str = "anna", *, at: str = TLS, json: bool = False) -> Done:
+        """Run a command on the operator's machine with an identity."""
         words = line.split() + (["--json"] if json else [])
-        return self.operator.quadctl(*words, "--connect", at, "--identity", self.keys / who)
+        return self.operator.quadctl(*words, "--connect", at, "--identity", self.keys / identity)
 
-    def intrude(self, who: str) -> dict[str, list[str]]:
-        """What somebody with that certificate gets who tries everything."""
-        return sent(self.machines[2].enter, TLS, self.keys / who)
+    def intrude(self, identity: str) -> dict[str, list[str]]:
+        """Run an intruder with a certificate, and return the keys that it received."""
+        return sent(self.machines[2].enter, TLS, self.keys / identity)
 
     def sniffed(self, file: Path) -> AbstractContextManager[None]:
-        """Write all that passes the router to a file."""
+        """Write all traffic through the router to a file."""
         return self._beside("sniff.py", file)
 
-    def posed(self, endpoint: str, who: str) -> AbstractContextManager[None]:
-        """Have somebody play the hub on the router's machine."""
-        return self._beside("posing.py", endpoint, self.keys / who)
+    def impersonated_hub(self, endpoint: str, identity: str) -> AbstractContextManager[None]:
+        """Impersonate the hub on the router's machine with an identity."""
+        return self._beside("posing.py", endpoint, self.keys / identity)
 
     @contextmanager
     def _beside(self, script: str, *words: object) -> Iterator[None]:
@@ -92,26 +92,26 @@ class Field:
             process.kill()
             process.communicate()
 
-    def spoken(self, line: str, who: str) -> Foreground:
-        """A command that goes on beside the test."""
-        words = [*line.split(), "--connect", TLS, "--identity", str(self.keys / who)]
+    def started(self, line: str, identity: str) -> Foreground:
+        """Start a command with an identity beside the test."""
+        words = [*line.split(), "--connect", TLS, "--identity", str(self.keys / identity)]
         return self.operator.spawn(*self.operator.command(*words))
 
-    def node(self, name: str, vehicle: str, who: str) -> Foreground:
-        """A node of a vehicle, on the operator's machine."""
+    def node(self, name: str, vehicle: str, identity: str) -> Foreground:
+        """Start a node of a vehicle on the operator's machine."""
         return self.operator.spawn(
             *(*self.machines[2].enter, sys.executable, "-P", "-m", f"quadctl.services.{name}"),
-            *("--vehicle", vehicle, "--connect", TLS, "--identity", str(self.keys / who)),
+            *("--vehicle", vehicle, "--connect", TLS, "--identity", str(self.keys / identity)),
         )
 
-    def kept(self, who: str) -> str:
-        """A copy of somebody's keys that no `revoke` reaches; returns its name beside the others."""
-        shutil.copytree(self.keys / who, self.keys / f"{who}-kept")
-        return f"{who}-kept"
+    def copied_identity(self, identity: str) -> str:
+        """Copy an identity out of reach of `revoke`, and return the copy's name."""
+        shutil.copytree(self.keys / identity, self.keys / f"{identity}-kept")
+        return f"{identity}-kept"
 
 
 def touched(lab: Lab) -> tuple[Any, ...]:
-    """What changes when anybody has asked the vehicle for anything."""
+    """Return the values that change with any call to the vehicle."""
     with lab.bare() as bare:
         state = bare.state()
         ranges = bare.call("safety/get_params", names=["safety.acceptance_range"]).value
@@ -120,7 +120,7 @@ def touched(lab: Lab) -> tuple[Any, ...]:
 
 @contextmanager
 def field() -> Iterator[Field]:
-    """All of it up, and gone at the end."""
+    """Start everything, and stop it at the end."""
     with ExitStack() as held:
         machines = held.enter_context(three_machines())
         labs = [held.enter_context(private_lab(machine.enter)) for machine in machines]

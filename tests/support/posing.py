@@ -1,4 +1,4 @@
-"""Somebody of the fleet who plays the hub: listens with a certificate that is no hub's, until ended."""
+"""Impostor of the hub: listens with a certificate of another role until it is ended."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""A bad link: a TCP proxy to a hub that delays what passes, stops passing it, or breaks off."""
+"""Bad link: a TCP proxy to a hub that delays or holds data, or breaks connections."""
 
 import asyncio
 import random
@@ -10,18 +10,18 @@ from typing import Any, Self, TypeVar
 T = TypeVar("T")
 
 _WINDOW = 64
-"""Pieces under way on a link; beyond, its sender has to wait, as for a full pipe."""
+"""Pieces in transit on a link; beyond that the sender waits, as for a full pipe."""
 _PIECE = 16_384
 _RESENT = 0.3
-"""Seconds after which what was lost is sent again."""
+"""Seconds until a lost piece is sent again."""
 
 
 class Proxy:
-    """Listens on a free port of the loopback interface; `endpoint` is that of the hub behind it.
+    """Proxy on a free loopback port; `endpoint` is the hub's address through it.
 
-    Both ways what comes is passed on `delay` s later; of what is `lost`, a share of all, it takes
-    longer, and so it does of all that comes behind it, as TCP has it. While it is `cut` nothing is, as with a cable
-    pulled out: what is under way waits, and so does who connects.
+    Data is forwarded both ways after `delay` s. The share `lost` takes longer, and so does all data
+    behind it, as in TCP. After `cut` nothing is forwarded, as with an unplugged cable: data in
+    transit waits, and so do new connections.
     """
 
     def __init__(self, hub: Path, delay: float = 0.0, lost: float = 0.0) -> None:
@@ -46,15 +46,15 @@ class Proxy:
         self._loop.close()
 
     def cut(self) -> None:
-        """Nothing passes from now on."""
+        """Hold all data from now on."""
         self._loop.call_soon_threadsafe(self._whole.clear)
 
     def mend(self) -> None:
-        """What has waited passes, and all that comes."""
+        """Forward the held data and all that follows."""
         self._loop.call_soon_threadsafe(self._whole.set)
 
     def sever(self) -> None:
-        """Break off every connection; new ones are let in."""
+        """Break every connection; new ones are accepted."""
         self._do(self._break_off())
 
     def _do(self, what: Coroutine[Any, Any, T]) -> T:

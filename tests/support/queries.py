@@ -1,4 +1,4 @@
-"""Stand-ins for what Zenoh hands to a service's server."""
+"""Stand-ins for the queries that Zenoh passes to a service's server."""
 
 from typing import Any, Self
 
@@ -22,7 +22,7 @@ class Bytes:
 
 
 class Query:
-    """What Zenoh hands over: to be answered exactly once and then let go."""
+    """Stand-in for a Zenoh query; it must be answered once and then closed."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class Query:
 
 
 class Bench:
-    """A goto service that counts what it executes."""
+    """Goto service that records the executed requests."""
 
     def __init__(self, fault: Exception | None = None) -> None:
         self.executed: list[GotoRequest] = []

@@ -1,6 +1,6 @@
-"""Records a mission for the tests beside: python -m tests.support.record_mission NAME.toml [NAME=VALUE ...]
+"""Records a mission for the tests: python -m tests.support.record_mission NAME.toml [NAME=VALUE ...]
 
-Run it where a change of behaviour is meant, and look at what has changed: `quadctl plot`.
+Run it after an intended change of behaviour, and check the changes with `quadctl plot`.
 """
 
 import sys
@@ -16,11 +16,11 @@ from tests.support.running import eventually
 
 _HERE = Path(__file__).parents[1] / "recording" / "data"
 _BEFORE = 5
-"""Poses that are kept of the boot before the flight's."""
+"""Number of poses kept from the boot before the flight's."""
 
 
 def main(mission: str, settings: list[str]) -> None:
-    """Fly it in lock-step, and keep what was said."""
+    """Fly the mission in lock-step, and keep its recording."""
     with private_lab() as lab:
         words = [word for value in settings for word in ("--set", value)]
         lab.start("--set", "dynamics.speed=0", "--set", "dynamics.rate=20", *words)
@@ -29,7 +29,7 @@ def main(mission: str, settings: list[str]) -> None:
 
 
 def record(lab: Lab, mission: Path) -> Path:
-    """Everything that is said while a mission is flown."""
+    """Record all messages while the mission is flown."""
     raw = lab.folder / "raw.mcap"
     run = lab.spawn(*lab.command("record", "-o", raw))
     eventually(lambda: "recording to" in run.log)
@@ -41,7 +41,7 @@ def record(lab: Lab, mission: Path) -> Path:
 
 
 def trim(raw: Path, target: Path) -> None:
-    """Leave out what viewers alone need, and most of what was before the flight."""
+    """Drop the messages only for viewers, and most of those before the flight."""
     boots = [m.value["boot"] for m in Bag(raw).messages() if m.key.endswith(f"/{POSE.name}")]
     first = boots.index(boots[-1])
     bag = Bag(raw)

@@ -1,4 +1,4 @@
-"""A recording taken apart: what each service heard and was asked, and what it said to that."""
+"""Contents of a recording: received messages, calls, and published messages of each node."""
 
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,16 @@ _INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
 
 
 class Recorded:
-    """One vehicle's recording of a flight at a speed other than 1; `boot` is that of the flight.
+    """Recording of one vehicle's flight at a speed other than 1; `boot` is the flight's.
 
-    At such a speed what a service says hangs on what it hears, and on nothing else.
+    At such a speed the output of a node depends only on its input.
     """
 
     def __init__(self, path: Path) -> None:
         bag = Bag(path)
-        self.heard: list[tuple[Any, Any]] = []
+        self.received: list[tuple[Any, Any]] = []
         self.calls: list[Called] = []
-        self.said: list[Published] = []
+        self.published: list[Published] = []
         for message in bag.messages():
             topic: Any = topic_of(message.key)
             if topic is None or message.derived:
@@ -34,37 +34,37 @@ class Recorded:
             if isinstance(value, Called):
                 self.calls.append(value)
             elif topic.name in _INPUTS:
-                self.heard.append((_INPUTS[topic.name], value))
+                self.received.append((_INPUTS[topic.name], value))
             else:
-                self.said.append(Published(topic.name, value))
+                self.published.append(Published(topic.name, value))
         assert not bag.cut
         self.params = msgspec.json.decode(bag.notes["quadctl"]["params"], type=Params)
-        self.boot = [value.boot for _, value in self.heard if isinstance(value, Pose)][-1]
+        self.boot = [value.boot for _, value in self.received if isinstance(value, Pose)][-1]
 
-    def transitions(self, said: list[Published]) -> list[SafetyState]:
-        """Safety's states in this flight, those left out that only repeat the last one.
+    def transitions(self, published: list[Published]) -> list[SafetyState]:
+        """Return safety's states in this flight, without repetitions.
 
         Requests are counted from the flight's first.
         """
         found: list[SafetyState] = []
         replace = msgspec.structs.replace
-        for _, state in said:
+        for _, state in published:
             if isinstance(state, SafetyState) and state.boot == self.boot:
                 last = found[-1] if found else None
                 if last is None or replace(last, stamp=state.stamp) != state:
                     found.append(state)
         return [replace(state, request=state.request - found[0].request) for state in found]
 
-    def setpoints(self, said: list[Published]) -> list[Setpoint]:
-        """What safety wanted in this flight."""
-        of_boot = [s for _, s in said if isinstance(s, Setpoint) and s.boot == self.boot]
-        # One that was lost on its way is sent again, which says nothing new.
+    def setpoints(self, published: list[Published]) -> list[Setpoint]:
+        """Return the setpoints of this flight, without repetitions."""
+        of_boot = [s for _, s in published if isinstance(s, Setpoint) and s.boot == self.boot]
+        # A setpoint may be sent again in case it was lost.
         return [s for before, s in zip([None, *of_boot], of_boot, strict=False) if s != before]
 
-    def readings(self, said: list[Published]) -> list[Pressure]:
-        """The barometer's readings in this flight, which begin at 0 s."""
+    def readings(self, published: list[Published]) -> list[Pressure]:
+        """Return the barometer's readings in this flight, which start at 0 s."""
         found: list[Pressure] = []
-        for name, reading in said:
+        for name, reading in published:
             if name != PRESSURE.name or not isinstance(reading, Pressure):
                 continue
             if reading.stamp == 0:

@@ -1,4 +1,4 @@
-"""The same vehicle written a second time, with matrices and four rotors in their places.
+"""Second implementation of the vehicle, with matrices and four explicit rotor positions.
 
 It is solved by scipy's DOP853 at tolerances near rounding.
 """
@@ -14,19 +14,22 @@ Array = np.ndarray
 
 
 def skew(v: Array) -> Array:
-    """The matrix that makes a cross product: skew(a) @ b is a x b."""
+    """Return the matrix of a cross product: skew(a) @ b is a x b."""
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rotation(q: Array) -> Array:
-    """Body to world, of a quaternion w, x, y, z of any length: Euler and Rodrigues' formula."""
+    """Return the rotation from body to world of a quaternion w, x, y, z of any length.
+
+    By the formula of Euler and Rodrigues.
+    """
     cross = skew(q[1:])
     return np.eye(3) + 2.0 * (q[0] * cross + cross @ cross) / (q @ q)
 
 
 class Reference:
-    """A vehicle in steady wind, far above the floor."""
+    """Vehicle in steady wind, far above the floor."""
 
     def __init__(self, vehicle: VehicleParams, wind: tuple[float, float, float] = (0, 0, 0)):
         lever, ratio = vehicle.arm / sqrt(2.0), vehicle.torque_coefficient
@@ -45,7 +48,7 @@ class Reference:
         self._inverse = np.linalg.inv(self._inertia)
 
     def rates(self, y: Array, motors: Array) -> Array:
-        """Time derivative of position, velocity, quaternion and body rates."""
+        """Return the time derivative of position, velocity, quaternion and body rates."""
         vehicle, attitude, w, up = self._vehicle, rotation(y[6:10]), y[10:13], self._up
         relative = attitude.T @ (y[3:6] - self._wind)
         speed = sqrt(relative @ relative)
@@ -63,7 +66,7 @@ class Reference:
         return np.concatenate([y[3:6], acceleration, 0.5 * omega @ y[6:10], spin])
 
     def fly(self, state: tuple[float, ...], command: tuple[float, ...], seconds: float) -> Array:
-        """The 17 numbers of the state after a while with one command."""
+        """Return the 17 numbers of the state after some seconds with one command."""
         start, target = np.array(state[13:]), np.array(command)
 
         def motors(t: float) -> Array:
@@ -82,7 +85,7 @@ class Reference:
 
 
 def angle(a: Array, b: Array) -> float:
-    """Between two attitudes given as quaternions, rad."""
+    """Return the angle between two attitudes given as quaternions, rad."""
     a, b = np.asarray(a) / np.linalg.norm(a), np.asarray(b) / np.linalg.norm(b)
     chord = min(dist(a, b), dist(a, -b))
     return 4.0 * asin(min(1.0, 0.5 * chord))

@@ -1,8 +1,8 @@
-"""What every row of the automaton's table must do, written down apart from the table.
+"""Expected effect of every rule of the automaton, independent of the rule table.
 
-A case is a situation, an event and a world, and the situation that must follow. `given` and
-`then` say what differs from what stands before it. In PLAIN no condition but `always` holds,
-so that a row with a wrong condition shows.
+A case has a situation, an event, a world, and the expected next situation. `given` has the
+differences from PLAIN, `then` those from the situation. In PLAIN only the condition `always`
+is true, so that a rule with a wrong condition fails.
 """
 
 from math import inf
@@ -70,7 +70,7 @@ JUMPED = "stopped, the pose jumped by 0.511 m in 0.05 s"
 
 
 class Case(NamedTuple):
-    """At a state, by the rule for an event whose condition has this name."""
+    """Case for the rule of a state and an event, selected by its condition's name."""
 
     at: State
     when: str
@@ -81,17 +81,17 @@ class Case(NamedTuple):
 
     @property
     def rule(self) -> tuple[State, type[Event], str]:
-        """What names a row of the table."""
+        """Return the key of the rule."""
         return self.at, type(self.event), self.when
 
     @property
     def situation(self) -> Situation:
-        """Where it begins."""
+        """Return the situation before the event."""
         return replace(PLAIN, state=self.at, **self.given)
 
     @property
     def expected(self) -> Situation:
-        """Where it must lead."""
+        """Return the expected situation after the event."""
         return replace(self.situation, **self.then)
 
 
@@ -103,12 +103,12 @@ def stopped(reason: str, goal: Position = HERE) -> dict[str, Any]:
 
 
 def guarded(reason: str, goal: Position = HERE) -> dict[str, Any]:
-    """Stopped by a guard, which then tells no more of it."""
+    """Return the changes of a stop by a guard that reports it once."""
     return stopped(reason, goal) | {"beyond": inf}
 
 
 def caged(world: World) -> dict[str, Any]:
-    """In a cage that is another one from now on, on the way out of it."""
+    """Return the changes of a new cage while the vehicle leaves it."""
     return {"beyond": leeway(world) + SLACK, "since": 4.0}
 
 

@@ -1,4 +1,4 @@
-"""Processes of the tests, and how to wait for what they do."""
+"""Processes of the tests, and helpers that wait for them."""
 
 import json
 import subprocess
@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 class Done(NamedTuple):
-    """What a command left: its exit code and what it printed."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -19,34 +19,34 @@ class Done(NamedTuple):
 
     @property
     def json(self) -> Any:
-        """The one document on stdout; anything else there makes this fail."""
+        """Return the only document on stdout; fail if there is anything else."""
         return json.loads(self.out)
 
     @property
     def rows(self) -> list[Any]:
-        """The documents of a stream, one a line."""
+        """Return the documents of a stream, one per line."""
         return [json.loads(line) for line in self.out.splitlines()]
 
     @property
     def error(self) -> dict[str, str]:
-        """The error document, the last line on stderr."""
+        """Return the error document, the last line on stderr."""
         error: dict[str, str] = json.loads(self.err.splitlines()[-1])["error"]
         return error
 
 
 def eventually(
-    condition: Callable[[], T], within: float = 10.0, tell: Callable[[], str] = str
+    condition: Callable[[], T], within: float = 10.0, describe: Callable[[], str] = str
 ) -> T:
-    """Ask until the answer is true; returns it, or fails with the last one and what `tell` says."""
+    """Poll until the condition is true and return its value, or fail with it and `describe()`."""
     deadline = time.monotonic() + within
     while not (answer := condition()):
-        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s\n{tell()}"
+        assert time.monotonic() < deadline, f"still {answer!r} after {within:g} s\n{describe()}"
         time.sleep(0.01)
     return answer
 
 
 def alive(pid: int) -> bool:
-    """Whether a process runs; one that has ended and is not yet waited for does not."""
+    """Return whether a process runs; a zombie does not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except (FileNotFoundError, ProcessLookupError):
@@ -55,7 +55,7 @@ def alive(pid: int) -> bool:
 
 
 class Foreground:
-    """A process beside the test, `quadctl up` without -d or any other, its output in a file."""
+    """Process beside the test, e.g. `quadctl up` without -d, with its output in a file."""
 
     def __init__(
         self, command: list[str], environment: dict[str, str], folder: Path, log: Path
@@ -74,7 +74,7 @@ class Foreground:
 
     @property
     def log(self) -> str:
-        """All that it has printed."""
+        """Return the whole output so far."""
         return self._log.read_text(encoding="utf-8")
 
     @property
@@ -85,7 +85,7 @@ class Foreground:
         self._popen.send_signal(number)
 
     def wait(self, within: float = 10.0) -> int:
-        """Its exit code, once it has ended."""
+        """Wait for the end of the process, and return its exit code."""
         return self._popen.wait(within)
 
     def end(self) -> None:

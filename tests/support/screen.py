@@ -1,4 +1,4 @@
-"""A terminal for the tests: a pty, and what somebody in front of it would see."""
+"""Terminal of the tests: a pty and its visible screen."""
 
 import contextlib
 import os
@@ -17,7 +17,7 @@ _CONTROL = re.compile(r"\033\[(\?)?([0-9;]*)([A-Za-z])")
 
 
 class Glass:
-    """What a terminal makes of text and of the few controls that our output has."""
+    """Screen of a terminal that knows the few control codes of our output."""
 
     def __init__(self) -> None:
         self.lines = [""]
@@ -34,7 +34,7 @@ class Glass:
             if self._text[0] == "\033":
                 control = _CONTROL.match(self._text)
                 if control is None:
-                    return  # the rest of it has not come yet
+                    return  # the rest has not arrived yet
                 self._obey(control[2], control[3])
                 self._text = self._text[control.end() :]
             else:
@@ -65,7 +65,7 @@ class Glass:
 
 
 class Terminal:
-    """Runs a command in a pty of its own session. Knows the few controls that our output has."""
+    """Terminal that runs a command in a pty with its own session."""
 
     def __init__(
         self, command: list[str], environment: dict[str, str], folder: Path, columns: int = 100
@@ -78,7 +78,7 @@ class Terminal:
         self.resize(columns)
 
     def resize(self, columns: int) -> None:
-        """Make it that wide, 40 rows high; what is on it stays as it is."""
+        """Set the width, with 40 rows; the screen's contents are kept."""
         ioctl(self._fd, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
 
     def press(self, keys: str) -> None:
@@ -86,15 +86,15 @@ class Terminal:
 
     @property
     def screen(self) -> str:
-        """What is seen, all that has scrolled away included."""
+        """Return the screen's text, including lines scrolled away."""
         return self.glass.seen
 
     def echoes(self) -> bool:
-        """Whether a key that is pressed is written."""
+        """Return whether pressed keys are echoed."""
         return bool(termios.tcgetattr(self._fd)[3] & termios.ECHO)
 
     def until(self, condition: Callable[[str], object], within: float = 10.0) -> str:
-        """Wait until what is seen is so; returns it."""
+        """Wait until the screen meets a condition, and return its text."""
         deadline = time.monotonic() + within
         while not condition(self.screen):
             left = deadline - time.monotonic()
@@ -103,7 +103,7 @@ class Terminal:
         return self.screen
 
     def wait(self, within: float = 10.0) -> int:
-        """Its exit code, once it has ended and all that it wrote was seen."""
+        """Wait for the end of the command and its output, and return the exit code."""
         deadline = time.monotonic() + within
         while self._read(deadline - time.monotonic()):
             assert time.monotonic() < deadline, self.screen

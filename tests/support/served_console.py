@@ -1,4 +1,4 @@
-"""A console that runs, and the addresses that it has printed."""
+"""Running console, and the addresses that it prints."""
 
 import json
 import signal
@@ -11,7 +11,7 @@ from tests.support.running import Foreground, eventually
 
 
 class Console(NamedTuple):
-    """`control` and `watch` are the page's addresses."""
+    """Console process; `control` and `watch` are the page's addresses."""
 
     process: Foreground
     control: str
@@ -20,17 +20,17 @@ class Console(NamedTuple):
 
 @contextmanager
 def served(lab: Lab, *words: str) -> Iterator[Console]:
-    """`quadctl console` on a free port; ended by Ctrl-C, which must work at once."""
+    """Run `quadctl console` on a free port; Ctrl-C must end it at once."""
     process = lab.spawn(*lab.command("console", "--port", "0", "--json", *words))
-    said = eventually(lambda: _said(process), 30.0)
-    yield Console(process, said["url"], said["watch"])
+    printed = eventually(lambda: _printed(process), 30.0)
+    yield Console(process, printed["url"], printed["watch"])
     if not process.ended:
         process.send(signal.SIGINT)
     assert process.wait(30.0) == 130, process.log
     assert "Traceback" not in process.log, process.log
 
 
-def _said(process: Foreground) -> dict[str, Any]:
+def _printed(process: Foreground) -> dict[str, Any]:
     line = process.log.partition("\n")[0]
     assert not process.ended, process.log
     return json.loads(line) if line.endswith("}") else {}

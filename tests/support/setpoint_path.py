@@ -1,4 +1,4 @@
-"""A setpoint by itself, moved by hand."""
+"""Setpoint without a vehicle, advanced step by step."""
 
 from math import ceil
 
@@ -9,7 +9,7 @@ from quadctl.services.dynamics.trajectory import Axis, limits_of
 
 
 class Path:
-    """One vehicle's setpoint, one control period at a time."""
+    """Setpoint of one vehicle, one control period at a time."""
 
     def __init__(self, params: DynamicsParams, position: tuple[float, float, float]) -> None:
         self._limits = limits_of(params)

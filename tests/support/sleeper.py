@@ -1,15 +1,15 @@
-"""How long this machine keeps processes from running, measured beside a test that flies in real time."""
+"""Measurement of this machine's stalls, beside a test that flies in real time."""
 
 import threading
 import time
 
 HICCUP = 0.05
-"""Seconds late from which a wake counts as a stall of the machine."""
+"""Delay (s) of a wake-up that counts as a stall of the machine."""
 _NAP = 0.01
 
 
 class Sleeper:
-    """A thread that only sleeps, from now on."""
+    """Thread that only sleeps, and measures its delays."""
 
     def __init__(self) -> None:
         self._stalls: list[tuple[float, float]] = []
@@ -26,11 +26,11 @@ class Sleeper:
                 self._stalls.append((before, now))
 
     def within(self, begin: float, end: float) -> float:
-        """Return for how long the machine stalled between two times, monotonic s."""
+        """Return the seconds of stall between two times, monotonic s."""
         return sum(max(min(b, end) - max(a, begin), 0.0) for a, b in self._stalls)
 
     def stop(self) -> str:
-        """End, and tell what was seen."""
+        """Stop the thread, and return a summary."""
         self._done.set()
         self._thread.join()
         seen = [end - begin for begin, end in self._stalls]

@@ -1,6 +1,6 @@
-"""Run on a machine between others: writes every frame that its links carry to a file, until ended.
+"""Sniffer on a machine between others: writes every frame on its links to a file until ended.
 
-Waits in the test for `listening` on stdout, so that nothing is missed.
+Prints `listening` when ready: a test that waits for it misses nothing.
 """
 
 import socket

@@ -1,9 +1,9 @@
-"""The telemetry of many vehicles, with Zenoh and MessagePack alone.
+"""Telemetry of many vehicles, with only Zenoh and MessagePack.
 
     python telemetry.py ENDPOINT FIRST COUNT HZ
 
-A pose of each vehicle at a rate, spread over the period, until it is killed. `seq` counts a
-vehicle's own from 0. Each is announced as a node.
+Publishes poses of each vehicle at a rate, spread over the period, until killed. `seq` counts
+from 0 for each vehicle. Each vehicle is announced as a node.
 """
 
 import json
@@ -33,7 +33,7 @@ def main(endpoint: str, first: int, count: int, hz: float) -> None:
 
 
 def pose(seq: int) -> dict[str, object]:
-    """As large as a vehicle's own."""
+    """Return a pose of the same size as a real one."""
     point = {"x": 0.1, "y": 0.2, "z": 0.3}
     return {
         "boot": "0badcafe", "seq": seq, "stamp": seq / 10, "position": point, "velocity": point,

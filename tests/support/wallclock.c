@@ -1,6 +1,6 @@
-/* The time of day as a file says it: preloaded into a process, all of it sees the clock jump.
+/* Time of day shifted by a file: preloaded into a process, makes its wall clock jump.
 
-   The file named by WALL_CLOCK holds one int64: seconds to add. The monotonic clock stays as it is. */
+   The file named by WALL_CLOCK holds one int64: seconds to add. The monotonic clock is unchanged. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>

@@ -1,4 +1,4 @@
-"""Situations and worlds that the automaton is tried in."""
+"""Situations and worlds for the tests of the automaton."""
 
 from msgspec.structs import replace
 
@@ -32,7 +32,7 @@ LEAPT_TO_REST = replace(LEAPT, pose=AT_REST.pose)
 
 
 def leaving(before: float, x: float = 5.05) -> World:
-    """On its way out at 2 m/s, which takes 0.2 m to stop, after another speed (m/s) before."""
+    """Return a world leaving the cage at 2 m/s (0.2 m to stop), after another speed (m/s)."""
     pose = replace(POSE, position=Position(x, 0.0, 1.0), velocity=Velocity(2.0, 0.0, 0.0))
     past = Position(x - 0.1, 0.0, 1.0)
     last = replace(LAST, position=past, velocity=Velocity(before, 0.0, 0.0))

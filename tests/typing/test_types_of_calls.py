@@ -1,4 +1,4 @@
-"""What the type checker knows of topics and services, and what it refuses."""
+"""Types that mypy infers for topics and services, and the errors that it reports."""
 
 import re
 import subprocess
@@ -7,8 +7,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 
-# Each line with what mypy must say of it: a revealed type, or an error's code; `misc` is that no
-# type fits both the service and the request.
+# Each comment is what mypy must report for its line: a revealed type, or an error's code. `misc`
+# means that no type fits both the service and the request.
 PROGRAM = """\
 from quadctl.schemas.messages import Pose, Pressure
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse, GotoRequest, HoldRequest
@@ -49,7 +49,7 @@ def decoded(payload: bytes) -> None:
 """
 
 
-def test_the_checker_knows_messages_by_their_topics_and_services(tmp_path: Path):
+def test_mypy_infers_messages_from_topics_and_services(tmp_path: Path):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     done = subprocess.run(

@@ -1,1 +1,1 @@
-"""Zenoh as everybody here uses it: sessions, the ends of topics and services, and who is there."""
+"""Zenoh for all processes: sessions, publishers, subscribers, clients, servers and liveliness."""

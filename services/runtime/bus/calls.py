@@ -15,14 +15,14 @@ from quadctl.services.runtime.bus.zenoh_events import ONE_SERVER, MatchingListen
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
 _LOST = 0.1
-"""Seconds after which it is known of a server that it has ended, which gave no answer."""
+"""Seconds within which the hub reports the end of a server that gave no answer."""
 
 Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 
 class ServiceClient(Generic[Q, R]):
-    """Calls one service, as often as wanted."""
+    """Client of one service, for any number of calls."""
 
     def __init__(self, session: zenoh.Session, vehicle: str, service: Service[Q, R]) -> None:
         self._service = service
@@ -30,7 +30,7 @@ class ServiceClient(Generic[Q, R]):
         self._encoding = codec.encoding(service.request)
 
     def call(self, request: Q, timeout: float, boot: str = "", *, again: bool = False) -> R:
-        """Send one request and return its reply; waits and raises as RawServiceClient does."""
+        """Send one request and return its reply; wait and raise as RawServiceClient does."""
         try:
             payload = codec.encode(request)
         except (OverflowError, TypeError) as error:
@@ -40,7 +40,7 @@ class ServiceClient(Generic[Q, R]):
 
 
 class RawServiceClient:
-    """Sends bytes to whoever serves a key."""
+    """Client that sends bytes to the server of a key."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._session, self._key = session, key
@@ -50,12 +50,12 @@ class RawServiceClient:
     def call(
         self, payload: bytes, encoding: str, timeout: float, boot: str = "", *, again: bool = False
     ) -> tuple[bytes, str]:
-        """Send one request; returns the reply and its encoding.
+        """Send one request; return the reply and its encoding.
 
-        Waits for a server up to the timeout (s). Raises Unreachable, TimedOut, or what the
-        server replied. The request carries an id and the deadline: it is executed once or
-        never, and never late. Where it may get lost between routers that have just met, a server
-        that looks at the id may be sent it `again`.
+        Waits for a server up to the timeout (s). Raises Unreachable, TimedOut or the server's
+        error. The request carries an id and the deadline: it is executed once or never, and never
+        late. `again` repeats a request that may get lost between routers that have just met; only
+        for a server that checks the id.
         """
         deadline = time.monotonic() + timeout
         self.wait_for_server(timeout)
@@ -76,16 +76,16 @@ class RawServiceClient:
             if not again:
                 break
             time.sleep(max(min(_LOST, deadline - time.monotonic()), 0))
-            # Another server does not know the id, and might execute it a second time.
+            # Another server does not know the id and might execute the request a second time.
             if self._server.changes != changes:
                 break
             left = deadline - time.monotonic()
-        # It is known a moment after its end that a server has ended.
+        # The hub reports the end of a server a moment later.
         time.sleep(max(min(_LOST, deadline - time.monotonic()), 0))
         raise gone(self._key, still_there=self._server.is_there)
 
     def wait_for_server(self, timeout: float) -> None:
-        """Return when a server is there; raises Unreachable where none comes in time (s)."""
+        """Wait until a server is there; raise Unreachable if none comes in time (s)."""
         if not self._server.wait(timeout):
             raise Unreachable(
                 f"nobody served {self._key} within {round(timeout, 2):g} s",
@@ -95,33 +95,31 @@ class RawServiceClient:
 
 
 def read(reply: zenoh.Reply, key: str, timeout: float) -> tuple[bytes, str]:
-    """A reply and its encoding; raises what an error reply stands for."""
-    # The binding makes each part anew whenever it is looked at.
+    """Return a reply and its encoding; raise the exception of an error reply."""
+    # The binding makes a copy of each part at every access.
     if (ok := reply.ok) is not None:
         return ok.payload.to_bytes(), str(ok.encoding)
     err = reply.err
     assert err is not None  # noqa: S101 - Zenoh's promise: one of the two is set
-    payload, said = err.payload.to_bytes(), str(err.encoding)
-    if said == codec.ERROR_ENCODING:
+    payload, encoding = err.payload.to_bytes(), str(err.encoding)
+    if encoding == codec.ERROR_ENCODING:
         raise codec.decode_error(payload)
     if payload == b"Timeout":
         raise TimedOut(
             f"{key} did not answer within {round(timeout, 2):g} s",
             "its process is busy or frozen: `quadctl status` shows which",
         )
-    raise QuadctlError(
-        f"{key} failed: {to_jsonable(payload, said)}", "the log of its node may say more"
-    )
+    raise QuadctlError(f"{key} failed: {to_jsonable(payload, encoding)}", "see the log of its node")
 
 
 def gone(key: str, *, still_there: bool = False) -> Unreachable:
-    """What is known of a call that ended without an answer; whoever serves it may be `still_there`."""
+    """Return the error for a call that ended without an answer; is its server `still_there`?"""
     if still_there:
         return Unreachable(
-            f"who serves {key} ended the call without an answer: the outcome is unknown",
-            "its handler may have failed: the log of its process may say more",
+            f"the server of {key} ended the call without an answer: the outcome is unknown",
+            "its handler may have failed: see the log of its process",
         )
     return Unreachable(
-        f"the server of {key} went away in mid-call: the outcome is unknown",
-        "look at `quadctl status`, then ask again",
+        f"the server of {key} ended during the call: the outcome is unknown",
+        "check `quadctl status`, then call again",
     )

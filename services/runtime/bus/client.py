@@ -1,4 +1,4 @@
-"""Command side of the bus: Client, the watch on its hub connection, latched get, raw publisher."""
+"""Command side of the bus: Client, the check of its hub connection, latched get, raw publisher."""
 
 import time
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -8,14 +8,9 @@ from msgspec import Struct
 
 from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import Service, Topic, topic_of
-from quadctl.services.runtime.bus import codec, liveliness
+from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
 from quadctl.services.runtime.bus.session import connect_to_hub
-from quadctl.services.runtime.bus.zenoh_events import (
-    ALL_SERVERS,
-    DisconnectListener,
-    MatchingListener,
-)
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -28,31 +23,30 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _LOSING = 0.05
-"""Seconds in which it is known that a connection is lost, at most."""
+"""Longest time (s) until Zenoh reports that a connection is lost."""
 
 
 class HubConnection:
-    """Whether the hub is there, and whether it is the one that was there at first."""
+    """Check that the hub is there and is still the first one; `realm` is that of a local hub."""
 
     def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
-        """`realm` is the hub's, where it is one of this machine."""
         self._session, self._realm = session, realm
         self._since, self._first = time.time(), self._hubs()
-        self._breaks: DisconnectListener | None = None
+        self._breaks: zenoh_events.DisconnectListener | None = None
 
     def watch(self) -> None:
-        """From now on see that the connection is lost, though it come back; for who sends."""
-        self._breaks = self._breaks or DisconnectListener(self._session)
+        """Detect from now on each loss of the connection, even a short one; for publishers."""
+        self._breaks = self._breaks or zenoh_events.DisconnectListener(self._session)
 
     @property
     def is_there(self) -> bool:
-        """Whether the session is connected."""
+        """Return whether the session is connected."""
         return bool(self._session.info.routers_zid())
 
     def answered(self, found: list[T]) -> list[T]:
-        """What the hub has answered; raises Unreachable or TimedOut where it was nobody's answer."""
-        # Without a connection there is nobody to ask, and the answer is what we have ourselves, or
-        # empty at once. Of one that is being lost it is so a moment before that is known.
+        """Return `found` if the hub answered; raise Unreachable or TimedOut if it is lost."""
+        # Without a connection Zenoh answers at once, with our own declarations or with nothing. It
+        # does so a moment before it reports that the connection is lost.
         deadline = time.monotonic() + _LOSING
         while self.is_there:
             if found or time.monotonic() > deadline:
@@ -61,17 +55,16 @@ class HubConnection:
         raise self._lost()
 
     def check_unbroken(self) -> None:
-        """Raise Unreachable where a part of what was sent may be lost, though all is well again.
+        """Raise Unreachable if sent messages may be lost, even if the connection is back.
 
-        A session comes back by itself: to another hub, which has nothing of what the first was sent,
-        or to the same one, from which it was cut off.
+        A session reconnects by itself: to a new hub, which has none of them, or after a break.
         """
         if not self._first & self._hubs():
             raise self._lost()
         if self._breaks and self._breaks.fired():
             raise Unreachable(
-                "the connection to the hub was lost for a moment: what was sent then has not come",
-                "send it again; the hub was busy or frozen for longer than a second",
+                "the connection to the hub was lost for a moment: messages sent then are lost",
+                "send them again; the hub was busy or frozen for longer than a second",
             )
 
     def _hubs(self) -> set[str]:
@@ -86,14 +79,14 @@ class HubConnection:
 M = TypeVar("M", bound=Struct)
 
 _AGAIN = 0.02
-"""Seconds after which one is asked again who was not there: a restart takes a tenth of one."""
+"""Seconds between queries until a publisher is there: a restart takes 0.1 s."""
 
 
 def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) -> M:
-    """The last message of a topic.
+    """Return the last message of a topic.
 
-    Raises Unreachable where nobody answers within the timeout (s), TimedOut where who is there does
-    not, and Invalid where only what cannot be read has come.
+    Raises Unreachable if no publisher is there within the timeout (s), TimedOut if one is there but
+    does not answer, and Invalid if only unreadable messages came.
     """
     deadline = time.monotonic() + timeout
     why: QuadctlError = Unreachable(
@@ -101,48 +94,47 @@ def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) ->
         f"is {topic.node} up? `quadctl status` shows it",
     )
     while (left := deadline - time.monotonic()) > 0:
-        # Of all who answer: a stranger's nonsense must not hide the topic's own reply.
-        for reply in session.get(key, timeout=left, **ALL_SERVERS):
+        # All answers are read: an invalid one from elsewhere must not hide the topic's own.
+        for reply in session.get(key, timeout=left, **zenoh_events.ALL_SERVERS):
             if reply.ok is None:
                 if isinstance(why, Invalid):
-                    continue  # that something came says more than that no more did
+                    continue  # an unreadable answer explains more than a missing one
                 why = TimedOut(
                     f"{topic.node} did not answer within {timeout:g} s",
                     "its process is busy or frozen: `quadctl status` shows which",
                 )
                 continue
             try:
-                payload, said = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
-                return codec.decode(topic.type, payload, said)
+                payload, encoding = reply.ok.payload.to_bytes(), str(reply.ok.encoding)
+                return codec.decode(topic.type, payload, encoding)
             except Invalid as problem:
                 why = codec.unreadable(key, problem)
-        # Nobody answers for the key yet.
         time.sleep(max(min(deadline - time.monotonic(), _AGAIN), 0))
     raise why
 
 
 class RawPublisher:
-    """Publishes bytes on a key, for as long as its client's `with` block lasts."""
+    """Publisher of bytes on a key, for as long as its client's `with` block lasts."""
 
     def __init__(self, session: zenoh.Session, key: str, encoding: str) -> None:
-        # A message that somebody typed waits for room; at a robot's rates the next would do.
+        # A typed message waits for room; only at a robot's rates would the next one replace it.
         self._publisher = session.declare_publisher(
             key,
             encoding=encoding or zenoh.Encoding.ZENOH_BYTES,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-        self._listeners = MatchingListener(self._publisher)
+        self._listeners = zenoh_events.MatchingListener(self._publisher)
 
     def put(self, payload: bytes) -> None:
         """Publish one message."""
         self._publisher.put(payload)
 
     def wait_for_listener(self, timeout: float) -> bool:
-        """Wait up to a timeout (s) for somebody who listens; False where nobody came."""
+        """Wait up to a timeout (s) for a subscriber; return False if none came."""
         return self._listeners.wait(timeout)
 
     def is_heard(self) -> bool:
-        """Whether anybody listens, as far as the hub has said; ask after a round trip to it."""
+        """Return whether the hub has reported a subscriber; call it after a round trip to it."""
         return self._listeners.is_there
 
 
@@ -150,20 +142,20 @@ Q = TypeVar("Q", bound=Struct)
 R = TypeVar("R", bound=Struct)
 
 _BACKLOG = 10_000
-"""Messages kept for a slow reader; the oldest go first beyond."""
+"""Messages kept for a slow reader; beyond, the oldest are dropped."""
 
 _lost: list["Client"] = []
-"""Whose hub is gone, kept as they are: to close one, or drop what it has declared, takes a second."""
+"""Clients whose hub has died, kept referenced on purpose: to close one, or to collect its
+declarations, blocks for a second."""
 
 
 class Client:
-    """One connection to a realm's hub, for as long as a `with` block lasts."""
+    """Connection to a realm's hub, for as long as a `with` block lasts.
+
+    `timeout` (s) bounds every reply. Raises Unreachable without a hub, TimedOut if it is silent.
+    """
 
     def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3) -> None:
-        """`timeout` (s) bounds every reply.
-
-        Raises Unreachable when no hub is there, TimedOut when it does not answer.
-        """
         self.vehicle, self.timeout = vehicle, timeout
         self.realm, self._connect = Realm(realm), connect
         self.session = connect_to_hub(self.realm, connect, timeout)
@@ -181,7 +173,7 @@ class Client:
             _lost.append(self)
 
     def beside(self, vehicle: str, timeout: float) -> Self:
-        """The same connection for another vehicle's keys, with a timeout (s) of its own."""
+        """Return this connection for another vehicle's keys, with another timeout (s)."""
         from copy import copy
 
         other = copy(self)
@@ -189,7 +181,7 @@ class Client:
         return other
 
     def permit(self, right: "Right", *keys: str) -> None:
-        """Raise NotAllowed where the role that our certificate gives does not extend to a key."""
+        """Raise NotAllowed if the role of our certificate does not permit the right on a key."""
         if self._connect:
             from quadctl.services.runtime.security import permissions
 
@@ -198,20 +190,20 @@ class Client:
     def call(
         self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""
     ) -> R:
-        """Call a service once; raises Unreachable, TimedOut or what the server replied.
+        """Call a service once; raise Unreachable, TimedOut or the server's error.
 
-        `timeout` (s) is for a call that is one of several under one deadline; `boot` names the
-        boot that a reset is to begin.
+        `timeout` (s): for one of several calls under one deadline. `boot`: the one a reset begins.
         """
-        self.permit("call", service.key(self.vehicle))
+        key = service.key(self.vehicle)
+        self.permit("call", key)
         try:
             caller = ServiceClient(self.session, self.vehicle, service)
             return caller.call(request, self._within(timeout), boot, again=bool(self._connect))
         except Unreachable as problem:
-            raise self.explained(problem, service.node, service.key(self.vehicle)) from problem
+            raise self.explained(problem, service.node, key) from problem
 
     def wait_for_server(self, service: Service[Q, R]) -> None:
-        """Return when somebody serves it; raises as `call` where nobody does."""
+        """Wait until the service has a server; raise as `call` if none comes."""
         key = service.key(self.vehicle)
         self.permit("call", key)
         try:
@@ -220,7 +212,7 @@ class Client:
             raise self.explained(problem, service.node, key) from problem
 
     def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
-        """Ask whoever serves a key; returns the reply and its encoding, raises as `call`."""
+        """Call the server of a key; return the reply and its encoding, raise as `call`."""
         self.permit("call", key)
         try:
             return RawServiceClient(self.session, key).call(payload, encoding, self.timeout)
@@ -228,7 +220,7 @@ class Client:
             raise self.explained(problem) from problem
 
     def latest(self, topic: Topic[M]) -> M:
-        """The last message of a latched topic."""
+        """Return the last message of a latched topic."""
         key = topic.key(self.vehicle)
         self.permit("read", key)
         try:
@@ -239,7 +231,7 @@ class Client:
             raise self.explained(problem, topic.node) from problem
 
     def first(self, topic: Topic[M]) -> M:
-        """The next message of a topic."""
+        """Return the next message of a topic."""
         readings = self.subscribe(topic)
         message = readings.next(self.timeout)
         if message is None:
@@ -247,16 +239,16 @@ class Client:
         return message
 
     def subscribe(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
-        """Hear topics, decoded; up to `backlog` messages wait for their reader."""
+        """Subscribe to topics, decoded; up to `backlog` messages wait for their reader."""
         from quadctl.services.runtime.bus.streams import TypedSubscriber
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return TypedSubscriber(self.listen(*types, backlog=backlog), types)
 
     def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "RawSubscriber":
-        """Hear keys or key expressions; up to `backlog` messages wait for their reader.
+        """Subscribe to keys or key expressions; up to `backlog` messages wait for their reader.
 
-        With what latched topics `held` before, it comes first.
+        With `held`, the last messages of latched topics come first.
         """
         from quadctl.services.runtime.bus.streams import RawSubscriber
 
@@ -271,10 +263,7 @@ class Client:
     def silent(
         self, key: str, unread: Invalid | None = None, *, more: bool = False
     ) -> QuadctlError:
-        """Why nothing came on a key or key expression, or no `more`.
-
-        What came could not be read; its publisher is quiet; or there is none.
-        """
+        """Return why nothing, or no `more`, came on a key: unreadable, quiet or no publisher."""
         if unread is not None:
             return self._only_unread(unread)
         from quadctl.services.runtime.bus import diagnosis
@@ -284,10 +273,9 @@ class Client:
     def explained(
         self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
     ) -> QuadctlError:
-        """Why nobody answers, of `node` where it is known who should; TimedOut if that is frozen.
+        """Return the problem with its reason; TimedOut if `node`, the known server, is frozen.
 
-        NotAllowed where the hub keeps us from a `key` that is served. `live` are the ready nodes,
-        where the hub has just told them: it is not asked again.
+        NotAllowed if the hub denies us a `key` that is served. `live`: the ready nodes, if known.
         """
         from quadctl.services.runtime.bus import diagnosis
 
@@ -296,29 +284,26 @@ class Client:
     def silent_processes(
         self, timeout: float | None = None, live: list[str] | None = None
     ) -> list[ProcessRecord]:
-        """Nodes of this machine's run that are there, and that the hub takes for gone."""
+        """Return the nodes of this machine's run that are there but lost to the hub."""
         from quadctl.services.runtime.bus import diagnosis
 
         live = self.nodes(timeout) if live is None else live
         return [] if self._connect else diagnosis.silent_processes(self.realm, self.vehicle, live)
 
     def _only_unread(self, unread: Invalid) -> Invalid:
-        said = f"nothing that can be read came within {self.timeout:g} s: {unread.message}"
-        return Invalid(said, unread.hint)
+        came = f"no readable message came within {self.timeout:g} s"
+        return Invalid(f"{came}: {unread.message}", unread.hint)
 
     def raw_publisher(self, key: str, encoding: str = "") -> RawPublisher:
-        """Publish on a key."""
+        """Return a publisher of bytes on a key."""
         self.permit("publish", key)
         self._hub.watch()
-        outlet = RawPublisher(self.session, key, encoding)
-        self._held.append(outlet)
-        return outlet
+        publisher = RawPublisher(self.session, key, encoding)
+        self._held.append(publisher)
+        return publisher
 
     def stage(self, keys: dict[str, str]) -> "ReplayPublisher":
-        """Play the part of all who once published on keys, each with its encoding.
-
-        Raises AlreadyServed where somebody has one of them.
-        """
+        """Return a publisher that replays keys, each with its encoding; raise AlreadyServed."""
         from quadctl.services.runtime.bus import raw
 
         self.permit("publish", *keys)
@@ -327,30 +312,27 @@ class Client:
         return raw.ReplayPublisher(self.session, keys)
 
     def flush(self, timeout: float | None = None) -> None:
-        """Return once the hub has read all that was sent before; raises as `nodes`.
-
-        Unreachable also where the connection was lost meanwhile, or the hub restarted.
-        """
+        """Wait until the hub has read everything sent; raise as `nodes`, or if some may be lost."""
         found = liveliness.nodes(self.session, self.vehicle, self._within(timeout))
-        # Of what we are ourselves we hear without a hub.
+        # Our own tokens are found without a hub.
         self._hub.answered([node for node in found if node not in self._own])
         self._hub.check_unbroken()
 
     def nodes(self, timeout: float | None = None) -> list[str]:
-        """The ready nodes.
+        """Return the ready nodes.
 
-        Raises TimedOut where the hub does not answer in time (s), Unreachable where it has ended.
+        Raises TimedOut if the hub does not answer in time (s), Unreachable if it has ended.
         """
         return self._hub.answered(
             liveliness.nodes(self.session, self.vehicle, self._within(timeout))
         )
 
     def vehicles(self) -> list[str]:
-        """The vehicles that have a ready node; raises as `nodes`."""
+        """Return the vehicles that have a ready node; raise as `nodes`."""
         return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
     def endpoints(self, timeout: float | None = None) -> list[keyexpr.EndpointInfo]:
-        """The topics and services of the ready nodes; raises as `nodes`."""
+        """Return the topics and services of the ready nodes; raise as `nodes`."""
         return self._hub.answered(
             liveliness.offers(self.session, self.vehicle, self._within(timeout))
         )

@@ -14,15 +14,15 @@ from quadctl.schemas.typeinfo import schema_hash
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 
 _DEEPEST = 100
-"""Levels of nesting that are shown; JSON readers take that many, and people do not."""
+"""Most levels of nesting shown: JSON readers accept that many, and people read fewer."""
 
 
 def to_jsonable(payload: bytes, said: str) -> Any:
-    """MessagePack and JSON as data, text as text, anything else as hex.
+    """Return MessagePack and JSON as data, text as text, anything else as hex.
 
-    The encoding `said` tells which; where it tells nothing, what can be read is taken. What JSON
-    cannot carry becomes text: bytes are hex, NaN and the infinities `nan`, `inf` and `-inf`, a
-    time is ISO 8601, an extension `{"ext": its code, "data": hex}`, and a map's keys are text.
+    The encoding `said` selects the reader; without a known one, the first that succeeds. Values
+    that JSON lacks become text: bytes hex, NaN and the infinities `nan`, `inf` and `-inf`, a time
+    ISO 8601, an extension `{"ext": its code, "data": hex}`, and a map's keys text.
     """
     for attempt in _READERS.get(said.partition(";")[0], _ANY):
         try:
@@ -33,7 +33,7 @@ def to_jsonable(payload: bytes, said: str) -> Any:
 
 
 def _carried(value: Any, depth: int = 0) -> Any:
-    """The value as JSON carries it."""
+    """Convert a value to JSON types."""
     if depth > _DEEPEST:
         raise RecursionError
     match value:
@@ -54,7 +54,7 @@ def _table(value: dict[Any, Any], depth: int) -> Any:
     carried = {_key(name): _carried(item, depth + 1) for name, item in value.items()}
     if len(carried) == len(value):
         return carried
-    # 1 and "1" are one name in JSON: as pairs, nothing is lost.
+    # 1 and "1" are the same name in JSON; pairs keep both.
     return [[_carried(name, depth + 1), _carried(item, depth + 1)] for name, item in value.items()]
 
 
@@ -86,19 +86,19 @@ PREFIX = "application/msgpack;quadctl."
 encode = msgspec.msgpack.encode
 
 _building = threading.Lock()
-"""msgspec shows a type that is half built to a second thread, whose process then crashes."""
+"""Lock against a crash: a second thread can see a type that msgspec has half built."""
 
 
 @cache
 def digest(type_: type[Struct]) -> str:
-    """The first 8 hex digits of the digest of a type's schema; safe to ask from any thread."""
+    """Return the first 8 hex digits of a schema's digest; safe to call from any thread."""
     with _building:
         return schema_hash(type_)
 
 
 @cache
 def encoding(type_: type[Struct]) -> str:
-    """The Zenoh encoding of a type, as `application/msgpack;quadctl.Pose#0a1b2c3d`."""
+    """Return the Zenoh encoding of a type, e.g. `application/msgpack;quadctl.Pose#0a1b2c3d`."""
     return f"{PREFIX}{type_.__name__}#{digest(type_)}"
 
 
@@ -115,17 +115,16 @@ def _error_decoder() -> msgspec.json.Decoder[Error]:
 
 
 def decode(type_: type[M], payload: bytes, said: str) -> M:
-    """Check the sender's encoding and decode.
+    """Check the sender's encoding and decode; raise SchemaMismatch or Invalid.
 
-    An encoding of `type_` with another digest is refused; one without a digest is decoded and
-    checked field by field. Raises SchemaMismatch or Invalid.
+    Another digest of `type_` is refused; without a digest the fields are checked one by one.
     """
     check_schema(type_, said)
     return decode_fields(type_, payload)
 
 
 def decode_fields(type_: type[M], payload: bytes) -> M:
-    """Decode what a sender of this very schema has sent; raises Invalid."""
+    """Decode a message of a sender with this very schema; raise Invalid if it is not valid."""
     try:
         message: M = _decoder(type_).decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -137,17 +136,17 @@ def decode_fields(type_: type[M], payload: bytes) -> M:
 
 
 def is_typed(said: str) -> bool:
-    """Whether a sender's encoding names one of our types."""
+    """Return whether a sender's encoding names one of our types."""
     return said.startswith(PREFIX)
 
 
 def type_name(said: str) -> str:
-    """The name of our type in a sender's encoding, empty where there is none."""
+    """Return the name of our type in a sender's encoding; empty if there is none."""
     return said.removeprefix(PREFIX).partition("#")[0] if is_typed(said) else ""
 
 
 def check_schema(type_: type[Struct], said: str) -> None:
-    """Raise SchemaMismatch where the sender's encoding names another type or digest."""
+    """Raise SchemaMismatch if the sender's encoding names another type or digest."""
     if said == encoding(type_) or not is_typed(said):
         return
     name, _, theirs = said.removeprefix(PREFIX).partition("#")
@@ -160,25 +159,25 @@ def check_schema(type_: type[Struct], said: str) -> None:
 
 
 def encode_error(error: QuadctlError) -> bytes:
-    """An error as the JSON payload of an error reply."""
+    """Encode an error as the JSON payload of an error reply."""
     code = error.code if error.code in WIRE_ERRORS else "internal"
     return msgspec.json.encode(Error(code, error.message, error.hint))  # type: ignore[arg-type]
 
 
 def decode_error(payload: bytes) -> QuadctlError:
-    """The exception that an error reply stands for."""
+    """Return the exception of an error reply."""
     try:
-        said = _error_decoder().decode(payload)
+        sent = _error_decoder().decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return Invalid(f"the error reply cannot be read: {error}")
-    return WIRE_ERRORS[said.code](said.message, said.hint)
+    return WIRE_ERRORS[sent.code](sent.message, sent.hint)
 
 
 def decode_call(attachment: bytes | None) -> Call | None:
-    """The id and deadline of a command, None where it carries none; raises Invalid."""
+    """Return the id and deadline of a command, None without an attachment; raise Invalid."""
     return None if attachment is None else decode(Call, attachment, "")
 
 
 def unreadable(key: str, problem: Invalid) -> Invalid:
-    """Why a message that came on a key cannot be read."""
+    """Return the error for an unreadable message on a key."""
     return Invalid(f"{key}: {problem.message}", problem.hint)

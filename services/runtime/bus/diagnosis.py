@@ -15,12 +15,12 @@ from quadctl.services.runtime.realm import Realm, listed
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 _LOOK = 0.1
-"""Seconds for finding out why, once the timeout is over; a hub answers in half a millisecond."""
+"""Seconds for the search for a reason, after the timeout; a hub answers in 0.5 ms."""
 _FROZEN = "it is frozen or busy: `quadctl status`"
 
 
 class Asking(Protocol):
-    """A client whose question had no answer, reduced to what the reason takes."""
+    """Part of a client that a diagnosis of its unanswered call needs."""
 
     session: zenoh.Session
     realm: Realm
@@ -28,12 +28,12 @@ class Asking(Protocol):
     timeout: float
 
     def endpoints(self, timeout: float | None = None) -> list[EndpointInfo]:
-        """Return what the hub's nodes offer."""
+        """Return the endpoints of the hub's nodes."""
 
     def silent_processes(
         self, timeout: float | None = None, live: list[str] | None = None
     ) -> list[ProcessRecord]:
-        """Return the nodes of this machine's run that are there although the hub has lost them."""
+        """Return the nodes of this machine's run that are there but lost to the hub."""
 
     def explained(
         self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
@@ -42,10 +42,7 @@ class Asking(Protocol):
 
 
 def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[ProcessRecord]:
-    """Nodes of ours that the supervisor holds for ready and the hub has lost.
-
-    A second after a process froze the hub takes it for gone, but it is still there.
-    """
+    """Return our nodes that the supervisor calls ready and the hub has lost: frozen for 1 s."""
     run = _run(realm)
     return [
         node
@@ -55,19 +52,14 @@ def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[Proces
 
 
 def explain_frozen(problem: Unreachable, node: str, silent: list[ProcessRecord]) -> QuadctlError:
-    """The problem with what is known of silent processes.
-
-    It is a TimedOut where `node`, whom it is about, is one of them.
-    """
+    """Return the problem with the silent processes; TimedOut if `node`, its cause, is one."""
     by_name = {process.name: process for process in silent}
     if node in by_name:
-        there = f"although the process {by_name[node].pid} of {node} is there"
+        there = f"although process {by_name[node].pid} of {node} is there"
         return TimedOut(f"{problem.message}, {there}", _FROZEN)
     if node or not silent:
         return problem
-    return Unreachable(
-        problem.message, f"{problem.hint}; frozen or busy, by the way: {', '.join(by_name)}"
-    )
+    return Unreachable(problem.message, f"{problem.hint}; also silent: {', '.join(by_name)}")
 
 
 def explain_unreachable(
@@ -78,10 +70,7 @@ def explain_unreachable(
     key: str,
     live: list[str] | None,
 ) -> QuadctlError:
-    """The problem with all that is known of it; a client's side of `explained`.
-
-    NotAllowed where the hub at `connect` keeps us from a `key` that is served.
-    """
+    """Return the problem with all that is known of it, as `Client.explained` describes."""
     try:
         silent = client.silent_processes(_LOOK, live)
         if key and connect:
@@ -92,21 +81,18 @@ def explain_unreachable(
         return denied
     except QuadctlError as other:
         return type(other)(f"{problem.message}: {other.message}", other.hint)
-    stranger = None if connect else _stranger(client, problem)
-    return stranger or explain_frozen(problem, node, silent)
+    unknown = None if connect else _unknown_vehicle(client, problem)
+    return unknown or explain_frozen(problem, node, silent)
 
 
 def explain_silence(client: Asking, key: str, *, more: bool) -> QuadctlError:
-    """Why nothing came on a key or key expression: its publisher is quiet, or there is none.
-
-    `more` says that something had come before.
-    """
+    """Return why nothing, or no `more`, came on a key: its publisher is quiet, or there is none."""
     came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
     try:
-        told = client.endpoints(_LOOK)
+        endpoints = client.endpoints(_LOOK)
     except QuadctlError as other:
         return type(other)(f"{came}: {other.message}", other.hint)
-    offers = [offer for offer in told if offer.kind == "@pub"]
+    offers = [offer for offer in endpoints if offer.kind == "@pub"]
     for offer in offers:
         if liveliness.covers(key, offer.key):
             return TimedOut(
@@ -115,18 +101,18 @@ def explain_silence(client: Asking, key: str, *, more: bool) -> QuadctlError:
             )
     ours = publisher_of(key, client.vehicle)
     if more and ours:
-        problem = Unreachable(f"{came}: {ours} is gone", "`quadctl status` shows what became of it")
+        problem = Unreachable(f"{came}: {ours} is gone", "`quadctl status` shows its state")
     elif more:
-        problem = Unreachable(came, "`--timeout` lets it wait for longer")
+        problem = Unreachable(came, "set a longer `--timeout`")
     else:
         like = nearest(key, [offer.key for offer in offers])
-        hint = like or "`quadctl topic list` shows what there is"
-        problem = Unreachable(f"{came}: nobody publishes it", hint)
-    return client.explained(problem, ours, live=[offer.node for offer in told])
+        hint = like or "`quadctl topic list` shows all topics"
+        problem = Unreachable(f"{came}: it has no publisher", hint)
+    return client.explained(problem, ours, live=[offer.node for offer in endpoints])
 
 
-def _stranger(client: Asking, problem: Unreachable) -> Unreachable | None:
-    """That the run on this machine, where it is all that there is, has no such vehicle."""
+def _unknown_vehicle(client: Asking, problem: Unreachable) -> Unreachable | None:
+    """Return the problem if this machine's run, connected to no other, lacks the vehicle."""
     run = _run(client.realm)
     if run is None or client.vehicle in run.vehicles or _meets_others(client.realm, run):
         return None
@@ -140,18 +126,18 @@ def _meets_others(realm: Realm, run: RunState) -> bool:
 
 
 def publisher_of(key: str, vehicle: str) -> str:
-    """Which node a key's topic comes from; empty for a key that is none of ours."""
+    """Return the node that publishes a key's topic; empty for a key that is not ours."""
     return next((topic.node for topic in TOPICS if topic.key(vehicle) == key), "")
 
 
 def hub_lost(realm: Realm | None, since: float) -> QuadctlError:
-    """Why a connection to a realm's hub is no more, which was made at that Unix time (s)."""
+    """Return why a connection to a realm's hub, made at `since` (Unix s), is lost."""
     run = _run(realm) if realm else None
     hub = next((node for node in run.nodes if node.name == "hub"), None) if run else None
     if hub and _is_there(hub):
         if hub.started < since:
-            return TimedOut(f"the hub, process {hub.pid}, does not answer any more", _FROZEN)
-        return Unreachable("the hub was restarted meanwhile", "ask again")
+            return TimedOut(f"the hub, process {hub.pid}, no longer answers", _FROZEN)
+        return Unreachable("the hub was restarted during the command", "run it again")
     return Unreachable(
         "the connection to the hub is lost", "it has ended or is frozen: `quadctl status`"
     )
@@ -165,5 +151,5 @@ def _run(realm: Realm) -> RunState | None:
 
 
 def _is_there(node: ProcessRecord) -> bool:
-    # The supervisor may not have seen yet that it has just ended, or be frozen itself.
+    # The supervisor may not have noticed yet that the node has ended, or be frozen itself.
     return node.state == "ready" and node.pid > 0 and not procfs.has_ended(node.pid)

@@ -7,22 +7,19 @@ from quadctl.services.runtime.errors import TimedOut
 from quadctl.services.runtime.process_table import NODES
 
 _VEHICLES_OWN = frozenset(NODES) - {"hub"}
-"""Nodes that there are where a vehicle is. A recorder or a user's node outlives it."""
+"""Nodes that exist only with a vehicle. A recorder or a user's node outlives it."""
 _TIMEOUT = 1.0
-"""Seconds; the hub answers for all from its own tables, in half a millisecond."""
+"""Seconds; the hub answers for all from its own tables, in 0.5 ms."""
 
 
 def nodes(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> list[str]:
-    """The names of the ready nodes; raises TimedOut where the hub does not answer in time (s)."""
+    """Return the names of the ready nodes; raise TimedOut if the hub gives none in time (s)."""
     found = (keyexpr.node_of(key) for key in _keys(session, f"{vehicle}/@node/*", timeout))
     return sorted(name for name in found if name is not None)
 
 
 def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
-    """The vehicles that are there: a node of theirs is ready, or whoever stands in for one.
-
-    Raises as `nodes`.
-    """
+    """Return the vehicles with a ready node or a substitute for one; raise as `nodes`."""
     found = _keys(session, "*/@node/*", timeout)
     own = {keyexpr.vehicle_of(key) for key in found if keyexpr.node_of(key) in _VEHICLES_OWN}
     others = {keyexpr.vehicle_of(key) for key in found} - own
@@ -30,7 +27,7 @@ def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
 
 
 def _flies(session: zenoh.Session, vehicle: str, timeout: float) -> bool:
-    """Whether somebody offers what a vehicle is known by, whatever the node's name."""
+    """Return whether any node, of any name, offers the endpoints that identify a vehicle."""
     from quadctl.schemas.topics import GOTO, POSE
 
     known_by = {POSE.key(vehicle), GOTO.key(vehicle)}
@@ -40,7 +37,7 @@ def _flies(session: zenoh.Session, vehicle: str, timeout: float) -> bool:
 def offers(
     session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT
 ) -> list[keyexpr.EndpointInfo]:
-    """Every topic and service that live nodes offer; raises as `nodes`."""
+    """Return every topic and service that live nodes offer; raise as `nodes`."""
     keys = [
         key
         for kind in ("@pub", "@srv")
@@ -62,11 +59,11 @@ def _keys(session: zenoh.Session, pattern: str, timeout: float) -> list[str]:
 
 
 def covers(pattern: str, key: str) -> bool:
-    """Whether a key, or one that an expression stands for, is this one."""
+    """Return whether a key or key expression matches this key."""
     if "*" not in pattern:
         return pattern == key
     try:
         return zenoh.KeyExpr(pattern).intersects(zenoh.KeyExpr(key))
     except zenoh.ZError:
-        # A stranger may announce what is no key.
+        # A foreign node may declare an invalid key.
         return False

@@ -18,10 +18,9 @@ M = TypeVar("M", bound=Struct)
 
 
 class Publisher(Generic[M]):
-    """Publishes one topic. A latched one also answers `get` with the last message.
+    """Publisher of one topic; a latched one also answers `get` with the last message.
 
-    In real time what a slow subscriber has no room for is dropped. With `waits` it is waited for,
-    up to the second that the hub gives it.
+    A subscriber without room loses the message; with `waits`, `put` blocks for it, 1 s at most.
     """
 
     def __init__(
@@ -39,7 +38,7 @@ class Publisher(Generic[M]):
 
     @property
     def is_heard(self) -> bool:
-        """Whether the hub has told of a listener."""
+        """Return whether the hub has reported a subscriber."""
         return self._listeners.is_there
 
     def put(self, message: M) -> None:
@@ -55,23 +54,23 @@ class Publisher(Generic[M]):
 
 
 _FLOOD = 15_000
-"""Messages a second (counted over _WINDOW, s) that are let gather before the loop sees them: if the
-two threads took turns for each, that would cost several times what the message itself does."""
+"""Messages a second, counted over _WINDOW (s), above which the loop takes them in batches: a switch
+of threads for each would cost several times the message itself."""
 _WINDOW = 0.002
 _GATHER = 0.0004
-"""For so long (s); at 100 000 a second fewer come than may wait."""
+"""Seconds of a batch; at 100 000 messages a second fewer come than may wait."""
 _NEWEST = 64
-"""Kept where the newest alone is wanted: it may be the one that cannot be read."""
+"""Messages kept without a handler, which needs only the newest readable one."""
 
 _log = logging.getLogger(__name__)
 
 
 class Subscription(Generic[M]):
-    """The newest message of a topic, and when it came.
+    """Newest message of a topic and its arrival time.
 
     `value` is None until the first one; `received` is its arrival on the monotonic clock, s.
-    Up to `depth` messages wait for the handler, the oldest are dropped beyond. Without a handler
-    messages wake nobody: the newest is decoded when it is asked for.
+    Up to `depth` messages wait for the handler; beyond, the oldest are dropped. Without a handler
+    messages wake the loop only if it has `awaited` one, and the newest is decoded on access.
     """
 
     def __init__(
@@ -83,10 +82,6 @@ class Subscription(Generic[M]):
         handler: Callable[[M], None] | None,
         depth: int,
     ) -> None:
-        """`post` puts into the loop's inbox, and `run_inline` does so where it must.
-
-        `awaited` says that the loop waits for a change.
-        """
         self._value: M | None = None
         self._received = 0.0
         self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
@@ -99,34 +94,33 @@ class Subscription(Generic[M]):
         self._rests_until = 0.0 if handler is not None else float("inf")
         self._complaint = ""
         self._ours = codec.encoding(topic.type)
-        # Made here, not kept of a sample: that would be written over with it.
+        # Not taken from a sample: it would be overwritten with the sample.
         self._expected = zenoh.Encoding(self._ours)
 
     @property
     def value(self) -> M | None:
-        """The newest message; in a handler's topic, the one last handed to it."""
+        """Return the newest message; with a handler, the one last passed to it."""
         self._look()
         return self._value
 
     @property
     def received(self) -> float:
-        """When `value` came, monotonic s."""
+        """Return when `value` came, monotonic s."""
         self._look()
         return self._received
 
     @property
     def age(self) -> float:
-        """Seconds since the newest message came; infinite before the first."""
+        """Return the seconds since the newest message came; infinite before the first."""
         return time.monotonic() - self.received if self.value is not None else float("inf")
 
     def on_sample(self, sample: zenoh.Sample) -> None:
-        """Zenoh's thread leaves a sample here, and posts to the inbox once until it is read."""
+        """Queue a sample, on a Zenoh thread, and post `poll` to the loop once until it runs."""
         zenoh_events.pin_thread_state()
         now, encoding = time.monotonic(), sample.encoding
-        # As a rule it is ours, and to see that takes half the time of writing it out.
+        # Usually it is ours, and this comparison takes half the time of str().
         said = self._ours if encoding == self._expected else str(encoding)
-        # Copied at once: a sample kept for later was seen, once in a million, to have been written
-        # over by what came next.
+        # Copied at once: one in a million samples kept for later was overwritten by the next.
         self._waiting.append((now, sample.payload.to_bytes(), said))
         self._count += 1
         if (passed := now - self._since) > _WINDOW:
@@ -137,20 +131,19 @@ class Subscription(Generic[M]):
             (self._post if self._flood else self._run_inline)(self.poll)
 
     def defer_wakeups(self, seconds: float) -> None:
-        """Let what comes within so many seconds wait for what comes next, a call or a tick."""
+        """Do not wake the loop for messages of the next seconds: a call or tick handles them."""
         self._rests_until = time.monotonic() + seconds
 
     def poll(self) -> None:
-        """Hand what waits to the handler, and no more than that: a flood must not hold the loop."""
+        """Pass the messages waiting now to the handler, not later ones: a flood must not block."""
         self._posted = False
         if self._handler is None:
             return
         count = len(self._waiting)
         if not count:
-            # So it is at nearly every tick, after 10 ms in which others had the processor's caches.
-            return
+            return  # as at nearly every tick, when the processor's caches are cold
         for _ in range(count):
-            # A handler that serves the inbox meanwhile has taken them itself.
+            # A handler that itself serves the loop's queue has already taken them.
             if self._waiting and self._take(*self._waiting.popleft()) and self._value is not None:
                 self._handler(self._value)
         if self._flood:
@@ -163,7 +156,7 @@ class Subscription(Generic[M]):
 
     def _look(self) -> None:
         if self._handler is None and self._waiting:
-            # Zenoh's thread adds on the right meanwhile, and may push out what is oldest.
+            # Zenoh's thread appends at the same time, and may push out the oldest.
             arrived = [self._waiting.popleft() for _ in range(len(self._waiting))]
             any(self._take(*arrival) for arrival in reversed(arrived))
 
@@ -174,7 +167,7 @@ class Subscription(Generic[M]):
                 codec.check_schema(type_, said)
             self._value = codec.decode_fields(type_, payload)
         except Invalid as error:
-            # Said once per kind of fault: a stranger at 1 kHz must not fill the log.
+            # Logged once per kind of fault: a foreign publisher at 1 kHz must not fill the log.
             if error.message != self._complaint:
                 self._complaint = error.message
                 _log.warning("ignored a message on %s: %s", self._topic.name, error.message)

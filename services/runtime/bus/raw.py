@@ -18,39 +18,36 @@ NAME = "replay"
 
 
 class ReplayPublisher:
-    """Plays the part of all who once published on some keys.
+    """Publisher of recorded keys in place of their nodes; `keys` has the encoding of each.
 
-    The keys are listed as theirs were, and those of latched topics answer.
+    The keys are listed as the nodes listed them, and latched topics answer `get`. Raises
+    AlreadyServed if a key has a publisher; a live vehicle publishes all of its keys.
     """
 
     def __init__(self, session: zenoh.Session, keys: dict[str, str]) -> None:
-        """`keys` has the encoding of each key. Raises AlreadyServed where somebody has one.
-
-        A vehicle that is live has all of its keys.
-        """
         vehicles = {key.partition("/")[0] for key in keys}
         for vehicle in sorted(vehicles):
-            _refuse_beside_the_living(session, vehicle, keys)
-        self._outlets = {key: _Outlet(session, key) for key in keys}
+            _refuse_live(session, vehicle, keys)
+        self._publishers = {key: _KeyPublisher(session, key) for key in keys}
         tokens = [
             keyexpr.endpoint_key(key.partition("/")[0], offer) for key, offer in _offers(keys)
         ]
-        # Last, as ever: who sees a node may already ask it.
+        # The nodes' tokens last: a client that sees a node may call it at once.
         tokens += [keyexpr.node_key(vehicle, NAME) for vehicle in vehicles]
         self._tokens = [session.liveliness().declare_token(token) for token in tokens]
 
     def put(self, key: str, payload: bytes, encoding: str) -> None:
-        """Say a message."""
-        self._outlets[key].put(payload, encoding)
+        """Publish a message."""
+        self._publishers[key].put(payload, encoding)
 
 
-class _Outlet:
-    """One key's end; what is latched answers with the last message."""
+class _KeyPublisher:
+    """Publisher of one key; for a latched topic it answers with the last message."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._key = key
         self._last: tuple[bytes, str] | None = None
-        # Nothing of a recording is lost to a slow subscriber; the hub waits a second for it.
+        # No message is lost to a slow subscriber; the hub waits a second for it.
         self._publisher = session.declare_publisher(
             key, congestion_control=zenoh.CongestionControl.BLOCK
         )
@@ -72,7 +69,7 @@ class _Outlet:
 
 
 def _offers(keys: dict[str, str]) -> list[tuple[str, keyexpr.EndpointInfo]]:
-    """What listings shall show: the keys whose types are known."""
+    """Return the endpoints for listings: the keys with known types."""
     found: list[tuple[str, keyexpr.EndpointInfo]] = []
     for key, said in keys.items():
         topic: Any = topic_of(key)
@@ -83,26 +80,26 @@ def _offers(keys: dict[str, str]) -> list[tuple[str, keyexpr.EndpointInfo]]:
     return found
 
 
-def _refuse_beside_the_living(session: zenoh.Session, vehicle: str, keys: dict[str, str]) -> None:
-    hint = "replay in a realm of its own, as with --realm replay"
+def _refuse_live(session: zenoh.Session, vehicle: str, keys: dict[str, str]) -> None:
+    hint = "replay in another realm, e.g. with --realm replay"
     if "dynamics" in liveliness.nodes(session, vehicle):
-        raise AlreadyServed(f"the vehicle {vehicle} is live: a replay would be taken for it", hint)
+        raise AlreadyServed(f"vehicle {vehicle} is live: a replay would be mistaken for it", hint)
     for offer in liveliness.offers(session, vehicle):
         if offer.kind == "@pub" and offer.key in keys:
             raise AlreadyServed(
-                f"{offer.key} is published by {offer.node}: a replay would be taken for it",
-                f"{hint}, or name the keys to replay",
+                f"{offer.key} is published by {offer.node}: a replay would be mistaken for it",
+                f"{hint}, or replay other keys only",
             )
 
 
 _MOST_BYTES = 256 << 20
-"""Payloads that may wait; beyond, what comes is lost, and counted."""
+"""Bytes of payloads that may wait; beyond, messages are lost, and counted."""
 _SETTLE = 0.5
-"""Seconds that the hub has to send the rest at the end."""
+"""Seconds in which the hub must send the rest at the end."""
 
 
 class RawMessage(NamedTuple):
-    """A message as it came: `at` that Unix time, and `published` at that one by its sender, ns."""
+    """Message with its arrival time `at` and its sender's time `published`, both Unix ns."""
 
     key: str
     payload: bytes
@@ -112,19 +109,19 @@ class RawMessage(NamedTuple):
 
 
 class RecorderSubscriber:
-    """Hears keys or key expressions from when it is made; a message once, however many match it.
+    """Subscriber to keys or key expressions; a message that several of them match comes once.
 
-    Zenoh's thread does no more than copy a message. `lost` counts those for which there was
-    no room. Times are those of one clock, which does not jump when that of the machine is set.
+    The constructor waits for the hub and raises TimedOut; later it survives the loss of a hub.
+    Zenoh's thread only copies messages; `lost` counts those without room. Times are of one clock,
+    which does not jump when the machine's clock is set.
     """
 
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
-        """Returns once the hub knows of it; raises TimedOut where that does not answer."""
         self.lost = 0
         self._session, self._breaks = session, DisconnectListener(session)
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._waiting: deque[RawMessage] = deque()
-        # Each counted by one thread alone, so that nothing need be locked.
+        # Each is counted by one thread only, so that no lock is needed.
         self._came = self._went = 0
         self._patterns = [zenoh.KeyExpr(key) for key in keys]
         self._subscribers = [
@@ -137,35 +134,32 @@ class RecorderSubscriber:
         liveliness.nodes(session, "*")
 
     def ask(self, key: str) -> None:
-        """Have what latched topics hold come as well, where it is listened to."""
+        """Request the last messages of latched topics, if subscribed, as well."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
         self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
 
     def has_held(self) -> bool:
-        """Whether the hub is there, and was so since this was last asked.
-
-        One that is gone is waited for, and one that is back heard.
-        """
+        """Return whether the hub is connected and has been since the previous call."""
         return not self._breaks.fired() and bool(self._session.info.routers_zid())
 
     @property
     def waiting(self) -> int:
-        """How many messages have come that are not yet taken."""
+        """Return the number of messages not yet taken."""
         return len(self._waiting)
 
     def settle(self) -> None:
-        """Return once all has come that the hub had for us; where it does not answer, at once."""
+        """Wait until the hub has sent us everything, or does not answer."""
         with contextlib.suppress(TimedOut):
             liveliness.nodes(self._session, "*", _SETTLE)
 
     def take(self, most: int) -> list[RawMessage]:
-        """The messages that wait, in the order in which they came, up to so many."""
+        """Return the waiting messages in order of arrival, at most so many."""
         taken = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
         self._went += sum(len(message.payload) for message in taken)
         return taken
 
     def _taker(self, others: list[zenoh.KeyExpr]) -> Callable[[zenoh.Sample], None]:
-        """What takes a message, unless one of the other patterns brings it too."""
+        """Return a callback that drops the messages that one of the other patterns brings too."""
 
         def on_sample(sample: zenoh.Sample) -> None:
             zenoh_events.pin_thread_state()

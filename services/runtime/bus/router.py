@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from quadctl.services.runtime.bus.session import (
-    INSECURE,
-    JOIN_MS,
-    LEASE_AFAR_MS,
-    TWO_THREADS,
-    Address,
-    common_config,
-    open_with,
-    retry,
-)
+from quadctl.services.runtime.bus import session
+from quadctl.services.runtime.bus.session import Address
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 from quadctl.services.runtime.realm import Realm, write_atomically
 from quadctl.services.runtime.security import endpoints
@@ -26,15 +18,15 @@ if TYPE_CHECKING:
     from quadctl.schemas.params import Params
 
 LOOKS = 2.0
-"""Hz, at which a router looks for new links; none is given up within a second."""
+"""Rate (Hz) of a router's search for new links; none is given up within a second."""
 _OFF = struct.pack("ii", 0, 0)
 
 
 def disable_tcp_linger() -> None:
-    """Have every TCP link of this process closed without waiting for what is under way on it.
+    """Make this process close every TCP link without waiting for data in transit.
 
-    Zenoh asks the kernel to wait, up to 10 s, and offers no setting: so long a link to a machine that
-    is gone would hold the router's thread that closes it, and all that goes through the router.
+    Zenoh makes the kernel wait up to 10 s, without a setting: a link to a dead machine would block
+    the router's thread that closes it, and all traffic of the router, for that time.
     """
     if sys.platform == "win32":
         return
@@ -54,18 +46,14 @@ def disable_tcp_linger() -> None:
 
 
 _ROOM_US = 1_000_000
-"""The hub waits so long (us) for who has no room for a message that must not be dropped, and then
-drops him. Less than the 2 s after which a process that does not answer is taken for frozen."""
+"""Time (us) that the hub waits for a receiver without room for a message that must not be dropped;
+then it drops the receiver. Less than the 2 s after which a silent process counts as frozen."""
 
 
 def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
-    """Open the hub; where it has a password, that is kept in the realm's folder.
-
-    It knows no encryption: what is to have that is the gate's. Raises UsageError for an endpoint
-    that would let in everybody.
-    """
+    """Open the hub with its plain endpoints; raise UsageError if one is open to everybody."""
     listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
-    if not os.environ.get(INSECURE):
+    if not os.environ.get(session.INSECURE):
         endpoints.refuse_open((*listen, *join))
     config = _router(address)
     config["listen"] = {"endpoints": [address.endpoint, *listen]}
@@ -74,14 +62,13 @@ def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Sessi
         users = realm.folder / "hub.users"
         write_atomically(users, f"{address.user}:{address.password}\n".encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
-    return open_with(config, TWO_THREADS)
+    return session.open_with(config, session.TWO_THREADS)
 
 
-def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001 - as open_router
-    """Open the encrypted side of the hub: a router of its own, a process away from the vehicle.
+def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001
+    """Open the encrypted side of the hub: a separate router, a process away from the vehicle.
 
-    It lets through what the roles allow. Raises UsageError where no hub's identity is given, or the
-    hub has no Unix socket.
+    It passes what the roles allow. Raises UsageError if the hub has no identity or Unix socket.
     """
     from quadctl.services.runtime.security import access_control
 
@@ -97,27 +84,28 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
     who = access_control.identity_for([*listen, *join])
     link = config["transport"]["link"]
     link["tls"] = who.tls()
-    link["tx"]["lease"] = LEASE_AFAR_MS
+    link["tx"]["lease"] = session.LEASE_AFAR_MS
     protocol = address.endpoint.partition("/")[0]
     config["access_control"] = access_control.rules(who, protocol)
     try:
-        return open_with(config, TWO_THREADS)
+        return session.open_with(config, session.TWO_THREADS)
     except zenoh.ZError as error:
-        # Without the places in Zenoh's source.
+        # Without the positions in Zenoh's source code.
         why = str(error).partition(" at /")[0].rstrip(". ")
         raise QuadctlError(
             f"{', '.join(listen) or 'the gate'} cannot be opened: {why}",
-            "is the port another's, or the address not this machine's?",
+            "is the port in use, or the address that of another machine?",
         ) from error
 
 
 def _router(address: Address) -> dict[str, Any]:
-    config = common_config(address)
+    config = session.common_config(address)
     config["mode"] = "router"
     block = {"wait_before_close": _ROOM_US}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
-    # Who is not there now may come at any time.
-    config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry(JOIN_MS)}
-    # Routers sleep this long before they answer; there is nobody to scout for.
+    # Another hub may start at any time.
+    retry = session.retry(session.JOIN_MS)
+    config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry}
+    # Routers sleep this long before they answer; we do not scout.
     config["scouting"]["delay"] = 0
     return config

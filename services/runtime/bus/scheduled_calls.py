@@ -1,4 +1,4 @@
-"""Calls made ahead of their simulated time: sent now, executed and answered then."""
+"""Calls for a later simulated time: sent now, executed and answered then."""
 
 import os
 import time
@@ -19,9 +19,10 @@ R = TypeVar("R", bound=Struct)
 
 
 class FutureCall(Generic[Q, R]):
-    """One call, for a time (simulated s) of a boot that may be yet to begin.
+    """Call for a time (simulated s) of a boot, which may not have begun.
 
-    `reply` is what the server answered, or `problem` why it did not; both are None until then.
+    Later one of `reply` and `problem` is set: the server's answer, or why there is none. Then
+    `settled` is called, on a Zenoh thread. After `patience` (s) the call is no longer executed.
     """
 
     def __init__(
@@ -35,10 +36,6 @@ class FutureCall(Generic[Q, R]):
         patience: float,
         settled: Callable[[], None],
     ) -> None:
-        """Send it; `settled` is called, on a thread of Zenoh's, when it has an outcome.
-
-        After `patience` (s) it is not executed any more.
-        """
         self.reply: R | None = None
         self.problem: QuadctlError | None = None
         self._key, self._service = service.key(client.vehicle), service
@@ -60,8 +57,8 @@ class FutureCall(Generic[Q, R]):
     def _on_reply(self, reply: zenoh.Reply) -> None:
         zenoh_events.pin_thread_state()
         try:
-            payload, said = calls.read(reply, self._key, self._patience)
-            self.reply = codec.decode(self._service.response, payload, said)
+            answer = calls.read(reply, self._key, self._patience)
+            self.reply = codec.decode(self._service.response, *answer)
         except QuadctlError as problem:
             self.problem = problem
         self._settled()

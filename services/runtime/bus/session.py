@@ -1,7 +1,6 @@
 """Client sessions: Zenoh's configuration, and the connection to a realm's hub.
 
-Nothing listens on a network port unless it is asked to, and multicast is off. The settings were
-measured; the reason stands beside each.
+Nothing listens on a network port by default, and multicast is off. The settings were measured.
 """
 
 import contextlib
@@ -23,31 +22,30 @@ TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
-"""One thread that reads and one that writes: each wake spared is processor time spared, and time
-of a call. Not one for both: reading waits for room to write in, and one query of a megabyte would
-stop the hub for good. For the same reason it is the writing one that watches all sockets (`acc`): by
-it comes the word that there is room."""
+"""One reading thread and one writing thread: fewer wakes save processor time and call time. A
+single thread would stop the hub for good at a query of a megabyte, as reading waits for room to
+write. So the writing thread also watches all sockets (`acc`): it learns when there is room."""
 CLIENT_THREADS = (
     "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
-"""One thread for all: what a client reads it does not pass on."""
+"""One thread for all: a client does not forward what it reads."""
 INSECURE = "QUADCTL_INSECURE"
-"""The environment says by it that plain endpoints beyond this machine are wanted."""
+"""Environment variable that allows plain endpoints beyond this machine."""
 
 _RETRY_MS = 10
-"""A client waits for a starting hub in steps of this; 10 ms costs nothing and delays nobody."""
+"""Milliseconds between a client's attempts while a hub starts; they cost nothing."""
 JOIN_MS = 100
-"""The same over a network, and between hubs, where each try costs somebody else a handshake."""
+"""The same over a network and between hubs, where each attempt costs the peer a handshake."""
 _LEASE_MS = 1000
-"""Who is silent for so long is taken for gone."""
+"""Milliseconds of silence after which a peer counts as gone."""
 LEASE_AFAR_MS = 4000
-"""The same between machines. A network of thirty laptops, or one of them, stalls for a second now and
-then, and who is taken for gone comes back with a handshake and all that he offers."""
+"""The same between machines: a network of 30 laptops, or one laptop, sometimes stalls for 1 s, and
+a peer that times out must redo the handshake and declare everything again."""
 
 
 class Address(Struct, frozen=True):
-    """Where a realm's hub listens; user and password only where it does so on a port."""
+    """Endpoint of a realm's hub; user and password only if it listens on a port."""
 
     endpoint: str
     user: str = ""
@@ -55,7 +53,7 @@ class Address(Struct, frozen=True):
 
 
 def address_of(realm: Realm, connect: str = "") -> Address:
-    """`--connect`'s endpoint where one is given, else what the realm's folder says."""
+    """Return the endpoint of `--connect` if given, else the address in the realm's folder."""
     if connect:
         return Address(connect)
     try:
@@ -70,11 +68,9 @@ def open_client(
 ) -> zenoh.Session:
     """Open a client of the hub, waiting up to `wait` seconds for it to come up.
 
-    Who reads so much that its one thread would find no time to say that it lives takes two.
-
-    With a wait the session also reconnects by itself for as long as it lives, and restores
-    what it declared. Raises Unreachable when no hub is there, and without a wait TimedOut when
-    one is there that has not let us in within `timeout` seconds.
+    A client that reads very much needs two `threads`: one has no time left for keep-alives. With a
+    wait the session also reconnects by itself while it lives, and restores its declarations. Raises
+    Unreachable without a hub, and without a wait TimedOut if it is not open in `timeout` seconds.
     """
     config, began = common_config(address), time.monotonic()
     secure = endpoints.is_secure(address.endpoint)
@@ -91,12 +87,12 @@ def open_client(
     if wait:
         step = JOIN_MS if secure else _RETRY_MS
         config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry(step)}
-        # Samples carry a time, which latched topics and `topic delay` need.
+        # Samples carry a time, needed by latched topics and `topic delay`.
         config["timestamping"] = {"enabled": True}
     try:
         return open_with(config, threads)
     except zenoh.ZError as error:
-        # Where nobody is there, that is known at once.
+        # Without a hub the attempt fails at once, long before the timeout.
         if not wait and time.monotonic() - began >= open_timeout / 1000:
             raise TimedOut(
                 f"{address.endpoint} did not answer within {timeout:g} s",
@@ -112,16 +108,12 @@ def open_client(
 
 
 def retry(period_ms: int) -> dict[str, int]:
-    """Return how a session tries again to connect, each so many ms."""
-    return {
-        "period_init_ms": period_ms,
-        "period_max_ms": period_ms,
-        "period_increase_factor": 1,
-    }
+    """Return the settings of a session that retries to connect every `period_ms`."""
+    return {"period_init_ms": period_ms, "period_max_ms": period_ms, "period_increase_factor": 1}
 
 
 def common_config(address: Address) -> dict[str, Any]:
-    """Return the part of a configuration that routers and clients share."""
+    """Return the common part of a router's and a client's configuration."""
     transport: dict[str, Any] = {
         "shared_memory": {"enabled": False},
         "link": {"tx": {"lease": _LEASE_MS}},
@@ -132,9 +124,9 @@ def common_config(address: Address) -> dict[str, Any]:
 
 
 def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
-    """Open a session with Zenoh threads as named; raises zenoh.ZError."""
-    # Zenoh reads it from the environment alone, when the process opens its first session. It
-    # must not stay there: what this process starts has its own.
+    """Open a session with these Zenoh threads; raise zenoh.ZError."""
+    # Zenoh reads the variable when the process opens its first session. It must not stay in the
+    # environment: child processes have their own.
     ours = "ZENOH_RUNTIME" not in os.environ
     if ours:
         os.environ["ZENOH_RUNTIME"] = threads
@@ -146,15 +138,15 @@ def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
 
 
 _REOPENING = 1.0
-"""Seconds in which a gate is back that lets everybody in anew; it takes half of it."""
+"""Seconds until a gate that reopens lets clients in again; it takes half of them."""
 _POLL = 0.05
 
 
 def connect_to_hub(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
-    """Connect at once, or fail at once; only a hub or gate that is just being restarted is waited for.
+    """Connect or fail at once; wait only for a hub or gate that is just being restarted.
 
-    `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub is
-    there, TimedOut when it does not answer in time (s), UsageError for what is no endpoint.
+    `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub
+    is there, TimedOut when it does not answer in time (s), UsageError for an invalid endpoint.
     """
     if connect:
         check(connect)
@@ -183,13 +175,13 @@ def connect_to_hub(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
                 return open_client(address, wait=left, timeout=left)
         raise Unreachable(
             silent,
-            "it is restarted by itself; where that does not help: `quadctl down`, `quadctl up`",
+            "it is restarted by itself; if that does not help: `quadctl down`, `quadctl up`",
         ) from None
 
 
 def _through_gate(address: Address, timeout: float) -> zenoh.Session:
-    # A gate opens anew for a new list of names, which may be the one that has ours: who was not let
-    # in, or came to it before, comes again.
+    # A gate reopens for each new list of names, which may be the first with ours: a client that was
+    # refused, or came before, must try again.
     from quadctl.services.runtime.security import permissions
 
     began = seen = time.monotonic()

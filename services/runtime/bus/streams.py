@@ -15,11 +15,7 @@ M = TypeVar("M", bound=Struct)
 
 
 class Message(NamedTuple):
-    """What came on a key.
-
-    `received` is when, s on the monotonic clock. `age` (s) is the time of day then, less that
-    which the message bears; None where it bears none.
-    """
+    """Message of a key; `received` in monotonic s, `age` (s) by its time stamp, if it has one."""
 
     key: str
     payload: bytes
@@ -29,7 +25,7 @@ class Message(NamedTuple):
 
 
 class RawSubscriber:
-    """Messages as they come, of one key or several; of more than `backlog` the oldest go first."""
+    """Subscriber to one key or several, undecoded; keeps the newest `backlog` messages."""
 
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
         self._backlog, self._has_come = backlog, False
@@ -38,24 +34,24 @@ class RawSubscriber:
         self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
 
     def next(self, timeout: float) -> Message | None:
-        """The next message, None when none comes within so many seconds."""
+        """Return the next message, None if none comes within so many seconds."""
         try:
             return self._queue.get(timeout=max(timeout, 0))
         except Empty:
             return None
 
     def ask(self, session: zenoh.Session, key: str, timeout: float) -> None:
-        """Have what is held under a key, of a latched topic, come before all messages."""
+        """Request the last message of a latched topic, to come before all others."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
         session.get(key, callback, timeout=timeout, **zenoh_events.ALL_SERVERS)
 
     @property
     def waiting(self) -> int:
-        """How many messages have come that are not yet read."""
+        """Return the number of unread messages."""
         return self._queue.qsize()
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        # What came meanwhile is as new.
+        # A message that came before the reply is as new.
         if reply.ok is not None and not self._has_come:
             self._on_sample(reply.ok)
 
@@ -65,7 +61,7 @@ class RawSubscriber:
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
         if self._queue.qsize() >= self._backlog:
-            with suppress(Empty):  # the reader was quicker
+            with suppress(Empty):  # the reader was faster
                 self._queue.get_nowait()
         self._queue.put(
             Message(
@@ -79,30 +75,26 @@ class RawSubscriber:
 
 
 class TypedSubscriber(Generic[M]):
-    """The messages of topics. What cannot be read is passed over, as the nodes do.
-
-    `unread` says what is wrong with the last message, where that could not be read.
-    """
+    """Subscriber to topics; skips unreadable messages. `unread`: the error of the last, or None."""
 
     def __init__(self, stream: RawSubscriber, types: dict[str, type[M]]) -> None:
-        """`types` has the type of each key that the stream hears."""
         self.unread: Invalid | None = None
         self._stream, self._types = stream, types
 
     @property
     def waiting(self) -> int:
-        """How many messages have come that are not yet read."""
+        """Return the number of unread messages."""
         return self._stream.waiting
 
     def next(self, timeout: float) -> M | None:
-        """The next message that can be read, None when none comes within so many seconds."""
+        """Return the next readable message, None if none comes within so many seconds."""
         deadline = time.monotonic() + timeout
         while (message := self._stream.next(deadline - time.monotonic())) is not None:
             try:
                 found = self._decode(message)
             except Invalid as problem:
                 self.unread = codec.unreadable(message.key, problem)
-                # Whoever floods a key with nonsense must not hold up its readers.
+                # A flood of nonsense on a key must not block its readers.
                 if time.monotonic() > deadline:
                     break
             else:

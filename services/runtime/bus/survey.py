@@ -30,19 +30,19 @@ _KEPT = 32
 
 
 class TopicStats:
-    """The messages of a key, counted; `now` is monotonic, `age` by the sender's own stamp, both s."""
+    """Statistics of a key's messages; `now` is monotonic, `age` by the sender's stamp, both s."""
 
     def __init__(self) -> None:
         self.count = 0
         self.age = 0.0
         self.newest: deque[bytes] = deque(maxlen=_KEPT)
-        """The last payloads, the newest last."""
+        """Last payloads, the newest last."""
         self._first = self._last = 0.0
         self._payloads = (b"", b"")
         self._sources: dict[str, tuple[float, float]] = {}
 
     def take(self, now: float, payload: bytes, source: str, age: float) -> None:
-        """One more message; `source` is the session that stamped it, empty where none has."""
+        """Count a message; `source` is the session that stamped it, empty if none has."""
         if not self.count:
             self._first, self._payloads = now, (payload, payload)
         self.count, self._last = self.count + 1, now
@@ -55,12 +55,12 @@ class TopicStats:
 
     @property
     def hz(self) -> float:
-        """Messages per second, 0 for fewer than two."""
+        """Return the messages per second, 0 for fewer than two."""
         return (self.count - 1) / self._span if self.count > 1 and self._span else 0.0
 
     @property
     def pace(self) -> float:
-        """Simulated seconds per second, by the messages' `stamp`; 0 where they tell none."""
+        """Return the simulated seconds per second, by the messages' `stamp`; 0 without any."""
         first, last = map(_stamp, self._payloads)
         if first is None or last is None or not self._span:
             return 0.0
@@ -68,7 +68,7 @@ class TopicStats:
 
     @property
     def publishers(self) -> int:
-        """How many published at the same time; one that took another's place does not count."""
+        """Return the most publishers at the same time; a replacement of one does not count."""
         spans = self._sources.values()
         return max(
             (sum(a <= end and begin <= b for a, b in spans) for begin, end in spans), default=0
@@ -89,7 +89,7 @@ def _stamp(payload: bytes) -> float | None:
 
 
 class Answer(NamedTuple):
-    """One server's answer: empty `code` for a reply, else the error's, or `timeout`."""
+    """Answer of one server: `code` is empty for a reply, else the error's, or `timeout`."""
 
     server: str
     code: str
@@ -98,7 +98,7 @@ class Answer(NamedTuple):
 
 
 class Survey(Struct):
-    """What was found: times in s, topics and services by their full keys."""
+    """Result of a survey: times in s, topics and services by their full keys."""
 
     connected: float = 0.0
     listened: float = 0.0
@@ -109,35 +109,34 @@ class Survey(Struct):
 
 
 def answer_of(reply: zenoh.Reply, seconds: float) -> Answer:
-    """What a reply to a call says, and after how many seconds it came."""
+    """Return the content of a reply to a call that came after so many seconds."""
     server = str(reply.replier_id.zid) if reply.replier_id else ""
-    if reply.ok is not None:
-        said = str(reply.ok.encoding)
-        if said != codec.encoding(GetParamsResponse):
-            return Answer(server, "", seconds, {})
-        try:
-            values = codec.decode(GetParamsResponse, reply.ok.payload.to_bytes(), said).values
-        except Invalid as error:
-            return Answer(server, error.code, seconds, {})
-        return Answer(server, "", seconds, values)
-    if reply.err is None or str(reply.err.encoding) != codec.ERROR_ENCODING:
-        return Answer(server, TimedOut.code, seconds, {})
-    return Answer(server, codec.decode_error(reply.err.payload.to_bytes()).code, seconds, {})
+    code, values = "", {}
+    if (ok := reply.ok) is not None:
+        if str(ok.encoding) == codec.encoding(GetParamsResponse):
+            try:
+                values = codec.decode_fields(GetParamsResponse, ok.payload.to_bytes()).values
+            except Invalid as error:
+                code = error.code
+    elif reply.err is None or str(reply.err.encoding) != codec.ERROR_ENCODING:
+        code = TimedOut.code
+    else:
+        code = codec.decode_error(reply.err.payload.to_bytes()).code
+    return Answer(server, code, seconds, values)
 
 
 SHORTEST, LONGEST = 1.0, 2.2
-"""Seconds to listen: in the first ten messages of 10 Hz come, in the second two of 1 Hz."""
+"""Seconds to listen: enough for ten messages at 10 Hz, and for two at 1 Hz."""
 _GET_PARAMS = get_params("").type_name
 _CALLED = {_GET_PARAMS, set_params("").type_name, *(service.type_name for service in SERVICES)}
 _LOOK_UP = 0.02
-"""Seconds between two looks at the clock while nothing comes."""
+"""Longest time (s) between two checks of the clock."""
 
 
 def survey(address: Address, vehicle: str, timeout: float) -> Survey:
-    """Look at the bus for at most `timeout` s.
+    """Survey the bus for at most `timeout` s.
 
-    Raises Unreachable and TimedOut where the hub is not there, or does not answer; for that it
-    has half of the time.
+    Raises Unreachable if there is no hub, TimedOut if it does not answer in half of that time.
     """
     began = time.monotonic()
     with open_client(address, timeout=timeout / 2) as session:
@@ -157,7 +156,7 @@ def _allowed(endpoint: str, key: str) -> bool:
 
 
 class _Surveyor:
-    """Zenoh's threads post to the inbox; the one who waits alone touches what was found."""
+    """Survey in progress: Zenoh's threads only fill the queue, our thread alone changes `found`."""
 
     def __init__(self, session: zenoh.Session, vehicle: str, deadline: float) -> None:
         self.found = Survey()
@@ -167,7 +166,7 @@ class _Surveyor:
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     def ask_who_is_there(self, deadline: float) -> None:
-        """The nodes and their offers; raises TimedOut where the hub keeps silent."""
+        """Find the nodes and their endpoints; raise TimedOut if the hub is silent."""
         timeout = max(deadline - time.monotonic(), 0.001)
         for pattern in ("*", "*/@pub/**", "*/@srv/**"):
             self._pending += 1
@@ -178,21 +177,21 @@ class _Surveyor:
             )
         self._serve(deadline, lambda: not self._pending)
         if self._deaf or self._pending:
-            raise TimedOut("the hub takes connections and does not answer")
+            raise TimedOut("the hub accepts connections but does not answer")
         self.found.nodes.sort()
         self.found.offers.sort(key=lambda offer: (offer.key, offer.node))
 
     def listen(self) -> None:
-        """Hear every topic that is offered."""
+        """Subscribe to every topic."""
         for key in {offer.key for offer in self.found.offers if offer.kind == "@pub"}:
             self.found.heard[key] = TopicStats()
             handler = zenoh.handlers.Callback(self._samples(key), indirect=False)
-            # A stranger may announce what is no key: nothing will have come on it.
+            # A foreign node may declare an invalid key, on which no message can come.
             with contextlib.suppress(zenoh.ZError):
                 self._subscribers.append(self._session.declare_subscriber(key, handler))
 
     def call(self, endpoint: str) -> None:
-        """Call every service of ours that is offered and that we may call, all its servers at once."""
+        """Call every known service that we may call, all its servers at once."""
         left = max(self._deadline - time.monotonic(), 0.001)
         offers = [offer for offer in self.found.offers if offer.kind == "@srv"]
         for key, type_ in sorted({(o.key, o.type) for o in offers if o.type in _CALLED}):
@@ -213,14 +212,14 @@ class _Surveyor:
                 self._pending += 1
 
     def wait(self) -> None:
-        """Take in what comes until it is enough, or time is up."""
+        """Collect messages and replies until there are enough, or the time is up."""
         began = time.monotonic()
         rates = {offer.key: offer.hz for offer in self.found.offers if offer.hz}
 
         def enough() -> bool:
             elapsed = time.monotonic() - began
-            told = all(self.found.heard[key].count > 1 for key in rates)
-            return not self._pending and elapsed > (SHORTEST if told else LONGEST)
+            complete = all(self.found.heard[key].count > 1 for key in rates)
+            return not self._pending and elapsed > (SHORTEST if complete else LONGEST)
 
         self._serve(self._deadline, enough)
         self.found.listened = time.monotonic() - began

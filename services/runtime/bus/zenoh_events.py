@@ -11,24 +11,23 @@ ALL_SERVERS: Any = {
     "target": zenoh.QueryTarget.ALL,
     "consolidation": zenoh.ConsolidationMode.NONE,
 }
-"""Arguments of a query for the answers of all, none held back."""
+"""Arguments of a query for the answers of all servers, each passed on at once."""
 ONE_SERVER: Any = {**ALL_SERVERS, "target": zenoh.QueryTarget.BEST_MATCHING}
-"""Arguments of a query for the answer of one."""
+"""Arguments of a query for the answer of one server."""
 
 _KEPT = 16
-"""Changes that are kept until somebody asks; the oldest go first, and one that is left says enough."""
+"""Changes kept until they are read; the oldest are dropped, and any one left is enough."""
 
 
 class DisconnectListener:
-    """Counted from now on, by Zenoh: no thread of its wakes Python for it."""
+    """Listener to losses of a client's one connection; Zenoh counts without waking Python."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        """Of a client, whose one connection is that to the hub."""
         channel: Any = zenoh.handlers.RingChannel(_KEPT)
         self._changes = session.info.declare_transport_events_listener(channel)
 
     def fired(self) -> bool:
-        """Whether there was one since this was asked last."""
+        """Return whether the connection was lost since the previous call."""
         found = False
         while (change := self._changes.try_recv()) is not None:
             found |= change.kind == zenoh.SampleKind.DELETE
@@ -39,20 +38,20 @@ _known = threading.local()
 
 
 def pin_thread_state() -> None:
-    """Let this thread of Zenoh's keep its place in the interpreter; first thing in a callback.
+    """Pin the Python thread state of this Zenoh thread. Call it first in every callback.
 
     The binding makes a thread state for each callback and drops it afterwards: with the memory
-    mapped and unmapped for it, some 40 us a message. One hold more than is let go keeps it.
+    mapped and unmapped for it, some 40 us a message. One Ensure without a Release keeps it.
     """
     try:
-        _known.here  # noqa: B018 - asked so with each message, for which hasattr takes too long
+        _known.here  # noqa: B018 - runs for each message, and hasattr is too slow
     except AttributeError:
         _known.here = True
         ctypes.pythonapi.PyGILState_Ensure()
 
 
 class MatchingListener:
-    """Of a querier or a publisher, as the hub tells."""
+    """Listener to the matching servers of a querier or subscribers of a publisher."""
 
     def __init__(self, end: zenoh.Querier | zenoh.Publisher) -> None:
         self._end = end
@@ -61,12 +60,12 @@ class MatchingListener:
 
     @property
     def is_there(self) -> bool:
-        """Whether the hub has told of somebody up to now; a listener is told of it later."""
+        """Return whether the hub has reported a match; the listener is called only later."""
         status: Any = self._end.matching_status  # the stubs take it for a bool
         return bool(status.matching)
 
     def wait(self, timeout: float) -> bool:
-        """Wait up to a timeout (s) for somebody; False where nobody came."""
+        """Wait up to a timeout (s) for a match; return False if none came."""
         if self.is_there:
             return True
         self._listen()
@@ -74,23 +73,23 @@ class MatchingListener:
 
     @property
     def changes(self) -> int:
-        """How often somebody came or went, since this was first looked at."""
+        """Return how many changes of the match were reported since the first use."""
         self._listen()
         return self._changes
 
     def _listen(self) -> None:
-        # Where nobody waits, nothing is declared: of a thousand ends that takes time.
+        # Declared on demand only: for a thousand ends it takes time.
         if self._listener is None:
-            # Weakly: what the listener holds is not let go while it is ours.
-            told = weakref.WeakMethod(self._on_change)
+            # A weak reference: the listener would keep us alive, and we keep the listener.
+            reference = weakref.WeakMethod(self._on_change)
 
             def on_change(status: zenoh.MatchingStatus) -> None:
-                if tell := told():
-                    tell(status)
+                if method := reference():
+                    method(status)
 
             callback = zenoh.handlers.Callback(on_change, indirect=False)
             self._listener = self._end.declare_matching_listener(callback)
-            # It tells of changes alone; one that came meanwhile is newer than what is asked here.
+            # Only changes are reported; a change before this check is newer than its result.
             before, there = self._changes, self.is_there
             if self._changes == before and there:
                 self._there.set()

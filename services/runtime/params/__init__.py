@@ -1,1 +1,1 @@
-"""Parameters: from a file, the line and the running system to one checked object, and back."""
+"""Parameters: one checked object from file, command line and running system, and back."""

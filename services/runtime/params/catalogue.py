@@ -13,10 +13,7 @@ from quadctl.services.runtime.run_files import UNSERVED
 
 
 class Entry(Struct, frozen=True):
-    """A parameter, or a small table such as the cage that is described as one.
-
-    `type` and `default` are of that; `about` is its meaning.
-    """
+    """A parameter, or a small table such as the cage described as one parameter."""
 
     name: str
     type: inspect.Type
@@ -26,7 +23,7 @@ class Entry(Struct, frozen=True):
 
 
 class Section(Struct, frozen=True):
-    """A table of the file, with the parameters that stand in it."""
+    """A table of the file, with the parameters directly in it."""
 
     name: str
     about: str
@@ -34,19 +31,19 @@ class Section(Struct, frozen=True):
 
 
 def sections() -> Iterator[Section]:
-    """Every table of the file, each after the one that it stands in."""
+    """Yield every table of the file, each after the table that contains it."""
     for field in fields(Params):
         inner = _bare(field.type)
         if isinstance(inner, inspect.StructType):
             yield from _sections(field.encode_name, inner)
         else:
-            about = _said(field.type, "description")
-            entry = Entry(field.encode_name, inner, {}, about, _said(field.type, "unit"))
+            about = _annotation(field.type, "description")
+            entry = Entry(field.encode_name, inner, {}, about, _annotation(field.type, "unit"))
             yield Section(field.encode_name, about, (entry,))
 
 
 def leaves() -> dict[str, Entry]:
-    """Every single value by its dotted name; inside a described table it has that one's meaning."""
+    """Return every single value by dotted name; a described table's values share its meaning."""
     return {
         leaf.name: leaf
         for section in sections()
@@ -56,7 +53,7 @@ def leaves() -> dict[str, Entry]:
 
 
 def tables() -> dict[str, str]:
-    """The meaning of every table by its dotted name, the described ones among them."""
+    """Return the meaning of every table by dotted name, the described ones included."""
     found = {}
     for section in sections():
         found[section.name] = section.about
@@ -67,12 +64,12 @@ def tables() -> dict[str, str]:
 
 
 def fixed_at_launch(name: str) -> bool:
-    """Whether a running system refuses to change it."""
+    """Return whether a running system refuses to change the parameter."""
     return name in FIXED_AT_LAUNCH or name.partition(".")[0] in UNSERVED
 
 
 def live_switch(name: str) -> str:
-    """The command that changes at once what a parameter fixes at launch alone; mostly none."""
+    """Return the command that changes a launch-only setting in flight; empty if there is none."""
     return LIVE_SWITCHES.get(name, "")
 
 
@@ -80,12 +77,12 @@ def _sections(name: str, type_: inspect.StructType) -> Iterator[Section]:
     defaults, nested, entries = type_.cls(), [], []
     for field in fields(type_.cls):
         path = f"{name}.{field.encode_name}"
-        about, inner = _said(field.type, "description"), _bare(field.type)
+        about, inner = _annotation(field.type, "description"), _bare(field.type)
         if isinstance(inner, inspect.StructType) and not about:
             nested.append((path, inner))
             continue
         default = to_builtins(getattr(defaults, field.encode_name))
-        entries.append(Entry(path, inner, default, about, _said(field.type, "unit")))
+        entries.append(Entry(path, inner, default, about, _annotation(field.type, "unit")))
     first_line = (type_.cls.__doc__ or "").partition("\n")[0].rstrip(".")
     yield Section(name, first_line, tuple(entries))
     for path, inner in nested:
@@ -97,17 +94,15 @@ def _leaves(entry: Entry) -> Iterator[Entry]:
         yield entry
         return
     for field in entry.type.fields:
-        name = field.encode_name
-        default = entry.default[name]
-        path = f"{entry.name}.{name}"
+        path, default = f"{entry.name}.{field.encode_name}", entry.default[field.encode_name]
         yield from _leaves(Entry(path, _bare(field.type), default, entry.about, entry.unit))
 
 
-def _said(type_: inspect.Type, what: str) -> str:
+def _annotation(type_: inspect.Type, name: str) -> str:
     if not isinstance(type_, inspect.Metadata):
         return ""
-    said = type_.extra_json_schema if what == "description" else type_.extra
-    return str((said or {}).get(what, ""))
+    extra = type_.extra_json_schema if name == "description" else type_.extra
+    return str((extra or {}).get(name, ""))
 
 
 def _bare(type_: inspect.Type) -> inspect.Type:
@@ -117,34 +112,33 @@ def _bare(type_: inspect.Type) -> inspect.Type:
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def value(said: Any) -> str:
-    """A value as it stands right of a `=` in a file."""
-    if isinstance(said, bool):
-        return str(said).lower()
-    if isinstance(said, Mapping):
-        pairs = ", ".join(f"{_key(name)} = {value(part)}" for name, part in said.items())
+def value(plain: Any) -> str:
+    """Write a value in TOML, as to the right of the `=`."""
+    if isinstance(plain, bool):
+        return str(plain).lower()
+    if isinstance(plain, Mapping):
+        pairs = ", ".join(f"{_key(name)} = {value(part)}" for name, part in plain.items())
         return f"{{ {pairs} }}" if pairs else "{}"
-    if isinstance(said, list | tuple):
-        return f"[{', '.join(map(value, said))}]"
-    if isinstance(said, str):
+    if isinstance(plain, list | tuple):
+        return f"[{', '.join(map(value, plain))}]"
+    if isinstance(plain, str):
         import json
 
-        # JSON's escapes are TOML's as well; of the control characters it leaves DEL alone.
-        return json.dumps(said, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(said)
+        # JSON's escapes are valid in TOML; but JSON leaves DEL as it is, which TOML forbids.
+        return json.dumps(plain, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(plain)
 
 
-def word(said: Any) -> str:
-    """A value as `param get` prints it and `param set` takes it: text as it is where that is clear."""
-    if isinstance(said, str) and said and said.isprintable() and said.strip() == said:
-        # A text that begins as a table or list would be read as one, in another notation.
-        plain = value_of(said) == said and said[0] not in "{["
-        return said if plain else value(said)
-    return value(said)
+def word(plain: Any) -> str:
+    """Write a value as `param get` prints and `param set` reads it; unambiguous text unquoted."""
+    if isinstance(plain, str) and plain and plain.isprintable() and plain.strip() == plain:
+        # Unquoted text that begins with a bracket would be read as a table or list.
+        return plain if value_of(plain) == plain and plain[0] not in "{[" else value(plain)
+    return value(plain)
 
 
 def document(values: Mapping[str, Any]) -> str:
-    """A file that sets values by dotted name, a table after the one that it stands in."""
+    """Write a file that sets values by dotted name, each table after the one that contains it."""
     tables: dict[str, Any] = {}
     for name, part in values.items():
         put(tables, name, part, "the file")
@@ -165,7 +159,7 @@ def _key(name: str) -> str:
     return name if _BARE_KEY.fullmatch(name) else value(name)
 
 
-# What the lab's own launch file sets, where it differs from the defaults in code.
+# Values of the lab's own launch file that differ from the defaults in code.
 _LAB: dict[str, Any] = {"safety.virtual_cage": {"x": 5.0, "y": 5.0, "z": 2.0}}
 
 _HEAD = """\
@@ -175,15 +169,15 @@ _HEAD = """\
 # An unknown name, a wrong type or a value out of bounds stops the launch.
 """
 _TAIL = """
-# Commands to run in place of a node of ours (hub, dynamics, pressure, safety), or besides them.
-# They run in this file's folder and are looked after like our own.
+# Commands that replace a node of quadctl (hub, dynamics, pressure, safety), or run beside them.
+# They run in this file's folder, and are supervised and restarted like quadctl's own.
 [processes]
 # safety = "python my_safety.py"
 """
 
 
 def render() -> str:
-    """The file's text."""
+    """Return the text of a quad.toml with every parameter."""
     lines = [_HEAD]
     for section in sections():
         if section.name != "processes":
@@ -192,8 +186,8 @@ def render() -> str:
 
 
 def lab_params() -> Params:
-    """The parameters of that file."""
-    # Imported here: `param get` writes values in TOML, and reads none.
+    """Return the parameters that `render` writes."""
+    # Imported here, because `param get` writes TOML but does not read it.
     import tomllib
 
     from quadctl.services.runtime.params.load import check
@@ -213,7 +207,7 @@ def _table(section: Section) -> Iterator[str]:
 
 
 def _bounds(type_: inspect.Type) -> str:
-    """The bounds of a value, or those that all members of a table share."""
+    """Return the bounds of a value, or the bounds that all members of a table share."""
     if not isinstance(type_, inspect.StructType):
         return bounds_text(type_)
     shared = {bounds_text(field.type) for field in type_.fields}

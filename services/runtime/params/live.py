@@ -1,4 +1,4 @@
-"""Parameters of a running node: get, set, and the file of its values, written by the node alone."""
+"""Parameters of a running node: get, set, and the file of its values, which only it writes."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -22,7 +22,7 @@ from quadctl.services.runtime.realm import Realm, write_atomically
 
 
 def save_all_values(realm: Realm, fleet: Mapping[str, Params]) -> None:
-    """Write every table of each vehicle; done once, before anything starts. Raises OSError."""
+    """Write every vehicle's tables, once before any node starts; raises OSError."""
     for vehicle, params in fleet.items():
         folder = realm.params / vehicle
         folder.mkdir(parents=True, exist_ok=True)
@@ -31,7 +31,7 @@ def save_all_values(realm: Realm, fleet: Mapping[str, Params]) -> None:
 
 
 def save_values(realm: Realm, vehicle: str, name: str, table: Any) -> None:
-    """Write one table of a live run; raises QuadctlError where the disk does not take it."""
+    """Write one table of a live run; raises QuadctlError if the disk is full or read-only."""
     folder = realm.params / vehicle
     if not folder.is_dir():
         return
@@ -49,16 +49,16 @@ def _write(folder: Path, name: str, table: Any) -> None:
 
 
 def read_values(realm: Realm, vehicle: str) -> Params | None:
-    """A vehicle's parameters, None where the run has no such vehicle, or there is no run."""
+    """Return a vehicle's parameters; None if nothing runs, or the run has no such vehicle."""
     tables = run_files.tables(realm, vehicle)
     return check(tables, str(realm.params / vehicle)) if tables else None
 
 
 class LiveParams:
-    """One node's table of the parameters, changed in place, so that all who hold it see it.
+    """One node's table of parameters, changed in place, so that every reference sees the change.
 
     `save` is called with the new table before it takes effect, `changed` after. `in_force` returns
-    what still holds, by leaf name, of parameters that wait for the vehicle's next standstill.
+    the values in force, by leaf name, of parameters that wait for the vehicle's next standstill.
     """
 
     def __init__(
@@ -73,30 +73,25 @@ class LiveParams:
         self._in_force = in_force
 
     def get(self, request: GetParamsRequest) -> GetParamsResponse:
-        """Values by leaf name or by table; all of the node's when no name is given."""
+        """Return values by leaf name or by table; all of the node's if no name is given."""
         values = dict(flatten(self._table(), self._name))
         in_force = self._in_force()
         if not request.names:
             return GetParamsResponse(values, in_force)
         found: dict[str, Any] = {}
         for name in map(normal_name, request.names):
-            part = {
-                leaf: value
-                for leaf, value in values.items()
-                if leaf == name or leaf.startswith(f"{name}.")
-            }
+            part = [leaf for leaf in values if leaf == name or leaf.startswith(f"{name}.")]
             if not part:
-                hint = nearest(name, values)
-                raise Invalid(f"{self._name} has no parameter {name}", hint)
-            found |= part
-        held = {name: value for name, value in in_force.items() if name in found}
-        return GetParamsResponse(found, held)
+                raise Invalid(f"{self._name} has no parameter {name}", nearest(name, values))
+            found |= {leaf: values[leaf] for leaf in part}
+        in_force = {name: value for name, value in in_force.items() if name in found}
+        return GetParamsResponse(found, in_force)
 
     def set(self, request: SetParamsRequest) -> SetParamsResponse:
-        """Check all of them, then save, then change all of them."""
+        """Check all values, save them, then apply all of them."""
         try:
             fresh = self._checked(request.values)
-            self._check_meanwhile(fresh)
+            self._check_until_standstill(fresh)
         except Invalid as error:
             return SetParamsResponse(False, "; ".join(filter(None, (error.message, error.hint))))
         self._save(msgspec.to_builtins(fresh))
@@ -119,11 +114,11 @@ class LiveParams:
         checked: Struct = getattr(check(tables, "param set"), self._name)
         return checked
 
-    def _check_meanwhile(self, fresh: Struct) -> None:
-        """Raise Invalid where the new values and those that hold until a standstill do not fly."""
+    def _check_until_standstill(self, fresh: Struct) -> None:
+        """Raise Invalid if the new values and those in force until a standstill cannot fly."""
         tables = {self._name: msgspec.to_builtins(fresh)}
-        holds = dict(flatten(self._table(), self._name)) | self._in_force()
-        for name, value in holds.items():
+        in_force = dict(flatten(self._table(), self._name)) | self._in_force()
+        for name, value in in_force.items():
             if name.startswith(FROM_STANDSTILL):
                 put(tables, name, value, "param set")
         check(tables, "param set: until the vehicle's next standstill")

@@ -18,15 +18,15 @@ from quadctl.services.runtime.realm import DEFAULT, listed
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
 _MOST_BYTES = 1_000_000
-"""Of a file: that of a thousand vehicles has a tenth of it."""
+"""Bytes of the largest file that is read; a file for a thousand vehicles has a tenth of this."""
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
 
 
 def load(file: Path | None, settings: Iterable[str] = (), running: Params | None = None) -> Params:
-    """Defaults or a running system's values, below the file, below `name=value` settings.
+    """Load the parameters: `name=value` settings override the file, or else defaults or `running`.
 
-    Raises Invalid with the file, the path in it, what was expected and the nearest name.
+    Raises Invalid, with the file, the path in it, the expected value and the nearest name.
     """
     return check(*gather(file, settings, running))
 
@@ -34,7 +34,7 @@ def load(file: Path | None, settings: Iterable[str] = (), running: Params | None
 def gather(
     file: Path | None, settings: Iterable[str] = (), running: Params | None = None
 ) -> tuple[dict[str, Any], str]:
-    """The tables that `load` checks, and where they come from."""
+    """Return the tables that `load` checks, and a text that names their source."""
     table = msgspec.to_builtins(running or {}) if file is None else read(file)
     source = "the defaults" if file is None else str(file)
     for setting in settings:
@@ -47,34 +47,31 @@ def gather(
 
 
 def check(table: Mapping[str, Any], source: str) -> Params:
-    """Turn plain tables into Params of a vehicle that can fly; raises Invalid, naming the source."""
+    """Convert plain tables to Params of a vehicle that can fly; raises Invalid with the source."""
     try:
         params = msgspec.convert(table, Params)
     except msgspec.ValidationError as error:
         raise _explain(str(error), source) from error
-    flown = params.dynamics
-    if why := airworthy.why_not(flown.vehicle, flown.control, flown.wind):
+    dynamics = params.dynamics
+    if why := airworthy.why_not(dynamics.vehicle, dynamics.control, dynamics.wind):
         raise Invalid(f"{source}: dynamics: this vehicle would not fly: {why}", _AIRWORTHY)
     return params
 
 
 def read(file: Path, hint: str = _WRITTEN) -> dict[str, Any]:
-    """The tables of a TOML file, not checked; raises Invalid where it is none.
-
-    Where it cannot be read, the hint says where such a file comes from.
-    """
+    """Read the unchecked tables of a TOML file; raises Invalid, with `hint` if it is unreadable."""
     return parse(read_text(file, hint), str(file))
 
 
 def read_text(file: Path, hint: str = _WRITTEN) -> str:
-    """A file's text as it is, its line ends too; raises Invalid where it cannot be had."""
+    """Read a file's text with its line ends unchanged; raises Invalid if it cannot be read."""
     try:
         with file.open("rb") as opened:
-            # A pipe may be read, but a device has no end.
-            found = opened.read(_MOST_BYTES + 1)
-        if len(found) > _MOST_BYTES:
-            raise Invalid(f"{file} is no such file: it has more than 1 MB", hint)
-        return found.decode()
+            # Pipes are allowed, but a device such as /dev/zero never ends.
+            data = opened.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise Invalid(f"{file} is too large: it has more than 1 MB", hint)
+        return data.decode()
     except OSError as error:
         raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
     except UnicodeDecodeError as error:
@@ -82,7 +79,7 @@ def read_text(file: Path, hint: str = _WRITTEN) -> str:
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML text, not checked; raises Invalid where it is none."""
+    """Parse the unchecked tables of a TOML text; raises Invalid if it is not TOML."""
     import tomllib
 
     try:
@@ -94,20 +91,18 @@ def parse(text: str, source: str) -> dict[str, Any]:
 def _explain(text: str, source: str) -> Invalid:
     found = _AT.match(text)
     what, where = (found["what"], found["where"] or "") if found else (text, "")
-    unknown = _UNKNOWN.search(what)
-    if unknown:
+    if unknown := _UNKNOWN.search(what):
         name = f"{where}.{unknown['name']}".lstrip(".")
         return Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
-    said = f"{what[:1].lower()}{what[1:]}"
-    # A rule between tables has no place of its own.
+    # A rule that spans several tables has an empty `where`.
     return Invalid(
-        ": ".join(filter(None, (source, where, said))),
+        ": ".join(filter(None, (source, where, f"{what[:1].lower()}{what[1:]}"))),
         "`quadctl init fresh.toml` writes every parameter's bounds and meaning",
     )
 
 
 def nearest_declared(name: str) -> str:
-    """A hint that names the likeliest declared parameter or table meant."""
+    """Return a hint with the most similar declared parameter or table."""
     defaults = msgspec.to_builtins(Params())
     names = [leaf for leaf, _ in flatten(defaults)]
     tables = {leaf.rpartition(".")[0] for leaf in names}
@@ -115,34 +110,34 @@ def nearest_declared(name: str) -> str:
 
 
 def launch_lines(section: Struct, like: Struct | None = None) -> Iterator[str]:
-    """What a node logs at launch, in the lab's form: `Param: acceptance range - 0.5`.
+    """Yield a node's log lines at launch, in the lab's form: `Param: acceptance range - 0.5`.
 
-    Of a vehicle besides the first, what it has otherwise than that: `like`.
+    For a vehicle other than the first, only the values that differ from the first one's, `like`.
     """
     known = dict(flatten(msgspec.to_builtins(like))) if like is not None else {}
-    said = [
+    shown = [
         (name, value)
         for name, value in flatten(msgspec.to_builtins(section))
         if like is None or known[name] != value
     ]
     if like is None:
         yield "Launching with the following parameters:"
-    elif said:
+    elif shown:
         yield "Launching with the first vehicle's parameters but for the following:"
-    for name, value in said:
+    for name, value in shown:
         yield f"Param: {name.replace('_', ' ').replace('.', ' ')} - {value}"
 
 
 MOST = 200
-"""Vehicles of one run: of 300 a hub takes longer to learn what they offer than a start may take."""
+"""Vehicles in one run. With 300, a hub learns their endpoints too slowly for the start's time."""
 _GRID = 2.0
 """Metres between two vehicles at the start."""
 _SHARED = ("hub", "supervise", "processes", "dynamics.speed")
-"""What there is one of in a run."""
+"""Parameters that all vehicles of a run share."""
 
 
 def names(stem: str, count: int) -> list[str]:
-    """`uav0`, `uav1` ..; raises UsageError for a count that is none."""
+    """Return the names `uav0`, `uav1` ..; raises UsageError for a count outside 1 to MOST."""
     if not 1 <= count <= MOST:
         raise UsageError(f"--vehicles {count}: not a number of vehicles", f"give 1 to {MOST}")
     return [f"{stem}{number}" for number in range(count)]
@@ -151,35 +146,35 @@ def names(stem: str, count: int) -> list[str]:
 def load_vehicles(
     file: Path | None, settings: Iterable[str] = (), vehicles: Sequence[str] = (DEFAULT,)
 ) -> dict[str, Params]:
-    """Each vehicle's parameters; a table named after it says what it has otherwise.
+    """Load each vehicle's parameters; a table named after a vehicle overrides the common values.
 
-    Unless they say where, several start on a grid of 2 m around `dynamics.start`, and each has a
-    seed of its own, counted up from `dynamics.seed`. Raises Invalid as `load`.
+    Without own values, several vehicles start on a grid of 2 m around `dynamics.start`, and their
+    seeds count up from `dynamics.seed`. Raises Invalid as `load` does.
     """
     return of(*gather(file, settings), vehicles)
 
 
 def of(table: Mapping[str, Any], source: str, vehicles: Sequence[str]) -> dict[str, Params]:
-    """As `load`, from tables; raises Invalid, naming the source."""
+    """Return each vehicle's parameters as `load_vehicles`, from tables that came from `source`."""
     table = dict(table)
-    own = {name: table.pop(name, {}) for name in vehicles}
+    overrides = {name: table.pop(name, {}) for name in vehicles}
     common = msgspec.to_builtins(_common(table, source, vehicles))
     fleet = {}
-    for number, (name, said) in enumerate(own.items()):
-        _check_own(name, said, source)
+    for number, (name, own) in enumerate(overrides.items()):
+        _check_own(name, own, source)
         placed = merged(common, _place(common, number, len(vehicles)))
-        fleet[name] = check(merged(placed, said), f"{source}: {name}" if said else source)
+        fleet[name] = check(merged(placed, own), f"{source}: {name}" if own else source)
     return fleet
 
 
 def said_of(table: Mapping[str, Any], vehicle: str, vehicles: Iterable[str]) -> dict[str, Any]:
-    """What a file's tables say of one vehicle: what they say of all, below what of it alone."""
+    """Merge a file's common tables with the vehicle's own; the vehicle's own values win."""
     common = {name: value for name, value in table.items() if name not in vehicles}
     return merged(common, table.get(vehicle, {}))
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested tables, one laid over the other."""
+    """Merge nested tables; the values of `above` win."""
     whole = dict(below)
     for name, value in above.items():
         under = whole.get(name)
@@ -201,33 +196,24 @@ def _common(table: dict[str, Any], source: str, vehicles: Sequence[str]) -> Para
         raise Invalid(problem.message, hint) from None
 
 
-def _check_own(name: str, said: Any, source: str) -> None:
-    if not isinstance(said, dict):
+def _check_own(name: str, own: Any, source: str) -> None:
+    if not isinstance(own, dict):
         raise Invalid(
             f"{source}: {name} is a vehicle, and not a parameter",
             f"name one of its parameters: {name}.safety.takeoff",
         )
     for shared in _SHARED:
         table, _, leaf = shared.partition(".")
-        if table in said and (not leaf or leaf in said[table]):
-            raise Invalid(
-                f"{source}: {name}.{shared}: there is one for all vehicles",
-                f"set {shared}",
-            )
+        if table in own and (not leaf or leaf in own[table]):
+            raise Invalid(f"{source}: {name}.{shared}: all vehicles share one", f"set {shared}")
 
 
 def _place(common: Mapping[str, Any], number: int, count: int) -> dict[str, Any]:
-    """Where one of several starts, on a square grid, and the seed of its random numbers."""
+    """Return a vehicle's start on a square grid, and the seed of its random numbers."""
     columns = math.isqrt(count - 1) + 1
     rows = -(-count // columns)
     row, column = divmod(number, columns)
     start, seed = common["dynamics"]["start"], common["dynamics"]["seed"]
-    return {
-        "dynamics": {
-            "start": {
-                "x": start["x"] + _GRID * (column - (columns - 1) / 2),
-                "y": start["y"] + _GRID * (row - (rows - 1) / 2),
-            },
-            "seed": (seed + number) % 2**31,
-        }
-    }
+    x = start["x"] + _GRID * (column - (columns - 1) / 2)
+    y = start["y"] + _GRID * (row - (rows - 1) / 2)
+    return {"dynamics": {"start": {"x": x, "y": y}, "seed": (seed + number) % 2**31}}

@@ -1,4 +1,4 @@
-"""Dotted names of values, as people write them: `safety.virtual_cage.x=3`."""
+"""Dotted names of values, as users write them: `safety.virtual_cage.x=3`."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -11,13 +11,13 @@ LAB_NODES = {
     "pressure_sensor_node": "pressure",
     "dynamics_node": "dynamics",
 }
-"""What a node of ours is called by who comes from the lab's ROS packages."""
+"""Node names in the lab's ROS packages, and our names of the same nodes."""
 
 _BOOLS = {"true": True, "false": False, "True": True, "False": False}
 
 
 def value_of(text: str) -> Any:
-    """A value as written on a command line: TOML's notation, ROS's True and False, or a word."""
+    """Parse a value from a command line: TOML's notation, ROS's True and False, or a word."""
     if text in _BOOLS:
         return _BOOLS[text]
     import tomllib
@@ -30,16 +30,13 @@ def value_of(text: str) -> Any:
 
 
 def normal_name(name: str) -> str:
-    """`/safety/virtual_cage/x`, as ROS users write, to `safety.virtual_cage.x`.
-
-    A node may go by its name in the lab, as `/state_safety_node/virtual_cage/x`.
-    """
+    """Return `safety.takeoff` for `/safety/takeoff` (ROS) or `/state_safety_node/takeoff` (lab)."""
     node, dot, rest = name.strip("/").replace("/", ".").partition(".")
     return f"{LAB_NODES.get(node, node)}{dot}{rest}"
 
 
 def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
-    """Set a value in nested tables by its dotted name; of a table, only what it names."""
+    """Set a value in nested tables by dotted name; a table changes only the values it names."""
     if isinstance(value, dict):
         for part, inner in value.items():
             put(table, f"{name}.{part}", inner, source)
@@ -55,7 +52,7 @@ def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
 
 
 def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every leaf of nested tables with its dotted name."""
+    """Yield every leaf of nested tables with its dotted name."""
     for key, value in table.items():
         name = f"{prefix}.{key}" if prefix else key
         if isinstance(value, Mapping) and value:
@@ -65,7 +62,7 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """A hint that names the likeliest name meant."""
+    """Return a hint with the most similar name, or an empty text."""
     import difflib
 
     folded = {known.lower(): known for known in names}

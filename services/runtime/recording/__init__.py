@@ -1,1 +1,1 @@
-"""Recordings: MCAP files, written so that any viewer opens them, and read back to the bit."""
+"""Recordings: MCAP files that any viewer opens and that are read back bit for bit."""

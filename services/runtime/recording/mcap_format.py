@@ -1,8 +1,7 @@
-"""Form of a bus message in a recording, and the way back. Pure.
+"""Conversion of a bus message to its form in a recording, and back. Pure.
 
-Viewers read JSON, so a message that JSON carries to the bit is stored as JSON: our topics by their
-types, other maps of MessagePack if they come back the same. Anything else stays the bytes that it
-was.
+Viewers read JSON, so a message that survives JSON bit for bit is stored as JSON: our topics by
+their types, other MessagePack maps if they come back the same. Anything else keeps its bytes.
 """
 
 from typing import NamedTuple
@@ -22,10 +21,10 @@ _BAD = (msgspec.MsgspecError, TypeError, ValueError, OverflowError, RecursionErr
 
 
 class Stored(NamedTuple):
-    """A message as it stands in a recording.
+    """A message as stored in a recording.
 
-    `encoding` is MCAP's name of what `data` is.
-    `packed` says that it is MessagePack on the bus. `message` is it as one of our types.
+    `encoding` is MCAP's name for the format of `data`. `packed` messages were MessagePack on the
+    bus. `message` is the message decoded as one of our types, if possible.
     """
 
     encoding: str
@@ -35,27 +34,27 @@ class Stored(NamedTuple):
 
     @property
     def type(self) -> type[Struct] | None:
-        """The type whose schema `data` follows, where it is one of ours."""
+        """Return our type whose schema `data` follows, if any."""
         return None if self.message is None else type(self.message)
 
 
 class Form:
-    """How the messages of one key and one Zenoh encoding are stored."""
+    """Storage format of the messages of one key and one Zenoh encoding."""
 
-    def __init__(self, key: str, said: str) -> None:
+    def __init__(self, key: str, encoding: str) -> None:
         topic = topic_of(key)
-        self._said = said
-        # A node of somebody's own may publish our types on keys of its own.
+        self._encoding = encoding
+        # A user's node may publish our types on other keys.
         named: type[Struct] | None = topic.type if topic else None
-        self._type = _TYPES.get(codec.type_name(said), named)
-        self._exact = self._type is not None and said == codec.encoding(self._type)
-        # A free table may hold what JSON has no word for, as the infinity that was asked for.
+        self._type = _TYPES.get(codec.type_name(encoding), named)
+        self._exact = self._type is not None and encoding == codec.encoding(self._type)
+        # A free table may hold values that JSON lacks, e.g. infinity.
         self._free = self._type is not None and any(
             isinstance(field.type, inspect.DictType) for field in fields(self._type)
         )
 
     def stored(self, payload: bytes) -> Stored:
-        """The message in the best form that keeps all of it."""
+        """Return the message in the most readable format that loses nothing."""
         if (message := self._typed(payload)) is not None:
             data = msgspec.json.encode(message)
             if not self._free or restored(data, packed=True) == payload:
@@ -64,24 +63,24 @@ class Form:
             return Stored(JSON, True, table)
         if self._is_json_table(payload):
             return Stored(JSON, False, payload)
-        packed = self._said.startswith("application/msgpack")
-        return Stored(MSGPACK if packed else self._said, False, payload)
+        packed = self._encoding.startswith("application/msgpack")
+        return Stored(MSGPACK if packed else self._encoding, False, payload)
 
     def _typed(self, payload: bytes) -> Struct | None:
         if self._type is None:
             return None
         try:
-            message: Struct = codec.decode(self._type, payload, self._said)
+            message: Struct = codec.decode(self._type, payload, self._encoding)
         except Invalid:
             return None
-        # What a stranger has put beside our fields would be lost.
         if self._exact:
             return message
+        # Decoding would lose fields that another program added to ours.
         names = {field.encode_name for field in fields(self._type)}
         return None if msgspec.msgpack.decode(payload).keys() - names else message
 
     def _is_json_table(self, payload: bytes) -> bool:
-        if not (self._said.startswith(_JSON_ENCODINGS) or payload[:1] == b"{"):
+        if not (self._encoding.startswith(_JSON_ENCODINGS) or payload[:1] == b"{"):
             return False
         try:
             return isinstance(msgspec.json.decode(payload), dict)
@@ -90,12 +89,12 @@ class Form:
 
 
 def restored(data: bytes, *, packed: bool) -> bytes:
-    """The payload that a message had on the bus."""
+    """Return the payload that a message had on the bus."""
     return msgspec.msgpack.encode(msgspec.json.decode(data)) if packed else data
 
 
 def _as_json(payload: bytes) -> bytes | None:
-    """A map of MessagePack as JSON, where that loses nothing."""
+    """Return a MessagePack map as JSON; None if JSON would lose something."""
     try:
         value = msgspec.msgpack.decode(payload)
         if not isinstance(value, dict):

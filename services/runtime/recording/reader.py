@@ -1,4 +1,4 @@
-"""Reader of recordings, truncated ones too, and their summary."""
+"""Reader of recordings, also truncated ones, and their summary."""
 
 import os
 import struct
@@ -9,17 +9,7 @@ from typing import IO, Any, NamedTuple
 import msgspec
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
@@ -30,11 +20,11 @@ from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.recording import mcap_format, writer
 
 _TORN = (McapError, ZstdError, struct.error, ValueError, LookupError, RuntimeError, MemoryError)
-"""What the library raises where bytes are missing, or are not what was written."""
+"""Errors that the library raises for missing or damaged bytes."""
 
 
 class Recorded(NamedTuple):
-    """A message of a recording: `at` that Unix time it came, ns."""
+    """A message of a recording; it was received `at` a Unix time, ns."""
 
     channel: Channel
     schema: Schema | None
@@ -44,28 +34,28 @@ class Recorded(NamedTuple):
 
     @property
     def key(self) -> str:
-        """The key that it came on."""
+        """Return the key that it was published on."""
         return self.channel.topic
 
     @property
     def encoding(self) -> str:
-        """Its encoding on the bus."""
+        """Return its encoding on the bus."""
         return self.channel.metadata.get(writer.SAID, "")
 
     @property
     def derived(self) -> bool:
-        """Whether it was never on the bus, but made of what was, for viewers."""
+        """Return whether the recorder made it for viewers; it was never on the bus."""
         return writer.DERIVED in self.channel.metadata
 
     @property
     def payload(self) -> bytes:
-        """What it was on the bus."""
+        """Return its payload on the bus."""
         packed = self.channel.metadata.get(writer.PACKED) == "yes"
         return mcap_format.restored(self.data, packed=packed)
 
     @property
     def value(self) -> Any:
-        """Its fields as plain data, None where it has none that can be read."""
+        """Return its fields as plain data, None if they cannot be read."""
         try:
             if self.channel.message_encoding == mcap_format.JSON:
                 return msgspec.json.decode(self.data)
@@ -77,10 +67,10 @@ class Recorded(NamedTuple):
 
 
 class Bag:
-    """A recording, read once from its beginning to its end, or to where it is cut.
+    """A recording, read once from its beginning to its end, or to the last whole record.
 
-    `cut` says, after that, why it ended before its index; it is empty where it is whole. `notes`
-    are the facts that the recorder kept, `header` what the file says of its writer.
+    `cut` is then the reason why it ends before its index, or empty if it is complete. `notes` are
+    the recorder's notes; `header` names the program that wrote the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -93,7 +83,7 @@ class Bag:
         self._channels: dict[int, Channel] = {}
 
     def messages(self) -> Iterator[Recorded]:
-        """The messages in the order in which they came; raises Invalid where it is no recording."""
+        """Yield the messages in the order received; raises Invalid if it is not a recording."""
         for record in self.records():
             if isinstance(record, Message):
                 channel = self._channels[record.channel_id]
@@ -101,11 +91,11 @@ class Bag:
                 yield Recorded(channel, schema, record.log_time, record.publish_time, record.data)
 
     def records(self) -> Iterator[McapRecord]:
-        """All that was written, its index left out."""
+        """Yield all records but the index."""
         with opened(self.path) as file:
             magic = file.read(len(MCAP0_MAGIC))
             if not MCAP0_MAGIC.startswith(magic):
-                raise Invalid(f"{self.path} is no recording", "recordings are MCAP files")
+                raise Invalid(f"{self.path} is not a recording", "recordings are MCAP files")
             size = os.fstat(file.fileno()).st_size
             reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size)
             try:
@@ -126,29 +116,29 @@ class Bag:
             case Channel():
                 self._channels[record.id] = record
             case Message():
-                self._channels[record.channel_id]  # one that is nowhere declared is torn, too
+                self._channels[record.channel_id]  # a KeyError counts as torn
             case Metadata():
                 self.notes[record.name] = record.metadata
 
 
 def summary(path: Path) -> Summary | None:
-    """The index that a whole recording ends with; None of one that is cut."""
+    """Return the index at the end of a complete recording; None if the recording is truncated."""
     with opened(path) as file:
         try:
             return make_reader(file).get_summary()
         except (*_TORN, OSError):
-            # OSError: it is shorter than what it would end with.
+            # OSError: the file is shorter than the footer.
             return None
 
 
 def notes(path: Path) -> dict[str, dict[str, str]]:
-    """The facts that the recorder kept, of a whole recording."""
+    """Return the recorder's notes of a complete recording."""
     with opened(path) as file:
         return {note.name: note.metadata for note in make_reader(file).iter_metadata()}
 
 
 def opened(path: Path) -> IO[bytes]:
-    """The file for reading; raises Invalid where it cannot be read."""
+    """Open a file for reading; raises Invalid if it cannot be read."""
     try:
         return path.open("rb")
     except OSError as error:
@@ -158,15 +148,15 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def _parts(record: McapRecord) -> Iterator[McapRecord]:
-    """A chunk's records once it is known to be whole, and of the others those that carry data."""
+    """Yield a chunk's records after a check of its CRC; outside chunks, the records with data."""
     if isinstance(record, Chunk):
         yield from breakup_chunk(record, validate_crc=True)
-    elif isinstance(record, Header | Schema | Channel | Message | Metadata | Attachment | Footer):
+    elif isinstance(record, Header | Schema | Channel | Message | Metadata | Attachment):
         yield record
 
 
 class KeyFacts(Struct, frozen=True):
-    """What came on one key: of which type or encoding, how many, and how many a second."""
+    """Messages of one key: their type, encoding, number and rate."""
 
     key: str
     type: str
@@ -177,10 +167,7 @@ class KeyFacts(Struct, frozen=True):
 
 
 class BagFacts(Struct, frozen=True):
-    """A recording as a whole.
-
-    `begin` and `end` are Unix times, s; `cut` says why it is not whole, and is empty where it is.
-    """
+    """Summary of a recording: `begin` and `end` are Unix times (s), `cut` why it is truncated."""
 
     file: str
     bytes: int
@@ -194,7 +181,7 @@ class BagFacts(Struct, frozen=True):
 
 
 def facts(path: Path) -> BagFacts:
-    """What a file holds; raises Invalid where it is no recording."""
+    """Return the summary of a file; raises Invalid if it is not a recording."""
     return _indexed(path) or _counted(path)
 
 
@@ -202,13 +189,12 @@ def _indexed(path: Path) -> BagFacts | None:
     found = summary(path)
     if found is None or found.statistics is None:
         return None
-    said = found.statistics
+    stats, counts = found.statistics, found.statistics.channel_message_counts
     rows = [
-        (channel, found.schemas.get(channel.schema_id), said.channel_message_counts.get(number, 0))
+        (channel, found.schemas.get(channel.schema_id), counts.get(number, 0))
         for number, channel in found.channels.items()
     ]
-    noted = notes(path)
-    return _facts(path, "", said.message_start_time, said.message_end_time, rows, noted)
+    return _facts(path, "", stats.message_start_time, stats.message_end_time, rows, notes(path))
 
 
 def _counted(path: Path) -> BagFacts:

@@ -1,5 +1,6 @@
 """Check of a recording against its schemas, and repair of a truncated one."""
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,18 +16,18 @@ from quadctl.services.runtime.recording.writer import Outfile
 
 _TYPES = {f"quadctl.{topic.type.__name__}": topic.type for topic in TOPICS}
 _MOST = 20
-"""Faults that are told; who has that many needs no more."""
+"""Faults that are listed; more would not help the reader."""
 
 
 class Checked(NamedTuple):
-    """How many messages were looked at, and what is wrong, a line each; empty where nothing is."""
+    """Number of messages checked, and their faults, one line each."""
 
     messages: int
     faults: list[str]
 
 
 def check(path: Path) -> Checked:
-    """Read every message against its schema; raises Invalid where it is no recording."""
+    """Check every message against its schema; raises Invalid if the file is not a recording."""
     bag, count, last = Bag(path), 0, 0
     faults: list[str] = []
     gaps = _Gaps()
@@ -38,13 +39,14 @@ def check(path: Path) -> Checked:
     faults += gaps.faults()
     if bag.cut:
         faults.insert(0, f"it is cut: {bag.cut}")
-    more = [f"and {len(faults) - _MOST} faults more"] if len(faults) > _MOST else []
+    more = [f"and {len(faults) - _MOST} more faults"] if len(faults) > _MOST else []
     return Checked(count, faults[:_MOST] + more)
 
 
 def _faults(message: Recorded, last: int) -> Iterator[str]:
     if message.at < last:
-        yield f"{message.key}: a message came {(last - message.at) / 1e9:g} s before the one before it"
+        older = (last - message.at) / 1e9
+        yield f"{message.key}: a message is {older:g} s older than the previous one"
     if message.channel.message_encoding != mcap_format.JSON:
         return
     if message.schema is None and message.channel.schema_id:
@@ -53,15 +55,15 @@ def _faults(message: Recorded, last: int) -> Iterator[str]:
     try:
         msgspec.json.decode(message.data, type=_TYPES.get(name, dict))
     except msgspec.MsgspecError as error:
-        yield f"{message.key}: a message is no {name or 'table'}: {error}"
+        yield f"{message.key}: a message is not a valid {name or 'table'}: {error}"
 
 
 class _Gaps:
-    """Poses are counted by their publisher: what is missing in between was lost on its way."""
+    """Count of lost poses, from gaps in their publisher's sequence numbers."""
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[str, int]] = {}
-        self._lost: dict[str, int] = {}
+        self._lost: Counter[str] = Counter()
 
     def see(self, message: Recorded) -> None:
         if message.schema is None or message.schema.name != "quadctl.Pose":
@@ -71,17 +73,16 @@ class _Gaps:
             return
         boot, seq = self._last.get(message.key, ("", -1))
         if pose.get("boot") == boot and pose["seq"] > seq + 1:
-            lost = pose["seq"] - seq - 1
-            self._lost[message.key] = self._lost.get(message.key, 0) + lost
+            self._lost[message.key] += pose["seq"] - seq - 1
         self._last[message.key] = (pose.get("boot", ""), pose["seq"])
 
     def faults(self) -> Iterator[str]:
         for key, lost in self._lost.items():
-            yield f"{key}: {lost} messages are missing in between"
+            yield f"{key}: {lost} messages are missing"
 
 
 class Repaired(NamedTuple):
-    """What came of it: the messages kept, and the bytes at the end that were no whole record."""
+    """Result of a repair: messages kept, bytes dropped after the last whole record, and why."""
 
     messages: int
     dropped: int
@@ -89,10 +90,9 @@ class Repaired(NamedTuple):
 
 
 def repair(source: Path, target: Path) -> Repaired:
-    """Copy all that is whole of a recording into a new file.
+    """Copy all whole records of a recording into a new file.
 
-    Raises Invalid where the source is no recording, OSError where the target cannot be written;
-    then it is not there.
+    Raises Invalid if the source is not a recording, OSError without a target if writing fails.
     """
     bag, messages = Bag(source), 0
     records = bag.records()
@@ -118,14 +118,14 @@ def repair(source: Path, target: Path) -> Repaired:
 
 
 class _Copy:
-    """Records into another file, where their schemas and channels have other numbers."""
+    """Copy of records to another file, which numbers schemas and channels differently."""
 
     def __init__(self, mcap: Writer) -> None:
         self._mcap = mcap
         self._schemas, self._channels = {0: 0}, dict[int, int]()
 
     def add(self, record: object) -> None:
-        """Write a record, unless it stands there already."""
+        """Write a record, but each schema and channel only once."""
         mcap = self._mcap
         match record:
             case Schema() if record.id not in self._schemas:

@@ -15,40 +15,37 @@ from quadctl.services.runtime.recording.mcap_format import JSON, Form, Stored
 
 
 class Outfile:
-    """Collects what is written until `flush`, which puts all of it into the file, or nothing."""
+    """Output file that buffers until `flush`, which writes all of the buffer or nothing."""
 
     def __init__(self, descriptor: int) -> None:
-        """Write to an open file, from its beginning on."""
+        """Write to an open file from its start."""
         self.size = 0
         self._descriptor = descriptor
         self._pending = bytearray()
 
     @classmethod
     def create(cls, path: Path) -> "Outfile":
-        """Make the file; raises OSError, FileExistsError where it is there already."""
+        """Create the file; raises OSError, FileExistsError if it exists."""
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
         return cls(os.open(path, flags, 0o666))
 
     def write(self, data: bytes) -> int:
-        """Put something at the end, at the next `flush`."""
+        """Append to the buffer."""
         self._pending += data
         return len(data)
 
     def tell(self) -> int:
-        """Where the next byte goes."""
+        """Return the position of the next byte."""
         return self.size + len(self._pending)
 
     def flush(self) -> None:
-        """Hand it to the system, after which only that can lose it.
-
-        Raises OSError, and leaves the file as it was, where the disk has no room.
-        """
+        """Write the buffer to the file; if that raises OSError, the file is unchanged."""
         rest = memoryview(bytes(self._pending))
         try:
             while rest:
                 rest = rest[os.write(self._descriptor, rest) :]
         except OSError:
-            # What is not a file on a disk cannot be cut, and has nothing that could be read again.
+            # A pipe cannot be truncated, and needs no repair.
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self.size)
             raise
@@ -56,19 +53,18 @@ class Outfile:
         self._pending.clear()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         os.close(self._descriptor)
 
 
 SAID, PACKED, DERIVED = "zenoh_encoding", "packed", "derived"
-"""What a channel's metadata says: the encoding on the bus, whether the message was MessagePack
-there, and whether it was never there, but made of others for viewers."""
+"""Keys of a channel's metadata: encoding on the bus, MessagePack there, made only for viewers."""
 _CHUNK = 4 << 20
-"""Bytes after which a chunk ends although nobody has flushed it."""
+"""Bytes after which a chunk ends without a flush."""
 
 
 class BagWriter:
-    """One recording. `messages` counts those of the bus, `keys` the keys they came on."""
+    """Writer of one recording; counts the `messages` of the bus and collects their `keys`."""
 
     def __init__(self, out: Outfile) -> None:
         self.messages = 0
@@ -83,30 +79,30 @@ class BagWriter:
 
     @property
     def size(self) -> int:
-        """Bytes in the file by now."""
+        """Return the size of the file, bytes."""
         return self._out.size
 
     def note(self, name: str, values: dict[str, str]) -> None:
-        """Keep facts about the recording as a whole."""
+        """Write notes about the whole recording."""
         self._mcap.add_metadata(name, values)
 
-    def add(self, taken: RawMessage) -> Stored:
-        """Keep a message of the bus; returns how it stands there."""
-        key, said = taken.key, taken.encoding
-        form = self._forms.get((key, said))
+    def add(self, raw: RawMessage) -> Stored:
+        """Write a message of the bus; returns its stored form."""
+        key, encoding = raw.key, raw.encoding
+        form = self._forms.get((key, encoding))
         if form is None:
-            form = self._forms[key, said] = Form(key, said)
-        stored = form.stored(taken.payload)
-        kind = (key, said, stored.encoding, stored.type, stored.packed)
+            form = self._forms[key, encoding] = Form(key, encoding)
+        stored = form.stored(raw.payload)
+        kind = (key, encoding, stored.encoding, stored.type, stored.packed)
         channel = self._channels.get(kind)
         if channel is None:
-            channel = self._channels[kind] = self._bus_channel(key, said, stored)
-        self._mcap.add_message(channel, taken.at, stored.data, taken.published)
+            channel = self._channels[kind] = self._bus_channel(key, encoding, stored)
+        self._mcap.add_message(channel, raw.at, stored.data, raw.published)
         self.messages += 1
         return stored
 
     def derive(self, key: str, name: str, message: Struct, at: int) -> None:
-        """Keep a message for viewers, of a type that they know by `name`, at a Unix time, ns."""
+        """Write a message for viewers, with their `name` of its type, at a Unix time, ns."""
         channel = self._channels.get((key, name))
         if channel is None:
             schema = self._schema(name, type(message))
@@ -115,23 +111,22 @@ class BagWriter:
         self._mcap.add_message(channel, at, msgspec.json.encode(message), at)
 
     def flush(self) -> None:
-        """End the chunk and hand it to the system; raises OSError, and then nothing may follow."""
+        """End the chunk and write it; after an OSError the writer must not be used again."""
         self._mcap.flush()
 
     def finish(self) -> None:
-        """Write the index that makes it whole; raises OSError."""
+        """Write the index that completes the recording; raises OSError."""
         self._mcap.finish()
         self._out.flush()
 
     def close(self) -> None:
-        """Let go of the file, finished or not."""
+        """Close the file, finished or not."""
         self._out.close()
 
-    def _bus_channel(self, key: str, said: str, stored: Stored) -> int:
-        schema = 0
-        if stored.type is not None:
-            schema = self._schema(f"quadctl.{stored.type.__name__}", stored.type)
-        facts = {SAID: said, PACKED: "yes" if stored.packed else "no"}
+    def _bus_channel(self, key: str, encoding: str, stored: Stored) -> int:
+        type_ = stored.type
+        schema = 0 if type_ is None else self._schema(f"quadctl.{type_.__name__}", type_)
+        facts = {SAID: encoding, PACKED: "yes" if stored.packed else "no"}
         self.keys.add(key)
         return self._mcap.register_channel(key, stored.encoding, schema, facts)
 

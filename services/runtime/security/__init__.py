@@ -1,1 +1,1 @@
-"""Identities on a network: certificates, who has which role, and what the gate lets through."""
+"""Identities on a network: certificates, their roles, and the gate's access control."""

@@ -32,20 +32,20 @@ _TO: dict[Right, list[str]] = {
     "serve": ["query"],
     "see": ["liveliness_token"],
 }
-"""The messages that a right lets out to who has it."""
+"""The messages that a right lets out to its holder."""
 
 _ASK = ["liveliness_query", "declare_liveliness_subscriber"]
 _ROLL = ["*/@node/*", "*/@node/*/@pub/**", "*/@node/*/@srv/**"]
-"""Who is there may be asked by everybody, of everybody; the answers are what `see` lets out."""
+"""Everyone may ask for all nodes and endpoints; only the answers need the right `see`."""
 _EVERYWHERE = ["**", "*/@call/**", "*/@srv/**", "*/@node/**", *_ROLL]
 
 _MESSAGES = sorted({m for side in (_FROM, _TO) for messages in side.values() for m in messages})
 
 
 def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, Any]:
-    """Zenoh's `access_control` for the certificates of these names that have not expired by `now`.
+    """Return Zenoh's `access_control` for the names' certificates that are valid at `now` (Unix s).
 
-    What comes over the protocol `link`, from our own hub, is allowed. Time in Unix s.
+    All traffic over the protocol `link`, which is our own hub's, is allowed.
     """
     groups: dict[tuple[Role, tuple[str, ...]], list[str]] = {}
     named: set[str] = set()
@@ -59,13 +59,11 @@ def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, An
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["own"]}]
     for (role, vehicles), certificates in groups.items():
         subject = f"{role} of {' '.join(vehicles)}"
-        granted = [
-            *_granted(subject, role, vehicles),
-            *_spared(subject, vehicles, named - {EVERY, *vehicles}),
-        ]
-        rules += granted
+        own = [*_granted(subject, role, vehicles)]
+        own += _denied(subject, vehicles, named - {EVERY, *vehicles})
+        rules += own
         subjects.append({"id": subject, "cert_common_names": certificates})
-        policies.append({"rules": [rule["id"] for rule in granted], "subjects": [subject]})
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [subject]})
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -81,24 +79,23 @@ def _granted(subject: str, role: Role, vehicles: Sequence[str]) -> Iterable[dict
             if patterns := keys(role, vehicles, right):
                 yield _rule(f"{subject} {right}", flow, messages, patterns)
     yield _rule(f"{subject} asks", "ingress", _ASK, _ROLL)
-    # That somebody listens, or asks, is told by his pattern, which may cover more than is his.
+    # A subscriber or query comes with its own pattern, which may be wider than the subject's keys.
     if keys(role, vehicles, "publish"):
-        yield _rule(f"{subject} is heard", "egress", ["declare_subscriber"], _EVERYWHERE)
+        yield _rule(f"{subject} sees subscribers", "egress", ["declare_subscriber"], _EVERYWHERE)
     if keys(role, vehicles, "announce"):
-        yield _rule(f"{subject} is asked", "egress", _ASK, _EVERYWHERE)
+        yield _rule(f"{subject} sees queries", "egress", _ASK, _EVERYWHERE)
     if role == "hub" and EVERY not in vehicles:
-        # Its own people ask for all vehicles too, and are told of theirs.
+        # The clients of that hub may subscribe to all vehicles, but receive only those of the hub.
         yield _rule(f"{subject} listens", "ingress", ["declare_subscriber"], ["**"])
 
 
-def _spared(subject: str, vehicles: Sequence[str], others: Iterable[str]) -> list[dict[str, Any]]:
-    # Of thirty hubs each would be told of all the others' listeners; and his people would take what
-    # they say to another's vehicle, which goes nowhere, for heard.
-    if EVERY in vehicles:
-        return []
+def _denied(subject: str, vehicles: Sequence[str], others: Iterable[str]) -> list[dict[str, Any]]:
+    # Without this, each of thirty hubs would receive the subscriptions of all others; and a client
+    # that publishes to another hub's vehicle would see a subscriber, but no message gets there.
     patterns = [f"{other}/{name}" for other in others for name in ("**", "@call/**")]
-    message = ["declare_subscriber"]
-    return [_rule(f"{subject} is spared", "egress", message, patterns, "deny")] if patterns else []
+    if EVERY in vehicles or not patterns:
+        return []
+    return [_rule(f"{subject} not for others", "egress", ["declare_subscriber"], patterns, "deny")]
 
 
 def _rule(
@@ -114,31 +111,31 @@ def _rule(
 
 
 def identity_for(endpoints: Sequence[str]) -> Identity:
-    """The hub's identity; raises UsageError where it is not given, or is no hub's."""
-    who = needed(endpoints[0])
-    if who.name.role != "hub":
+    """Return the hub's identity; raises UsageError if none is given, or its role is not hub."""
+    identity = needed(endpoints[0])
+    if identity.name.role != "hub":
         raise UsageError(
-            f"{endpoints[0]} needs the identity of a hub: {who.folder} is that of the"
-            f" {who.name.role} {who.name.name}",
+            f"{endpoints[0]} needs the identity of a hub: {identity.folder} belongs to the"
+            f" {identity.name.role} {identity.name.name}",
             "`quadctl keys issue hub field` makes one",
         )
-    return who
+    return identity
 
 
-def rules(who: Identity, link: str) -> dict[str, Any]:
-    """Zenoh's access control as the list of names has it now; `link` is our own hub's protocol."""
-    return access_control(registry.load(Path(who.folder)), time.time(), link)
+def rules(identity: Identity, link: str) -> dict[str, Any]:
+    """Return Zenoh's access control for the current list of names; `link` is our hub's protocol."""
+    return access_control(registry.load(Path(identity.folder)), time.time(), link)
 
 
 class RevocationWatch:
-    """Tells when the list of names is another one than it was."""
+    """Detector of changes to the list of names."""
 
     def __init__(self, folder: str) -> None:
         self._file = Path(folder) / LIST
         self._seen = self._look()
 
     def changed(self) -> bool:
-        """Whether it has changed since the watch began."""
+        """Return whether the list has changed since the watch began."""
         return self._look() != self._seen
 
     def _look(self) -> bytes:

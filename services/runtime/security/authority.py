@@ -1,4 +1,4 @@
-"""Certificate authority of a fleet: P-256 keys, and certificates that are good for days."""
+"""Certificate authority of a fleet: P-256 keys, and certificates that are valid for days."""
 
 import datetime as dt
 import ipaddress
@@ -6,6 +6,7 @@ import os
 import secrets
 import socket
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from cryptography import x509
@@ -25,16 +26,16 @@ from quadctl.services.runtime.security.identity import CERTIFICATE, FLEET, KEY, 
 FLEET_KEY = "ca-key.pem"
 _YEARS = 10
 _SLACK = dt.timedelta(minutes=5)
-"""The clocks of two machines may differ by as much."""
+"""Largest difference between the clocks of two machines."""
 _NOWHERE = ("192.0.2.1", 9)
-"""An address that is nobody's: which of ours would be taken to send there is known without sending."""
+"""TEST-NET-1 (RFC 5737): connecting a UDP socket shows our address without sending a packet."""
 
 
 class Authority:
-    """The folder of a fleet: `ca.pem` for all to know, `ca-key.pem` for nobody else."""
+    """Folder with a fleet's public certificate, `ca.pem`, and its secret key, `ca-key.pem`."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises UsageError where the folder has no fleet's keys."""
+        """Load the fleet's keys; raises UsageError if the folder has none."""
         try:
             self._certificate = x509.load_pem_x509_certificate((folder / FLEET).read_bytes())
             key = load_pem_private_key((folder / FLEET_KEY).read_bytes(), None)
@@ -44,12 +45,12 @@ class Authority:
                 "`quadctl keys init` makes them; --fleet names them",
             ) from error
         if not isinstance(key, ec.EllipticCurvePrivateKey):
-            raise UsageError(f"{folder / FLEET_KEY} is no key of a fleet")
+            raise UsageError(f"{folder / FLEET_KEY} is not a fleet's key")
         self._key = key
 
     @staticmethod
     def found(folder: Path) -> None:
-        """Make a new fleet's key and certificate; raises UsageError where there is one already."""
+        """Make a new fleet's key and certificate; raises UsageError if the folder has a fleet."""
         if (folder / FLEET_KEY).exists():
             raise UsageError(f"{folder} has a fleet's keys already", "name another --fleet")
         key, now = ec.generate_private_key(ec.SECP256R1()), dt.datetime.now(dt.UTC)
@@ -66,9 +67,9 @@ class Authority:
         _write_key(folder / FLEET_KEY, key)
 
     def issue(self, name: Name, hosts: list[str], folder: Path) -> None:
-        """Write a certificate for this name, its key and the fleet's certificate to a folder.
+        """Write a name's certificate and key, and the fleet's certificate, to a folder.
 
-        Only a hub's says that it may be connected to, and at which `hosts`.
+        Only a hub's certificate allows connections to it, at the given `hosts`.
         """
         key, usages = ec.generate_private_key(ec.SECP256R1()), [ExtendedKeyUsageOID.CLIENT_AUTH]
         builder = (
@@ -95,23 +96,18 @@ class Authority:
 
 
 def hosts_here() -> list[str]:
-    """By which names and addresses this machine is likely to be reached."""
+    """Return the names and addresses by which other machines probably reach this one."""
     found = ["localhost", "127.0.0.1", socket.gethostname()]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(_NOWHERE)
-            found.append(probe.getsockname()[0])
-        except OSError:
-            # On no network: it is known by its name alone.
-            pass
+    # Without a network connect() fails, and the machine has no other address.
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, suppress(OSError):
+        probe.connect(_NOWHERE)
+        found.append(probe.getsockname()[0])
     return list(dict.fromkeys(found))
 
 
 def _host(host: str) -> x509.GeneralName:
-    try:
+    with suppress(ValueError):
         return x509.IPAddress(ipaddress.ip_address(host))
-    except ValueError:
-        pass
     try:
         return x509.DNSName(host)
     except ValueError as error:
@@ -141,7 +137,7 @@ def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Make the file, readable by its owner alone from its first byte on."""
+    """Create the file so that at no time any other user can read it."""
     try:
         path.unlink(missing_ok=True)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:

@@ -1,4 +1,4 @@
-"""Endpoints: their form, the encrypted ones, and those that must not be opened in plain. Pure."""
+"""Endpoints: syntax check, encrypted and plain ones, refusal of open ones. Pure."""
 
 import re
 from collections.abc import Iterable
@@ -11,38 +11,37 @@ _LOOPBACK = ("127.", "localhost:", "[::1]:")
 
 
 def check(endpoint: str) -> None:
-    """Raise UsageError for what is none."""
+    """Raise UsageError if the text is not an endpoint."""
     if not re.fullmatch(_FORM, endpoint):
         raise UsageError(
-            f"'{endpoint}' is no endpoint",
-            f"endpoints are PROTOCOL/ADDRESS, as tls/lab2:7447; the protocols are {', '.join(PORTS)},"
+            f"'{endpoint}' is not an endpoint",
+            f"write PROTOCOL/ADDRESS, e.g. tls/lab2:7447; the protocols are {', '.join(PORTS)},"
             f" each with HOST:PORT, and {', '.join(LOCAL)} with a path",
         )
 
 
 def how_to_open(endpoint: str) -> str:
-    """What to do where nothing answers at it, for it may be another machine's."""
+    """Return a hint for an endpoint that does not answer; it may be on another machine."""
     protocol, _, place = endpoint.partition("/")
     if protocol in LOCAL:
-        return "does a hub run that has this socket? is the path right?"
+        return "does a hub with this socket run? is the path right?"
     port = re.split("[?#]", place)[0].rpartition(":")[2]
-    return (
-        f"on that machine: `quadctl up --listen {protocol}/0.0.0.0:{port}`; is the address right?"
-    )
+    opens = f"quadctl up --listen {protocol}/0.0.0.0:{port}"
+    return f"on that machine: `{opens}`; is the address right?"
 
 
 def is_secure(endpoint: str) -> bool:
-    """Whether both ends show a certificate, and all between them is encrypted."""
+    """Return whether both ends show a certificate and the traffic is encrypted."""
     return endpoint.partition("/")[0] in SECURE
 
 
 def secure(endpoints: Iterable[str]) -> list[str]:
-    """Those that are the gate's."""
+    """Return the endpoints that the gate opens."""
     return [endpoint for endpoint in endpoints if is_secure(endpoint)]
 
 
 def plain(endpoints: Iterable[str]) -> list[str]:
-    """Those that are the hub's own."""
+    """Return the endpoints that the hub itself opens."""
     return [endpoint for endpoint in endpoints if not is_secure(endpoint)]
 
 
@@ -52,6 +51,6 @@ def refuse_open(endpoints: Iterable[str]) -> None:
         protocol, _, place = endpoint.partition("/")
         if protocol not in LOCAL and not place.startswith(_LOOPBACK):
             raise UsageError(
-                f"{endpoint} is neither encrypted nor closed: whoever reaches it could fly",
-                f"say tls/{place} with an identity (`quadctl keys --help`), or --insecure",
+                f"{endpoint} is neither encrypted nor local: anyone on the network could fly",
+                f"use tls/{place} with an identity (`quadctl keys --help`), or --insecure",
             )

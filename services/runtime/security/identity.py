@@ -13,7 +13,7 @@ from quadctl.services.runtime.errors import NotAllowed, UsageError
 
 
 class Name(Struct, frozen=True):
-    """One holder of a certificate, which is good until `expires` (Unix time, s)."""
+    """Holder of a certificate, which is valid until `expires` (Unix time, s)."""
 
     name: str
     role: Role
@@ -23,30 +23,30 @@ class Name(Struct, frozen=True):
 
     @property
     def common_name(self) -> str:
-        """The certificate's own name, as `student.anna.1a2b3c4d`."""
+        """Return the certificate's common name, e.g. `student.anna.1a2b3c4d`."""
         return f"{self.role}.{self.name}.{self.serial}"
 
     @property
     def of(self) -> str:
-        """Its vehicles for a message."""
+        """Return its vehicles as text for a message."""
         return "all vehicles" if self.vehicles == ["*"] else ", ".join(self.vehicles)
 
 
 VARIABLE = "QUADCTL_IDENTITY"
-"""The environment has it for this process and for all that it starts; `--identity` sets it."""
+"""Environment variable with the folder, inherited by child processes; `--identity` sets it."""
 FLEET, CERTIFICATE, KEY, ABOUT = "ca.pem", "cert.pem", "key.pem", "identity.json"
-_ASK = "have one issued: `quadctl keys issue operator anna`, and copy its folder"
+_ASK = "issue one with `quadctl keys issue operator anna`, and copy its folder"
 
 
 class Identity:
-    """A folder that `quadctl keys issue` has made."""
+    """Folder made by `quadctl keys issue`."""
 
     def __init__(self, folder: str) -> None:
-        """Raises UsageError for a folder that is none or that others can read, NotAllowed late."""
+        """Raise UsageError if a file is missing or the key not private, NotAllowed if expired."""
         self.folder = folder
         for file in (FLEET, CERTIFICATE, KEY, ABOUT):
             if not os.access(self.path(file), os.R_OK):
-                raise UsageError(f"the identity {folder} has no {file} that can be read", _ASK)
+                raise UsageError(f"the identity {folder} has no readable {file}", _ASK)
         key = self.path(KEY)
         if sys.platform != "win32" and os.stat(key).st_mode & 0o077:
             raise UsageError(f"{key} can be read by others on this machine", f"chmod 600 {key}")
@@ -59,15 +59,15 @@ class Identity:
             day = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.name.expires))
             raise NotAllowed(
                 f"the certificate {self.name.common_name} expired on {day}",
-                f"have it issued anew: `quadctl keys issue {self.name.role} {self.name.name}`",
+                f"issue it again with `quadctl keys issue {self.name.role} {self.name.name}`",
             )
 
     def path(self, file: str) -> str:
-        """The full path of one of its files."""
+        """Return the full path of one of its files."""
         return os.path.join(os.path.abspath(self.folder), file)
 
     def tls(self) -> dict[str, Any]:
-        """Zenoh's `transport.link.tls`: both sides show a certificate, and are held to it."""
+        """Return Zenoh's `transport.link.tls`: both sides show and verify a certificate."""
         key, certificate = self.path(KEY), self.path(CERTIFICATE)
         return {
             "root_ca_certificate": self.path(FLEET),
@@ -82,22 +82,22 @@ class Identity:
 
 
 def choose(folder: str) -> None:
-    """Be this one from now on, and all that is started from here."""
+    """Use this identity from now on, in this process and its children."""
     os.environ[VARIABLE] = os.path.abspath(folder)
 
 
 def current() -> Identity | None:
-    """Who we are, None where nothing says it; raises as Identity."""
+    """Return our identity, None if the environment has none; raises as Identity."""
     folder = os.environ.get(VARIABLE)
     return Identity(folder) if folder else None
 
 
 def needed(endpoint: str) -> Identity:
-    """Who we are, for an endpoint that asks for it; raises UsageError where nothing says it."""
+    """Return our identity for an endpoint that needs one; raises UsageError if there is none."""
     found = current()
     if found is None:
         raise UsageError(
-            f"{endpoint} asks who you are",
-            f"say --identity DIR, or set {VARIABLE}; DIR is what `quadctl keys issue` has made",
+            f"{endpoint} needs an identity",
+            f"give --identity DIR, or set {VARIABLE}; `quadctl keys issue` makes DIR",
         )
     return found

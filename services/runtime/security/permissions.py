@@ -1,6 +1,6 @@
-"""Rights of our certificate, and reasons of a failed handshake.
+"""Rights of our certificate, and reasons for a failed handshake.
 
-The hub enforces; this module explains. Without a certificate, on the Unix socket, all is allowed.
+The hub enforces; this module explains. The Unix socket needs no certificate and allows everything.
 """
 
 import socket
@@ -15,123 +15,117 @@ from quadctl.schemas.roles import Right, keys, may
 from quadctl.schemas.topics import INFO
 from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.security.endpoints import how_to_open, is_secure
-from quadctl.services.runtime.security.identity import (
-    CERTIFICATE,
-    FLEET,
-    KEY,
-    Identity,
-    Name,
-    needed,
-)
+from quadctl.services.runtime.security.identity import Identity, Name, needed
 
-_ASK = "`quadctl keys list`, where the fleet's keys are, shows whose certificates are good"
+_ASK = "`quadctl keys list`, on the machine with the fleet's keys, shows the valid certificates"
 _WRONG_HOST = {62, 64}
-"""X509_V_ERR_HOSTNAME_MISMATCH, and the same of an address."""
+"""OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and X509_V_ERR_IP_ADDRESS_MISMATCH."""
 
 
 def why(endpoint: str, timeout: float) -> QuadctlError:
-    """What keeps us out, after an attempt to connect that has failed; takes up to `timeout` s."""
+    """Return the reason why an attempt to connect has failed, within `timeout` (s)."""
     protocol, _, place = endpoint.partition("/")
-    who = needed(endpoint)
-    nobody = Unreachable(f"nothing answers at {endpoint}", how_to_open(endpoint))
+    identity = needed(endpoint)
+    silent = Unreachable(f"nothing answers at {endpoint}", how_to_open(endpoint))
     if protocol != "tls":
-        # There is no asking twice: to say why takes a library that few have.
+        # Python's ssl has no QUIC, and few have installed a library for it.
         return Unreachable(
-            f"{endpoint} did not let in {who.name.common_name}, or nothing is there",
-            "is the hub up? over tls it would be told which",
+            f"{endpoint} rejected {identity.name.common_name}, or nothing is there",
+            "is the hub up? a tls endpoint would show which of the two it is",
         )
     host, _, port = place.rpartition(":")
     try:
-        return _shake(who, host.strip("[]"), int(port), timeout) or nobody
+        return _shake(identity, host.strip("[]"), int(port), timeout) or silent
     except TimeoutError:
-        return TimedOut(f"{endpoint} did not answer within {timeout:g} s", nobody.hint)
+        return TimedOut(f"{endpoint} did not answer within {timeout:g} s", silent.hint)
     except (OSError, ValueError):
-        return nobody
+        return silent
 
 
-def _shake(who: Identity, host: str, port: int, timeout: float) -> QuadctlError | None:
-    context = ssl.create_default_context(cafile=who.path(FLEET))
-    context.load_cert_chain(who.path(CERTIFICATE), who.path(KEY))
+def _shake(identity: Identity, host: str, port: int, timeout: float) -> QuadctlError | None:
+    tls = identity.tls()
+    context = ssl.create_default_context(cafile=tls["root_ca_certificate"])
+    context.load_cert_chain(tls["connect_certificate"], tls["connect_private_key"])
     with socket.create_connection((host, port), timeout) as link:
         try:
             with context.wrap_socket(link, server_hostname=host) as secured:
-                # The hub's opinion of our certificate comes after its own part is done.
+                # The hub verifies our certificate only after our side of the handshake is done.
                 secured.settimeout(min(timeout, 0.5))
                 secured.recv(1)
         except ssl.SSLCertVerificationError as problem:
-            return _not_ours(who, host, problem)
+            return _wrong_hub(identity, host, problem)
         except (ssl.SSLError, ConnectionResetError):
             return NotAllowed(
-                f"the hub does not take the certificate {who.name.common_name}",
-                f"it has expired, or is of another fleet than the hub's. {_ASK}",
+                f"the hub rejects the certificate {identity.name.common_name}",
+                f"it has expired, or belongs to another fleet than the hub. {_ASK}",
             )
         except TimeoutError:
             return None
     return None
 
 
-def _not_ours(who: Identity, host: str, problem: ssl.SSLCertVerificationError) -> QuadctlError:
+def _wrong_hub(who: Identity, host: str, problem: ssl.SSLCertVerificationError) -> QuadctlError:
     if problem.verify_code in _WRONG_HOST:
         return Unreachable(
-            f"the hub's certificate is not made out to {host}",
-            f"issue it anew with --host {host}, or say an address that it is made out to",
+            f"the hub's certificate is not valid for the address {host}",
+            f"issue it again with --host {host}, or use an address that it is valid for",
         )
     return Unreachable(
-        f"what answers at {host} is no hub of our fleet: {problem.verify_message}",
+        f"{host} answers, but is not a hub of our fleet: {problem.verify_message}",
         f"is {who.folder} the right identity?",
     )
 
 
 IN_FORCE = 5.0
-"""Seconds in which a new list of names is in force however busy the machine; mostly it is half of one."""
+"""Seconds until a new list of names is in force, even on a busy machine; mostly 0.5 s."""
 _POLL = 0.05
 _LOOK = 0.5
-"""Seconds in which a vehicle that is there has said so."""
+"""Seconds within which a live vehicle answers."""
 _TO: dict[Right, str] = {"listen": "listen to", "publish": "publish on", "see": "see"}
 
 
 def allows(connect: str, right: Right, key: str) -> bool:
-    """Whether our role over that endpoint extends to a key or expression."""
+    """Return whether our role gives us the right to a key expression over that endpoint."""
     if not is_secure(connect):
         return True
-    who = needed(connect).name
-    return may(who.role, who.vehicles, right, key)
+    name = needed(connect).name
+    return may(name.role, name.vehicles, right, key)
 
 
 def check(connect: str, right: Right, *asked: str) -> None:
-    """Raise NotAllowed where our role over that endpoint does not extend to a key or expression."""
+    """Raise NotAllowed if our role lacks the right to a key expression over that endpoint."""
     for key in asked:
         if not allows(connect, right, key):
-            who = needed(connect).name
-            article = "an" if who.role[0] in "aeiou" else "a"
+            name = needed(connect).name
+            article = "an" if name.role[0] in "aeiou" else "a"
             raise NotAllowed(
-                f"not allowed: {article} {who.role} of {who.of} may not {_TO.get(right, right)} {key}"
-                f" (your certificate {who.common_name})",
-                _instead(who, right),
+                f"not allowed: {article} {name.role} of {name.of} may not"
+                f" {_TO.get(right, right)} {key} (your certificate {name.common_name})",
+                _alternative(name, right),
             )
 
 
 def everything(connect: str) -> list[str]:
-    """All that our role over that endpoint may listen to; nothing where there are no roles."""
+    """Return all keys that our role may listen to over that endpoint; none without roles."""
     if not is_secure(connect):
         return []
-    who = needed(connect).name
-    return keys(who.role, who.vehicles, "listen")
+    name = needed(connect).name
+    return keys(name.role, name.vehicles, "listen")
 
 
 def is_let_in(session: zenoh.Session, timeout: float) -> bool:
-    """Whether the hub lets anything of ours through.
+    """Return whether our name is on the hub's list.
 
-    It lets in whoever has a certificate of the fleet, but tells only those on its list who it is.
+    The hub accepts every certificate of the fleet, but answers only the names on its list.
     """
     replies = session.liveliness().get(keyexpr.node_key("*", "gate"), timeout=timeout)
     return any(reply.ok is not None for reply in replies)
 
 
 def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:
-    """Raise NotAllowed where the hub at that endpoint lets nothing of ours through in time (s).
+    """Wait until the hub lets our traffic through; raises NotAllowed after `timeout` (s).
 
-    For a session that comes back by itself to a gate that opens anew.
+    For a session that reconnects by itself to a gate that reopens.
     """
     if not is_secure(connect):
         return
@@ -143,20 +137,20 @@ def welcome(session: zenoh.Session, connect: str, timeout: float) -> None:
 
 
 def kept_out(connect: str) -> NotAllowed:
-    """What is known of a hub that lets nothing of ours through."""
+    """Return the error for a hub that accepts our connection but none of our traffic."""
     return NotAllowed(
         f"not allowed: {connect} lets nothing through for {needed(connect).name.common_name}",
-        "the certificate was revoked, or the hub has an old list of names: have one issued",
+        "the certificate was revoked, or the hub's list of names is old: ask for a new certificate",
     )
 
 
 def tell_apart(
     session: zenoh.Session, connect: str, key: str, offers: Sequence[keyexpr.EndpointInfo]
 ) -> None:
-    """Raise NotAllowed where a key is served that nobody answered: the hub has kept us from it.
+    """Raise NotAllowed if a key without an answer is served: then the hub has blocked our query.
 
-    Our certificate may say more than the hub's list. What that denies we may not even see, but `info`
-    of every vehicle may be read by all.
+    Our certificate may grant more than the hub's list, which then may hide the endpoint as well;
+    but every role may read the `info` of every vehicle.
     """
     if not is_secure(connect):
         return
@@ -167,13 +161,13 @@ def tell_apart(
     if served:
         raise NotAllowed(
             f"not allowed: {connect} keeps {needed(connect).name.common_name} from {key}",
-            "it is served: the hub's list of names says less than your certificate, or its quadctl is"
-            " another version",
+            "it is served: the hub's list of names grants less than your certificate, or its"
+            " quadctl is another version",
         )
 
 
-def _instead(who: Name, right: Right) -> str:
-    granted = keys(who.role, who.vehicles, right)
+def _alternative(name: Name, right: Right) -> str:
+    granted = keys(name.role, name.vehicles, right)
     if not granted:
-        return "`quadctl keys issue operator` would make a certificate that may"
+        return "`quadctl keys issue operator` makes a certificate with this right"
     return f"it may {', '.join(granted[:6])}{' ..' if len(granted) > 6 else ''}"

@@ -22,7 +22,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
 def checked(name: str) -> str:
-    """A holder's name, which also names a folder; raises UsageError for what cannot be one."""
+    """Return a holder's name, also a folder's name; raises UsageError if it is not valid."""
     if not _NAME.fullmatch(name):
         raise UsageError(
             f"'{name}' is no name for a certificate",
@@ -31,13 +31,13 @@ def checked(name: str) -> str:
     return name
 
 
-def checked_vehicles(said: list[str]) -> list[str]:
-    """The vehicles that a role is for, all where none is said; raises UsageError."""
-    return sorted({vehicle_name(vehicle) for vehicle in said}) or ["*"]
+def checked_vehicles(names: list[str]) -> list[str]:
+    """Return the vehicles of a role, all if none is named; raises UsageError for a bad name."""
+    return sorted({vehicle_name(name) for name in names}) or ["*"]
 
 
 def load(folder: Path) -> list[Name]:
-    """The list of a folder; raises UsageError where there is none, Invalid where it is none."""
+    """Load the list of a folder; raises UsageError if it cannot be read, Invalid if damaged."""
     file = folder / LIST
     try:
         return msgspec.json.decode(file.read_bytes(), type=list[Name])
@@ -48,9 +48,8 @@ def load(folder: Path) -> list[Name]:
     except OSError as error:
         raise UsageError(f"{file} cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
-        raise Invalid(f"{file} is no list of names: {error}", "`quadctl keys list` reads it") from (
-            error
-        )
+        hint = "copy it from another folder of the fleet"
+        raise Invalid(f"{file} is not a list of names: {error}", hint) from error
 
 
 def save(folder: Path, names: list[Name]) -> None:
@@ -62,60 +61,57 @@ _DAY = 86_400
 
 
 class Registry:
-    """The folder with the fleet's keys, its list of names, and a folder for each of them."""
+    """Folder with the fleet's keys, its list of names, and one folder per name."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def init(self) -> None:
-        """Make a new fleet; raises UsageError where there is one already."""
+        """Make a new fleet; raises UsageError if the folder has one already."""
         Authority.found(self._folder)
         save(self._folder, [])
 
     def names(self) -> list[Name]:
-        """All names; raises UsageError where there is no fleet."""
+        """Return all names; raises UsageError if there is no fleet."""
         return load(self._folder)
 
     def issue(
         self, role: Role, vehicles_of: dict[str, list[str]], days: float, hosts: list[str]
     ) -> list[Name]:
-        """New certificates, each in a folder that has its name; one that a name had is good no more.
+        """Issue certificates, one folder per name; an earlier certificate of a name is revoked.
 
-        `vehicles_of` says by name what the role is for.
+        `vehicles_of` has the role's vehicles for each name.
         """
         expires, hosts = time.time() + days * _DAY, hosts or hosts_here()
-        made = [
-            Name(name, role, vehicles, token_hex(4), expires)
-            for name, vehicles in vehicles_of.items()
-        ]
+        made = [Name(name, role, of, token_hex(4), expires) for name, of in vehicles_of.items()]
         authority = Authority(self._folder)
         with self._lock():
             others = [known for known in self.names() if known.name not in vehicles_of]
             for name in made:
                 authority.issue(name, hosts, self.folder_of(name))
                 self._write(self.folder_of(name) / ABOUT, msgspec.json.encode(name))
-            self._tell([*others, *made])
+            self._save([*others, *made])
         return made
 
     def folder_of(self, name: Name) -> Path:
-        """Where its identity is."""
+        """Return the folder of a name's identity."""
         return self._folder / name.name
 
     def revoke(self, name: str) -> Name:
-        """Take a name from the list, and remove its folder; raises Invalid where it is not there."""
+        """Remove a name and its folder; raises Invalid if there is no such name."""
         with self._lock():
             known = {each.name: each for each in self.names()}
             if name not in known:
                 hint = nearest(name, known) or "`quadctl keys list` shows all"
-                raise Invalid(f"nobody is called {name}", hint)
-            gone = known.pop(name)
-            self._tell(list(known.values()))
+                raise Invalid(f"there is no certificate {name}", hint)
+            revoked = known.pop(name)
+            self._save(list(known.values()))
             with suppress(FileNotFoundError):
                 shutil.rmtree(self._folder / name)
-        return gone
+        return revoked
 
-    def _tell(self, known: list[Name]) -> None:
-        # The hubs' folders have the list too: a hub is given its folder, and nothing else.
+    def _save(self, known: list[Name]) -> None:
+        # A hub's machine has only the hub's folder, so each hub's folder has a copy of the list.
         folders = [self.folder_of(name) for name in known if name.role == "hub"]
         try:
             for folder in (self._folder, *filter(Path.is_dir, folders)):

@@ -1,1 +1,1 @@
-"""A run of the system: its processes, started, watched, and ended together."""
+"""Run of the system: its processes are started, supervised and ended together."""

@@ -1,4 +1,4 @@
-"""Child process: its start and end, the reader of its pipe, its bounded line buffer."""
+"""Child process: start and end, reader of its pipe, bounded line buffer."""
 
 import os
 import re
@@ -16,18 +16,17 @@ from quadctl.services.runtime.supervisor import descendants, fork
 from quadctl.services.runtime.supervisor.fork import ForkedProcess
 
 LONGEST = 4000
-"""Bytes of a line that are kept; what goes beyond, up to the line's end, is left out."""
+"""Bytes of a line that are kept; the rest of a longer line is dropped."""
 MOST = 500
-"""Lines that may wait to be shown; more are dropped, and counted."""
+"""Lines that may wait to be shown; more are dropped and counted."""
 FEW = 50
-"""Lines at once that are nothing unusual; the reader pauses after more."""
-
+"""Lines per read that are normal; after more the reader pauses."""
 
 _OLD_IMPORT = re.compile(r"ModuleNotFoundError: No module named '(schemas|services|cli)\b")
 
 
 class LogLine(NamedTuple):
-    """A line, when it was read (Unix time, s), and by whom it was said."""
+    """A line, with the Unix time (s) at which it was read and the name of its process."""
 
     at: float
     name: str
@@ -35,10 +34,9 @@ class LogLine(NamedTuple):
 
 
 class LineBuffer:
-    """Filled by the thread that reads a child's pipe, emptied by the supervisor's loop."""
+    """Lines of the child `name`, from the reader thread of its pipe to the supervisor's loop."""
 
     def __init__(self, name: str) -> None:
-        """`name` is the child's."""
         self._name = name
         self._lock = Lock()
         self._waiting: list[LogLine] = []
@@ -47,7 +45,7 @@ class LineBuffer:
         self._cutting = False
 
     def feed(self, chunk: bytes) -> bool:
-        """Take in what was read; False where it was much, so that the reader shall pause."""
+        """Add the bytes read; return False if there were many, so that the reader pauses."""
         pieces = chunk.split(b"\n")
         too_long = self._cutting
         if self._cutting:
@@ -57,21 +55,21 @@ class LineBuffer:
             pieces[0] = self._part + pieces[0]
         self._part = pieces.pop() if pieces else b""
         if len(self._part) > LONGEST:
-            # Shown now, for its end may never come.
+            # Show it now, because its newline may never come.
             pieces.append(self._part)
             self._part, self._cutting = b"", True
         self._add(pieces)
         return len(pieces) <= FEW and not too_long
 
     def end(self) -> None:
-        """Nothing more will come: what stands there without a newline is a line."""
+        """Add the rest, which has no newline, as the last line."""
         if self._part:
             self._add([self._part])
             self._part = b""
 
     def take(self) -> list[LogLine]:
-        """The lines that wait; where some were dropped, the last one says how many."""
-        # Most looks find none, and spare the lock; what comes just now is the next one's.
+        """Return the lines that wait; if some were dropped, the last one gives their number."""
+        # Usually there is none: skip the lock. A line added just now waits for the next call.
         if not self._waiting:
             return []
         with self._lock:
@@ -91,12 +89,11 @@ class LineBuffer:
 
 
 def _explained(line: str) -> tuple[str, ...]:
-    """Return a line, and the new import behind an error that cannot name it: a node of an older release."""
+    """Return a line; after a failed import of a node for an older release, also a hint."""
     if not (old := _OLD_IMPORT.match(line)):
         return (line,)
     top = old[1]
-    hint = f"hint: quadctl is one package now: write `from quadctl.{top}` for `from {top}`"
-    return line, hint
+    return line, f"hint: quadctl is one package now: write `from quadctl.{top}` for `from {top}`"
 
 
 def _text(raw: bytes) -> str:
@@ -105,34 +102,34 @@ def _text(raw: bytes) -> str:
 
 
 _LAST_WORDS = 0.2
-"""Seconds to wait for what an ended process wrote last; a grandchild may keep the pipe open."""
+"""Seconds to wait for the last output of an ended process; a grandchild may hold the pipe."""
 _CHUNK = 1 << 16
 _PAUSE = 0.1
-"""Seconds that a child's pipe is left to fill where it writes much."""
+"""Seconds between reads from a child that writes much."""
 _GATHER = 0.005
-"""Seconds in which what a child says next is left to gather, so that few looks show many lines."""
+"""Seconds between reads otherwise, so that each wake-up of the loop shows several lines."""
 _POLL = 0.002
 
 
 class Child:
-    """A running process. `on_lines` and `on_end` are called from a thread of its own."""
+    """A running process. Its reader thread calls `on_lines` and `on_end`."""
 
     def __init__(
         self,
         process: Process,
         environment: Mapping[str, str],
         folder: str,
-        leash: str,
+        mark: str,
         on_lines: Callable[[], None],
         on_end: Callable[[], None],
     ) -> None:
-        """Start it; by the leash, all that a user's command starts can be found."""
+        """Start the process; the mark finds all processes that a user's command starts."""
         self._on_lines, self._on_end = on_lines, on_end
-        self._leash = f"{leash}{process.name}/" if process.stranger else ""
+        self._mark = f"{mark}{process.name}/" if process.stranger else ""
         self._lines = LineBuffer(process.name)
         self._group_is_gone = False
-        # In a session of its own: Ctrl-C is the supervisor's to hear, and to pass on in order.
-        # Our nodes watch their stdin: they end when we do, however we do.
+        # A new session: only the supervisor receives Ctrl-C, and ends its children in order.
+        # Our nodes watch their stdin, so they end with the supervisor even after a kill -9.
         self._popen: subprocess.Popen[bytes] | ForkedProcess
         if not process.stranger and fork.possible():
             self._popen = ForkedProcess(process.command[-1], environment, folder, both=True)
@@ -143,43 +140,43 @@ class Child:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, **environment, descendants.MARK: self._leash},
+                env={**os.environ, **environment, descendants.MARK: self._mark},
                 cwd=folder,
                 start_new_session=True,
             )
         self._reader = threading.Thread(target=self._read, daemon=True)
 
     def listen(self) -> None:
-        """Hear what it says, from now on; a thread more, after which nothing can be forked."""
+        """Start the reader thread, after which this process cannot fork any more."""
         self._reader.start()
 
     def take_lines(self) -> list[LogLine]:
-        """What it has said since the last look."""
+        """Return its output since the last call."""
         return self._lines.take()
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Return its process id."""
         return self._popen.pid
 
     def exit_code(self) -> int | None:
-        """How it ended, None while it runs."""
+        """Return its exit code, None while it runs."""
         return self._popen.poll()
 
     def terminate(self) -> None:
-        """Ask it, and what it started, to end."""
+        """Send SIGTERM to it and to its descendants."""
         self._signal(signal.SIGTERM)
-        if self._leash:
-            descendants.signal_all(self._leash, signal.SIGTERM)
+        if self._mark:
+            descendants.signal_all(self._mark, signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it, and what it started, at once; also when it has ended by itself."""
+        """Kill it and its descendants, also after it has ended by itself."""
         self._signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL)
-        if self._leash:
-            descendants.kill_all(self._leash)
+        if self._mark:
+            descendants.kill_all(self._mark)
 
     def wait(self, timeout: float) -> bool:
-        """Whether it, and its process group, have ended within so many seconds."""
+        """Return whether it and its process group have ended within `timeout` (s)."""
         deadline = time.monotonic() + timeout
         try:
             self._popen.wait(max(timeout, 0))
@@ -190,7 +187,7 @@ class Child:
         return gone
 
     def last_words(self) -> str:
-        """Read to the end of what it wrote; returns how it ended."""
+        """Wait until its last output is read, and return how it ended."""
         if self._reader.ident is not None:
             self._reader.join(_LAST_WORDS)
         code = self._popen.poll()
@@ -199,24 +196,24 @@ class Child:
         return f"exit {code}" if code >= 0 else signal.Signals(-code).name
 
     def _signal(self, number: int) -> bool:
-        """Signal its process group; whether there still is one."""
+        """Signal its process group; returns whether the group still exists."""
         ended = self._popen.poll() is not None
         if sys.platform == "win32":
             if not ended:
                 self._popen.send_signal(number)
             return not ended
-        # A group outlives its first process, and keeps its number; once gone, others may have it.
+        # A group can outlive its first process; after its end others may get its number.
         if not self._group_is_gone:
             try:
                 os.killpg(self._popen.pid, number)
             except (ProcessLookupError, PermissionError):
-                # Not permitted: what is left of it is another user's, or on macOS has ended.
+                # PermissionError: the rest belongs to another user, or on macOS has ended.
                 self._group_is_gone = ended
         return not self._group_is_gone
 
     def _read(self) -> None:
         pipe = self._popen.stdout
-        assert pipe is not None  # noqa: S101 - a pipe, as asked for above
+        assert pipe is not None  # noqa: S101 - Popen was given PIPE
         with pipe:
             while chunk := os.read(pipe.fileno(), _CHUNK):
                 few = self._lines.feed(chunk)

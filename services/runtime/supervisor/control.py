@@ -4,7 +4,6 @@ import contextlib
 import os
 import signal
 import time
-from pathlib import Path
 
 from quadctl.services.runtime import procfs, run_files
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut
@@ -16,9 +15,9 @@ _STOP_POLL = 0.005
 
 
 def stop_run(realm: Realm, timeout: float = 5.0) -> RunState:
-    """End a run and wait (s) until it has ended; raises Unreachable where nothing runs."""
+    """Stop a run and wait (s) until it has ended; raises Unreachable if nothing runs."""
     run = read(realm)
-    # It may be ending by itself just now.
+    # The run may end by itself at this moment.
     with contextlib.suppress(ProcessLookupError):
         os.kill(run.pid, signal.SIGTERM)
     deadline = time.monotonic() + timeout
@@ -33,7 +32,7 @@ def stop_run(realm: Realm, timeout: float = 5.0) -> RunState:
 
 
 def _is_there(pid: int) -> bool:
-    # It lets go of the realm first. Where nothing is told of processes, that has to do.
+    # A supervisor releases the realm before it ends. Without /proc only the realm can be checked.
     return procfs.parent_of(pid) is not None and not procfs.has_ended(pid)
 
 
@@ -41,15 +40,14 @@ _POLL = 0.01
 
 
 def request_restart(realm: Realm, name: str) -> ProcessRecord:
-    """Leave a request for the supervisor, which looks ten times a second.
+    """Leave a request for the supervisor, and return the record of the process before it.
 
-    Returns the process as it was before. Raises Unreachable where nothing runs, and Invalid for
-    a name that the run does not have.
+    Raises Unreachable if nothing runs, and Invalid for a name that the run does not have.
     """
     before = _process(realm, name)
     try:
         realm.asked.mkdir(exist_ok=True)
-        # An empty file is there or not, and needs no room on a full disk.
+        # An empty file appears at once, and needs no room on a full disk.
         (realm.asked / name).touch()
     except FileNotFoundError as error:
         raise run_files.not_running(realm) from error
@@ -61,12 +59,11 @@ def request_restart(realm: Realm, name: str) -> ProcessRecord:
 
 
 def pending_restarts(realm: Realm) -> list[str]:
-    """The names that a restart was asked for since the last look; the supervisor's side."""
-    # Nearly always nobody has, and this is looked at many times a second.
+    """Take the names requested since the last call; the supervisor calls this 10 times a second."""
     if not realm.asked.exists():
         return []
     taken = []
-    # Who asks just now, or removes the realm's folder, is seen at the next look.
+    # A request that arrives just now, or the removal of the folder, waits for the next call.
     with contextlib.suppress(OSError):
         for request in realm.asked.iterdir():
             request.unlink()
@@ -75,30 +72,22 @@ def pending_restarts(realm: Realm) -> list[str]:
 
 
 def wait_restarted(realm: Realm, name: str, before: ProcessRecord, timeout: float) -> ProcessRecord:
-    """Wait (s) until it is ready as another process than `before`, and return what it is then.
+    """Wait (s) until it is ready as another process than `before`, and return its new record.
 
-    Raises TimedOut, and QuadctlError where it was started and does not stay up.
+    Raises TimedOut, and QuadctlError if it was started but does not stay up.
     """
     deadline = time.monotonic() + timeout
+    hint = f"look for the cause in its log: {realm.logs / f'{name}.log'}"
     while True:
         now = _process(realm, name)
         if now.restarts > before.restarts and now.state == "down":
-            raise QuadctlError(
-                f"{name} was restarted and does not stay up",
-                f"its log tells why: {_log(realm, name)}",
-            )
+            raise QuadctlError(f"{name} was restarted and does not stay up", hint)
         if now.state == "ready" and now.pid not in {0, before.pid}:
             return now
         if time.monotonic() > deadline:
-            raise TimedOut(
-                f"{name} is not ready again within {timeout:g} s, but {now.state}",
-                f"its log may tell why: {_log(realm, name)}",
-            )
+            late = f"{name} is not ready again within {timeout:g} s, but {now.state}"
+            raise TimedOut(late, hint)
         time.sleep(_POLL)
-
-
-def _log(realm: Realm, name: str) -> Path:
-    return realm.logs / f"{name}.log"
 
 
 def _process(realm: Realm, name: str) -> ProcessRecord:

@@ -1,7 +1,7 @@
 """Background supervisor of `up -d`: its start, and its main().
 
-Reads a Launch, one line, from stdin, and writes one StartupResult to stdout when all are ready or one
-failed. An owned run ends when its stdin does: with its owner, even by kill -9, on every platform.
+It reads a Launch, one line, from stdin, and writes one StartupResult to stdout when all are ready
+or one has failed. An owned run ends with its owner, on every platform: a kill -9 closes its stdin.
 """
 
 import os
@@ -28,7 +28,7 @@ _KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class StartupResult(Struct, frozen=True):
-    """What a background supervisor says once: ready when `failed` is empty."""
+    """Result that a background supervisor reports once; empty `failed` means ready."""
 
     failed: str = ""
     code: str = ""
@@ -36,36 +36,36 @@ class StartupResult(Struct, frozen=True):
 
 
 def start_in_background(launch: Launch) -> IO[bytes]:
-    """Start a supervisor in the background, and return when it says that all are ready.
+    """Start a supervisor in the background, and return when all processes are ready.
 
-    What is returned holds a run that is `owned`: it ends when that is closed, as with this process.
-    Raises AlreadyServed where the realm is live, Invalid for what cannot be launched, and
-    QuadctlError with the last lines of what did not come up; then nothing is left running.
+    An `owned` run ends when the returned pipe is closed, by the caller or by the caller's end.
+    Raises AlreadyServed if the realm is live, Invalid if the launch is impossible, and QuadctlError
+    with the last lines of a process that failed; then nothing is left running.
     """
     supervisor = _start()
-    assert supervisor.stdin is not None  # noqa: S101 - pipes, as asked for below
+    assert supervisor.stdin is not None  # noqa: S101 - Popen was given pipes
     assert supervisor.stdout is not None  # noqa: S101
-    patience = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
-    patience.start()
+    watchdog = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
+    watchdog.start()
     try:
         supervisor.stdin.write(msgspec.json.encode(launch) + b"\n")
         supervisor.stdin.flush()
         if not launch.owned:
             supervisor.stdin.close()
-        said = supervisor.stdout.read()
+        reply = supervisor.stdout.read()
     except BaseException:
-        # Ctrl-C: what was begun is not left behind.
+        # After Ctrl-C nothing is left running.
         supervisor.send_signal(signal.SIGTERM)
         raise
     finally:
-        patience.cancel()
-    settled = msgspec.json.decode(said or b"{}", type=StartupResult)
+        watchdog.cancel()
+    result = msgspec.json.decode(reply or b"{}", type=StartupResult)
     for kind in (AlreadyServed, Invalid):
-        if settled.code == kind.code:
-            raise kind(settled.failed, settled.hint)
-    if settled.failed or not said:
+        if result.code == kind.code:
+            raise kind(result.failed, result.hint)
+    if result.failed or not reply:
         supervisor.wait(START_TIMEOUT)
-        raise QuadctlError(settled.failed or "the supervisor ended at once", settled.hint)
+        raise QuadctlError(result.failed or "the supervisor ended at once", result.hint)
     return supervisor.stdin
 
 
@@ -84,25 +84,25 @@ def main() -> int:
     """Run a realm in the background."""
     from quadctl.services.runtime.supervisor.supervisor import run
 
-    # Not sys.stdin, which is None where the shell had closed it (`quadctl up -d <&-`).
+    # sys.stdin is None if the shell has closed it (`quadctl up -d <&-`).
     with os.fdopen(0, "rb", closefd=False) as pipe:
-        asked = pipe.readline()
-    if not asked.endswith(b"\n"):
-        return 0  # who asked was killed over it
-    launch = msgspec.json.decode(asked, type=Launch)
+        line = pipe.readline()
+    if not line.endswith(b"\n"):
+        return 0  # the command was killed while it wrote
+    launch = msgspec.json.decode(line, type=Launch)
 
     def on_settled(supervisor: "Supervisor", failed: str) -> None:
-        if not _say(StartupResult(failed)) or failed:
+        if not _report(StartupResult(failed)) or failed:
             supervisor.stop()
         elif launch.owned:
-            # Not before: a process with threads cannot fork its nodes.
+            # Only now, because a process with threads cannot fork its nodes.
             threading.Thread(target=_end_with_owner, args=(supervisor,), daemon=True).start()
 
     try:
         with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
             run(launch, nowhere, on_settled)
     except QuadctlError as error:
-        _say(StartupResult(error.message, error.code, error.hint))
+        _report(StartupResult(error.message, error.code, error.hint))
         return error.exit_code
     return 0
 
@@ -112,14 +112,14 @@ def _end_with_owner(supervisor: "Supervisor") -> None:
     supervisor.stop()
 
 
-def _say(settled: StartupResult) -> bool:
-    """Whether who waits for it is still there to hear it."""
+def _report(result: StartupResult) -> bool:
+    """Write the result for the command that waits; return False if the command has died."""
     try:
-        os.write(1, msgspec.json.encode(settled))
+        os.write(1, msgspec.json.encode(result))
     except BrokenPipeError:
         return False
-    # Letting go of stdout tells the reader that this was all; stderr is the command's own, and
-    # who captures it would wait for its end as long as we run.
+    # Closing stdout ends the command's read. Stderr is inherited from the command: a caller that
+    # captures it would wait as long as we run.
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (2, 1):
         os.dup2(nowhere, stream)

@@ -1,4 +1,4 @@
-"""Launch of a run: its settings, its lock on the realm, its files."""
+"""Launch of a run: settings, lock on the realm, files."""
 
 import contextlib
 import os
@@ -31,11 +31,10 @@ _ATTEMPTS = 100
 
 
 class Launch(Struct, frozen=True):
-    """All that a supervisor needs to know: each vehicle's parameters among it.
+    """Settings of a supervisor, with each vehicle's parameters.
 
-    `[processes]` commands run in `folder`. The run is recorded to the file `record`, where one is
-    named. `insecure` says that plain endpoints may reach beyond this machine. One that is `owned` ends
-    with who started it.
+    `[processes]` commands run in `folder`. The run is recorded to `record`, if it is not empty.
+    `insecure` allows plain endpoints beyond this machine. An `owned` run ends with its starter.
     """
 
     realm: str
@@ -48,16 +47,16 @@ class Launch(Struct, frozen=True):
 
     @property
     def vehicles(self) -> list[str]:
-        """The names of the vehicles."""
+        """Return the names of the vehicles."""
         return list(self.fleet)
 
     @property
     def params(self) -> Params:
-        """What is the same for all vehicles: the first one's tables of the hub and the run."""
+        """Return the first vehicle's parameters; all vehicles share those of hub and run."""
         return self.fleet[self.vehicles[0]]
 
     def processes(self) -> tuple[Process, ...]:
-        """What is to run; raises Invalid for a command, or a hub, that is not there.
+        """Return the processes to run; raises Invalid for a missing command or hub.
 
         Raises UsageError for endpoints that are open to all, or need an identity that is not given.
         """
@@ -75,12 +74,12 @@ class Launch(Struct, frozen=True):
         path = self.environment(0)["PATH"]
         for process in rows:
             program = process.command[0]
-            # As the child will: a path is looked up from the file's folder, a word on PATH.
+            # Search as the child will: a path from the file's folder, a plain name on PATH.
             there = Path(self.folder) / program if Path(program).name != program else program
             if process.stranger and shutil.which(there, path=path) is None:
                 raise Invalid(
-                    f"processes.{process.name}: {program} is not there, or cannot be run",
-                    "give a command that this shell would find",
+                    f"processes.{process.name}: {program} was not found, or is not executable",
+                    "give a command that this shell can run",
                 )
         return rows
 
@@ -88,14 +87,14 @@ class Launch(Struct, frozen=True):
         needs = [process.name for process in rows if process.must_announce]
         if needs and "hub" not in needs and not _answers(Realm(self.realm).socket):
             raise Invalid(
-                f"--without hub: {', '.join(needs)} meet at it, and the realm {self.realm} has none",
+                f"--without hub: {', '.join(needs)} need a hub; the realm {self.realm} has none",
                 f"start one first: python -P -m quadctl.services.hub --realm {self.realm}",
             )
 
     def environment(self, restarts: int) -> dict[str, str]:
-        """What a child finds in its environment beside ours."""
+        """Return the variables that a child gets in addition to ours."""
+        identity = os.environ.get("QUADCTL_IDENTITY")
         # `python` in a command means the interpreter that has quadctl.
-        who = os.environ.get("QUADCTL_IDENTITY")
         path = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
         return {
             "QUADCTL_REALM": self.realm,
@@ -105,19 +104,19 @@ class Launch(Struct, frozen=True):
             "QUADCTL_SUPERVISED": "1",
             "QUADCTL_RECORD": self.record,
             "QUADCTL_INSECURE": "1" if self.insecure else "",
-            # Children stand in another folder.
-            "QUADCTL_IDENTITY": str(Path(who).absolute()) if who else "",
+            # Children may run in another folder.
+            "QUADCTL_IDENTITY": str(Path(identity).absolute()) if identity else "",
             "PYTHONUNBUFFERED": "1",
             "PATH": path,
         }
 
 
 def hold(realm: Realm) -> FileLock:
-    """Take the realm for a supervisor; raises AlreadyServed, naming its holder's pid."""
+    """Lock the realm for a supervisor; raises AlreadyServed with the pid of its holder."""
     hint = f"`quadctl down --realm {realm.name}` ends it; another --realm runs beside it"
     lock = FileLock(realm.lock, f"the realm {realm.name}", hint)
     for _ in range(_ATTEMPTS):
-        # A run that is just ending removes the folder under us.
+        # A run that ends at this moment may remove the folder.
         with contextlib.suppress(FileNotFoundError):
             realm.create()
             return lock.acquire()
@@ -125,7 +124,7 @@ def hold(realm: Realm) -> FileLock:
 
 
 def _answers(path: Path) -> bool:
-    """Whether somebody listens on a Unix socket."""
+    """Return whether a process listens on a Unix socket."""
     if sys.platform == "win32":
         return False
     with socket.socket(socket.AF_UNIX) as probe:
@@ -133,7 +132,7 @@ def _answers(path: Path) -> bool:
 
 
 def choose_address(realm: Realm, transport: str) -> Address:
-    """Where this run's hub shall listen, written to the realm's folder for all to find."""
+    """Choose the address of this run's hub."""
     unix = hasattr(socket, "AF_UNIX") and sys.platform != "win32"
     if transport == "unix" or (transport == "auto" and unix):
         return Address(realm.endpoint)
@@ -144,10 +143,9 @@ def choose_address(realm: Realm, transport: str) -> Address:
 
 
 class RunDirectory:
-    """Holds the realm within a `with` block, and leaves nothing of the run behind."""
+    """Folder of a run for a `with` block, which raises AlreadyServed if the realm is live."""
 
     def __init__(self, launch: Launch) -> None:
-        """The realm is taken where the block begins, which raises AlreadyServed when it is live."""
         self.realm, self._launch = Realm(launch.realm), launch
         self._lock: FileLock
         self._is_held = self._lost = False
@@ -158,9 +156,9 @@ class RunDirectory:
         run_files.write(self.realm, run)
 
     def repair(self, tell: Callable[[str], None]) -> bool:
-        """Make the folder anew where somebody has removed it; whether it was made.
+        """Create the folder again if it was removed, and return whether that was done.
 
-        Raises AlreadyServed where another run has taken the realm meanwhile.
+        Raises AlreadyServed if another run has taken the realm since.
         """
         if self._lock.stands():
             return False
@@ -174,14 +172,14 @@ class RunDirectory:
         except AlreadyServed:
             raise
         except (OSError, QuadctlError):
-            # Told already; the next look tries again.
+            # The loss is logged already; the next call tries again.
             return False
         self._lost = False
-        tell(f"{self.realm.folder} was made anew, with the parameters of the launch")
+        tell(f"{self.realm.folder} was created again, with the parameters of the launch")
         return True
 
     def remove(self) -> None:
-        """Remove the folder, unless it is another run's by now."""
+        """Remove the folder, unless it belongs to another run by now."""
         if not self._is_held:
             return
         if self._lock.stands():

@@ -1,4 +1,4 @@
-"""Log stream, rotating files, full-disk handling."""
+"""Log stream, rotating log files, handling of a full disk."""
 
 import errno
 import os
@@ -11,11 +11,11 @@ from typing import TextIO
 
 _PROBE_EVERY = 1.0
 _ROOM = 1 << 16
-"""Bytes that must fit before the fault counts as over, so that it does not come and go."""
+"""Bytes that must fit before the fault counts as over, so that the state does not flicker."""
 
 
 class DiskFault:
-    """Where a run writes: `folder`'s disk. `tell` shows a line without writing it anywhere."""
+    """Fault state of the disk with `folder`; `tell` shows a line without writing it to a file."""
 
     def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
         self._folder, self._tell = folder, tell
@@ -24,42 +24,42 @@ class DiskFault:
         self._next_probe = 0.0
 
     def write(self, write: Callable[[], object]) -> bool:
-        """Write, unless the disk has a fault; counts what could not be written."""
+        """Call `write` unless the disk has a fault; returns success and counts failures."""
         if not self._fault and self.try_write(write):
             return True
         self._lost += 1
         return False
 
     def try_write(self, write: Callable[[], object]) -> bool:
-        """Write, even to a disk with a fault; whether it went well."""
+        """Call `write` even if the disk has a fault, and return its success."""
         try:
             write()
         except FileNotFoundError:
-            # No fault of the disk: somebody has removed the folder, which RunDirectory repairs.
+            # Not a disk fault: the folder was removed, and RunDirectory repairs it.
             return False
         except OSError as error:
             if not self._fault:
                 self._fault, self._next_probe = True, time.monotonic() + _PROBE_EVERY
                 self._tell(
-                    f"{self._folder} cannot be written: {error.strerror}; the run goes on, what it "
-                    "says is only shown until the disk has room again"
+                    f"{self._folder} cannot be written: {error.strerror}; the run continues, its "
+                    "log is shown but not saved until the disk has room again"
                 )
             return False
         return True
 
     def probe(self, now: float) -> str:
-        """Once in a while, see whether the fault is over; what is then to be said, else empty."""
+        """Check once a second whether the fault is over; returns a line to log, or an empty one."""
         if not self._fault or now < self._next_probe:
             return ""
         self._next_probe = now + _PROBE_EVERY
         if not self.try_write(lambda: probe(self._folder)):
             return ""
         lost, self._fault, self._lost = self._lost, False, 0
-        return f"{self._folder} can be written again; {lost} lines are not there"
+        return f"{self._folder} can be written again; {lost} lines were lost"
 
 
 def probe(folder: Path) -> None:
-    """Raise OSError where the folder's disk has no room."""
+    """Raise OSError if the folder's disk has no room."""
     path = folder / ".room"
     try:
         path.write_bytes(bytes(_ROOM))
@@ -68,15 +68,13 @@ def probe(folder: Path) -> None:
 
 
 LARGEST = 4_000_000
-"""Bytes of a log file. A full one becomes NAME.log.1, in place of the one before: a process's
-logs take twice this at most."""
+"""Bytes of a log file. A full one replaces NAME.log.1: a process's logs take at most twice this."""
 
 
 class LogFile:
-    """Appends lines; each is written at once, whole or not at all. Methods raise OSError."""
+    """Log file whose lines are written at once, whole or not at all; its methods raise OSError."""
 
     def __init__(self, path: Path) -> None:
-        """Touches nothing yet."""
         self._path = path
         self._file: FileIO | None = None
         self._size = 0
@@ -95,7 +93,7 @@ class LogFile:
         self._size += written
 
     def close(self) -> None:
-        """Let go of the file; the next line opens it anew."""
+        """Close the file; the next line opens it again."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -111,11 +109,11 @@ _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93)
 _LAST_LINES = 20
 
 Emit = Callable[[str, str, float], None]
-"""Shows a process's line: its name, the line, and when it was read (Unix time, s)."""
+"""Function that shows a process's line: name, line, Unix time (s) at which it was read."""
 
 
 class Printer:
-    """Shows lines on a text stream, coloured on a terminal."""
+    """Printer of lines to a text stream, in colour on a terminal."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._colour = stream, stream.isatty()
@@ -123,7 +121,7 @@ class Printer:
         self._reader_left = False
 
     def __call__(self, name: str, line: str, at: float) -> None:
-        """Show one line; raises BrokenPipeError, once, when nobody reads any more."""
+        """Print one line; raises BrokenPipeError, once, after the reader has closed the pipe."""
         stamp = f"{time.strftime('%H:%M:%S', time.localtime(at))}.{int(at * 1000) % 1000:03d}"
         head = f"{stamp} {name:8} |"
         if self._colour:
@@ -138,15 +136,14 @@ class Printer:
             self._reader_left = True
             raise
         except OSError:
-            # A closed terminal, or a file on a full disk, is no reason to fall: the line's own
-            # file has it, or the disk's fault was told.
+            # A closed terminal or full disk must not end the run: the line or the fault is logged.
             return
 
 
 class Logs:
-    """Shows each line through `emit`, and keeps a file per process.
+    """Log of all processes: shows each line through `emit` and writes it to the process's file.
 
-    A line's file is written at once, so that what a crashed run said last is there.
+    A line is written at once, so that the last lines of a crashed run are saved.
     """
 
     def __init__(self, folder: Path, emit: Emit) -> None:
@@ -166,15 +163,15 @@ class Logs:
         self._emit(name, line, time.time() if at is None else at)
 
     def look(self, now: float) -> None:
-        """Once in a while, see whether the disk has room again."""
-        if said := self.disk.probe(now):
-            self.show("up", said)
+        """Check once a second whether the disk has room again."""
+        if line := self.disk.probe(now):
+            self.show("up", line)
 
     def last(self, name: str) -> str:
-        """What a process said last, indented."""
+        """Return the last lines of a process, indented."""
         return "\n".join(f"  {line}" for line in self._last.get(name, ()))
 
     def close(self) -> None:
-        """Let go of the files; a later line opens its own anew, where its folder is then."""
+        """Close the files; a later line opens its file again, in the folder of that moment."""
         for file in self._files.values():
             file.close()

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -19,15 +20,15 @@ if TYPE_CHECKING:
     _Ring = zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]
 
 _MOST = 2_000
-"""Messages of a topic counted at most; what comes beyond costs little, and is left out."""
+"""Messages of a topic that are counted at most; the ring drops further ones cheaply."""
 _COUNT_FOR = 0.9
 _COUNT_EVERY = 15.0
-"""Seconds. To hear all messages all the time would cost more than all else that a supervisor does;
-and no Python runs for each: they wait in a ring until looked at."""
+"""Seconds. Counting all the time would cost more than the rest of the supervisor. No Python runs
+per message: messages wait in a ring until they are counted."""
 
 
 class RateProbe:
-    """Connects on a thread of its own, because the hub may be long in coming."""
+    """Counter of message rates; a separate thread connects it, as the hub may start late."""
 
     def __init__(self, realm: Realm, vehicles: Sequence[str]) -> None:
         self._realm = realm
@@ -40,24 +41,21 @@ class RateProbe:
         threading.Thread(target=self._connect, daemon=True).start()
 
     def look(self) -> dict[str, float]:
-        """Messages per second of each node when last counted; call it about once a second."""
+        """Return each node's last counted messages per second; call it about once a second."""
         passed = time.monotonic() - self._began
         if self._counting and passed >= _COUNT_FOR:
             self._rates = self._counted(passed)
         elif self._session is not None and passed >= _COUNT_EVERY:
-            self._began = time.monotonic()
+            self._began, subscribe = time.monotonic(), self._session.declare_subscriber
             self._counting = [
-                (
-                    topic.node,
-                    self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_MOST)),
-                )
+                (topic.node, subscribe(topic.key(self._of), zenoh.handlers.RingChannel(_MOST)))
                 for topic in TOPICS
-                if topic.node and topic.hz and (key := topic.key(self._of))
+                if topic.node and topic.hz
             ]
         return self._rates
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Close the session."""
         self._closed.set()
         if self._session is not None:
             self._session.close()
@@ -74,22 +72,19 @@ class RateProbe:
         return rates
 
     def _connect(self) -> None:
-        while not self._closed.is_set():
-            try:
+        while self._session is None and not self._closed.is_set():
+            with suppress(Unreachable):
                 self._session = open_client(address_of(self._realm), wait=5.0)
-            except Unreachable:
-                continue
-            return
 
 
 Post = Callable[[Callable[[], None]], None]
 
 
 class LivenessProbe:
-    """Connects on a thread of its own, because the hub may be long in coming.
+    """Probe of readiness and liveness; a separate thread connects it, as the hub may start late.
 
-    A process is there when its node of every vehicle is; since these live and die together, the
-    first vehicle's is asked whether it answers. `on_ready(name)` and `on_answer(name)` are posted to the supervisor's loop.
+    A process is ready when its nodes of all vehicles are. They share the process, so only the
+    first vehicle's node is pinged. `on_ready(name)` and `on_answer(name)` are posted to the loop.
     """
 
     def __init__(
@@ -108,7 +103,7 @@ class LivenessProbe:
         threading.Thread(target=self._connect, daemon=True).start()
 
     def ping(self, name: str, timeout: float) -> None:
-        """Ask a node anything; whatever it replies shows that its loop turns."""
+        """Ping a node with any request; any reply shows that its loop runs."""
         if self._session is None:
             return
         service = get_params(name)
@@ -129,7 +124,7 @@ class LivenessProbe:
         )
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Close the session."""
         if self._session is not None:
             self._session.close()
 

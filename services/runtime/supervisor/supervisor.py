@@ -4,11 +4,12 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, TextIO
 
 from quadctl.services.runtime import (
-    entry,  # noqa: F401 - what every node begins with, loaded once for all that are forked
+    entry,  # noqa: F401 - every node imports it: loaded once here for all that are forked
 )
 from quadctl.services.runtime.errors import AlreadyServed
 from quadctl.services.runtime.process_table import (
@@ -27,10 +28,9 @@ from quadctl.services.runtime.supervisor.probes import LivenessProbe
 
 
 class ManagedProcess:
-    """A process, its life, and the child that is running it now, if any; time (s) is passed in."""
+    """A process and its restart policy; `spawn` gets the number of restarts; times are in s."""
 
     def __init__(self, process: Process, spawn: Callable[[Process, int], Child]) -> None:
-        """`spawn` starts the process, after so many restarts."""
         self.process, self._spawn = process, spawn
         self.life = RestartPolicy(
             must_announce=process.must_announce, must_answer=not process.stranger
@@ -39,23 +39,24 @@ class ManagedProcess:
         self._due: float | None = 0.0
         self._started = 0.0
         self._kill_at: float | None = None
-        self._said: list[LogLine] = []
+        self._lines: list[LogLine] = []
         self._held: deque[LogLine] = deque(maxlen=MOST)
 
     def record(self) -> ProcessRecord:
-        """The row of the run record."""
+        """Return the process's row of the run's state."""
         pid, started = (self.child.pid, self._started) if self.child else (0, 0.0)
-        life = self.life
-        return ProcessRecord(self.process.name, pid, life.state, life.restarts, started)
+        return ProcessRecord(self.process.name, pid, self.life.state, self.life.restarts, started)
 
     def update(self, now: float, *, deaf: bool, answer_timeout: float) -> None:
-        """Start it when that is due, see whether it has ended, end it when it must be.
+        """Start it when due, reap it if it has ended, kill it if it has timed out.
 
-        `deaf` says that it could not have been heard lately.
+        `deaf` means that no answer of it could have arrived lately.
         """
         if self.child is None:
             if self._due is not None and now >= self._due:
-                self._start(now)
+                self._due, self._started = None, time.time()
+                self.life.started(now)
+                self.child = self._spawn(self.process, self.life.restarts)
             return
         if self.child.exit_code() is not None:
             self._reap(now)
@@ -74,7 +75,7 @@ class ManagedProcess:
             self._reap(now)
 
     def restart(self, now: float, why: str) -> None:
-        """End it, where it runs, and start it anew at once."""
+        """End it if it runs, and start it again at once."""
         if self._kill_at is not None:
             return
         self._log(f"{self.process.name}: {why}")
@@ -85,36 +86,31 @@ class ManagedProcess:
             self._kill_at = now + self.process.grace
 
     def announced(self, now: float) -> None:
-        """It was seen on the bus."""
+        """Note that it has announced itself on the bus."""
         if self.child is not None and self._kill_at is None:
             self.life.ready(now)
 
     def answered(self, now: float) -> None:
-        """It replied to a ping."""
+        """Note that it has replied to a ping."""
         if self.child is not None:
             self.life.answered(now)
 
     def take_said(self) -> list[LogLine]:
-        """What is to be shown of it. The tries while another has its name are not."""
+        """Return the lines to show; attempts while another process has its name are left out."""
         fresh = self.child.take_lines() if self.child else []
         if self.life.taken:
             self._held += fresh
         elif fresh or self._held:
-            self._said += [*self._held, *fresh]
+            self._lines += [*self._held, *fresh]
             self._held.clear()
-        said, self._said = self._said, []
-        return said
-
-    def _start(self, now: float) -> None:
-        self._due, self._started = None, time.time()
-        self.life.started(now)
-        self.child = self._spawn(self.process, self.life.restarts)
+        lines, self._lines = self._lines, []
+        return lines
 
     def _reap(self, now: float) -> None:
         child, asked, was_taken = self.child, self._kill_at is not None, self.life.taken
         if child is None:
             return
-        # What it has started goes with it, and lets go of its pipe.
+        # The child's descendants must end, too, and close the pipe.
         child.kill()
         how = child.last_words()
         self.child = self._kill_at = None
@@ -123,26 +119,26 @@ class ManagedProcess:
         if was_taken and self.life.taken:
             self._held.clear()
             return
-        self._said += [*self._held, *child.take_lines()]
+        self._lines += [*self._held, *child.take_lines()]
         self._held.clear()
         if asked:
             return
         then = "left down" if delay is None else f"restarting in {delay:g} s"
         if self.life.taken:
-            then = f"another process has its name; tried again every {delay:g} s"
+            then = f"another process has its name; retrying every {delay:g} s"
         self._log(f"{self.process.name} ended ({how}): {then}")
 
     def _log(self, line: str) -> None:
-        self._said.append(LogLine(time.time(), "up", line))
+        self._lines.append(LogLine(time.time(), "up", line))
 
 
 _PING_EVERY = 0.5
 _LOOK_EVERY = 0.1
-"""Seconds between looks where nothing happens; lines, and what comes or ends, wake the loop."""
+"""Longest time (s) between checks; a line, a start or an end wakes the loop earlier."""
 
 
 class Supervisor:
-    """Keeps the table of processes running. One loop; threads only post to its inbox."""
+    """Supervisor of a run's processes: one loop; threads only post to its inbox."""
 
     def __init__(self, launch: Launch, home: RunDirectory, logs: Logs) -> None:
         self._launch, self._home, self._logs = launch, home, logs
@@ -150,9 +146,9 @@ class Supervisor:
         self._rows = {
             process.name: ManagedProcess(process, self._spawn) for process in launch.processes()
         }
-        self._leash = descendants.new_mark()
-        self._warden: fork.ForkedProcess | None = None
-        self._health: LivenessProbe | None = None
+        self._mark = descendants.new_mark()
+        self._watcher: fork.ForkedProcess | None = None
+        self._liveness: LivenessProbe | None = None
         self._launched = time.monotonic()
         self._stopped_by = 0
         self._woken = False
@@ -160,22 +156,22 @@ class Supervisor:
         self._written: list[ProcessRecord] = []
 
     def rows(self) -> list[ProcessRecord]:
-        """The processes as they are now."""
+        """Return the current records of the processes."""
         return [row.record() for row in self._rows.values()]
 
     def run(self, on_settled: Callable[[str], None], on_look: Callable[[], None]) -> int:
         """Run until SIGINT, SIGTERM or SIGHUP; returns the signal's number.
 
-        `on_settled` is called once: with an empty text when all are ready, or with the last
-        lines of the first process that is left down. Raises AlreadyServed where the realm's folder
-        was removed and another run has taken the realm. `on_look` is called at every look, ten times a second.
+        `on_settled` is called once: with an empty text when all are ready, or with the last lines
+        of the first process that is left down. `on_look` is called ten times a second. Raises
+        AlreadyServed if the realm's folder was removed and another run has taken the realm.
         """
-        self._hear_signals()
+        self._handle_signals()
         settled = False
         try:
-            # First all processes, which are forked, and then the threads that forbid forking.
+            # Fork all processes before any thread starts: a process with threads cannot fork.
             if fork.possible() and any(row.process.stranger for row in self._rows.values()):
-                self._warden = descendants.watch(self._leash)
+                self._watcher = descendants.watch(self._mark)
             self._look(time.monotonic())
             self._listen()
             while not self._stopped_by:
@@ -190,13 +186,13 @@ class Supervisor:
         return self._stopped_by
 
     def stop(self) -> None:
-        """End the run as SIGTERM would."""
+        """End the run as SIGTERM does."""
         self._stopped_by = signal.SIGTERM
 
-    def _hear_signals(self) -> None:
+    def _handle_signals(self) -> None:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             number = getattr(signal, name, None)
-            # Under nohup a closed terminal is not our end.
+            # Under nohup a closed terminal must not end the run.
             if number and not (name == "SIGHUP" and signal.getsignal(number) == signal.SIG_IGN):
                 signal.signal(number, self._on_signal)
 
@@ -205,14 +201,14 @@ class Supervisor:
         self._inbox.put(self._wake)
 
     def _wake(self) -> None:
-        """Look at the children at once."""
+        """Check the children at once."""
         self._woken = True
 
     def _listen(self) -> None:
         for row in self._rows.values():
             if row.child is not None:
                 row.child.listen()
-        self._health = LivenessProbe(
+        self._liveness = LivenessProbe(
             self._home.address,
             self._launch.vehicles,
             self._inbox.put,
@@ -222,11 +218,9 @@ class Supervisor:
 
     def _serve_inbox(self, timeout: float) -> None:
         deadline, self._woken = time.monotonic() + timeout, False
-        try:
+        with suppress(Empty):
             while not self._woken and (left := deadline - time.monotonic()) > 0:
                 self._inbox.get(timeout=left)()
-        except Empty:
-            pass
 
     def _verdict(self) -> str | None:
         since = time.monotonic() - self._launched
@@ -235,7 +229,7 @@ class Supervisor:
             if row.life.state == "down":
                 return f"{name} does not stay up; its last lines:\n{last}"
             if row.life.taken and since > QUICK:
-                return f"{name} is another process already; its last lines:\n{last}"
+                return f"another process has the name {name} already; its last lines:\n{last}"
             if since > START_TIMEOUT and row.life.state != "ready":
                 return f"{name} is not ready after {START_TIMEOUT:g} s\n{last}"
         ready = all(row.life.state == "ready" for row in self._rows.values())
@@ -244,13 +238,14 @@ class Supervisor:
     def _look(self, now: float) -> None:
         for name in control.pending_restarts(self._home.realm):
             if name in self._rows:
-                self._rows[name].restart(now, "restart asked for")
-        # Asleep ourselves, or behind a hub that is not there, nobody could have been heard.
+                self._rows[name].restart(now, "restart requested")
+        # No answer arrives while this process does not run, or while there is no hub.
         asleep = now - self._looked > _PING_EVERY
         self._looked = now
+        hub = self._rows.get("hub")
         for row in self._rows.values():
-            # Behind a frozen hub all are silent; it comes first in the table, and is killed.
-            deaf = asleep or (row.process.name != "hub" and not self._hub_is_ready())
+            # A frozen hub silences all; it is the first row, so it is killed before the others.
+            deaf = asleep or (row is not hub and hub is not None and hub.life.state != "ready")
             row.update(now, deaf=deaf, answer_timeout=self._launch.params.supervise.answer_timeout)
         self._show()
         self._write_record()
@@ -258,42 +253,39 @@ class Supervisor:
         if now >= self._next_ping:
             self._next_ping = now + _PING_EVERY
             self._ping()
-            self._mend_home(now)
+            self._repair_folder(now)
 
-    def _mend_home(self, now: float) -> None:
+    def _repair_folder(self, now: float) -> None:
         hub = self._rows.get("hub")
         try:
-            made = self._home.repair(lambda line: self._logs.show("up", line))
+            repaired = self._home.repair(lambda line: self._logs.show("up", line))
         except AlreadyServed:
-            # Asked to end, our hub would remove its socket, which is the other run's by now.
+            # A SIGTERM would make our hub remove its socket, which belongs to the other run by now.
             if hub is not None and hub.child is not None:
                 hub.child.kill()
             raise
-        if made:
+        if repaired:
             self._logs.close()
             self._written = []
             if hub is not None:
                 hub.restart(now, "its socket was removed: restarted")
 
-    def _hub_is_ready(self) -> bool:
-        return "hub" not in self._rows or self._rows["hub"].life.state == "ready"
-
     def _ping(self) -> None:
         timeout = self._launch.params.supervise.answer_timeout
         for name, row in self._rows.items():
-            if self._health and row.life.state == "ready" and row.process.must_announce:
-                self._health.ping(name, max(timeout, row.process.patience))
+            if self._liveness and row.life.state == "ready" and row.process.must_announce:
+                self._liveness.ping(name, max(timeout, row.process.patience))
 
     def _spawn(self, process: Process, restarts: int) -> Child:
         child = Child(
             process,
             self._launch.environment(restarts),
             self._launch.folder,
-            self._leash,
+            self._mark,
             lambda: self._inbox.put(self._show),
             lambda: self._inbox.put(self._wake),
         )
-        if self._health is not None:
+        if self._liveness is not None:
             child.listen()
         return child
 
@@ -307,35 +299,35 @@ class Supervisor:
             self._rows[name].answered(time.monotonic())
 
     def _show(self) -> None:
-        said = [line for row in self._rows.values() for line in row.take_said()]
-        for at, name, line in sorted(said, key=lambda said: said.at):
+        lines = [line for row in self._rows.values() for line in row.take_said()]
+        for at, name, line in sorted(lines, key=lambda line: line.at):
             self._logs.show(name, line, at)
 
     def _write_record(self) -> None:
         rows = self.rows()
-        # Where the disk did not take it, the next look tries again.
+        # If the write fails, the next check tries again.
         if rows != self._written and self._logs.disk.try_write(lambda: self._home.write(rows)):
             self._written = rows
 
     def _stop_all(self) -> None:
-        # The hub last, so that the others can still say goodbye.
+        # The hub last, so that the others can still undeclare their endpoints.
         for names in (self._rows.keys() - {"hub"}, self._rows.keys() & {"hub"}):
             rows = [self._rows[name] for name in names]
             children = [(child, row.process.grace) for row in rows if (child := row.child)]
             for child, _ in children:
                 child.terminate()
-            asked = time.monotonic()
+            terminated = time.monotonic()
             for child, grace in children:
-                child.wait(asked + grace - time.monotonic())
-                # What has ended by itself may have left something behind.
+                child.wait(terminated + grace - time.monotonic())
+                # A child that has ended may have left descendants.
                 child.kill()
                 child.wait(GRACE)
                 child.last_words()
-        if self._health is not None:
-            self._health.close()
-        if self._warden is not None:
-            self._warden.send_signal(signal.SIGKILL)
-            self._warden.wait(GRACE)
+        if self._liveness is not None:
+            self._liveness.close()
+        if self._watcher is not None:
+            self._watcher.send_signal(signal.SIGKILL)
+            self._watcher.wait(GRACE)
         self._show()
         self._logs.close()
 
@@ -346,10 +338,10 @@ def run(
     on_settled: Callable[[Supervisor, str], None],
     on_look: Callable[[Supervisor], None] | None = None,
 ) -> int:
-    """Supervise until a signal; returns its number. Leaves nothing of the run behind.
+    """Supervise until a signal, remove the run's files, and return the signal's number.
 
-    Lines go to a text stream, or to a function. `on_look` is called ten times a second.
-    Raises AlreadyServed when the realm is live.
+    Log lines go to a text stream or a function. `on_look` is called ten times a second. Raises
+    AlreadyServed if the realm is live.
     """
     with RunDirectory(launch) as home:
         logs = Logs(home.realm.logs, stream if callable(stream) else Printer(stream))

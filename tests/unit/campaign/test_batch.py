@@ -1,4 +1,4 @@
-"""Flights of a campaign: as live ones, without a violation, and with one where a rule is wrong."""
+"""Flights of a campaign: equal to live ones, free of violations unless a rule is broken."""
 
 from itertools import pairwise, product
 
@@ -14,13 +14,13 @@ from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Check, Resized, State, Toggle
-from tests.support.campaign_flights import Sleepless, batch, missions, put_in
+from tests.support.campaign_flights import Sleepless, batch, inject, missions
 from tests.support.compiled import compiled_kernel
 from tests.support.monitor_rig import OUTSIDE, Rig
 
 HALF, TOP = 2.0, 1.5
 MIDDLE = (0.0, 0.0, 0.75)
-# The sixth side is the floor, which nothing gets below.
+# The sixth side is the floor: nothing can be below it.
 SIDES = ((HALF, 0, 0), (-HALF, 0, 0), (0, HALF, 0), (0, -HALF, 0), (0, 0, TOP / 2))
 DISTANCES = (0.3, 2.0, 6.0)
 ON, BACK, END = 5.0, 5.5, 11.0
@@ -39,7 +39,7 @@ def mission(side: tuple[float, float, float], distance: float) -> Mission:
     return Mission(0, END, safety, MIDDLE, (0.0, 0.0), rows)
 
 
-def test_outside_it_hovers_takes_goals_inside_and_comes_nearer():
+def test_a_vehicle_outside_hovers_accepts_goals_inside_and_returns():
     places = list(product(SIDES, DISTANCES))
     batch = Batch([mission(side, distance) for side, distance in places], Plain)
     flown = batch.fly()
@@ -48,8 +48,8 @@ def test_outside_it_hovers_takes_goals_inside_and_comes_nearer():
         assert flight.violations == []
         assert flight.refusals == {"outside the cage": 1}
         assert flight.worst < 0.001
-        way = batch._track[:, :3, number]
-        outs = np.maximum(np.maximum(way - size, -size * (1, 1, 0) - way), 0.0)
+        path = batch._track[:, :3, number]
+        outs = np.maximum(np.maximum(path - size, -size * (1, 1, 0) - path), 0.0)
         beyond = np.sqrt((outs * outs).sum(axis=1))
         on, back = round(20 * ON), round(20 * BACK)
         assert beyond[on] == pytest.approx(distance, abs=0.01)
@@ -58,22 +58,22 @@ def test_outside_it_hovers_takes_goals_inside_and_comes_nearer():
         assert beyond[-1] == 0.0
 
 
-FOUND = range(8)
+SEEDS = range(8)
 
 
 @pytest.fixture(scope="module")
 def flown() -> list[Flown]:
-    return batch(FOUND, 20.0).fly()
+    return batch(SEEDS, 20.0).fly()
 
 
-def test_no_flight_breaks_a_promise(flown: list[Flown]):
-    assert [flight.violations for flight in flown] == [[] for _ in FOUND]
+def test_flights_have_no_violation(flown: list[Flown]):
+    assert [flight.violations for flight in flown] == [[] for _ in SEEDS]
     assert max(flight.worst for flight in flown) < 0.01
     assert sum(flight.transitions["VERIFYING -> MOVING"] for flight in flown) > 20
     assert sum(flight.transitions.get("VERIFYING -> HOVERING", 0) for flight in flown) > 5
 
 
-def test_a_cage_that_comes_on_or_shrinks_is_no_alarm():
+def test_enabling_or_shrinking_the_cage_raises_no_alarm():
     module = compiled_kernel()
     some = missions(range(100, 400), 20.0)
     flights = Batch(some, lambda params: Compiled(params, module)).fly()
@@ -82,12 +82,12 @@ def test_a_cage_that_comes_on_or_shrinks_is_no_alarm():
     assert sum(each.stops.get("stopped, the way led out of the cage", 0) for each in flights) == 0
 
 
-def test_a_flight_is_the_same_whoever_flies_beside_it(flown: list[Flown]):
-    assert batch([FOUND[3]], 20.0).fly() == [flown[3]]
+def test_a_flight_does_not_depend_on_the_rest_of_its_batch(flown: list[Flown]):
+    assert batch([SEEDS[3]], 20.0).fly() == [flown[3]]
 
 
 @pytest.mark.parametrize("faults", [False, True])
-def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
+def test_sleeping_monitors_miss_nothing(faults: bool):
     some = missions(range(20, 24), 15.0, faults=faults)
     assert Batch(some, Plain).fly() == Sleepless(some, Plain).fly()
 
@@ -96,7 +96,7 @@ def test_monitors_that_are_let_sleep_miss_nothing(faults: bool):
     ("seconds", "stops", "arrivals"),
     [(0.9, {}, 2), (1.5, {"stopped, the vehicle stood still": 1}, 1)],
 )
-def test_muted_vehicle_goes_on_only_within_the_grace(seconds, stops, arrivals):
+def test_a_flight_survives_missing_poses_only_within_the_grace(seconds, stops, arrivals):
     rows = (
         GotoEvent(1.0, 4.0, 0.0, 1.0, False),
         Mute(1.6, seconds),
@@ -110,7 +110,7 @@ def test_muted_vehicle_goes_on_only_within_the_grace(seconds, stops, arrivals):
 
 
 @pytest.mark.parametrize(("seconds", "stops", "arrivals"), [(0.9, {}, 1), (1.5, {"no pose": 1}, 0)])
-def test_a_safety_without_poses_goes_on_within_the_grace_alone(seconds, stops, arrivals):
+def test_safety_without_poses_continues_only_within_the_grace(seconds, stops, arrivals):
     rows = (GotoEvent(1.0, 4.0, 0.0, 1.0, False), Deaf(1.6, seconds))
     calm = replace(missions([0], 9.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
@@ -119,29 +119,29 @@ def test_a_safety_without_poses_goes_on_within_the_grace_alone(seconds, stops, a
 
 
 def unverified(rule: Rule) -> Rule:
-    """Whatever is asked for is flown to."""
+    """Fly to every requested goal without verification."""
     return rule._replace(when=always) if (rule.on, rule.to) == (Check, State.MOVING) else rule
 
 
 def not_verified_again(rule: Rule) -> Rule | None:
-    """The cage comes on, or shrinks, and nobody looks at the goal."""
+    """Do not verify the goal again when the cage comes on or shrinks."""
     return None if rule.on in {Toggle, Resized} and rule.when.__name__ == "barred" else rule
 
 
 @pytest.mark.parametrize("change", [unverified, not_verified_again])
-def test_a_broken_automaton_is_found(monkeypatch: pytest.MonkeyPatch, change):
-    put_in(monkeypatch, change)
-    flights = batch(FOUND, 20.0).fly()
-    said = {what for flight in flights for what in flight.violations}
-    assert "MOVING to a goal outside with the cage on" in said
-    assert "more than 0.01 m beyond the cage" in said
+def test_a_broken_rule_is_detected(monkeypatch: pytest.MonkeyPatch, change):
+    inject(monkeypatch, change)
+    flights = batch(SEEDS, 20.0).fly()
+    violations = {text for flight in flights for text in flight.violations}
+    assert "MOVING to a goal outside with the cage on" in violations
+    assert "more than 0.01 m beyond the cage" in violations
 
 
-def test_live_flight_and_campaign_go_by_one_table(
+def test_live_flight_and_campaign_use_the_same_rules(
     monkeypatch: pytest.MonkeyPatch, flown: list[Flown]
 ):
     assert Rig().hovering().monitor.ask(OUTSIDE) != ""
-    put_in(monkeypatch, unverified)
+    inject(monkeypatch, unverified)
     assert Rig().hovering().monitor.ask(OUTSIDE) == ""
     assert Rig().hovering().monitor.ask(Position(0.0, 0.0, 1.0)) == ""
-    assert batch([FOUND[0]], 20.0).fly() != [flown[0]]
+    assert batch([SEEDS[0]], 20.0).fly() != [flown[0]]

@@ -1,4 +1,4 @@
-"""Random missions: the same for the same seed, and with all in them that can go wrong."""
+"""Random missions: reproducible by their seed, with every kind of event and fault."""
 
 from collections import Counter
 from math import isfinite
@@ -31,7 +31,7 @@ def made() -> list[Mission]:
 
 def test_the_same_seed_makes_the_same_mission():
     first, second, other = (mission(7, Random(seed), 60.0, faults=True) for seed in (7, 7, 8))
-    assert repr(first) == repr(second)  # by their text, for nan is not equal to itself
+    assert repr(first) == repr(second)  # by their text: nan is not equal to itself
     assert first.rows != other.rows
 
 
@@ -49,7 +49,7 @@ def test_every_kind_of_row_occurs_and_faults_only_on_request(made: list[Mission]
     assert sound == set(Row.__args__) - set(FAULTS)
 
 
-def test_goals_lie_inside_on_the_walls_beyond_and_nowhere(made: list[Mission]):
+def test_goals_are_inside_on_walls_outside_or_not_finite(made: list[Mission]):
     found = Counter[str]()
     for one in made:
         cage = one.safety.virtual_cage
@@ -64,17 +64,17 @@ def test_goals_lie_inside_on_the_walls_beyond_and_nowhere(made: list[Mission]):
                     row.y in {-size[1], size[1]},
                     row.z == size[2],
                 )
-                found["nowhere"] += not all(map(isfinite, place))
+                found["not finite"] += not all(map(isfinite, place))
                 found["inside"] += inside(place, size)
                 found["on a wall"] += inside(place, size) and any(walls)
                 found["outside"] += not inside(place, size)
                 x, y, z = place
                 near = (0.999999 * x, 0.999999 * y, 0.999999 * z)
-                found["a hair beyond"] += not inside(place, size) and inside(near, size)
+                found["just outside"] += not inside(place, size) and inside(near, size)
     assert all(count > 20 for count in found.values()), found
 
 
-def test_a_row_reads_well():
+def test_a_row_is_formatted_as_a_command():
     assert (
         text(GotoEvent(1.0, 2.0, -3.5, 0.1234567, True))
         == "goto x=2 y=-3.5 z=0.123457 replace=True"

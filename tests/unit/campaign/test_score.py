@@ -1,4 +1,4 @@
-"""The score: what counts as an excursion."""
+"""Score and digest of a campaign flight."""
 
 import numpy as np
 import pytest
@@ -16,21 +16,21 @@ def state(reason: str, *, name: str = "HOVERING", request: int = 1, z: float = 1
 
 
 def digest(
-    told: SafetyState,
+    published: SafetyState,
     line: str = "",
     goal: tuple[float, float, float] = (9.0, 0.0, 1.0),
     why: str = FAR,
 ) -> str:
-    diary = FlightLog(log=False)
-    diary.asked(goal, why)
-    diary.told(told, line)
-    return diary.digest.hexdigest()
+    log = FlightLog(log=False)
+    log.asked(goal, why)
+    log.told(published, line)
+    return log.digest.hexdigest()
 
 
 USUAL = digest(state(FAR), "Current State: HOVERING")
 
 
-def test_the_wording_of_reasons_and_lines_does_not_count():
+def test_the_wording_of_reasons_and_log_lines_does_not_count():
     assert digest(state("too far away"), "now hovering", why="too far away") == USUAL
 
 
@@ -51,12 +51,12 @@ def test_verdicts_states_and_goals_count(other: str):
     assert other != USUAL
 
 
-def test_a_state_that_differs_in_wording_alone_is_none():
-    diary = FlightLog(log=False)
-    diary.asked((9.0, 0.0, 1.0), FAR)
+def test_a_state_that_differs_only_in_wording_is_not_counted():
+    log = FlightLog(log=False)
+    log.asked((9.0, 0.0, 1.0), FAR)
     for reason in (FAR, "farther", FAR):
-        diary.told(state(reason), reason)
-    assert diary.digest.hexdigest() == USUAL
+        log.told(state(reason), reason)
+    assert log.digest.hexdigest() == USUAL
 
 
 SIZE = (5.0, 4.0, 2.0)
@@ -69,18 +69,18 @@ def at(score: Score, *places: tuple[float, float, float], now: float = 0.0) -> l
 
 
 @pytest.mark.parametrize("place", [(5.0, -4.0, 0.0), (-5.0, 4.0, 2.0), (0.0, 0.0, 1.0)])
-def test_walls_belong_to_the_cage(place: tuple[float, float, float]):
+def test_a_point_on_a_wall_is_inside(place: tuple[float, float, float]):
     assert inside(place, SIZE)
 
 
 @pytest.mark.parametrize(
     "place", [(5.1, 0, 1), (0, -4.1, 1), (0, 0, -0.1), (0, 0, 2.1), (float("nan"), 0, 1)]
 )
-def test_beyond_a_wall_is_outside(place: tuple[float, float, float]):
+def test_a_point_beyond_a_wall_is_outside(place: tuple[float, float, float]):
     assert not inside(place, SIZE)
 
 
-def test_it_counts_from_when_the_cage_is_on():
+def test_excursions_count_once_the_cage_is_on():
     score = Score(2)
     assert at(score, (9, 0, 1), (9, 0, 1)) == [0.0, 0.0]
     score.confine(0, SIZE, 0.0)
@@ -90,7 +90,7 @@ def test_it_counts_from_when_the_cage_is_on():
     assert score.at.tolist() == [2.0, 0.0]
 
 
-def test_of_several_times_the_first_of_the_worst_is_kept():
+def test_the_first_time_of_the_worst_excursion_is_kept():
     score = Score(1)
     score.confine(0, SIZE, 0.0)
     way = [[(x, 0.0, 1.0)] for x in (5.1, 5.4, 5.2, 5.4)]
@@ -98,7 +98,7 @@ def test_of_several_times_the_first_of_the_worst_is_kept():
     assert (score.worst.tolist(), score.at.tolist()) == ([pytest.approx(0.4)], [2.0])
 
 
-def test_put_outside_it_may_reach_its_stop_and_not_go_out_again():
+def test_a_vehicle_outside_may_brake_but_not_move_farther_out():
     score = Score(1)
     score.confine(0, SIZE, farthest([(6.0, 0.0, 1.0), (7.5, 0.0, 1.0)], SIZE))
     assert at(score, (7.5, 0, 1)) == [0.0]
@@ -109,14 +109,14 @@ def test_put_outside_it_may_reach_its_stop_and_not_go_out_again():
     assert at(score, (20, 0, 1)) == [pytest.approx(0.2)]
 
 
-def test_only_those_outside_are_looked_at_again():
+def test_only_vehicles_outside_are_returning():
     score = Score(3)
     score.confine(1, SIZE, 0.5)
     score.confine(2, SIZE, 0.0)
     assert score.returning() == [1]
 
 
-def test_the_farthest_is_told_axis_by_axis():
-    # It may pass the corner of the box that its way lies in.
+def test_the_farthest_excursion_is_taken_axis_by_axis():
+    # The path may pass the corner of its bounding box.
     assert farthest([(5.3, 0.0, 1.0), (0.0, 4.4, 1.0)], SIZE) == pytest.approx(0.5)
     assert farthest([(0.0, 0.0, 1.0), (1.0, 1.0, 2.0)], SIZE) == 0.0

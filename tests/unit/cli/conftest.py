@@ -1,4 +1,4 @@
-"""Commands without a running system: a folder of their own, and no realm of the user's."""
+"""Commands without a running system, each in its own folder."""
 
 from pathlib import Path
 
@@ -8,12 +8,12 @@ from tests.support.command_line import Quadctl, runner
 
 
 @pytest.fixture(autouse=True)
-def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the user of this machine has running is not seen."""
+def without_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide the runs of this machine's user from the test."""
     for name in ("QUADCTL_REALM", "QUADCTL_VEHICLE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    # --identity sets it for the rest of the process, which is one command's elsewhere.
+    # --identity sets it for the rest of the process: outside tests a process runs one command.
     monkeypatch.setenv("QUADCTL_IDENTITY", "")
     monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
 
@@ -22,6 +22,6 @@ def nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def quadctl(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Quadctl:
-    """Runs a command where nothing runs; returns code, stdout and stderr."""
+    """Return a function that runs a command without a running system."""
     monkeypatch.chdir(tmp_path)
     return runner(monkeypatch, capsys)

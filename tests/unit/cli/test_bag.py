@@ -1,11 +1,11 @@
-"""Commands that work on a recording alone, and need no running system."""
+"""Commands on a recording, without a running system."""
 
 import csv
 from pathlib import Path
 
 import pytest
 
-from tests.support.bags import BEGAN, SECOND, flight, pose, refused, taken, write
+from tests.support.bags import BEGAN, SECOND, flight, pose, raw_message, refused, write
 from tests.support.command_line import Quadctl
 
 FLOWN = Path(__file__).parents[2] / "recording" / "data" / "cage.mcap"
@@ -13,14 +13,16 @@ FLOWN = Path(__file__).parents[2] / "recording" / "data" / "cage.mcap"
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    return write(tmp_path / "f.mcap", [*flight(100), taken("uav/@call/goto", refused(9, 0, 1), 1)])
+    return write(
+        tmp_path / "f.mcap", [*flight(100), raw_message("uav/@call/goto", refused(9, 0, 1), 1)]
+    )
 
 
-def test_info_says_what_is_in_it(quadctl: Quadctl, bag: Path):
-    said = quadctl("bag", "info", "f.mcap", "--json").json
-    assert (said["ok"], said["messages"], said["cut"]) == (True, 122, "")
-    assert (said["begin"], said["seconds"]) == (BEGAN / SECOND, 1.0)
-    keys = {row["key"]: row for row in said["keys"]}
+def test_info_lists_the_contents(quadctl: Quadctl, bag: Path):
+    result = quadctl("bag", "info", "f.mcap", "--json").json
+    assert (result["ok"], result["messages"], result["cut"]) == (True, 122, "")
+    assert (result["begin"], result["seconds"]) == (BEGAN / SECOND, 1.0)
+    keys = {row["key"]: row for row in result["keys"]}
     assert keys["uav/pose"] == {
         "key": "uav/pose", "type": "Pose", "encoding": keys["uav/pose"]["encoding"],
         "messages": 100, "hz": 99.0, "derived": False,
@@ -31,7 +33,7 @@ def test_info_says_what_is_in_it(quadctl: Quadctl, bag: Path):
     assert ["uav/pose", "Pose", "100", "99.0"] in [line.split() for line in lines]
 
 
-def test_a_cut_one_is_told_checked_and_mended(quadctl: Quadctl, bag: Path):
+def test_a_truncated_recording_is_reported_and_repaired(quadctl: Quadctl, bag: Path):
     bag.write_bytes(bag.read_bytes()[:-100])
     assert quadctl("bag", "info", "f.mcap").err.startswith("it is cut: ")
     checked = quadctl("bag", "check", "f.mcap", "--json")
@@ -55,20 +57,22 @@ def test_a_cut_one_is_told_checked_and_mended(quadctl: Quadctl, bag: Path):
     "words", ["bag info", "bag check", "bag repair", "bag export --csv", "plot", "replay"]
 )
 @pytest.mark.parametrize(
-    ("file", "text"), [("none.mcap", "cannot be read"), ("text.mcap", "is no recording")]
+    ("file", "text"), [("none.mcap", "cannot be read"), ("text.mcap", "is not a recording")]
 )
-def test_what_is_no_recording(quadctl: Quadctl, tmp_path: Path, words: str, file: str, text: str):
+def test_a_file_that_is_no_recording_is_rejected(
+    quadctl: Quadctl, tmp_path: Path, words: str, file: str, text: str
+):
     (tmp_path / "text.mcap").write_text("a text, and no recording")
-    said = quadctl(*words.split(), file, "--json")
-    assert (said.code, said.error["code"]) == (6, "invalid")
-    assert text in said.error["message"]
+    result = quadctl(*words.split(), file, "--json")
+    assert (result.code, result.error["code"]) == (6, "invalid")
+    assert text in result.error["message"]
 
 
-def test_a_table_for_each_key_whose_numbers_read_back_the_same(quadctl: Quadctl, bag: Path):
-    said = quadctl("bag", "export", "f.mcap", "--csv", "--json").json
-    rows = {row["key"]: row for row in said["tables"]}
+def test_each_key_is_exported_as_a_table_without_rounding(quadctl: Quadctl, bag: Path):
+    result = quadctl("bag", "export", "f.mcap", "--csv", "--json").json
+    rows = {row["key"]: row for row in result["tables"]}
     assert rows["uav/pose"] == {"key": "uav/pose", "file": "f/uav.pose.csv", "rows": 100}
-    assert "my/own" not in rows, "what has no fields is no table"
+    assert "my/own" not in rows, "a payload without fields has no table"
     with Path("f/uav.pose.csv").open(encoding="utf-8", newline="") as file:
         poses = list(csv.DictReader(file))
     assert list(poses[3])[:6] == ["unix_time", "boot", "seq", "stamp", "position.x", "position.y"]
@@ -80,10 +84,10 @@ def test_a_table_for_each_key_whose_numbers_read_back_the_same(quadctl: Quadctl,
 
 
 def test_a_flight_is_drawn(quadctl: Quadctl, tmp_path: Path):
-    said = quadctl("plot", FLOWN, "-o", "flight.svg", "--json")
-    assert said.code == 0
-    assert said.json["vehicles"] == ["uav"]
-    assert said.json["seconds"] > 14
+    result = quadctl("plot", FLOWN, "-o", "flight.svg", "--json")
+    assert result.code == 0
+    assert result.json["vehicles"] == ["uav"]
+    assert result.json["seconds"] > 14
     text = (tmp_path / "flight.svg").read_text()
     assert "path from above" in text or "<svg" in text
 
@@ -100,14 +104,14 @@ def test_a_flight_is_drawn(quadctl: Quadctl, tmp_path: Path):
         ("record a//b", 6),
     ],
 )
-def test_what_cannot_be(quadctl: Quadctl, words: str, code: int):
-    said = quadctl(*words.split(), "--json")
-    assert said.code == code
-    assert said.error["hint"]
+def test_invalid_arguments_are_rejected(quadctl: Quadctl, words: str, code: int):
+    result = quadctl(*words.split(), "--json")
+    assert result.code == code
+    assert result.error["hint"]
 
 
-def test_of_a_recording_without_a_pose_there_is_no_picture(quadctl: Quadctl, tmp_path: Path):
-    write(tmp_path / "none.mcap", [taken("my/own", b"x", 0, "text/plain")])
-    said = quadctl("plot", "none.mcap")
-    assert (said.code, said.out) == (6, "")
-    assert said.err.startswith("error: there is nothing to draw: no pose came")
+def test_a_recording_without_poses_is_not_plotted(quadctl: Quadctl, tmp_path: Path):
+    write(tmp_path / "none.mcap", [raw_message("my/own", b"x", 0, "text/plain")])
+    result = quadctl("plot", "none.mcap")
+    assert (result.code, result.out) == (6, "")
+    assert result.err.startswith("error: there is nothing to draw: no pose came")

@@ -1,4 +1,4 @@
-"""The common options, before or after the verb, and lines that cannot be understood."""
+"""Common options before or after the verb, and lines that cannot be parsed."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -26,12 +26,12 @@ OPTIONS = Options("nowhere", "", "uav", json=False, timeout=1.0)
         ("uavs.x", "uavs.x"),
     ],
 )
-def test_a_parameter(word: str, left: str):
+def test_a_vehicle_in_a_parameter_name_is_split_off(word: str, left: str):
     options, words = about_parameters(OPTIONS, [word])
     assert (options.named, words) == ("uav", [left])
 
 
-def test_parameters_of_a_vehicle_and_of_none():
+def test_parameters_of_different_vehicles_are_rejected():
     with pytest.raises(UsageError, match="different vehicles: safety, uav"):
         about_parameters(OPTIONS, ["/uav/safety", "safety"])
 
@@ -47,11 +47,11 @@ def test_parameters_of_a_vehicle_and_of_none():
         ("other/safety", "other/safety"),
     ],
 )
-def test_a_node(name: str, left: str):
+def test_a_vehicle_in_a_node_name_is_split_off(name: str, left: str):
     assert about_node(OPTIONS, name) == (OPTIONS, left)
 
 
-# What needs a hub ends at once with 3 where there is none, and names the place it looked at.
+# Without a hub these commands exit with 3 at once, and name the realm they looked in.
 PLACES = [
     ("{} status",), ("status {}",), ("{} ps",), ("{} topic list",), ("topic {} list",),
     ("topic list {}",), ("goto {} 1 -2 1.5",), ("goto 1 -2 1.5 {}",), ("param set {} a=1",),
@@ -60,29 +60,29 @@ PLACES = [
 
 
 @pytest.mark.parametrize("place", [place for (place,) in PLACES])
-def test_an_option_may_stand_anywhere(quadctl: Quadctl, place: str):
-    said = quadctl(*place.format("--realm other --json").split())
-    assert (said.code, said.out) == (3, "")
-    assert said.error["code"] == "unreachable"
-    assert "other" in said.error["message"]
-    assert "quadctl up" in said.error["hint"]
+def test_common_options_are_accepted_anywhere(quadctl: Quadctl, place: str):
+    result = quadctl(*place.format("--realm other --json").split())
+    assert (result.code, result.out) == (3, "")
+    assert result.error["code"] == "unreachable"
+    assert "other" in result.error["message"]
+    assert "quadctl up" in result.error["hint"]
 
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[Options]:
-    """The options that commands were run with."""
+    """Return the list of the options of every command that ran."""
     found: list[Options] = []
     made = context.options_of
 
-    def telling(said: Mapping[str, Any]) -> Options:
-        found.append(made(said))
+    def recording(values: Mapping[str, Any]) -> Options:
+        found.append(made(values))
         return found[-1]
 
-    monkeypatch.setattr(command, "options_of", telling)
+    monkeypatch.setattr(command, "options_of", recording)
     return found
 
 
-def test_by_default(quadctl: Quadctl, seen: list[Options]):
+def test_without_options_the_defaults_apply(quadctl: Quadctl, seen: list[Options]):
     quadctl("type", "list")
     assert seen[0] == Options("default", "", "", False, 3.0)
 
@@ -100,14 +100,14 @@ def test_command_line_overrides_environment_overrides_defaults(
     ]
 
 
-def test_the_innermost_place_counts(quadctl: Quadctl, seen: list[Options]):
+def test_the_option_nearest_to_the_verb_wins(quadctl: Quadctl, seen: list[Options]):
     quadctl("--timeout", 1, "--realm", "a", "type", "--timeout", 2, "list", "--timeout=0.5")
     assert (seen[0].timeout, seen[0].realm) == (0.5, "a")
     quadctl("--json", "--connect", "tls/host:7447", "type", "list")
     assert (seen[1].json, seen[1].connect) == (True, "tls/host:7447")
 
 
-def test_one_command_does_not_remember_anothers_options(quadctl: Quadctl, seen: list[Options]):
+def test_options_do_not_leak_into_the_next_command(quadctl: Quadctl, seen: list[Options]):
     quadctl("type", "list", "--realm", "other", "--json")
     quadctl("type", "list")
     assert seen[1] == Options("default", "", "", False, 3.0)
@@ -123,11 +123,11 @@ WRONG = [
 
 
 @pytest.mark.parametrize("line", WRONG)
-def test_a_line_that_cannot_be_understood_is_exit_2(quadctl: Quadctl, line: str):
-    said = quadctl(*line.split())
-    assert (said.code, said.out) == (2, "")
-    assert said.err.startswith("error: ")
-    assert "Traceback" not in said.err
+def test_a_line_that_cannot_be_parsed_is_exit_2(quadctl: Quadctl, line: str):
+    result = quadctl(*line.split())
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith("error: ")
+    assert "Traceback" not in result.err
     as_json = quadctl(*line.split(), "--json") if not line.endswith("--realm") else None
     if as_json is not None:
         assert (as_json.code, as_json.out) == (2, "")
@@ -136,15 +136,15 @@ def test_a_line_that_cannot_be_understood_is_exit_2(quadctl: Quadctl, line: str)
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "10001", "-1e300"])
-def test_a_number_that_is_no_place_is_exit_6(quadctl: Quadctl, number: str):
+def test_a_coordinate_out_of_range_is_exit_6(quadctl: Quadctl, number: str):
     for place in range(3):
         numbers = ["1", "1", "1"]
         numbers[place] = number
-        said = quadctl("goto", *numbers, "--json")
-        assert (said.code, said.error["code"]) == (6, "invalid")
+        result = quadctl("goto", *numbers, "--json")
+        assert (result.code, result.error["code"]) == (6, "invalid")
 
 
-def test_negative_numbers_are_no_options(quadctl: Quadctl):
+def test_negative_numbers_are_not_options(quadctl: Quadctl):
     assert quadctl("goto", -1, -2.5, "-1e-3").code == 3
     assert quadctl("param", "set", "safety.takeoff", -1).code == 3
     assert quadctl("service", "call", "goto", -1, -2, 1).code == 3

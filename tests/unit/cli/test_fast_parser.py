@@ -1,4 +1,4 @@
-"""The quick parser and Typer read the same declarations, so they read a line alike."""
+"""The fast parser and Typer read the same declarations, so both parse a line alike."""
 
 import pytest
 from hypothesis import example, given, settings
@@ -37,14 +37,14 @@ def by_typer(words: list[str]) -> ParsedCommand | None:
     st.lists(st.sampled_from(VALUES + WORDS), max_size=6),
     st.lists(st.sampled_from(["--json", "--realm=r", "--timeout", "2"]), max_size=2),
 )
-def test_what_the_quick_parser_takes_typer_takes_alike(path, words, before):
+def test_typer_agrees_with_every_line_the_fast_parser_accepts(path, words, before):
     line = [*before, *path, *words]
     found = fast_parser.read(line)
     if found is not None:
         other = by_typer(line)
         assert other is not None
         assert (found.command, found.common) == (other.command, other.common)
-        # repr, because a nan is no other nan's equal.
+        # repr: nan is not equal to itself.
         assert repr(sorted(found.values.items())) == repr(sorted(other.values.items()))
 
 
@@ -58,10 +58,10 @@ PLAIN = [
 
 
 @pytest.mark.parametrize("line", PLAIN)
-def test_a_plain_line_needs_no_typer(line: str):
+def test_a_plain_line_is_parsed_without_typer(line: str):
     assert fast_parser.read(line.split()) is not None
 
 
 @pytest.mark.parametrize("line", ["", "--help", "goto 1 2", "topic", "nonsense", "status -x"])
-def test_what_is_not_plain_is_left_to_typer(line: str):
+def test_other_lines_are_left_to_typer(line: str):
     assert fast_parser.read(line.split()) is None

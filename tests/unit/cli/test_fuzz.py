@@ -1,4 +1,4 @@
-"""What `fuzz` throws: reproducible, of every kind, and nothing that a reader may take."""
+"""Payloads of `fuzz`: reproducible, of every kind, and always invalid."""
 
 import random
 from itertools import islice
@@ -21,13 +21,13 @@ TYPES = [
 
 
 @pytest.mark.parametrize("type_", TYPES, ids=lambda t: t.__name__)
-def test_no_reader_may_take_any(type_: type[Struct]):
+def test_every_payload_is_rejected(type_: type[Struct]):
     for payload in islice(refused(type_, random.Random(1)), 300):
         with pytest.raises(Invalid):
             _read(type_, payload)
 
 
-def test_the_same_seed_makes_the_same_and_another_others():
+def test_the_seed_determines_the_payloads():
     def some(seed: int) -> list[Any]:
         return list(islice(refused(GotoRequest, random.Random(seed)), 50))
 
@@ -35,7 +35,7 @@ def test_the_same_seed_makes_the_same_and_another_others():
     assert some(3) != some(4)
 
 
-def test_they_are_of_many_kinds():
+def test_payloads_are_of_many_kinds():
     payloads = list(islice(refused(GotoRequest, random.Random(0)), 500))
     reasons = set()
     for payload in payloads:
@@ -53,7 +53,7 @@ def test_they_are_of_many_kinds():
     assert any(fields.get("y") in {float("inf"), float("-inf")} for fields in decoded)
 
 
-def test_of_a_type_with_nothing_in_it_there_are_some_too():
+def test_a_type_without_fields_gets_payloads_too():
     assert len(list(islice(refused(HoldRequest, random.Random(0)), 100))) == 100
     assert len(list(islice(refused(SetParamsRequest, random.Random(0)), 100))) == 100
 

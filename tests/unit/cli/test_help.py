@@ -1,4 +1,4 @@
-"""Help: every command says what it does, and shows how."""
+"""Help texts: every command has a description and an example."""
 
 import re
 from collections.abc import Iterator
@@ -27,11 +27,11 @@ COMMON = ("--realm", "--connect", "--identity", "--vehicle", "--timeout", "--jso
 
 @pytest.mark.parametrize("path", COMMANDS)
 def test_help_of_every_command_describes_it_with_common_options(quadctl: Quadctl, path: str):
-    said = quadctl(*path.split(), "--help")
-    assert (said.code, said.err) == (0, "")
-    assert re.match(rf"Usage: .*quadctl {path} ", said.out)
-    places = [said.out.index(f"  {option} ") for option in COMMON]
-    own = re.findall(r"^  (?:-\w, )?(--[\w-]+)", said.out, re.MULTILINE)
+    result = quadctl(*path.split(), "--help")
+    assert (result.code, result.err) == (0, "")
+    assert re.match(rf"Usage: .*quadctl {path} ", result.out)
+    places = [result.out.index(f"  {option} ") for option in COMMON]
+    own = re.findall(r"^  (?:-\w, )?(--[\w-]+)", result.out, re.MULTILINE)
     assert own[-len(COMMON) - 1 :] == [*COMMON, "--help"], "the common options come last"
     assert places == sorted(places)
     assert (COMMANDS[path].help or "").partition("\n")[0].rstrip().endswith(".")
@@ -46,26 +46,26 @@ def test_every_command_shows_an_example_of_itself(quadctl: Quadctl, path: str):
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_a_group_alone_lists_its_commands(quadctl: Quadctl, group: str):
-    said = quadctl(group, "--help")
-    assert said.code == 0
+    result = quadctl(group, "--help")
+    assert result.code == 0
     for path in COMMANDS:
         if path.startswith(f"{group} "):
-            assert path.split()[1] in said.out
+            assert path.split()[1] in result.out
 
 
-def test_the_first_help_lists_every_command_but_the_alias(quadctl: Quadctl):
-    said = quadctl("--help")
-    assert said.code == 0
-    listed = set(re.findall(r"^  (\w+) ", said.out, re.MULTILINE))
+def test_the_top_level_help_lists_every_command_but_the_alias(quadctl: Quadctl):
+    result = quadctl("--help")
+    assert result.code == 0
+    listed = set(re.findall(r"^  (\w+) ", result.out, re.MULTILINE))
     assert {path.split()[0] for path in COMMANDS} - {"ps"} <= listed
     assert "ps" not in listed
 
 
-def test_the_first_help_tells_the_exit_codes_and_how_to_complete(quadctl: Quadctl):
-    said = quadctl("--help")
+def test_the_top_level_help_explains_exit_codes_and_completion(quadctl: Quadctl):
+    result = quadctl("--help")
     for code in (0, 1, 2, 3, 4, 5, 6, 7, 8, 130):
-        assert re.search(rf"Exit codes:.* {code} ", said.out)
-    assert "--install-completion" in said.out
+        assert re.search(rf"Exit codes:.* {code} ", result.out)
+    assert "--install-completion" in result.out
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_the_first_help_tells_the_exit_codes_and_how_to_complete(quadctl: Quadct
         ("help topic", "topic --help"),
     ],
 )
-def test_help_as_people_type_it(quadctl: Quadctl, typed: str, meant: str):
+def test_other_spellings_of_help_work(quadctl: Quadctl, typed: str, meant: str):
     assert quadctl(*typed.split()) == quadctl(*meant.split())
 
 
@@ -94,16 +94,14 @@ def test_help_as_people_type_it(quadctl: Quadctl, typed: str, meant: str):
         ("goto 1 2", "Missing argument 'Z'", "quadctl goto --help"),
     ],
 )
-def test_a_line_that_is_nearly_right_is_told_what_was_meant(
-    quadctl: Quadctl, line: str, message: str, hint: str
-):
-    said = quadctl(*line.split())
-    assert said.code == 2
-    assert message in said.err
-    assert f"try: `{hint}`" in said.err
+def test_a_misspelt_line_gets_a_suggestion(quadctl: Quadctl, line: str, message: str, hint: str):
+    result = quadctl(*line.split())
+    assert result.code == 2
+    assert message in result.err
+    assert f"try: `{hint}`" in result.err
 
 
-def test_piped_help_is_a_line_an_item_whatever_the_width(
+def test_piped_help_has_one_line_per_item_at_any_width(
     quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch
 ):
     wide = quadctl("--help").out
@@ -123,7 +121,7 @@ def test_piped_help_has_no_box_and_no_colour(quadctl: Quadctl, words: str):
     assert not set(quadctl(*words.split()).out) & set("╭│╰─\x1b")
 
 
-def test_the_version(quadctl: Quadctl):
-    said = quadctl("--version")
-    assert said.code == 0
-    assert re.fullmatch(r"quadctl \d+\.\d+\.\d+\n", said.out)
+def test_the_version_is_printed(quadctl: Quadctl):
+    result = quadctl("--version")
+    assert result.code == 0
+    assert re.fullmatch(r"quadctl \d+\.\d+\.\d+\n", result.out)

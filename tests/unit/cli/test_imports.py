@@ -1,4 +1,4 @@
-"""What takes long to load is loaded by the commands that need it, and by no other."""
+"""Slow imports happen only in the commands that need them."""
 
 import subprocess
 import sys
@@ -27,7 +27,7 @@ def loaded(*modules: str) -> list[str]:
     return done.stdout.split()
 
 
-def test_only_commands_that_read_recordings_load_that_code():
+def test_only_commands_on_recordings_import_heavy_packages():
     others = {
         where.partition(":")[0] for path, where in COMMANDS.items() if path not in READS_RECORDINGS
     }
@@ -36,14 +36,14 @@ def test_only_commands_that_read_recordings_load_that_code():
     )
 
 
-def test_yaml_is_loaded_for_yaml_alone():
+def test_yaml_is_imported_only_for_yaml_arguments():
     for words in (["x=1", "y.z=a"], ['{"x": [1, null]}'], ["1", "two"], ["{x: 1}"]):
         command = [sys.executable, "-P", "-c", READ, *words]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == str(words == ["{x: 1}"])
 
 
-def test_neither_does_a_node_that_records_nothing():
+def test_a_node_that_records_nothing_imports_no_heavy_package():
     assert (
         loaded(
             "quadctl.services.runtime.entry",

@@ -1,4 +1,4 @@
-"""`quadctl keys`, and what says who we are on a line: without a running system."""
+"""`quadctl keys` and `--identity`, without a running system."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def fleet(quadctl: Quadctl) -> Path:
     return Path("keys")
 
 
-def test_from_nothing_to_a_list(quadctl: Quadctl, fleet: Path):
+def test_certificates_are_issued_listed_and_revoked(quadctl: Quadctl, fleet: Path):
     issued = quadctl("keys", "issue", "student", "anna", "--vehicle", "uav7", "--json")
     assert issued.json["certificate"] == f"student.anna.{issued.json['serial']}"
     assert issued.json["folder"] == "keys/anna"
@@ -30,7 +30,7 @@ def test_from_nothing_to_a_list(quadctl: Quadctl, fleet: Path):
     assert [name["name"] for name in quadctl("keys", "list", "--json").json] == ["operator"]
 
 
-def test_one_for_each_vehicle(quadctl: Quadctl, fleet: Path):
+def test_each_vehicle_gets_its_own_certificate(quadctl: Quadctl, fleet: Path):
     issued = quadctl("keys", "issue", "hub", "--vehicles", 3, "--json").json
     assert [(name["name"], name["vehicles"]) for name in issued] == [
         (name, [name]) for name in ("uav0", "uav1", "uav2")
@@ -38,19 +38,19 @@ def test_one_for_each_vehicle(quadctl: Quadctl, fleet: Path):
     assert len(load(fleet / "uav2")) == 3
 
 
-def test_a_folder_elsewhere(quadctl: Quadctl):
+def test_the_fleet_folder_can_be_chosen(quadctl: Quadctl):
     assert quadctl("keys", "init", "--fleet", "other", "--json").json == {"fleet": "other"}
     assert quadctl("keys", "issue", "operator", "--fleet", "other").code == 0
     assert Path("other/operator/key.pem").exists()
 
 
 @pytest.mark.parametrize(
-    ("line", "code", "why"),
+    ("line", "code", "message"),
     [
         ("issue studnt anna", 2, "did you mean student?"),
         ("issue student anna/x", 2, "is no name for a certificate"),
         ("issue student anna.x", 2, "is no name for a certificate"),
-        ("issue student --vehicle a/b", 2, "is no name for a vehicle"),
+        ("issue student --vehicle a/b", 2, "is not a valid name for a vehicle"),
         ("issue student anna --days 0", 2, "not a time"),
         ("issue student anna --days nan", 2, "not a time"),
         ("issue student anna --host 10.0.0.1", 2, "is where a hub is reached"),
@@ -58,14 +58,16 @@ def test_a_folder_elsewhere(quadctl: Quadctl):
         ("issue student --vehicles 0", 2, "not a number of vehicles"),
         ("issue student --fleet nowhere", 2, "has no fleet's keys"),
         ("list --fleet nowhere", 2, "is not there"),
-        ("revoke nobody", 6, "nobody is called nobody"),
+        ("revoke nobody", 6, "there is no certificate nobody"),
         ("init", 2, "has a fleet's keys already"),
     ],
 )
-def test_what_cannot_be(quadctl: Quadctl, fleet: Path, line: str, code: int, why: str):
-    said = quadctl("keys", *line.split(), "--json")
-    assert (said.code, said.out) == (code, "")
-    assert why in said.error["message"] + said.error["hint"]
+def test_invalid_arguments_are_rejected(
+    quadctl: Quadctl, fleet: Path, line: str, code: int, message: str
+):
+    result = quadctl("keys", *line.split(), "--json")
+    assert (result.code, result.out) == (code, "")
+    assert message in result.error["message"] + result.error["hint"]
     assert load(fleet) == []
 
 
@@ -73,25 +75,27 @@ HERE = ("down", "status", "node logs", "node restart safety", "node kill safety"
 
 
 @pytest.mark.parametrize("line", HERE)
-def test_what_is_about_processes_needs_their_machine(quadctl: Quadctl, line: str):
-    said = quadctl(*line.split(), "--connect", "tls/field:7447", "--json")
-    assert (said.code, said.error["code"]) == (2, "usage")
-    assert "processes of this machine" in said.error["message"]
-    assert "ssh" in said.error["hint"]
+def test_commands_on_processes_reject_a_remote_hub(quadctl: Quadctl, line: str):
+    result = quadctl(*line.split(), "--connect", "tls/field:7447", "--json")
+    assert (result.code, result.error["code"]) == (2, "usage")
+    assert "needs the run's processes" in result.error["message"]
+    assert "ssh" in result.error["hint"]
 
 
 @pytest.mark.parametrize("line", ["state", "goto 0 0 1", "topic echo pose", "up", "hub"])
-def test_over_a_network_we_must_say_who_we_are(quadctl: Quadctl, fleet: Path, line: str):
-    said = quadctl(*line.split(), "--connect", "tls/127.0.0.1:1", "--json")
-    assert (said.code, said.error["code"]) == (2, "usage")
-    assert "--identity" in said.error["hint"]
+def test_a_network_connection_requires_an_identity(quadctl: Quadctl, fleet: Path, line: str):
+    result = quadctl(*line.split(), "--connect", "tls/127.0.0.1:1", "--json")
+    assert (result.code, result.error["code"]) == (2, "usage")
+    assert "--identity" in result.error["hint"]
 
 
 @pytest.mark.parametrize("line", ["up", "hub", "up --set hub.listen=[]"])
-def test_nothing_is_opened_to_all_by_mistake(quadctl: Quadctl, fleet: Path, line: str):
-    said = quadctl(*line.split(), "--listen", "tcp/0.0.0.0:7447", "--json")
-    assert (said.code, said.error["code"]) == (2, "usage")
-    assert "--insecure" in said.error["hint"]
+def test_an_open_listener_requires_insecure_or_a_hub_identity(
+    quadctl: Quadctl, fleet: Path, line: str
+):
+    result = quadctl(*line.split(), "--listen", "tcp/0.0.0.0:7447", "--json")
+    assert (result.code, result.error["code"]) == (2, "usage")
+    assert "--insecure" in result.error["hint"]
     quadctl("keys", "issue", "operator")
     wrong = quadctl(*line.split(), "--listen", "tls/0.0.0.0:1", "--identity", "keys/operator")
     assert wrong.code == 2

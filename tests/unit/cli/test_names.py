@@ -1,4 +1,4 @@
-"""From what users type to topics and services."""
+"""Topics and services from the names that users type."""
 
 import pytest
 import zenoh
@@ -17,16 +17,20 @@ ODD = st.text(st.sampled_from("ab/*$@#?{}~%: é\n"), max_size=8) | st.text(
 
 
 def canonical(text: str) -> str | None:
-    """The one spelling that Zenoh takes of a key expression; None where it takes none."""
+    """Return the canonical spelling of a key expression, or None if Zenoh rejects it."""
     try:
         return str(zenoh.KeyExpr.autocanonize(text))
-    except zenoh.ZError:
-        return None
+    except BaseException as error:
+        # Zenoh 1.10 panics where it means to reject a forbidden character before `$*$*`.
+        if isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException":
+            return None
+        raise
 
 
 @settings(max_examples=400)
 @given(ODD)
 @example("a/***")
+@example("?$*$*")
 @example("$*")
 @example("$*$*")
 @example("a/$*/**/b")
@@ -35,20 +39,20 @@ def canonical(text: str) -> str | None:
 @example("a$*$*b/@c")
 @example("@$*")
 @example("info")
-def test_a_key_is_what_zenoh_makes_of_it(name: str):
+def test_a_checked_key_is_canonical_for_zenoh(name: str):
     bare = name.strip("/")
     try:
         key = checked_key(name, "uav")
     except Invalid:
         assert canonical(bare) is None
     else:
-        # A topic of ours may be named without its vehicle.
+        # A known topic may be named without its vehicle.
         assert canonical(key_of(name, "uav")) == key == str(zenoh.KeyExpr(key))
 
 
 @settings(max_examples=100)
 @given(ODD)
-def test_a_single_key_stands_for_no_other(name: str):
+def test_a_single_key_has_no_wildcard(name: str):
     try:
         key = single_key(name, "uav")
     except Invalid:
@@ -61,7 +65,7 @@ def test_a_single_key_stands_for_no_other(name: str):
 @example("a$b", "get_params")
 @example("*", "get_params")
 @example("x" * 70_000, "get_params")
-def test_a_nodes_service_has_a_key(node: str, verb: str):
+def test_a_nodes_service_has_a_valid_key(node: str, verb: str):
     try:
         service = find_service(f"{node}/{verb}", "uav")
     except Invalid:
@@ -73,7 +77,7 @@ def test_a_nodes_service_has_a_key(node: str, verb: str):
 
 @settings(max_examples=100)
 @given(ODD)
-def test_a_vehicle_begins_keys(name: str):
+def test_a_vehicle_name_is_a_valid_key_prefix(name: str):
     try:
         vehicle = vehicle_name(name)
     except UsageError:
@@ -81,8 +85,8 @@ def test_a_vehicle_begins_keys(name: str):
     assert str(zenoh.KeyExpr(f"{vehicle}/pose")) == f"{vehicle}/pose"
 
 
-def test_a_key_too_long_for_the_wire():
-    with pytest.raises(Invalid, match="is no key"):
+def test_a_key_too_long_for_the_wire_is_rejected():
+    with pytest.raises(Invalid, match="is not a valid key"):
         checked_key("a" * 70_000, "uav")
 
 
@@ -102,17 +106,17 @@ def test_a_key_too_long_for_the_wire():
         ("topic echo **/*", 3),
     ],
 )
-def test_what_is_no_key_is_refused_before_anything_is_asked(quadctl: Quadctl, line: str, code: int):
-    said = quadctl(*line.split())
-    assert (said.code, said.out) == (code, "")
-    assert said.err.startswith("error: ")
+def test_an_invalid_key_is_rejected_before_any_call(quadctl: Quadctl, line: str, code: int):
+    result = quadctl(*line.split())
+    assert (result.code, result.out) == (code, "")
+    assert result.err.startswith("error: ")
 
 
 CHUNK = st.text("abcdefgh_1", min_size=1, max_size=8)
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
-def test_a_topic_by_name_or_key(topic):
+def test_a_topic_is_found_by_name_or_key(topic):
     full = f"uav/{topic.name}"
     for name in (topic.name, f"/{topic.name}", full, f"/{full}", f"{topic.name}/"):
         assert key_of(name, "uav") == full
@@ -122,20 +126,20 @@ def test_a_topic_by_name_or_key(topic):
 
 
 @pytest.mark.parametrize("name", ["uav/**", "other/pose", "camera/image", "**", "*/pose"])
-def test_any_other_key_is_taken_as_it_is(name: str):
+def test_any_other_key_is_unchanged(name: str):
     assert key_of(name, "uav") == name
     assert key_of(f"/{name}", "uav") == name
 
 
 @pytest.mark.parametrize("key", ["uav", "uav/nothing", "pose", "", "uav/@srv/goto"])
-def test_a_key_that_is_no_topic(key: str):
+def test_a_key_that_is_no_topic_is_not_found(key: str):
     assert topic_of(key) is None
 
 
 @pytest.mark.parametrize("service", SERVICES, ids=lambda service: service.name)
 @settings(max_examples=20)
 @given(vehicle=CHUNK)
-def test_a_service_by_name_or_key(service, vehicle: str):
+def test_a_service_is_found_by_name_or_key(service, vehicle: str):
     name = service.name
     for spelling in (name, f"/{name}", f"@srv/{name}", service.key(vehicle), f"/{vehicle}/{name}"):
         assert find_service(spelling, vehicle) is service
@@ -143,7 +147,7 @@ def test_a_service_by_name_or_key(service, vehicle: str):
 
 @settings(max_examples=40)
 @given(CHUNK, st.sampled_from(["get_params", "set_params"]), CHUNK)
-def test_a_nodes_parameter_services(node: str, verb: str, vehicle: str):
+def test_a_nodes_parameter_services_are_found(node: str, verb: str, vehicle: str):
     assume(node != vehicle)
     for spelling in (f"{node}/{verb}", f"/{node}/{verb}", f"{vehicle}/@srv/{node}/{verb}"):
         found = find_service(spelling, vehicle)
@@ -161,7 +165,7 @@ def test_a_nodes_parameter_services(node: str, verb: str, vehicle: str):
         ("", "`quadctl service list`"),
     ],
 )
-def test_what_is_no_service_is_invalid_with_the_nearest_name(name: str, hint: str):
+def test_an_unknown_service_gets_the_nearest_name_as_a_hint(name: str, hint: str):
     with pytest.raises(Invalid, match=f"there is no service {name}") as caught:
         find_service(name, "uav")
     assert hint in caught.value.hint

@@ -19,7 +19,7 @@ CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
         *("/uav/@srv/calibrate_pressure", "/uav7/calibrate_pressure"),
     ],
 )
-def test_a_service_type_by_any_of_its_names(quadctl: Quadctl, name: str):
+def test_a_service_type_is_found_by_any_of_its_names(quadctl: Quadctl, name: str):
     assert quadctl("type", "show", name) == (0, CALIBRATE, "")
 
 
@@ -33,7 +33,7 @@ def test_a_service_type_by_any_of_its_names(quadctl: Quadctl, name: str):
         "quad/msg/Waypoint",
     ],
 )
-def test_a_message_type_by_any_of_its_names(quadctl: Quadctl, name: str):
+def test_a_message_type_is_found_by_any_of_its_names(quadctl: Quadctl, name: str):
     assert quadctl("type", "show", name).out == "float64 x\nfloat64 y\nfloat64 z\n"
 
 
@@ -50,7 +50,9 @@ def test_a_message_type_by_any_of_its_names(quadctl: Quadctl, name: str):
         ("quad/CageSize", "CageSize"),
     ],
 )
-def test_a_type_by_a_full_key_a_nodes_service_or_as_a_part(quadctl: Quadctl, name: str, type_: str):
+def test_a_type_is_found_by_key_by_service_or_as_a_nested_type(
+    quadctl: Quadctl, name: str, type_: str
+):
     assert quadctl("type", "show", name, "--json").json["name"] == type_
 
 
@@ -64,12 +66,12 @@ def test_every_declared_type_can_be_listed_and_shown(quadctl: Quadctl):
         *(topic.name for topic in TOPICS),
         *(service.name for service in SERVICES),
     ):
-        said = quadctl("type", "show", name, "--json")
-        assert said.code == 0
-        assert said.json["definition"]
+        result = quadctl("type", "show", name, "--json")
+        assert result.code == 0
+        assert result.json["definition"]
 
 
-def test_a_type_as_json(quadctl: Quadctl):
+def test_a_type_is_shown_as_json(quadctl: Quadctl):
     assert quadctl("type", "show", "calibrate", "--json").json == {
         "name": "Calibrate",
         "definition": CALIBRATE.rstrip(),
@@ -85,38 +87,38 @@ def test_a_type_as_json(quadctl: Quadctl):
         ("std_srvs/SetBool", "type list"),
     ],
 )
-def test_a_type_that_is_not_there(quadctl: Quadctl, name: str, hint: str):
-    said = quadctl("type", "show", name, "--json")
-    assert (said.code, said.error["code"]) == (6, "invalid")
-    assert hint in said.error["hint"]
+def test_an_unknown_type_is_invalid_with_a_hint(quadctl: Quadctl, name: str, hint: str):
+    result = quadctl("type", "show", name, "--json")
+    assert (result.code, result.error["code"]) == (6, "invalid")
+    assert hint in result.error["hint"]
 
 
 def test_init_writes_the_file_once(quadctl: Quadctl, tmp_path: Path):
     assert quadctl("init") == (0, "wrote quad.toml\n", "")
     assert (tmp_path / "quad.toml").read_text(encoding="utf-8") == render()
-    said = quadctl("init", "--json")
-    assert (said.code, said.error["code"]) == (6, "invalid")
-    assert "quad.toml is there already" in said.error["message"]
+    result = quadctl("init", "--json")
+    assert (result.code, result.error["code"]) == (6, "invalid")
+    assert "quad.toml already exists" in result.error["message"]
     assert quadctl("init", "my_lab.toml", "--json").json == {"file": "my_lab.toml"}
 
 
-def test_init_where_nothing_can_be_written(quadctl: Quadctl):
-    said = quadctl("init", "nowhere/quad.toml")
-    assert said.code == 6
-    assert "nowhere/quad.toml cannot be written: No such file or directory\n" in said.err
+def test_init_reports_an_unwritable_path(quadctl: Quadctl):
+    result = quadctl("init", "nowhere/quad.toml")
+    assert result.code == 6
+    assert "nowhere/quad.toml cannot be written: No such file or directory\n" in result.err
 
 
 @pytest.mark.parametrize(
     "command", ["status", "ps", "down", "node list", "state", "hold", "calibrate"]
 )
-def test_where_nothing_runs_it_is_exit_3(quadctl: Quadctl, command: str):
-    said = quadctl(*command.split())
-    assert (said.code, said.out) == (3, "")
-    assert "quadctl up" in said.err
+def test_without_a_run_the_exit_code_is_3(quadctl: Quadctl, command: str):
+    result = quadctl(*command.split())
+    assert (result.code, result.out) == (3, "")
+    assert "quadctl up" in result.err
 
 
 @pytest.mark.parametrize(
-    ("line", "named"),
+    ("line", "message"),
     [
         ("up none.toml", "none.toml cannot be read"),
         ("up --set safety.takeof=3", "did you mean safety.takeoff?"),
@@ -131,10 +133,10 @@ def test_where_nothing_runs_it_is_exit_3(quadctl: Quadctl, command: str):
         ("goto 1 2 3 --arrive 0", "--arrive 0"),
     ],
 )
-def test_what_cannot_be_is_exit_6_before_anything_is_asked(quadctl: Quadctl, line: str, named: str):
-    said = quadctl(*line.split())
-    assert (said.code, said.out) == (6, "")
-    assert named.lower() in said.err.lower()
+def test_invalid_arguments_are_exit_6_before_any_call(quadctl: Quadctl, line: str, message: str):
+    result = quadctl(*line.split())
+    assert (result.code, result.out) == (6, "")
+    assert message.lower() in result.err.lower()
 
 
 @pytest.mark.parametrize(
@@ -142,8 +144,8 @@ def test_what_cannot_be_is_exit_6_before_anything_is_asked(quadctl: Quadctl, lin
     ["zero=true", "zero=True", "True", "true", '{"zero":true}', "zero: true"],
 )
 def test_a_request_may_be_written_as_in_ros(quadctl: Quadctl, arguments: str):
-    said = quadctl("service", "call", "/calibrate_pressure", arguments, "--json")
-    assert (said.code, said.error["code"]) == (3, "unreachable")
+    result = quadctl("service", "call", "/calibrate_pressure", arguments, "--json")
+    assert (result.code, result.error["code"]) == (3, "unreachable")
 
 
 @pytest.mark.parametrize(
@@ -157,6 +159,6 @@ def test_a_request_may_be_written_as_in_ros(quadctl: Quadctl, arguments: str):
         "hold Hold",
     ],
 )
-def test_the_type_before_a_request_is_left_out(quadctl: Quadctl, line: str):
-    said = quadctl("service", "call", *line.split(), "--json")
-    assert (said.code, said.error["code"]) == (3, "unreachable")
+def test_a_type_before_a_request_is_ignored(quadctl: Quadctl, line: str):
+    result = quadctl("service", "call", *line.split(), "--json")
+    assert (result.code, result.error["code"]) == (3, "unreachable")

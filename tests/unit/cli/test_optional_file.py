@@ -1,4 +1,4 @@
-"""`--record` with a file and without one, to both parsers."""
+"""`--record` with and without a file, in both parsers."""
 
 import pytest
 
@@ -18,13 +18,13 @@ from quadctl.cli.fast_parser import given
     ],
 )
 @pytest.mark.parametrize("parser", [fast_parser, typer_app])
-def test_a_file_is_its_value_by_its_ending(line, record, file, parser):
+def test_a_file_after_record_is_recognised_by_its_ending(line, record, file, parser):
     read = parser.read(given(line.split()))
     assert read is not None
     assert read.values["record"] == record
     assert (read.values["file"] and str(read.values["file"])) == file
 
 
-def test_other_words_stay_as_they_are():
+def test_other_words_are_unchanged():
     words = ["topic", "pub", "x", "a=", "b.mcap", "--rate", "1"]
     assert given(words) == words

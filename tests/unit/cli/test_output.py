@@ -1,4 +1,4 @@
-"""What commands print: one item a line, and nothing for show."""
+"""Output of commands: tables, fields, documents, errors."""
 
 import io
 import subprocess
@@ -19,7 +19,7 @@ FULL = Path("/dev/full")
 
 
 @pytest.mark.parametrize("line", ["type list", "type list --json"])
-def test_a_full_disk_under_stdout_is_told_and_no_fault_of_ours(line: str):
+def test_a_full_disk_under_stdout_is_an_error_without_a_traceback(line: str):
     with FULL.open("w") as full:
         done = subprocess.run(
             [sys.executable, "-P", "-m", "quadctl.cli.main", *line.split()],
@@ -48,7 +48,7 @@ main()
 """
 
 
-def test_ctrl_c_while_the_command_is_being_imported_is_no_error():
+def test_ctrl_c_during_imports_exits_with_130_silently():
     done = subprocess.run(
         [sys.executable, "-P", "-c", INTERRUPTED],
         capture_output=True, text=True, check=False, timeout=30,
@@ -84,14 +84,14 @@ def test_a_table_has_aligned_columns_and_no_trailing_blanks(capsys: Capture):
     )  # fmt: skip
 
 
-def test_a_table_of_nothing_is_nothing(capsys: Capture):
+def test_an_empty_table_prints_nothing(capsys: Capture):
     output.table([])
     assert capsys.readouterr().out == ""
 
 
 @settings(max_examples=40)
 @given(st.lists(st.tuples(WORD, WORD, st.integers()), min_size=1, max_size=5))
-def test_a_table_has_a_line_a_row_whatever_stands_in_it(rows: list[tuple[str, str, int]]):
+def test_a_table_has_one_line_per_row_for_any_text(rows: list[tuple[str, str, int]]):
     kept, sys.stdout = sys.stdout, io.StringIO()
     try:
         output.table(rows)
@@ -106,7 +106,7 @@ def test_a_table_has_a_line_a_row_whatever_stands_in_it(rows: list[tuple[str, st
     )
 
 
-def test_fields_are_printed_as_ros_does(capsys: Capture):
+def test_fields_are_printed_in_the_ros_style(capsys: Capture):
     output.fields({"stamp": 0.5, "position": {"x": 1.0, "y": -2.0}, "reason": "", "empty": {}})
     assert capsys.readouterr().out.splitlines() == [
         "stamp: 0.5",
@@ -124,34 +124,34 @@ def test_one_field_is_printed_alone(capsys: Capture, value: object, text: str):
     assert capsys.readouterr().out == f"{text}\n"
 
 
-def test_an_error_says_what_and_what_to_do(capsys: Capture):
+def test_an_error_prints_its_message_and_hint(capsys: Capture):
     output.error(Invalid("what and why", "do this"), as_json=False)
     output.error(QuadctlError("alone"), as_json=False)
     assert capsys.readouterr() == ("", "error: what and why\n  try: do this\nerror: alone\n")
 
 
-def test_an_error_as_json_has_the_contracts_shape(capsys: Capture):
+def test_an_error_as_json_has_code_message_and_hint(capsys: Capture):
     output.error(NotReady("no sample", "wait"), as_json=True)
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert msgspec.json.decode(said.err) == {
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert msgspec.json.decode(captured.err) == {
         "error": {"code": "not_ready", "message": "no sample", "hint": "wait"}
     }
 
 
-def test_a_note_goes_beside_the_output(capsys: Capture):
+def test_a_note_is_printed_to_stderr(capsys: Capture):
     output.note("by the way")
     assert capsys.readouterr() == ("", "by the way\n")
 
 
 @pytest.mark.parametrize("quiet", [True, False])
-def test_progress_shows_nothing_where_nobody_looks(capsys: Capture, quiet: bool):
+def test_progress_is_hidden_without_a_terminal(capsys: Capture, quiet: bool):
     with Progress("flying", quiet=quiet) as progress:
         progress.update(0.5, "1 m to go")
     assert capsys.readouterr() == ("", "")
 
 
-def test_what_would_steer_the_terminal_is_shown_as_what_it_is(capsys: Capture):
+def test_terminal_control_characters_are_escaped(capsys: Capture):
     output.fields({"\x1b[31mred": 1})
     output.table([("uav/\x1b]0;title\x07", "a\rb\x9b2J")])
     output.note("say \x1b[1m it")

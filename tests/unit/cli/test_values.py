@@ -1,4 +1,4 @@
-"""Messages as they are written on a command line, in our way and in rostopic's, which is YAML."""
+"""Messages on a command line, in our own syntax and in rostopic's YAML."""
 
 import json
 from contextlib import suppress
@@ -29,7 +29,7 @@ CAGE = {"x": 3, "y": 2.5, "z": 3}
         " {'x': 3, 'y': 2.5, 'z': 3}",
     ],
 )
-def test_a_table(text: str):
+def test_a_table_is_read_in_every_spelling(text: str):
     assert parameter(text) == CAGE
 
 
@@ -47,12 +47,12 @@ def test_a_table(text: str):
         ("", ""),
     ],
 )
-def test_anything_else(text: str, value: Any):
+def test_other_values_are_read_as_toml_or_text(text: str, value: Any):
     assert parameter(text) == value
 
 
 @pytest.mark.parametrize("text", ["{x: 3}", "[a, b]", "{", "plain", "[]", "{ x = 3 }"])
-def test_a_text_is_read_as_the_same_text_that_get_prints(text: str):
+def test_a_text_printed_by_get_reads_back_the_same(text: str):
     assert parameter(catalogue.word(text)) == text
 
 
@@ -78,7 +78,7 @@ SETPOINT = "boot=b for_seq=1 position.x=1 position.y=2 position.z=3 brake=false"
         ["quadctl/Waypoint", "1", "-0.5", "2"],
     ],
 )
-def test_a_waypoint_in_many_spellings(words: list[str]):
+def test_a_waypoint_is_read_in_many_spellings(words: list[str]):
     assert message_of(Waypoint, "input/position_request", words) == Waypoint(1.0, -0.5, 2.0)
 
 
@@ -92,7 +92,7 @@ def test_a_waypoint_in_many_spellings(words: list[str]):
         ["b", "1", "{x = 1, y = 2, z = 3}", "False"],
     ],
 )
-def test_a_message_with_a_table_in_it(words: list[str]):
+def test_a_message_with_a_nested_table_is_read(words: list[str]):
     found = message_of(Setpoint, "input/position", words)
     assert (found.boot, found.for_seq, found.brake) == ("b", 1, False)
     assert (found.position.x, found.position.y, found.position.z) == (1.0, 2.0, 3.0)
@@ -111,12 +111,12 @@ def test_a_message_with_a_table_in_it(words: list[str]):
         (["{x: 1 y: 2}"], "expected ',' or '}', but got ':', line 1, column 8"),
         (["{x: 1, y: 2, z: 3} 4"], "but found '<scalar>', line 1, column 20"),
         (["{x: ,}"], "got `null` - at `$.x`"),
-        (["{x:'1, 2', y: 2}"], "has no blank behind its colon, line 1, column 2"),
-        (["{x: &a 1, y: *a, z: *a}"], "aliases and tags are not taken, line 1, column 5"),
-        (["x: !!float 1\ny: 2\nz: 3"], "aliases and tags are not taken, line 1, column 4"),
+        (["{x:'1, 2', y: 2}"], "has no blank after its colon, line 1, column 2"),
+        (["{x: &a 1, y: *a, z: *a}"], "aliases and tags are not accepted, line 1, column 5"),
+        (["x: !!float 1\ny: 2\nz: 3"], "aliases and tags are not accepted, line 1, column 4"),
         (['{x: "\\ud800"}'], "half a character, line 1, column 5"),
         (['{"\\ud800": 1}'], "half a character, line 1, column 2"),
-        (["{[x]: 1}"], "a name is a word or a quoted text, line 1, column 2"),
+        (["{[x]: 1}"], "a name must be a word or a quoted text, line 1, column 2"),
         (["x: 1\ny: \x07"], "special characters are not allowed, at 9"),
         (["{x: 1}\n---\n{y: 2}"], "more than one document, line 2, column 1"),
         (["{x: 'it}"], "found unexpected end of stream, line 1, column 9"),
@@ -126,12 +126,12 @@ def test_a_message_with_a_table_in_it(words: list[str]):
         (["x: 1\ny: here: there"], "mapping values are not allowed here, line 2, column 8"),
         (["x: 1\ny:\nz: 2"], "$.y"),
         (["x:\n" + "- " * 100_000], "nested deeper"),
-        (["{" * 100_000], "a name is a word"),
+        (["{" * 100_000], "a name must be a word"),
         (["x: " + "[" * 100_000], "nested deeper"),
         (["[" * 100_000], ""),
     ],
 )
-def test_what_is_no_waypoint_is_invalid_and_says_why(words: list[str], named: str):
+def test_an_invalid_waypoint_is_rejected_with_the_reason(words: list[str], named: str):
     with pytest.raises(Invalid) as caught:
         message_of(Waypoint, "input/position_request", words)
     assert named in caught.value.message
@@ -164,17 +164,17 @@ DATA = st.recursive(
         ("a:\n  - x: 1\n    y: 2\n  - - 3\n  -\nb: 4", {"a": [{"x": 1, "y": 2}, [3], None], "b": 4}),
     ],
 )  # fmt: skip
-def test_lines_as_completion_of_ros_inserts_them_are_a_table(text: str, found: Any):
+def test_the_yaml_lines_of_ros_completion_are_a_table(text: str, found: Any):
     assert table_of([text]) == found
 
 
 @pytest.mark.parametrize("text", ["http://host", "12:30", "error: it\nis no table", "a b: c", ""])
-def test_a_text_with_a_colon_is_a_text(text: str):
+def test_a_text_with_a_colon_is_not_a_table(text: str):
     assert table_of([text]) == text
 
 
 @given(DATA)
-def test_the_flow_style_reads_all_that_json_writes(value: Any):
+def test_the_flow_style_reads_all_json(value: Any):
     assert values._yaml(json.dumps(value, ensure_ascii=False)) == value
 
 
@@ -186,24 +186,24 @@ def test_the_flow_style_reads_all_that_json_writes(value: Any):
         "a-b", "a#b", "NULL", "None",
     ],
 )  # fmt: skip
-def test_a_bare_word_is_in_yaml_what_it_is_anywhere(word: str):
+def test_a_bare_word_means_the_same_in_yaml(word: str):
     found = repr(table_of([f"data={word}"]))
     assert repr(table_of([f"{{data: {word}}}"])) == found
     assert repr(table_of([f"data: {word}"])) == found
 
 
 @pytest.mark.parametrize("word", ["", "~", "null"])
-def test_nothing_is_null(word: str):
+def test_an_empty_value_is_null(word: str):
     assert table_of([f"data: {word}"]) == table_of([f"{{data: {word}}}"]) == {"data": None}
 
 
 @pytest.mark.parametrize("word", ["on", "1e3", "~", "null", "1", "true"])
-def test_a_word_in_quotes_is_a_text(word: str):
+def test_a_quoted_word_is_a_text(word: str):
     assert table_of([f"{{a: '{word}', {word}: \"{word}\"}}"]) == {"a": word, word: word}
 
 
 @given(st.text("{}[]:,'\"ab1 .-\\\n", max_size=20))
-def test_no_text_is_more_than_invalid(text: str):
+def test_any_text_is_either_read_or_invalid(text: str):
     for begin in ("{", "a: ", "a:\n"):
         with suppress(Invalid):
             table_of([begin + text])
@@ -221,11 +221,11 @@ def test_no_text_is_more_than_invalid(text: str):
         (["a/", "c"], ["a/", "c"]),
     ],
 )
-def test_a_type_before_the_message_is_left_out(words: list[str], kept: list[str]):
+def test_a_type_before_the_message_is_ignored(words: list[str], kept: list[str]):
     assert without_type(words) == kept
 
 
-def test_a_topic_of_ours_is_sent_in_our_encoding():
+def test_a_known_topic_is_sent_with_its_type():
     sent = payload_of(REQUEST, "uav", ["1", "2", "3"], "")
     assert sent.encoding == codec.encoding(Waypoint)
     assert codec.decode(Waypoint, *sent) == Waypoint(1.0, 2.0, 3.0)
@@ -247,7 +247,7 @@ def test_a_topic_of_ours_is_sent_in_our_encoding():
         ("std_msgs/Bool True", "json", Payload(b"true", "application/json")),
     ],
 )
-def test_any_other_key_takes_what_it_is_given(line: str, form: str, sent: Payload):
+def test_any_other_key_is_sent_in_the_given_form(line: str, form: str, sent: Payload):
     for key in ("camera/image", "other/input/position_request"):
         assert payload_of(key, "uav", line.split(), form) == sent
 
@@ -262,6 +262,8 @@ def test_any_other_key_takes_what_it_is_given(line: str, form: str, sent: Payloa
         ("a/b", ["1"], "xml", UsageError),
     ],
 )
-def test_what_cannot_be_sent(key: str, words: list[str], form: str, error: type[Exception]):
+def test_an_unencodable_message_is_rejected(
+    key: str, words: list[str], form: str, error: type[Exception]
+):
     with pytest.raises(error):
         payload_of(key, "uav", words, form)

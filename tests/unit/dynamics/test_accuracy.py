@@ -1,6 +1,6 @@
 """The integration against DOP853, and against rotorpy's and mujoco's flights.
 
-The flights were made by `python -m benchmarks.model.crosscheck`, which also compares them anew.
+The flights were made by `python -m benchmarks.model.crosscheck`, which also compares them again.
 """
 
 import json
@@ -21,7 +21,7 @@ from tests.support.reference import Reference, angle
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 OFF = (0.0, 0.0, 0.0, 0.0)
 HIGH = (0.0, 0.0, 1000.0)
-"""A floor would change a flight that meets it without a word."""
+"""Far above the floor, which would silently change a flight that touches it."""
 DRAGGED = VehicleParams(
     drag=0.05, linear_drag=0.2, rotor_drag=RotorDragParams(across=8e-5, along=5e-5)
 )
@@ -80,10 +80,12 @@ def test_five_seconds_to_a_waypoint_match_dop853(wind):
 
 
 @pytest.mark.parametrize("name", scenario.FLIGHTS)
-def test_a_peers_flight_is_flown_alike(name: str):
+def test_a_flight_of_another_simulator_is_matched(name: str):
     recorded = json.loads((DATA / f"{name}.json").read_bytes())
     flight = scenario.FLIGHTS[name]
-    assert recorded["parameters"] == scenario.digest(flight), "make it again: see the docstring"
+    assert recorded["parameters"] == scenario.digest(flight), (
+        "record the flight again: see the docstring"
+    )
     ours = np.array(flown.fly(flight))
     theirs = np.array(recorded["states"])
     assert ours.shape == theirs.shape

@@ -1,4 +1,4 @@
-"""Compiled code for who flies already: it comes when it comes, and without numba it does not."""
+"""Compilation in the background while the vehicle flies, and the behaviour without numba."""
 
 import pytest
 
@@ -11,24 +11,24 @@ from tests.support.running import eventually
 pytestmark = pytest.mark.timeout(200)
 
 
-def test_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch):
+def test_compilation_runs_in_the_background(monkeypatch: pytest.MonkeyPatch):
     compiled_vehicle()
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
-    waited = BackgroundCompiler()
-    assert waited.single() is None
+    background = BackgroundCompiler()
+    assert background.single() is None
     for _ in range(3):
-        waited.start()
-    eventually(lambda: waited.single() is not None)
+        background.start()
+    eventually(lambda: background.single() is not None)
 
 
-def test_without_numba_there_is_none(monkeypatch: pytest.MonkeyPatch):
+def test_without_numba_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     without = BackgroundCompiler()
     without._fetch()
     assert without.single() is None
 
 
-def test_where_it_cannot_be_made_that_is_told(
+def test_a_failed_compilation_is_logged(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     monkeypatch.setattr(compiler, "_MAKING", ("false",))

@@ -1,4 +1,4 @@
-"""The cascade: silent on its setpoint, right in sign off it, and within its limits."""
+"""Control cascade: at rest on its setpoint, correct signs away from it, within its limits."""
 
 from math import atan2, cos, sin
 
@@ -40,13 +40,13 @@ def test_at_rest_on_the_setpoint_thrust_is_weight_torque_is_0():
     [((1, 0, 0), (0, 1)), ((0, 1, 0), (-1, 0))],
     ids=["ahead: nose down", "to the left: left side down"],
 )
-def test_it_tilts_towards_the_setpoint(target, signs):
+def test_the_vehicle_tilts_towards_the_setpoint(target, signs):
     _, tx, ty, tz = control(level(), setpoint(position=target), GAINS)
     assert [(t > 1e-9) - (t < -1e-9) for t in (tx, ty)] == list(signs)
     assert abs(tz) < 1e-9
 
 
-def test_it_thrusts_up_to_a_setpoint_above():
+def test_a_setpoint_above_increases_the_thrust():
     assert control(level(), setpoint(position=(0.0, 0.0, 0.1)), GAINS)[0] == pytest.approx(
         9.81 + 0.64
     )
@@ -73,31 +73,31 @@ def test_jerk_and_snap_are_fed_forward():
     assert (tx, ty) == pytest.approx((2.0 * inertia.x, inertia.y))
 
 
-def test_drag_is_made_up_for():
+def test_drag_is_compensated():
     fast = (4.0, 0.0, 0.0)
     force = specific_force(level(velocity=fast), setpoint(velocity=fast), GAINS)
     assert force == pytest.approx((1.6, 0.0, 9.81, 1.0))
 
 
 @given(VECTOR, VECTOR, VECTOR)
-def test_the_wanted_tilt_keeps_its_limit(position, velocity, acceleration):
+def test_the_commanded_tilt_keeps_its_limit(position, velocity, acceleration):
     wanted = setpoint(position=position, velocity=velocity, acceleration=acceleration)
     fx, fy, fz, _ = specific_force(level(), wanted, GAINS)
     assert fz >= 0.2 * 9.81
     assert atan2((fx * fx + fy * fy) ** 0.5, fz) <= 0.7 + 1e-9
 
 
-def test_far_away_it_asks_for_no_more_than_the_speed_limit():
+def test_a_distant_setpoint_asks_for_no_more_than_the_speed_limit():
     far = specific_force(level(), setpoint(position=(0.0, 0.0, 1000.0)), GAINS)
     assert far == pytest.approx((0.0, 0.0, 9.81 + 4.0 * 5.0, 1.0))
 
 
-def test_without_gravity_there_is_still_a_direction():
+def test_without_gravity_the_thrust_direction_is_defined():
     gains = control_constants(DynamicsParams(vehicle=VehicleParams(gravity=0.0)))
     assert all(abs(x) < 1e-6 for x in control(level(), setpoint(), gains))
 
 
-def test_a_clamped_tilt_is_not_led_on():
+def test_a_clamped_tilt_disables_feed_forward():
     away = setpoint(position=(100.0, 0.0, 0.0), jerk=(40.0, 0.0, 0.0))
     still = setpoint(position=(100.0, 0.0, 0.0))
     assert specific_force(level(), away, GAINS)[3] == 0.0

@@ -1,4 +1,4 @@
-"""A second vehicle, thirty times lighter and with slow rotors, is flown as well."""
+"""Flights of a second vehicle, thirty times lighter and with slow rotors."""
 
 from math import dist, sqrt
 from pathlib import Path
@@ -23,14 +23,14 @@ def at(params: DynamicsParams, z: float) -> Vehicle:
     return Vehicle(params)
 
 
-def test_file_contains_only_what_differs_from_the_labs_vehicle(params):
+def test_the_file_sets_only_what_differs_from_the_labs_vehicle(params):
     rest = load(FILE)
     rest.dynamics = DynamicsParams()
     assert rest == Params()
     assert hover_speed(params.vehicle) == pytest.approx(1788.5, abs=0.1)  # 71 % of the limit
 
 
-def test_it_hovers_where_it_took_off_to(params):
+def test_the_vehicle_takes_off_and_hovers_at_its_goal(params):
     vehicle = at(params, 0.0)
     vehicle.goto(0.0, 0.0, 1.0)
     vehicle.advance(5000)
@@ -56,7 +56,7 @@ def test_a_step_of_one_metre_ends_on_the_goal_without_overshoot(params, goal):
     assert dist(vehicle.position, goal) < 1e-3
 
 
-def test_it_lands_and_takes_off_again(params):
+def test_the_vehicle_lands_and_takes_off_again(params):
     vehicle = at(params, 1.5)
     vehicle.goto(1.0, 0.0, 0.0)
     vehicle.advance(6000)
@@ -66,7 +66,7 @@ def test_it_lands_and_takes_off_again(params):
     assert dist(vehicle.position, (0.0, 0.0, 1.0)) < 1e-3
 
 
-def test_in_a_room_with_moving_air_it_holds_its_place(params):
+def test_the_vehicle_holds_its_place_in_moving_air(params):
     params.wind = WindParams(MeanWindParams(0.5, 0.0, 0.0), gust=0.3, gust_length=1.0)
     vehicle = at(params, 1.0)
     for _ in range(2000):

@@ -49,14 +49,14 @@ def momentum_and_energy(state: State, vehicle: VehicleParams) -> tuple[tuple[flo
     return world, 0.5 * (la * a + lb * b + lc * c)
 
 
-def test_tumble_keeps_energy_and_momentum():
+def test_a_tumble_keeps_energy_and_momentum():
     before, energy = momentum_and_energy(TUMBLE, TUMBLER)
     after, energy_after = momentum_and_energy(run(TUMBLE, 10_000, body_constants(TUMBLER)), TUMBLER)
     assert abs(energy_after / energy - 1) < 1e-10
     assert dist(before, after) < 1e-8 * dist(before, STILL)
 
 
-def test_tumble_ends_in_the_attitude_that_dop853_finds():
+def test_the_tumble_ends_in_the_attitude_of_dop853():
     reference = (
         -0.3261553176214105,
         -0.17995646218488814,
@@ -81,7 +81,7 @@ def test_open_loop_with_drag_wind_and_motor_lag_matches_dop853():
     assert dist(end[:13], reference) < 2e-9
 
 
-def test_error_falls_sixteenfold_when_the_step_is_halved():
+def test_halving_the_step_reduces_the_error_sixteenfold():
     motors = (1300.0, 1100.0, 1250.0, 1050.0)
     start = (0.0, 0.0, 1000.0, 1.0, 2.0, 3.0, *LEVEL, 1.0, 2.0, 3.0, *motors)
 
@@ -117,14 +117,14 @@ def test_hover_speed_holds_for_a_minute():
     assert end[:13] == pytest.approx(at(1.0)[:13], abs=1e-10)
 
 
-def test_a_motor_has_covered_all_but_1_in_e_after_one_lag():
+def test_after_one_lag_a_motor_is_1_over_e_from_its_command():
     end = run(at(1000.0), 20, body_constants(VehicleParams()), (2200.0, 1000.0, 0.0, 5.0))
     assert end[13:] == pytest.approx(
         [c * (1 - exp(-1)) for c in (2200.0, 1000.0, 0.0, 5.0)], rel=1e-13
     )
 
 
-def test_in_air_that_moves_along_there_is_no_drag():
+def test_a_vehicle_moving_with_the_air_has_no_drag():
     body = body_constants(VehicleParams(gravity=0.0))
     wind = (3.0, -2.0, 1.0)
     assert run(at(1000.0, wind), 100, body, wind=wind)[3:6] == wind
@@ -138,13 +138,13 @@ def test_in_air_that_moves_along_there_is_no_drag():
     [((0, 1), (1, 0, 0)), ((1, 2), (0, 1, 0)), ((0, 2), (0, 0, 1))],
     ids=["left rolls right side down", "rear pitches nose down", "first and third yaw left"],
 )
-def test_rotors_turn_the_body_the_right_way(faster, sign):
+def test_rotors_turn_the_body_in_the_right_direction(faster, sign):
     motors = tuple(1200.0 if k in faster else 1100.0 for k in range(4))
     rates = run(at(10.0, motors=motors), 1, body_constants(VehicleParams()), motors)[10:13]
     assert [(rate > 1e-9) - (rate < -1e-9) for rate in rates] == list(sign)
 
 
-def test_a_dropped_vehicle_comes_to_stand_on_the_floor():
+def test_a_dropped_vehicle_comes_to_rest_on_the_floor():
     dropped = (0.0, 0.0, 0.5, 1.0, -1.0, 0.0, *LEVEL, 1.0, 2.0, 3.0, *OFF)
     end = run(dropped, 1000, body_constants(VehicleParams()))
     assert end[2] == 0.0
@@ -156,7 +156,7 @@ def test_a_dropped_vehicle_comes_to_stand_on_the_floor():
     st.floats(0, 0.01), st.lists(st.floats(-20, 20), min_size=6, max_size=6),
     st.lists(st.floats(0, 2200), min_size=4, max_size=4),
 )  # fmt: skip
-def test_height_stays_above_the_floor_and_attitude_a_rotation(height, motion, motors):
+def test_the_height_is_never_negative_and_the_quaternion_stays_normal(height, motion, motors):
     state = (0.0, 0.0, height, *motion[:3], *LEVEL, *motion[3:], *motors)
     body = body_constants(VehicleParams())
     for _ in range(20):

@@ -1,4 +1,4 @@
-"""Mixing: exact where the rotors can, and the right loss where they cannot."""
+"""Mixer: exact for a feasible wrench, and the right priorities otherwise."""
 
 from math import sqrt
 
@@ -19,7 +19,7 @@ AIR: State = (0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def steady(thrust: float, tx: float, ty: float, tz: float) -> Motors:
-    """Motor speeds once the same wrench has been asked for long enough."""
+    """Return the motor speeds after commanding the same wrench until they settle."""
     motors: Motors = (1000.0, 1000.0, 1000.0, 1000.0)
     body = body_constants(VEHICLE)
     for _ in range(150):
@@ -32,7 +32,7 @@ def steady(thrust: float, tx: float, ty: float, tz: float) -> Motors:
 
 
 def wrench(motors: Motors) -> tuple[float, float, float, float]:
-    """Thrust and torques of four rotors at their places, X frame, as a sum over rotors."""
+    """Return thrust and torques of four rotors in the X frame, as a sum over rotors."""
     lever = VEHICLE.arm / sqrt(2)
     places = ((lever, lever, 1), (-lever, lever, -1), (-lever, -lever, 1), (lever, -lever, -1))
     forces = [VEHICLE.thrust_coefficient * m * m for m in motors]
@@ -48,12 +48,12 @@ def wrench(motors: Motors) -> tuple[float, float, float, float]:
 
 
 @given(st.floats(15, 22), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.15, 0.15))
-def test_what_the_rotors_can_do_is_done_exactly(thrust, tx, ty, tz):
+def test_a_feasible_wrench_is_produced_exactly(thrust, tx, ty, tz):
     assert wrench(steady(thrust, tx, ty, tz)) == pytest.approx((thrust, tx, ty, tz), abs=1e-9)
 
 
 @given(st.floats(-50, 100), st.floats(-2, 2), st.floats(-2, 2), st.floats(-2, 2))
-def test_roll_and_pitch_come_before_thrust_and_yaw(thrust, tx, ty, tz):
+def test_roll_and_pitch_have_priority_over_thrust_and_yaw(thrust, tx, ty, tz):
     _, roll, pitch, yaw = wrench(steady(thrust, tx, ty, tz))
     fits = (abs(tx) + abs(ty)) * sqrt(2) / VEHICLE.arm / 4 <= 0.5 * FULL
     if fits:
@@ -67,12 +67,12 @@ def test_roll_and_pitch_come_before_thrust_and_yaw(thrust, tx, ty, tz):
     st.floats(-50, 100), st.floats(-2, 2), st.floats(-2, 2), st.floats(-2, 2),
     st.lists(st.floats(0, 2200), min_size=4, max_size=4),
 )  # fmt: skip
-def test_commands_keep_to_the_motor_speed_limits(thrust, tx, ty, tz, motors):
+def test_commands_stay_within_the_motor_speed_limits(thrust, tx, ty, tz, motors):
     for speed in mix(thrust, tx, ty, tz, (*AIR, *motors), MIXER):
         assert 0.0 <= speed <= VEHICLE.max_motor_speed
 
 
-def test_thrust_holds_while_the_rotors_part():
+def test_the_thrust_is_kept_while_rotor_speeds_diverge():
     motors: Motors = HALF
     command = mix(2 * FULL, 0.3, 0.0, 0.0, (*AIR, *motors), MIXER)
     state: State = (*AIR, *motors)
@@ -83,6 +83,6 @@ def test_thrust_holds_while_the_rotors_part():
     )
 
 
-def test_hover_speed_carries_the_weight_or_is_the_limit():
+def test_the_hover_speed_carries_the_weight_or_is_the_limit():
     assert wrench((hover_speed(VEHICLE),) * 4)[0] == pytest.approx(9.81)
     assert hover_speed(VehicleParams(mass=100.0)) == 2200.0

@@ -1,4 +1,4 @@
-"""Which setpoints move the vehicle."""
+"""Faulty poses, weak motors, and the setpoints that a vehicle accepts after a stop."""
 
 from msgspec import structs
 
@@ -15,40 +15,40 @@ def pose(seq: int, boot: str = "a") -> Pose:
     )  # fmt: skip
 
 
-def test_a_sound_one_is_told_as_it_is():
-    reported = FaultyPose(FlightFaultParams())
-    assert all(reported.through(pose(n)) is not None for n in range(3))
+def test_without_a_fault_the_pose_is_unchanged():
+    fault = FaultyPose(FlightFaultParams())
+    assert all(fault.through(pose(n)) is not None for n in range(3))
     given = pose(4)
-    assert reported.through(given) is given
+    assert fault.through(given) is given
 
 
-def test_a_frozen_one_is_the_last_that_was_told():
+def test_a_frozen_pose_repeats_the_last_published():
     params = FlightFaultParams()
-    reported = FaultyPose(params)
-    last = reported.through(pose(1))
+    fault = FaultyPose(params)
+    last = fault.through(pose(1))
     params.pose = "frozen"
-    assert [reported.through(pose(n)) for n in (2, 3)] == [last, last]
+    assert [fault.through(pose(n)) for n in (2, 3)] == [last, last]
     params.pose = "none"
-    assert reported.through(pose(4)) == pose(4)
+    assert fault.through(pose(4)) == pose(4)
 
 
-def test_a_delayed_one_is_of_that_time_ago():
+def test_a_delayed_pose_is_as_old_as_the_delay():
     params = FlightFaultParams(pose="delayed", delay=0.05)
-    reported = FaultyPose(params)
-    told = [reported.through(pose(n)).seq for n in range(12)]
-    assert told == [0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6]
-    # Of a boot that is over nothing is told.
-    assert reported.through(pose(0, "b")).boot == "b"
+    fault = FaultyPose(params)
+    published = [fault.through(pose(n)).seq for n in range(12)]
+    assert published == [0, 0, 0, 0, 0, 0, 1, 2, 3, 4, 5, 6]
+    # No pose of an earlier boot is published.
+    assert fault.through(pose(0, "b")).boot == "b"
 
 
-def test_a_jump_is_off_the_true_place_and_nothing_else():
-    reported = FaultyPose(FlightFaultParams(pose="jump", jump=-2.0))
-    told = reported.through(pose(3))
-    assert told.position == Position(1.0, 0.0, 1.0)
-    assert structs.replace(told, position=pose(3).position) == pose(3)
+def test_a_jump_changes_only_the_position():
+    fault = FaultyPose(FlightFaultParams(pose="jump", jump=-2.0))
+    published = fault.through(pose(3))
+    assert published.position == Position(1.0, 0.0, 1.0)
+    assert structs.replace(published, position=pose(3).position) == pose(3)
 
 
-def test_weak_motors_lower_the_vehicle_and_it_stays_in_the_air():
+def test_weak_motors_lower_the_vehicle_without_a_crash():
     sound, weak = DynamicsParams(), DynamicsParams(fault=FlightFaultParams(motors=0.9))
     heights = []
     for params in (sound, weak):
@@ -62,44 +62,44 @@ def test_weak_motors_lower_the_vehicle_and_it_stays_in_the_air():
     assert abs(heights[1] - (2.5 - 0.981 / 6.4)) < 0.02
 
 
-THERE, ELSEWHERE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
+GOAL, OTHER_GOAL = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
 
 
-def stopped_on_its_way() -> GoalLatch:
+def stopped_before_its_goal() -> GoalLatch:
     latch = GoalLatch()
-    assert latch.accepts(THERE, brake=False)
+    assert latch.accepts(GOAL, brake=False)
     latch.stopped()
     return latch
 
 
-def test_after_a_stop_of_its_own_it_does_not_resume_the_old_goal():
-    latch = stopped_on_its_way()
-    assert not latch.accepts(THERE, brake=False)
+def test_after_a_stop_the_old_goal_is_not_resumed():
+    latch = stopped_before_its_goal()
+    assert not latch.accepts(GOAL, brake=False)
     assert not latch.accepts(Position(3.0, 0.0, 1.0), brake=False)
 
 
-def test_within_the_grace_it_goes_on():
-    latch = stopped_on_its_way()
+def test_within_the_grace_the_old_goal_is_resumed():
+    latch = stopped_before_its_goal()
     latch.resumed()
-    assert latch.accepts(THERE, brake=False)
+    assert latch.accepts(GOAL, brake=False)
 
 
-def test_another_goal_was_asked_for_since():
-    latch = stopped_on_its_way()
-    assert latch.accepts(ELSEWHERE, brake=False)
-    assert latch.accepts(THERE, brake=False)
+def test_another_goal_is_accepted_and_unlocks_the_old_one():
+    latch = stopped_before_its_goal()
+    assert latch.accepts(OTHER_GOAL, brake=False)
+    assert latch.accepts(GOAL, brake=False)
 
 
-def test_a_safety_that_knows_of_the_stop_may_send_it_there_again():
-    latch = stopped_on_its_way()
-    assert latch.accepts(THERE, brake=True)
-    assert latch.accepts(THERE, brake=False)
+def test_a_brake_command_unlocks_the_old_goal():
+    latch = stopped_before_its_goal()
+    assert latch.accepts(GOAL, brake=True)
+    assert latch.accepts(GOAL, brake=False)
 
 
-def test_silence_in_which_it_had_no_goal_bars_none():
+def test_a_stop_without_a_goal_locks_no_goal():
     latch = GoalLatch()
     latch.stopped()
-    assert latch.accepts(THERE, brake=False)
-    assert latch.accepts(THERE, brake=True)
+    assert latch.accepts(GOAL, brake=False)
+    assert latch.accepts(GOAL, brake=True)
     latch.stopped()
-    assert latch.accepts(THERE, brake=False)
+    assert latch.accepts(GOAL, brake=False)

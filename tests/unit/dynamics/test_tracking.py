@@ -1,4 +1,4 @@
-"""How closely the vehicle keeps to a smooth setpoint: what feeding forward is for."""
+"""Tracking error on a smooth setpoint: the benefit of feed-forward."""
 
 from math import cos, dist, sin
 
@@ -14,7 +14,7 @@ CALM = (0.0, 0.0, 0.0)
 
 
 def circle(radius: float, speed: float, t: float, led: float) -> tuple[float, ...]:
-    """Position to snap on a circle 10 m up; the snap is that of `led` seconds later."""
+    """Return position to snap on a circle 10 m up; the snap is that of `led` seconds later."""
     w = speed / radius
     c, s, ahead = cos(w * t), sin(w * t), w * (t + led)
     return (
@@ -44,7 +44,7 @@ def test_circle_at_4_m_per_s_is_tracked_within_3_cm(jerk, within):
             state = step(state, command, CALM, body)
     settled = max(errors[1500:])
     assert settled < within
-    # Without jerk as body rates and snap as torque it is further off: the test can tell.
+    # Without jerk as body rates and snap as torque the error is larger: the test can fail.
     assert jerk or settled > 0.06
 
 

@@ -1,4 +1,4 @@
-"""The setpoint generator: time-optimal, within its limits, smooth, straight, and never past."""
+"""Setpoint generator: time-optimal, within its limits, smooth, straight, no overshoot."""
 
 import random
 from collections.abc import Iterator
@@ -21,14 +21,14 @@ GOAL = st.tuples(AXIS.map(lambda n: 5 * n), AXIS.map(lambda n: 5 * n), HEIGHT.ma
 
 
 def excursion(position):
-    """How far a point is out of the cage, m; negative inside."""
+    """Return the distance of a point outside the cage (m), negative inside."""
     x, y, z = position
     return max(abs(x) - SIZE[0], abs(y) - SIZE[1], z - SIZE[2], -z)
 
 
 @settings(max_examples=40)
 @given(st.lists(st.tuples(GOAL, st.integers(1, 400)), min_size=2, max_size=8))
-def test_the_setpoint_stays_inside_wherever_the_goal_moves(moves):
+def test_the_setpoint_stays_inside_for_any_sequence_of_goals(moves):
     setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))
     worst = -1.0
     for goal, periods in moves:
@@ -54,12 +54,12 @@ def test_the_setpoint_stays_inside_on_random_missions(seed):
 
 
 def wall(rng, size):
-    """A coordinate, often on a wall or in the middle."""
+    """Return a random coordinate, often on a wall or in the middle."""
     return rng.choice((-size, 0.0, size)) if rng.random() < 0.6 else rng.uniform(-size, size)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_vehicle_stays_inside_to_a_centimetre(seed):
+def test_the_vehicle_stays_inside_within_a_centimetre(seed):
     rng = random.Random(seed)
     vehicle = Vehicle(DynamicsParams())
     vehicle.goto(0.0, 0.0, 1.0)
@@ -77,7 +77,7 @@ SPEED, ACCELERATION, JERK = 5.0, 5.0, 40.0
 MICROMETRE = 1e-6
 ROUNDING = 1e-9
 LAG = 1e-4
-"""The lags take the jerk for constant over a period, also where it changes within: 1 part in 1e4."""
+"""Tolerance: the lags take the jerk as constant over a period, an error of 1 in 1e4."""
 LIMITS = st.tuples(st.floats(0.5, 10), st.floats(0.5, 20), st.floats(5, 200))
 GOALS = st.one_of(st.floats(-20, 20), st.floats(-1, 1), st.floats(-0.05, 0.05))
 UNIT = st.floats(-1, 1)
@@ -89,7 +89,7 @@ def side(v: float, a: float, gap: float, most_a: float, j: float) -> float:
 
 
 def path(start: Motion, goal: float, limits: tuple[float, float, float]) -> Iterator[Motion]:
-    """Every state of an axis from after the start until it is at rest on the goal."""
+    """Yield every state of an axis after the start until it is at rest on the goal."""
     (p, v, a), heading = start, side(start[1], start[2], goal - start[0], limits[1], limits[2])
     for _ in range(100_000):
         p, v, a, heading = advance_axis(p, v, a, goal, heading, *limits)
@@ -100,7 +100,7 @@ def path(start: Motion, goal: float, limits: tuple[float, float, float]) -> Iter
 
 
 def scurve(way: float, most_v: float, most_a: float, j: float) -> float:
-    """Duration of the time-optimal move from rest to rest: the textbook's seven segments."""
+    """Return the duration of the time-optimal move from rest to rest (seven segments)."""
     if most_v * j < most_a**2:
         most_a = sqrt(most_v * j)
     if way < 2 * most_a**3 / j**2:
@@ -110,7 +110,7 @@ def scurve(way: float, most_v: float, most_a: float, j: float) -> float:
 
 
 def started(limits: tuple[float, float, float], speed: float, part: float) -> Motion:
-    """A motion within the limits that can stay within them."""
+    """Return a motion within the limits that can stay within them."""
     most_v, most_a, j = limits
     v, a = speed * most_v, part * most_a
     for sign in (1.0, -1.0):
@@ -119,7 +119,7 @@ def started(limits: tuple[float, float, float], speed: float, part: float) -> Mo
 
 
 @given(LIMITS, UNIT, UNIT)
-def test_stop_ends_at_the_predicted_place_and_is_smooth(limits, speed, part):
+def test_a_stop_ends_at_the_predicted_place_and_is_smooth(limits, speed, part):
     p, v, a = started(limits, speed, part)
     end = stop(v, a, limits[1], limits[2])
     while (v, a) != (0.0, 0.0):
@@ -131,7 +131,7 @@ def test_stop_ends_at_the_predicted_place_and_is_smooth(limits, speed, part):
 
 
 @given(LIMITS, UNIT, UNIT, GOALS)
-def test_an_axis_arrives_within_its_limits_and_smoothly(limits, speed, part, goal):
+def test_an_axis_arrives_smoothly_within_its_limits(limits, speed, part, goal):
     before = started(limits, speed, part)
     for now in path(before, goal, limits):
         assert abs(now[1]) <= limits[0] + ROUNDING
@@ -146,7 +146,7 @@ def test_an_axis_arrives_within_its_limits_and_smoothly(limits, speed, part, goa
 
 
 @given(LIMITS, UNIT, UNIT, GOALS)
-def test_a_goal_that_can_be_stopped_at_is_not_passed(limits, speed, part, goal):
+def test_an_axis_does_not_overshoot_a_reachable_goal(limits, speed, part, goal):
     start = started(limits, speed, part)
     end = stop(start[1], start[2], limits[1], limits[2])
     ahead = 1.0 if end > 0.0 else -1.0
@@ -155,7 +155,7 @@ def test_a_goal_that_can_be_stopped_at_is_not_passed(limits, speed, part, goal):
 
 
 @given(LIMITS, st.floats(1e-4, 20))
-def test_from_rest_to_rest_takes_the_least_time(limits, way):
+def test_a_move_from_rest_to_rest_is_time_optimal(limits, way):
     periods = sum(1 for _ in path((0.0, 0.0, 0.0), way, limits))
     assert abs(periods - ceil(scurve(way, *limits) / PERIOD)) <= 3
 
@@ -170,14 +170,14 @@ def test_from_rest_to_rest_takes_the_least_time(limits, way):
         (3.0, -4.0, 0.95, 0.678621180),
     ],
 )
-def test_from_motion_it_is_as_fast_as_ruckig(v, a, goal, seconds):
-    """Durations by ruckig 0.15, an independent solver of the same problem."""
+def test_a_move_from_motion_is_as_fast_as_ruckigs(v, a, goal, seconds):
+    """The durations are those of ruckig 0.15, an independent solver of the same problem."""
     periods = sum(1 for _ in path((0.0, v, a), goal, (SPEED, ACCELERATION, JERK)))
     assert -1e-6 <= periods - seconds / PERIOD <= 2
 
 
 def fly(trajectory: Path, most_seconds: float = 60.0) -> Iterator[tuple[float, ...]]:
-    """Every setpoint until the trajectory is at rest."""
+    """Yield every setpoint until the trajectory is at rest."""
     for _ in range(round(most_seconds / PERIOD)):
         trajectory.advance()
         yield trajectory.setpoint
@@ -210,7 +210,7 @@ def test_from_rest_the_path_is_straight_and_within_limits(start, goal):
 
 @settings(max_examples=20)
 @given(st.lists(st.tuples(POINT, st.floats(0.02, 1)), min_size=2, max_size=6))
-def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
+def test_a_goal_moved_in_flight_is_followed_smoothly(legs):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     before = trajectory.setpoint
     for goal, seconds in legs:
@@ -219,14 +219,14 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
             trajectory.advance()
             s = trajectory.setpoint
             for k in range(3):
-                # Position and velocity go on as velocity and acceleration say.
+                # Position and velocity are the integrals of velocity and acceleration.
                 mean = 0.5 * (s[k + 3] + before[k + 3])
                 assert abs(s[k] - before[k] - PERIOD * mean) < 30 * MICROMETRE
                 mean = 0.5 * (s[k + 6] + before[k + 6])
                 assert abs(s[k + 3] - before[k + 3] - PERIOD * mean) < 0.5 * JERK * PERIOD**2
             assert hypot(*s[6:9]) <= ACCELERATION * (1 + LAG)
             assert hypot(*s[9:12]) <= JERK * (1 + LAG)
-            # An axis that gives up a part of its share is slowed, but not at once.
+            # An axis that loses a part of its share slows down, but not at once.
             assert hypot(*s[3:6]) <= SPEED * 1.4
             before = s
     for s in fly(trajectory):
@@ -236,8 +236,8 @@ def test_a_goal_moved_in_flight_is_taken_up_smoothly(legs):
 
 @settings(max_examples=30)
 @given(st.lists(st.tuples(POINT, st.floats(0.1, 2)), min_size=2, max_size=6))
-def test_goals_moved_in_flight_no_overshoot_of_the_farthest(legs):
-    """A goal moved nearer may be passed, where another axis needs the limits: not an older one."""
+def test_moved_goals_are_not_overshot_beyond_the_farthest(legs):
+    """Only the latest goal may be overshot, if another axis needs the limits; an older one never."""
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     corners = [(0.0, 0.0, 10.0)]
     for goal, seconds in legs:
@@ -253,12 +253,12 @@ def test_goals_moved_in_flight_no_overshoot_of_the_farthest(legs):
 @settings(max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2))
 @example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5)
-def test_a_goal_moved_in_flight_is_reached_soon(first, then, seconds):
+def test_a_goal_moved_in_flight_is_reached_within_20_s(first, then, seconds):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     trajectory.goto(*first)
     trajectory.advance_for(seconds)
     trajectory.goto(*then)
-    # An axis that got next to nothing, while another needed all, once crawled for 70 s.
+    # Earlier an axis crawled for 70 s with almost no share, while another needed all of it.
     for _ in fly(trajectory, 20.0):
         pass
     assert trajectory.setpoint[:3] == then
@@ -267,13 +267,13 @@ def test_a_goal_moved_in_flight_is_reached_soon(first, then, seconds):
 @settings(max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2), st.floats(0.1, 1))
 @example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5, 0.4)
-def test_a_flight_to_a_goal_that_was_moved_stops_soon(first, then, seconds, later):
+def test_a_flight_to_a_moved_goal_stops_within_10_s(first, then, seconds, later):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     for goal, time in ((first, seconds), (then, later)):
         trajectory.goto(*goal)
         trajectory.advance_for(time)
     trajectory.brake()
-    # It took up to a minute where an axis had next to nothing to brake with.
+    # Earlier it took up to a minute when an axis had almost no share to brake with.
     for _ in fly(trajectory, 10.0):
         pass
 
@@ -296,13 +296,13 @@ def test_braking_ends_ahead_without_turning_back(goal, seconds):
 @settings(max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2), st.floats(0.05, 1))
 @example((-10.0, 0.0, 10.0), (1.0, 9.0, 1.0), 1.2, 0.85)
-def test_a_stop_does_not_speed_up_to_reach_its_end(first, then, seconds, later):
+def test_braking_does_not_speed_up_an_axis(first, then, seconds, later):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     for goal, time in ((first, seconds), (then, later)):
         trajectory.goto(*goal)
         trajectory.advance_for(time)
     trajectory.brake()
-    # The acceleration that it has is taken away by then, and the lags are behind it.
+    # By then the initial acceleration has been removed and the lags have settled.
     trajectory.advance_for(0.6)
     before = [abs(v) for v in trajectory.setpoint[3:6]]
     for s in fly(trajectory, 10.0):

@@ -1,4 +1,4 @@
-"""The whole vehicle: it flies where it is told, lands, brakes, and never passes a goal."""
+"""The whole vehicle: flights to goals, landings and braking, without overshoot."""
 
 from math import acos, cos, dist, hypot, sin, sqrt
 from random import Random
@@ -35,7 +35,7 @@ def tilt(vehicle: Vehicle) -> float:
     ],
     ids=["ahead", "right", "up and aside", "down and aside", "up", "down"],
 )
-def test_three_metres_in_time_without_overshoot(start, goal):
+def test_a_three_metre_flight_is_fast_and_does_not_overshoot(start, goal):
     vehicle = at(*start)
     vehicle.goto(*goal)
     distance = []
@@ -49,7 +49,7 @@ def test_three_metres_in_time_without_overshoot(start, goal):
     assert sqrt(sum(d * d for d in hover) / len(hover)) < 1e-4
 
 
-def test_it_stays_close_to_its_setpoint_at_full_speed():
+def test_the_vehicle_stays_close_to_its_setpoint_at_full_speed():
     vehicle = at(z=10.0)
     vehicle.goto(40.0, 20.0, 10.0)
     fastest = 0.0
@@ -60,14 +60,14 @@ def test_it_stays_close_to_its_setpoint_at_full_speed():
     assert fastest == pytest.approx(5.0, abs=0.02)
 
 
-def test_stands_with_idle_motors_until_a_goal_above_the_floor():
+def test_the_vehicle_idles_on_the_floor_until_a_goal_above_it():
     vehicle = at()
     vehicle.goto(0.01, 0.0, 0.0)
     vehicle.advance(500)
     assert (vehicle.position, vehicle.motors, vehicle.standing) == ((0, 0, 0), (0, 0, 0, 0), True)
 
 
-def test_it_takes_off_without_overshoot_or_sliding():
+def test_the_takeoff_does_not_overshoot_or_slide():
     vehicle = at()
     vehicle.goto(0.0, 0.0, 1.0)
     for _ in range(4000):
@@ -78,7 +78,7 @@ def test_it_takes_off_without_overshoot_or_sliding():
     assert vehicle.position[2] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_it_lands_and_its_motors_stop_and_it_takes_off_again():
+def test_the_vehicle_lands_stops_its_motors_and_takes_off_again():
     vehicle = at(z=2.0)
     vehicle.goto(2.0, 0.0, 0.0)
     vehicle.advance(6000)
@@ -103,7 +103,7 @@ def test_a_goal_below_the_floor_is_a_soft_landing():
     assert impact < 0.1
 
 
-def test_in_the_air_it_starts_hovering():
+def test_a_vehicle_started_in_the_air_hovers():
     vehicle = at(1.0, 2.0, 3.0)
     vehicle.advance(60_000)
     assert vehicle.time == 60.0
@@ -130,7 +130,7 @@ def test_braking_at_full_speed_stops_where_predicted(goal):
     assert dist(vehicle.position, stops) < 1e-3
 
 
-def test_commands_repeated_change_nothing():
+def test_repeated_commands_change_nothing():
     once, often = at(z=10.0), at(z=10.0)
     for k in range(300):
         if k == 0:
@@ -150,7 +150,7 @@ def test_commands_repeated_change_nothing():
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_goals_that_jump_about_keep_it_upright_and_fast_enough(seed):
+def test_random_goals_keep_the_vehicle_upright_and_within_limits(seed):
     random, vehicle = Random(seed), at(z=20.0)
     for _ in range(100):
         vehicle.goto(random.uniform(-10, 10), random.uniform(-10, 10), random.uniform(10, 30))
@@ -165,7 +165,7 @@ def test_goals_that_jump_about_keep_it_upright_and_fast_enough(seed):
     assert dist(vehicle.position, (0.0, 0.0, 20.0)) < 1e-3
 
 
-def test_it_chases_a_goal_on_a_circle():
+def test_the_vehicle_follows_a_goal_on_a_circle():
     vehicle = at(5.0, 0.0, 10.0)
     for k in range(100):
         vehicle.goto(5.0 * cos(0.24 * k), 5.0 * sin(0.24 * k), 10.0)
@@ -176,7 +176,7 @@ def test_it_chases_a_goal_on_a_circle():
             assert tilt(vehicle) < 0.7 * 1.02
 
 
-def test_steps_of_any_size_give_the_same_bits():
+def test_the_step_size_does_not_change_a_bit():
     def state(sizes: list[int]) -> tuple[float, ...]:
         vehicle = at()
         vehicle.goto(2.0, 1.0, 1.5)
@@ -193,8 +193,8 @@ def test_steps_of_any_size_give_the_same_bits():
     assert state([3000]) == state([1] * 3000) == state([7] * 428 + [4]) == state([10] * 300)
 
 
-def test_closed_loop_with_quarter_steps_ends_in_the_same_place():
-    """The integration error of a 5 s flight; a step's error falls with the fourth power."""
+def test_quarter_steps_end_in_the_same_place():
+    """The integration error of a 5 s flight falls with the fourth power of the step."""
     coarse, fine = at(z=1.0), at(z=1.0)
     body = body_constants(VehicleParams(), 0.00025)
 
@@ -216,7 +216,7 @@ def everything(vehicle: Vehicle) -> tuple[object, ...]:
     return vehicle.position, vehicle.velocity, vehicle.setpoint, vehicle.goal
 
 
-def test_body_gains_and_limits_wait_for_the_next_standstill():
+def test_new_body_gains_and_limits_wait_for_the_next_standstill():
     vehicle, other = at(z=10.0), at(z=10.0)
     for each in (vehicle, other):
         each.goto(20.0, 0.0, 10.0)
@@ -243,7 +243,7 @@ def test_body_gains_and_limits_wait_for_the_next_standstill():
     assert fastest == pytest.approx(1.0, abs=0.01)
 
 
-def test_at_a_standstill_they_hold_at_once_and_nothing_moves():
+def test_at_a_standstill_new_parameters_apply_without_a_movement():
     for mass in (0.3, 2.5):
         vehicle = at(z=10.0)
         vehicle.configure(DynamicsParams(vehicle=VehicleParams(mass=mass)))
@@ -252,7 +252,7 @@ def test_at_a_standstill_they_hold_at_once_and_nothing_moves():
         assert dist(vehicle.position, (0.0, 0.0, 10.0)) < 1e-6
 
 
-def test_wind_and_faults_hold_at_once_whatever_waits():
+def test_wind_and_faults_apply_at_once_even_in_flight():
     vehicle = at(z=10.0)
     vehicle.goto(20.0, 0.0, 10.0)
     vehicle.advance(1000)
@@ -264,7 +264,7 @@ def test_wind_and_faults_hold_at_once_whatever_waits():
     assert vehicle.in_force.control.max_speed == 5.0
 
 
-def test_waiting_change_is_dropped_when_the_old_values_return():
+def test_a_pending_change_is_dropped_when_the_old_values_return():
     vehicle = at(z=10.0)
     vehicle.goto(20.0, 0.0, 10.0)
     vehicle.advance(1000)

@@ -1,4 +1,4 @@
-"""Goals inside a cage, replaced every 50 to 500 ms, never take the vehicle more than 10 mm out."""
+"""Goals inside a cage, replaced every 50 to 500 ms, never lead more than 10 mm outside."""
 
 import random
 from collections.abc import Callable
@@ -21,7 +21,7 @@ def standing_at(x: float, y: float, z: float) -> Vehicle:
 
 
 def extremes(vehicle: Vehicle, seconds: float) -> tuple[Point, Point]:
-    """The least and the greatest x, y and z on the way."""
+    """Return the smallest and the greatest x, y and z of the flight."""
     places = []
     for _ in range(round(100 * seconds)):
         vehicle.advance(10)
@@ -30,12 +30,12 @@ def extremes(vehicle: Vehicle, seconds: float) -> tuple[Point, Point]:
     return (min(xs), min(ys), min(zs)), (max(xs), max(ys), max(zs))
 
 
-def test_an_axis_that_brakes_keeps_the_jerk_to_end_its_braking():
+def test_a_braking_axis_keeps_enough_jerk_to_end_its_braking():
     vehicle = standing_at(-4.0, 1.45, 0.84)
     vehicle.goto(6.82, 2.10, 0.98)
     while vehicle.position[0] < 4.8:
         vehicle.advance(10)
-    # Most of the limits are for y now; what x is left with must still stop it before its goal.
+    # Most of the limits go to y now; the rest must still stop x before its goal.
     vehicle.goto(7.13, -2.13, 0.0)
     vehicle.advance(100)
     vehicle.brake()
@@ -44,7 +44,7 @@ def test_an_axis_that_brakes_keeps_the_jerk_to_end_its_braking():
     assert most[0] < vehicle.goal[0] + 0.001
 
 
-def test_a_hop_that_is_asked_for_in_motion_does_not_lead_back():
+def test_a_hop_requested_in_motion_does_not_turn_back():
     vehicle = standing_at(0.0, 0.0, 0.01)
     vehicle.goto(6.0, 0.0, 0.35)
     while vehicle.position[0] < 0.6:
@@ -61,7 +61,7 @@ def test_a_hop_that_is_asked_for_in_motion_does_not_lead_back():
 
 
 @pytest.mark.parametrize("corner", [(2.0, 1.0, 0.0), (-0.3, 0.45, 0.0), (0.5, 0.0, 0.05)])
-def test_a_landing_from_afar_ends_where_it_was_to(corner: Point):
+def test_a_landing_from_afar_ends_at_its_goal(corner: Point):
     vehicle = standing_at(-3.6, -4.3, 0.5)
     vehicle.goto(*corner)
     _, most = extremes(vehicle, 6.0)
@@ -78,14 +78,14 @@ def test_a_landing_from_afar_ends_where_it_was_to(corner: Point):
         ((0.0, 0.0, 1.0), (0.15, 0.15, 1.3)),
     ],
 )
-def test_a_short_climb_aslant_does_not_pass_its_goal(start: Point, goal: Point):
+def test_a_short_diagonal_climb_does_not_overshoot(start: Point, goal: Point):
     vehicle = standing_at(*start)
     vehicle.goto(*goal)
     _, most = extremes(vehicle, 3.0)
     assert most[2] < goal[2] + 0.004
 
 
-def test_a_flat_way_far_off_does_not_scrape_the_floor():
+def test_a_long_flat_path_does_not_scrape_the_floor():
     vehicle = standing_at(0.0, 0.0, 0.0)
     vehicle.goto(40.0, 0.0, 0.2)
     vehicle.advance(4000)
@@ -106,11 +106,11 @@ CAGES: dict[str, Cage] = {
     "lab": (5.0, 5.0, 2.0),
     "hall": (10.0, 10.0, 10.0),
 }
-"""Half of what each is wide in x and y, and its height, m."""
-BROUGHT = 4.0
-"""Seconds of replacing."""
-ENDING = 4.0
-"""Seconds to come to rest in."""
+"""Half widths in x and y, and height, m."""
+REPLACING = 4.0
+"""Seconds during which goals are replaced."""
+SETTLING = 4.0
+"""Seconds allowed for coming to rest."""
 PERIOD = 50
 """Milliseconds between two setpoints."""
 SAMPLE = 10
@@ -118,7 +118,7 @@ MARGIN = 0.01
 
 
 def place(draws: random.Random, cage: Cage) -> tuple[float, float, float]:
-    """A goal inside, often on walls, edges and corners."""
+    """Return a random goal inside, often on walls, edges and corners."""
     x, y, z = cage
     walls = ((-x, x), (-y, y), (0.0, z))
     found = [draws.choice(wall) if draws.random() < 0.5 else draws.uniform(*wall) for wall in walls]
@@ -126,16 +126,16 @@ def place(draws: random.Random, cage: Cage) -> tuple[float, float, float]:
 
 
 def flights(kernel: ModuleType, cage: Cage, count: int, seed: int) -> float:
-    """The farthest that any of them gets out of the cage, m."""
+    """Return the greatest distance of any vehicle outside the cage, m."""
     draws = random.Random(seed)
     starts = [place(draws, cage) for _ in range(count)]
     fleet = CompiledFleet([DynamicsParams(start=StartParams(*start)) for start in starts], kernel)
     due = [0] * count
     size = np.array(cage)
     low, worst = np.array([-cage[0], -cage[1], 0.0]), 0.0
-    for now in range(0, round(1000 * (BROUGHT + ENDING)), PERIOD):
+    for now in range(0, round(1000 * (REPLACING + SETTLING)), PERIOD):
         for number in range(count):
-            if due[number] <= now < 1000 * BROUGHT:
+            if due[number] <= now < 1000 * REPLACING:
                 due[number] = now + PERIOD * draws.randint(1, 10)
                 if draws.random() < 0.1:
                     fleet.brake(number)
@@ -157,7 +157,7 @@ def farthest() -> Callable[[Cage, int, int], float]:
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("cage", CAGES)
-def test_2000_flights_of_replaced_goals(farthest, cage: str):
+def test_2000_flights_of_replaced_goals_stay_inside(farthest, cage: str):
     assert farthest(CAGES[cage], 2000 // len(CAGES), 1) <= MARGIN
 
 

@@ -1,4 +1,4 @@
-"""Wind and gusts: exact generators, Dryden's figures, the same air from the same seed."""
+"""Wind and gusts: exact generators, Dryden's figures, reproducible by seed."""
 
 from itertools import pairwise
 from math import dist, exp, sqrt
@@ -42,23 +42,23 @@ def params(mean=STILL, gust=0.0, length=10.0, seed=0, z=2.0, **vehicle) -> Dynam
     )
 
 
-def test_the_first_generator_is_park_millers():
+def test_the_first_generator_is_that_of_park_and_miller():
     s = 1.0
     for _ in range(10_000):
         s = follower(s, A1, M1)
-    assert s == 399268537  # the value that C++ demands of its minstd_rand
+    assert s == 399268537  # the value that the C++ standard requires of minstd_rand
 
 
 @pytest.mark.parametrize(("a", "m"), [(A1, M1), (A2, M2), (A3, M3)])
 @given(data=st.data())
-def test_floats_follow_as_whole_numbers_do(a, m, data):
+def test_the_float_generator_equals_the_integer_one(a, m, data):
     s = data.draw(st.integers(1, int(m) - 1))
     assert follower(float(s), a, m) == int(a) * s % int(m)
 
 
 @pytest.mark.parametrize(("a", "m"), [(A1, M1), (A2, M2), (A3, M3)])
-def test_a_generator_runs_through_all_its_states(a, m):
-    """The multiplier is a primitive root: no power of it by a factor of m - 1 is 1."""
+def test_each_generator_visits_all_its_states(a, m):
+    """Check that the multiplier a is a primitive root: a ** ((m - 1) / prime) is never 1."""
     left, prime, modulus = int(m) - 1, 2, int(m)
     while left > 1:
         if left % prime == 0:
@@ -68,7 +68,7 @@ def test_a_generator_runs_through_all_its_states(a, m):
         prime += 1
 
 
-def test_noise_has_mean_0_and_variance_1_and_no_memory():
+def test_noise_is_uncorrelated_with_mean_0_and_variance_1():
     states, drawn = (1.0, 1.0, 1.0), []
     for _ in range(30_000):
         n, *states = noise(*states)
@@ -102,17 +102,17 @@ def flight(chosen: DynamicsParams, steps: int = 1000) -> tuple[float, ...]:
     return vehicle.state
 
 
-def test_same_seed_is_the_same_flight_another_seed_another():
+def test_the_seed_determines_the_flight():
     flights = [flight(params(gust=1.0, seed=seed)) for seed in (0, 0, 1, 2)]
     assert flights[0] == flights[1]
     assert len(set(flights)) == 3
 
 
-def test_in_still_air_the_seed_is_nothing():
+def test_in_still_air_the_seed_has_no_effect():
     assert flight(params(seed=1)) == flight(params(seed=2))
 
 
-def test_neighbouring_seeds_begin_with_uncorrelated_winds():
+def test_neighbouring_seeds_start_with_uncorrelated_winds():
     winds = [initial_air(params(gust=1.0, seed=seed))[:3] for seed in range(2000)]
     for axis in range(3):
         drawn = [wind[axis] for wind in winds]
@@ -121,7 +121,7 @@ def test_neighbouring_seeds_begin_with_uncorrelated_winds():
         assert abs(fmean(a * b for a, b in pairwise(drawn))) < 0.1
 
 
-def test_in_a_steady_wind_it_hovers_on_its_goal():
+def test_the_vehicle_hovers_on_its_goal_in_a_steady_wind():
     vehicle = Vehicle(params(mean=(5.0, -3.0, 1.0)))
     vehicle.goto(1.0, 0.0, 2.0)
     vehicle.advance(8000)
@@ -129,7 +129,7 @@ def test_in_a_steady_wind_it_hovers_on_its_goal():
     assert vehicle.wind == (5.0, -3.0, 1.0)
 
 
-def test_in_gusts_it_stays_near_its_goal_and_never_rests():
+def test_the_vehicle_stays_near_its_goal_in_gusts():
     vehicle = Vehicle(params(mean=(3.0, 0.0, 0.0), gust=1.5))
     worst = 0.0
     for _ in range(1000):
@@ -140,7 +140,7 @@ def test_in_gusts_it_stays_near_its_goal_and_never_rests():
     assert 0.01 < worst < 0.5
 
 
-def test_on_the_floor_gusts_leave_it_where_it_is():
+def test_gusts_do_not_move_a_vehicle_on_the_floor():
     vehicle = Vehicle(params(mean=(5.0, 0.0, -1.0), gust=1.5, z=0.0))
     for _ in range(300):
         vehicle.advance(10)
@@ -152,7 +152,7 @@ def test_on_the_floor_gusts_leave_it_where_it_is():
     assert dist(vehicle.position, (0.0, 0.0, 1.0)) < 0.5
 
 
-def test_a_wind_that_changes_in_flight_is_felt():
+def test_a_change_of_wind_in_flight_takes_effect():
     vehicle = Vehicle(params())
     vehicle.advance(1000)
     resting = vehicle.state

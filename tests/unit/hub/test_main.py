@@ -1,4 +1,4 @@
-"""The hub's own loop, with a stand-in for the node: it says where it listens, and routes."""
+"""The hub's main loop, with a stand-in for the node."""
 
 import logging
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from quadctl.services.hub.__main__ import run
 
 
 class Spinning:
-    """A node that only counts how often it was left to spin, with or without a look at its links."""
+    """Node that counts its spins, with or without a check of its links."""
 
     log = logging.getLogger("hub")
     spun = 0
@@ -25,10 +25,10 @@ class Spinning:
 
 
 @pytest.mark.parametrize("plain", [[], ["tcp/127.0.0.1:7447", "udp/127.0.0.1:7448"]])
-def test_it_names_further_endpoints_and_spins(plain: list[str], caplog: pytest.LogCaptureFixture):
+def test_the_hub_logs_plain_endpoints_and_spins(plain: list[str], caplog: pytest.LogCaptureFixture):
     node: Any = Spinning()
     with caplog.at_level(logging.INFO, "hub"):
         run(node, Params(hub=HubParams(listen=[*plain, "tls/127.0.0.1:7449"])))
     assert node.spun == 1
-    # What is encrypted is the gate's.
+    # Encrypted endpoints belong to the gate.
     assert caplog.messages == [f"listening on {endpoint} as well" for endpoint in plain]

@@ -1,4 +1,4 @@
-"""The barometer: what it shows of raw readings, and how it is zeroed."""
+"""Barometer: faults of raw readings, and calibration to zero."""
 
 import random
 
@@ -19,51 +19,51 @@ def faults(seed: int = 0, **params: object) -> tuple[SensorFaults, FaultParams]:
     return SensorFaults(made, random.Random(seed)), made
 
 
-def given_by(layer: SensorFaults, raw: list[float], begin: float = 0.0) -> list[float | None]:
-    """What comes of readings at 10 Hz."""
+def outputs(layer: SensorFaults, raw: list[float], begin: float = 0.0) -> list[float | None]:
+    """Return the outputs for readings at 10 Hz."""
     return [layer.through(begin + n / 10, value) for n, value in enumerate(raw)]
 
 
 @given(READINGS)
-def test_without_one_readings_are_handed_on_as_they_are(raw: list[float]):
-    assert given_by(faults()[0], raw) == raw
+def test_without_a_fault_readings_are_unchanged(raw: list[float]):
+    assert outputs(faults()[0], raw) == raw
 
 
 @given(READINGS, READINGS, READINGS)
-def test_stuck_it_repeats_the_last_value_until_it_is_well(
+def test_a_stuck_sensor_repeats_the_last_value_until_cleared(
     before: list[float], stuck: list[float], after: list[float]
 ):
     layer, params = faults()
-    given_by(layer, before)
+    outputs(layer, before)
     params.kind = "stuck"
-    assert given_by(layer, stuck, 10.0) == [before[-1]] * len(stuck)
+    assert outputs(layer, stuck, 10.0) == [before[-1]] * len(stuck)
     params.kind = "none"
-    assert given_by(layer, after, 20.0) == after
+    assert outputs(layer, after, 20.0) == after
 
 
-def test_stuck_from_the_start_it_holds_its_first_value():
-    assert given_by(faults(kind="stuck")[0], [1.0, 2.0, 3.0]) == [1.0, 1.0, 1.0]
+def test_a_sensor_stuck_from_the_start_keeps_its_first_value():
+    assert outputs(faults(kind="stuck")[0], [1.0, 2.0, 3.0]) == [1.0, 1.0, 1.0]
 
 
-def test_off_it_gives_nothing_and_then_goes_on():
+def test_a_sensor_that_is_off_gives_no_value_until_cleared():
     layer, params = faults(kind="off")
-    assert given_by(layer, [1.0, 2.0]) == [None, None]
+    assert outputs(layer, [1.0, 2.0]) == [None, None]
     params.kind = "none"
-    assert given_by(layer, [3.0], 0.2) == [3.0]
+    assert outputs(layer, [3.0], 0.2) == [3.0]
 
 
-def test_stuck_after_off_it_holds_what_it_gave_last():
+def test_a_sensor_stuck_after_off_keeps_its_last_value():
     layer, params = faults()
-    given_by(layer, [1.0])
+    outputs(layer, [1.0])
     params.kind = "off"
-    given_by(layer, [2.0], 0.1)
+    outputs(layer, [2.0], 0.1)
     params.kind = "stuck"
-    assert given_by(layer, [3.0], 0.2) == [1.0]
+    assert outputs(layer, [3.0], 0.2) == [1.0]
 
 
 def test_glitches_have_the_requested_size_and_mean_interval():
     layer, _ = faults(kind="glitch", magnitude=3.0, interval=2.0)
-    found = given_by(layer, [1000.0] * 50_000)
+    found = outputs(layer, [1000.0] * 50_000)
     assert set(found) == {997.0, 1000.0, 1003.0}
     at = [n for n, value in enumerate(found) if value != 1000.0]
     gaps = np.diff(at) / 10
@@ -76,42 +76,42 @@ def test_glitches_have_the_requested_size_and_mean_interval():
 def test_the_same_seed_gives_the_same_glitches(seed: int):
     raw = [1000.0] * 100
     one, other, another = (
-        given_by(faults(number, kind="glitch")[0], raw) for number in (seed, seed, seed + 1)
+        outputs(faults(number, kind="glitch")[0], raw) for number in (seed, seed, seed + 1)
     )
     assert one == other
     assert one != another
 
 
 @given(st.integers(0, 100), READINGS)
-def test_delay_gives_old_values_and_nothing_before_the_first(late: int, raw: list[float]):
+def test_a_delay_gives_old_values_and_none_before_the_first(late: int, raw: list[float]):
     layer, _ = faults(kind="delay", delay=late / 10)
-    assert given_by(layer, raw) == [None] * min(late, len(raw)) + raw[: max(len(raw) - late, 0)]
+    assert outputs(layer, raw) == [None] * min(late, len(raw)) + raw[: max(len(raw) - late, 0)]
 
 
-def test_delay_set_later_gives_old_values_and_a_new_delay_counts():
+def test_a_delay_set_later_gives_old_values_and_can_change():
     layer, params = faults()
-    given_by(layer, [float(n) for n in range(300)])
+    outputs(layer, [float(n) for n in range(300)])
     params.kind, params.delay = "delay", 10.0
     assert layer.through(30.0, 300.0) == 200.0
     params.delay = 0.35
-    # Between two readings the one before it is what was known.
+    # Between two readings the earlier one is in force.
     assert layer.through(30.1, 301.0) == 297.0
 
 
-def test_a_boot_has_no_old_values_of_the_one_before():
+def test_a_new_boot_forgets_old_values():
     layer, _ = faults(kind="delay", delay=0.1)
-    assert given_by(layer, [1.0, 2.0], 50.0) == [None, 1.0]
-    assert given_by(layer, [3.0, 4.0], 0.0) == [None, 3.0]
+    assert outputs(layer, [1.0, 2.0], 50.0) == [None, 1.0]
+    assert outputs(layer, [3.0, 4.0], 0.0) == [None, 3.0]
 
 
-def test_of_the_past_no_more_is_kept_than_can_be_asked_for():
+def test_only_the_needed_past_is_kept():
     layer, _ = faults()
-    given_by(layer, [0.0] * 10_000)
+    outputs(layer, [0.0] * 10_000)
     assert len(layer._past) <= 102
 
 
 def taken(barometer: Barometer, *readings: tuple[float, float]) -> Pressure:
-    """Take readings, each at a time; returns what the last is shown as."""
+    """Take timed readings, and return the message of the last one."""
     return [barometer.take(now, now + 100, raw) for now, raw in readings][-1]
 
 
@@ -120,7 +120,7 @@ def barometer() -> Barometer:
     return Barometer(PressureParams())
 
 
-def test_unzeroed_it_shows_the_air_itself(barometer: Barometer):
+def test_without_a_baseline_the_pressure_is_absolute(barometer: Barometer):
     assert barometer.take(7.0, 3.5, 1012.0) == Pressure(3.5, 1012.0, 0.0, 0, 0.0)
 
 
@@ -131,8 +131,8 @@ def test_calibrating_without_a_sample_changes_nothing(barometer: Barometer):
     assert barometer.calibrate(0.0, zero=False) == 0.0
 
 
-def test_baseline_is_the_last_second_with_count_and_spread(barometer: Barometer):
-    # Two that are a second old or older, then those that count.
+def test_the_baseline_is_the_mean_of_the_last_second(barometer: Barometer):
+    # Two are a second old or older, the others count.
     taken(barometer, (0.0, 9.0), (0.5, 9.0), (0.75, 1.0), (1.0, 2.0), (1.5, 6.0))
     assert barometer.calibrate(1.55, zero=True) == 3.0
     assert barometer.baseline == Baseline(3.0, 3, 5.0)
@@ -144,7 +144,7 @@ def test_one_sample_is_enough(barometer: Barometer):
     assert barometer.baseline == Baseline(1013.75, 1, 0.0)
 
 
-def test_zeroed_reading_has_the_difference_and_baseline_quality(barometer: Barometer):
+def test_a_zeroed_reading_has_the_difference_and_baseline_quality(barometer: Barometer):
     taken(barometer, (0.0, 1013.75), (0.1, 1012.75))
     assert barometer.calibrate(0.1, zero=True) == 1013.25
     assert taken(barometer, (0.2, 1013.5)) == Pressure(100.2, 0.25, 1013.25, 2, 1.0)
@@ -158,14 +158,14 @@ def test_zeroing_again_starts_from_the_raw_pressure(barometer: Barometer):
     assert barometer.baseline.samples == 2
 
 
-def test_undone_it_shows_the_air_again(barometer: Barometer):
+def test_unsetting_the_baseline_restores_the_absolute_pressure(barometer: Barometer):
     taken(barometer, (0.0, 1013.25))
     barometer.calibrate(0.0, zero=True)
     assert barometer.calibrate(0.0, zero=False) == 0.0
     assert taken(barometer, (0.1, 1013.25)) == Pressure(100.1, 1013.25, 0.0, 0, 0.0)
 
 
-def test_a_clock_that_starts_anew_leaves_the_old_samples_behind(barometer: Barometer):
+def test_a_clock_reset_drops_the_old_samples(barometer: Barometer):
     """In lock-step the clock is simulated time, and a reset takes it back to 0."""
     taken(barometer, (99.8, 9.0), (99.9, 9.0), (100.0, 9.0))
     with pytest.raises(NoSample):
@@ -176,10 +176,10 @@ def test_a_clock_that_starts_anew_leaves_the_old_samples_behind(barometer: Barom
 
 
 @given(st.floats(1, 100), st.floats(0.01, 200))
-def test_stopped_readings_cannot_be_calibrated_with(silent: float, rate: float):
+def test_calibration_refuses_old_readings(silent: float, rate: float):
     barometer = Barometer(PressureParams(rate=rate))
     taken(barometer, (0.0, 1013.0))
-    # Rarer ones than one a second may be two of their periods old.
+    # Below 1 Hz a reading may be two periods old.
     if silent < 2 / rate:
         assert barometer.calibrate(silent, zero=True) == 1013.0
     else:

@@ -1,4 +1,4 @@
-"""A real sensor's files: to hPa, or to an error that says which, what was in it, what to do."""
+"""A real sensor's files: converted to hPa, or an error with the file, its text and a hint."""
 
 import os
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from quadctl.services.pressure.iio import has_pressure, hectopascals
 from quadctl.services.runtime.errors import QuadctlError
 
 
-def test_devices_come_in_the_order_of_their_numbers(tmp_path: Path):
+def test_devices_are_sorted_by_number(tmp_path: Path):
     for name in (
         "iio:device10",
         "iio:device2",
@@ -28,28 +28,28 @@ def test_devices_come_in_the_order_of_their_numbers(tmp_path: Path):
     assert names == ["iio:device0", "iio:device2", "iio:device3", "iio:device10"]
 
 
-def test_where_there_is_no_such_tree_there_are_none(tmp_path: Path):
+def test_without_a_sysfs_tree_there_are_no_devices(tmp_path: Path):
     assert iio.devices(tmp_path / "none") == []
 
 
-def test_a_file_is_read_as_it_is(tmp_path: Path):
+def test_a_file_is_returned_unchanged(tmp_path: Path):
     (tmp_path / "in_pressure_input").write_bytes(b"101.3\n")
     assert iio.read(tmp_path, "in_pressure_input") == b"101.3\n"
     assert iio.read(tmp_path, "in_pressure_raw") is None
     assert iio.read(tmp_path / "gone", "in_pressure_raw") is None
 
 
-def test_one_without_end_is_read_in_part(tmp_path: Path):
+def test_a_long_file_is_read_only_in_part(tmp_path: Path):
     (tmp_path / "long").write_bytes(b"1" * 100_000)
     assert iio.read(tmp_path, "long") == b"1" * 200
 
 
-def test_a_pipe_in_its_place_is_not_waited_for(tmp_path: Path):
+def test_a_pipe_is_read_without_waiting(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe")
     assert iio.read(tmp_path, "pipe") == b""
 
 
-def test_one_that_cannot_be_read_is_named(tmp_path: Path):
+def test_an_unreadable_file_is_named(tmp_path: Path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(QuadctlError, match=r"folder cannot be read: Is a directory") as caught:
         iio.read(tmp_path, "folder")
@@ -78,7 +78,7 @@ def test_kilopascals_become_hectopascals(micro: int):
     assert read({INPUT: text}) == pytest.approx(micro / 10**6, abs=1e-9)
 
 
-def test_the_forms_of_drivers():
+def test_the_formats_of_known_drivers_are_read():
     # bmp280: a fraction; ms5611: a whole number and a fraction; a whole number alone.
     assert read({INPUT: b"101.325000000\n"}) == pytest.approx(1013.25)
     assert read({INPUT: b"100\n"}) == 1000
@@ -86,7 +86,7 @@ def test_the_forms_of_drivers():
     assert read({RAW: b"4150272\n", SCALE: b"0.000024414\n"}) == pytest.approx(1013.247, abs=1e-3)
     # hid-sensor-press and others: with an offset, which is added to the count.
     assert read({RAW: b"900\n", OFFSET: b"-100\n", SCALE: b"0.125\n"}) == 1000
-    # Where a driver has both, its own arithmetic counts.
+    # If a driver offers both, its own conversion is used.
     assert read({INPUT: b"100\n", RAW: b"1\n", SCALE: b"1\n"}) == 1000
 
 
@@ -99,9 +99,9 @@ def test_the_forms_of_drivers():
     ],
 )  # fmt: skip
 def test_malformed_or_torn_number_is_refused_with_the_text(text: bytes):
-    said = refused({INPUT: text})
-    assert "/dev7/in_pressure_input holds " in said
-    assert ("nothing" if not text else repr(text.decode(errors="replace"))) in said
+    message = refused({INPUT: text})
+    assert "/dev7/in_pressure_input holds " in message
+    assert ("nothing" if not text else repr(text.decode(errors="replace"))) in message
     for name in (RAW, SCALE, OFFSET):
         files = {RAW: b"900\n", OFFSET: b"-100\n", SCALE: b"0.125\n"} | {name: text}
         assert f"/dev7/{name} holds " in refused(files)
@@ -111,8 +111,8 @@ def test_malformed_or_torn_number_is_refused_with_the_text(text: bytes):
     "text",
     [b"0\n", b"-101.3\n", b"24.99\n", b"125.01\n", b"1013.25\n", b"101325\n", b"9" * 199 + b"\n"],
 )
-def test_what_the_air_cannot_be_is_refused(text: bytes):
-    """As a driver that gives Pa or hPa would have it, or a sensor that is broken."""
+def test_an_impossible_air_pressure_is_refused(text: bytes):
+    """Cover drivers that report Pa or hPa, and broken sensors."""
     assert "in_pressure_input says " in refused({INPUT: text})
     assert "in_pressure_raw with in_pressure_scale says " in refused({RAW: text, SCALE: b"1\n"})
 
@@ -125,7 +125,7 @@ def test_a_device_without_pressure_is_refused():
     assert "no in_pressure_scale" in refused({RAW: b"900\n"})
 
 
-def test_which_devices_are_barometers():
+def test_a_device_with_pressure_is_a_barometer():
     assert has_pressure({INPUT: b""}.get)
     assert has_pressure({RAW: b""}.get)
     assert not has_pressure({"in_temp_input": b"21000\n"}.get)

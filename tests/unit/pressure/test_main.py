@@ -1,4 +1,4 @@
-"""Which folder the real sensor is read from."""
+"""Choice of the real sensor's folder."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from quadctl.services.pressure.__main__ import device
 from quadctl.services.runtime.errors import QuadctlError
 
 
-def test_the_one_named_is_taken_whatever_is_there(tmp_path: Path):
+def test_the_configured_folder_is_used_without_a_search(tmp_path: Path):
     assert device("/no/such/folder", tmp_path) == Path("/no/such/folder")
 
 
-def test_else_the_first_that_has_pressure(tmp_path: Path):
+def test_otherwise_the_first_device_with_pressure_is_used(tmp_path: Path):
     for number, name in (
         (0, "in_temp_input"),
         (1, "in_illuminance_raw"),
@@ -27,7 +27,7 @@ def test_else_the_first_that_has_pressure(tmp_path: Path):
     assert device("", tmp_path) == tmp_path / "iio:device2"
 
 
-def test_where_none_has_it_says_where_it_looked_and_what_to_do(tmp_path: Path):
+def test_without_a_device_the_error_names_the_searched_folder(tmp_path: Path):
     with pytest.raises(QuadctlError, match=f"no device under {tmp_path} has pressure") as caught:
         device("", tmp_path)
     assert "pressure.iio" in caught.value.hint

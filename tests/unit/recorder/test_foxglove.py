@@ -1,11 +1,11 @@
-"""What viewers draw: the vehicle where it is, the cage as it is, and nothing twice."""
+"""Messages for viewers: the vehicle's frame and the cage, without repetition."""
 
 from quadctl.schemas.messages import CageSize
 from quadctl.services.recorder.foxglove import Scene
 from tests.support.bags import BEGAN, pose, state
 
 
-def test_frame_has_the_vehicles_place_and_the_recording_time():
+def test_the_frame_has_the_vehicles_place_and_the_recording_time():
     frame = Scene("uav3").frame(pose(7), BEGAN + 5)
     assert (frame.parent_frame_id, frame.child_frame_id) == ("world", "uav3")
     assert (frame.timestamp.sec, frame.timestamp.nsec) == (BEGAN // 10**9, 5)
@@ -25,7 +25,7 @@ def test_the_cage_has_twelve_edges_between_its_eight_corners():
         assert sum(a != b for a, b in zip(one, other, strict=True)) == 1
 
 
-def test_it_is_drawn_again_when_something_has_changed():
+def test_the_scene_is_drawn_again_only_after_a_change():
     scene = Scene("uav")
     assert scene.update(state(0.0), BEGAN) is not None
     assert scene.update(state(1.0, reason="busy", request=3), BEGAN) is None

@@ -1,11 +1,11 @@
-"""The one tree of errors, and the exit code that each ends a command with."""
+"""Class tree of errors, and the exit code of each."""
 
 import pytest
 
 from quadctl.services.runtime import errors
 from quadctl.services.runtime.errors import QuadctlError
 
-# What the contract says, beside 0, 8 (doctor, demo, campaign) and 130 (Ctrl-C), which are no errors.
+# From the contract, without 0, 8 (doctor, demo, campaign) and 130 (Ctrl-C), which are no errors.
 EXIT = {
     "QuadctlError": (1, "internal"),
     "UsageError": (2, "usage"),
@@ -26,19 +26,19 @@ DECLARED = {
 }
 
 
-def test_the_table_is_the_tree():
+def test_the_declared_errors_match_the_contract():
     assert {name: (error.exit_code, error.code) for name, error in DECLARED.items()} == EXIT
 
 
 @pytest.mark.parametrize("error", DECLARED.values())
-def test_every_error_is_of_the_tree_and_carries_what_to_do(error: type[QuadctlError]):
+def test_every_error_has_a_message_and_a_hint(error: type[QuadctlError]):
     assert issubclass(error, QuadctlError)
     made = error("what and why", "what to do")
     assert (str(made), made.message, made.hint) == ("what and why", "what and why", "what to do")
     assert error("alone").hint == ""
 
 
-def test_the_docstring_shows_the_tree_with_its_codes():
+def test_the_docstring_shows_every_error_with_its_exit_code():
     lines = (errors.__doc__ or "").splitlines()
     for name, (code, _) in EXIT.items():
         line = next(line for line in lines if name in line)
@@ -46,6 +46,6 @@ def test_the_docstring_shows_the_tree_with_its_codes():
         assert f"({code})" in line or getattr(inherited, "exit_code", None) == code
 
 
-def test_five_codes_travel():
+def test_five_codes_are_sent_on_the_wire():
     assert set(errors.WIRE_ERRORS) == {"invalid", "refused", "not_ready", "expired", "internal"}
     assert all(error.code == code for code, error in errors.WIRE_ERRORS.items())

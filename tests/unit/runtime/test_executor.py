@@ -1,4 +1,4 @@
-"""Whose turn it is: a loop's own thread, or another's while the loop sleeps."""
+"""Executors of one or several nodes, and inline work on a caller's thread."""
 
 import math
 import threading
@@ -13,19 +13,19 @@ import pytest
 from quadctl.services.runtime.executor import CallbackQueue, Executor, Item, MultiNodeExecutor
 
 
-class Few:
-    """A crew of several whose services are written down as functions of their loop."""
+class Nodes:
+    """Multi-node executor whose nodes are functions of their executor."""
 
     def __init__(self, *runs: Callable[[Executor], None]) -> None:
-        self.crew = MultiNodeExecutor(single=False)
-        self.loops = [self.crew.new_executor() for _ in runs]
-        for loop, run in zip(self.loops, runs, strict=True):
-            self.crew.add_node(loop, partial(run, loop))
+        self.executor = MultiNodeExecutor(single=False)
+        self.executors = [self.executor.new_executor() for _ in runs]
+        for loop, run in zip(self.executors, runs, strict=True):
+            self.executor.add_node(loop, partial(run, loop))
 
 
 @pytest.fixture
 def later() -> Iterator[Callable[[Callable[[], None]], None]]:
-    """Has something done on another thread in a moment."""
+    """Yield a function that runs a callable on another thread after a moment."""
     timers: list[threading.Timer] = []
 
     def do(what: Callable[[], None]) -> None:
@@ -37,7 +37,7 @@ def later() -> Iterator[Callable[[Callable[[], None]], None]]:
         timer.join()
 
 
-def test_each_ticks_at_its_own_rate_whatever_the_others_do():
+def test_each_executor_ticks_at_its_own_rate():
     ticks = [0, 0]
 
     def ticking(number: int, hz: float) -> Callable[[Executor], None]:
@@ -49,11 +49,11 @@ def test_each_ticks_at_its_own_rate_whatever_the_others_do():
 
         return run
 
-    Few(ticking(0, 1000), ticking(1, 20)).crew.run()
+    Nodes(ticking(0, 1000), ticking(1, 20)).executor.run()
     assert ticks[0] > ticks[1]
 
 
-def test_what_is_posted_is_done_in_the_turn_of_its_own_loop(later):
+def test_posted_work_runs_in_its_own_executor(later):
     done: list[str] = []
 
     def waits(loop: Executor) -> None:
@@ -62,15 +62,15 @@ def test_what_is_posted_is_done_in_the_turn_of_its_own_loop(later):
     def spins(loop: Executor) -> None:
         loop.spin()
 
-    few = Few(waits, spins)
-    first = few.loops[0]
+    nodes = Nodes(waits, spins)
+    first = nodes.executors[0]
     later(lambda: [first.post(partial(done.append, name)) for name in "ab"])
-    few.crew.run()
+    nodes.executor.run()
     assert done == ["a", "b"]
-    assert few.loops[1].stopping, "one has ended, so all do"
+    assert nodes.executors[1].stopping, "when one node ends, all do"
 
 
-def test_a_flood_for_one_holds_up_nobody_else():
+def test_a_flood_of_one_executor_delays_no_other():
     ticks: list[float] = []
 
     def flooded(loop: Executor) -> None:
@@ -87,34 +87,34 @@ def test_a_flood_for_one_holds_up_nobody_else():
             if len(ticks) == 30:
                 return
 
-    Few(flooded, ticking).crew.run()
+    Nodes(flooded, ticking).executor.run()
     assert len(ticks) == 30
 
 
-def test_one_that_waits_within_a_call_lets_the_others_go_on():
+def test_an_executor_that_waits_in_a_callback_lets_others_run():
     order: list[str] = []
 
     def asks(loop: Executor) -> None:
         def call() -> None:
             order.append("asked")
             loop.wait_for(lambda: "answered" in order, 5.0)
-            order.append("told")
+            order.append("received")
 
         loop.post(call)
-        loop.wait_for(lambda: "told" in order, 5.0)
+        loop.wait_for(lambda: "received" in order, 5.0)
 
     def answers(loop: Executor) -> None:
         loop.wait_for(lambda: "asked" in order, 5.0)
         order.append("answered")
-        few.loops[0].post(lambda: None)
+        nodes.executors[0].post(lambda: None)
         loop.spin()
 
-    few = Few(asks, answers)
-    few.crew.run()
-    assert order == ["asked", "answered", "told"]
+    nodes = Nodes(asks, answers)
+    nodes.executor.run()
+    assert order == ["asked", "answered", "received"]
 
 
-def test_an_error_of_one_ends_all_and_is_raised():
+def test_an_error_of_one_executor_ends_all_and_is_raised():
     ended: list[str] = []
 
     def fails(loop: Executor) -> None:
@@ -126,30 +126,30 @@ def test_an_error_of_one_ends_all_and_is_raised():
         ended.append("other")
 
     with pytest.raises(ValueError, match="broken"):
-        Few(spins, fails).crew.run()
+        Nodes(spins, fails).executor.run()
     assert ended == ["other"]
 
 
-def test_stopped_from_another_thread_all_end(later):
-    few = Few(*[lambda loop: loop.spin()] * 3)
-    later(few.crew.stop)
-    few.crew.run()
-    assert all(loop.stopping for loop in few.loops)
+def test_a_stop_from_another_thread_ends_all_executors(later):
+    nodes = Nodes(*[lambda loop: loop.spin()] * 3)
+    later(nodes.executor.stop)
+    nodes.executor.run()
+    assert all(loop.stopping for loop in nodes.executors)
 
 
-def test_one_alone_has_the_thread_for_itself():
-    crew, ran = MultiNodeExecutor(single=True), list[str]()
-    loop = crew.new_executor()
-    crew.add_node(loop, lambda: ran.append(threading.current_thread().name))
-    crew.run()
+def test_a_single_node_runs_on_the_main_thread():
+    executor, ran = MultiNodeExecutor(single=True), list[str]()
+    loop = executor.new_executor()
+    executor.add_node(loop, lambda: ran.append(threading.current_thread().name))
+    executor.run()
     assert ran == [threading.main_thread().name]
 
 
 SOON = 10.0
 
 
-class Asleep:
-    """A loop whose thread has nothing to do."""
+class SleepingExecutor:
+    """Executor with its own thread, idle."""
 
     def __init__(self) -> None:
         self.loop = Executor()
@@ -165,7 +165,7 @@ class Asleep:
             self.raised.append(error)
 
     def settle(self) -> None:
-        """Returns when all that was posted is done, and the loop is asleep."""
+        """Wait until all posted work is done and the executor is asleep."""
         done = threading.Event()
         self.loop.post(done.set)
         assert done.wait(SOON)
@@ -173,8 +173,8 @@ class Asleep:
         while not asleep.is_set():
             self.loop.run_inline(asleep.set)
 
-    def does(self, item: Callable[[Callable[[], None]], None]) -> int:
-        """On which thread something is done that is handed to the loop so."""
+    def thread_of(self, item: Callable[[Callable[[], None]], None]) -> int:
+        """Return the thread on which the executor runs work submitted by `item`."""
         threads, done = list[int](), threading.Event()
 
         def note() -> None:
@@ -187,23 +187,23 @@ class Asleep:
 
 
 @pytest.fixture
-def asleep() -> Iterator[Asleep]:
-    made = Asleep()
+def asleep() -> Iterator[SleepingExecutor]:
+    made = SleepingExecutor()
     yield made
     made.loop.stop()
     made.thread.join(SOON)
     assert not made.thread.is_alive()
 
 
-def test_what_is_posted_is_done_by_the_loops_thread(asleep: Asleep):
-    assert asleep.does(asleep.loop.post) == asleep.thread.ident
+def test_posted_work_runs_on_the_executors_thread(asleep: SleepingExecutor):
+    assert asleep.thread_of(asleep.loop.post) == asleep.thread.ident
 
 
-def test_inline_work_of_a_sleeping_loop_runs_on_callers_thread(asleep: Asleep):
-    assert asleep.does(asleep.loop.run_inline) == threading.get_ident()
+def test_inline_work_of_a_sleeping_executor_runs_on_the_caller(asleep: SleepingExecutor):
+    assert asleep.thread_of(asleep.loop.run_inline) == threading.get_ident()
 
 
-def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
+def test_inline_work_waits_for_a_running_callback(asleep: SleepingExecutor):
     busy, end = threading.Event(), threading.Event()
 
     def handler() -> None:
@@ -221,7 +221,7 @@ def test_beside_a_handler_nothing_is_done_at_once(asleep: Asleep):
     assert done == [1, 2]
 
 
-def test_before_its_first_sleep_a_loop_has_the_turn():
+def test_before_the_first_sleep_inline_work_is_queued():
     loop, done = Executor(), list[int]()
     loop.run_inline(lambda: done.append(1))
     assert done == []
@@ -230,7 +230,7 @@ def test_before_its_first_sleep_a_loop_has_the_turn():
     assert done == [1]
 
 
-def test_loop_waiting_for_a_condition_sees_inline_work_at_once(asleep: Asleep):
+def test_a_waiting_executor_sees_inline_work_at_once(asleep: SleepingExecutor):
     brought, seen = list[int](), list[Any]()
     asleep.loop.post(lambda: seen.append(asleep.loop.wait_for(lambda: bool(brought), SOON)))
     while not asleep.loop.waits:
@@ -240,8 +240,8 @@ def test_loop_waiting_for_a_condition_sees_inline_work_at_once(asleep: Asleep):
     assert seen == [True]
 
 
-def test_failing_inline_work_ends_the_loop_like_posted_work():
-    made = Asleep()
+def test_failing_inline_work_ends_the_executor_like_posted_work():
+    made = SleepingExecutor()
 
     def fail() -> None:
         raise ValueError("wrong")
@@ -251,8 +251,8 @@ def test_failing_inline_work_ends_the_loop_like_posted_work():
     assert [str(error) for error in made.raised] == ["wrong"]
 
 
-class Still(CallbackQueue):
-    """Nothing ever comes; a clock that shows each time that is waited for."""
+class EmptyQueue(CallbackQueue):
+    """Queue without items; its clock jumps to each deadline."""
 
     now = 103.017
 
@@ -262,14 +262,14 @@ class Still(CallbackQueue):
 
 
 @pytest.mark.parametrize(("origin", "first"), [(None, 103.017), (100.0, 103.0), (100.01, 103.01)])
-def test_loops_of_one_origin_tick_together(monkeypatch, origin: float | None, first: float):
-    inbox = Still()
-    monkeypatch.setattr(time, "monotonic", lambda: inbox.now)
-    ticks = list(islice(Executor(inbox, origin).ticks(50.0), 4))
+def test_executors_with_one_origin_tick_together(monkeypatch, origin: float | None, first: float):
+    queue = EmptyQueue()
+    monkeypatch.setattr(time, "monotonic", lambda: queue.now)
+    ticks = list(islice(Executor(queue, origin).ticks(50.0), 4))
     assert ticks == pytest.approx([103.017, first + 0.02, first + 0.04, first + 0.06])
 
 
-def test_ticks_without_pause_have_no_beat(monkeypatch):
-    inbox = Still()
-    monkeypatch.setattr(time, "monotonic", lambda: inbox.now)
-    assert list(islice(Executor(inbox, 100.0).ticks(math.inf), 3)) == [103.017] * 3
+def test_ticks_at_an_infinite_rate_do_not_wait(monkeypatch):
+    queue = EmptyQueue()
+    monkeypatch.setattr(time, "monotonic", lambda: queue.now)
+    assert list(islice(Executor(queue, 100.0).ticks(math.inf), 3)) == [103.017] * 3

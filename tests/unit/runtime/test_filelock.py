@@ -1,4 +1,4 @@
-"""The lock: one holder, named to the second, and let go of by its death."""
+"""File lock: one holder, reported to others, released by its death."""
 
 import fcntl
 import os
@@ -31,7 +31,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def holder(path: Path) -> Iterator["subprocess.Popen[str]"]:
-    """Another process that holds the lock."""
+    """Yield another process that holds the lock."""
     process = subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(path)],
         stdin=subprocess.PIPE,
@@ -46,7 +46,9 @@ def holder(path: Path) -> Iterator["subprocess.Popen[str]"]:
         process.kill()
 
 
-def test_a_second_is_refused_with_the_holders_pid(path: Path, holder: "subprocess.Popen[str]"):
+def test_a_second_holder_is_refused_with_the_pid_of_the_first(
+    path: Path, holder: "subprocess.Popen[str]"
+):
     with pytest.raises(AlreadyServed) as caught:
         FileLock(path, "the realm lab", "try another").acquire()
     assert caught.value.message == f"the realm lab is already held by process {holder.pid}"
@@ -55,7 +57,7 @@ def test_a_second_is_refused_with_the_holders_pid(path: Path, holder: "subproces
     assert FileLock(path, "").held()
 
 
-def test_death_by_kill_9_lets_go(path: Path, holder: "subprocess.Popen[str]"):
+def test_kill_9_of_the_holder_releases_the_lock(path: Path, holder: "subprocess.Popen[str]"):
     holder.kill()
     holder.wait()
     assert not FileLock(path, "").held()
@@ -63,12 +65,12 @@ def test_death_by_kill_9_lets_go(path: Path, holder: "subprocess.Popen[str]"):
         assert path.read_text() == str(os.getpid())
 
 
-def test_so_does_an_ordinary_end(path: Path, holder: "subprocess.Popen[str]"):
+def test_a_normal_exit_of_the_holder_releases_the_lock(path: Path, holder: "subprocess.Popen[str]"):
     holder.communicate()
     FileLock(path, "the realm lab").acquire().release()
 
 
-def test_it_is_held_within_the_block_and_free_after_it(path: Path):
+def test_the_lock_is_held_within_the_block_and_free_after_it(path: Path):
     lock, other = FileLock(path, "it"), FileLock(path, "it")
     with lock:
         assert other.held()
@@ -79,25 +81,25 @@ def test_it_is_held_within_the_block_and_free_after_it(path: Path):
     assert path.stat().st_mode & 0o777 == 0o600
 
 
-def test_those_who_look_do_not_take_one_another_for_the_holder(path: Path):
+def test_processes_that_check_the_lock_do_not_count_as_its_holder(path: Path):
     path.touch()
-    with path.open("rb") as looker:
-        fcntl.flock(looker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    with path.open("rb") as checker:
+        fcntl.flock(checker, fcntl.LOCK_SH | fcntl.LOCK_NB)
         assert not FileLock(path, "it").held()
 
 
-def test_who_wants_it_waits_for_those_who_look(path: Path):
+def test_acquire_waits_for_processes_that_check_the_lock(path: Path):
     path.touch()
-    with path.open("rb") as looker:
-        fcntl.flock(looker, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        timer = threading.Timer(0.2, looker.close)
+    with path.open("rb") as checker:
+        fcntl.flock(checker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        timer = threading.Timer(0.2, checker.close)
         timer.start()
         with FileLock(path, "it") as lock:
             assert lock.held()
         timer.join()
 
 
-def test_it_stands_until_its_file_is_removed(path: Path):
+def test_the_lock_is_valid_until_its_file_is_removed(path: Path):
     with FileLock(path, "it") as lock:
         assert lock.stands()
         path.unlink()
@@ -107,7 +109,7 @@ def test_it_stands_until_its_file_is_removed(path: Path):
     assert not lock.stands()
 
 
-def test_a_full_disk_does_not_take_the_lock_away(path: Path):
+def test_a_full_disk_does_not_prevent_locking(path: Path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
     try:
@@ -119,21 +121,21 @@ def test_a_full_disk_does_not_take_the_lock_away(path: Path):
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-def test_a_shorter_pid_leaves_nothing_of_a_longer_one(path: Path):
+def test_a_shorter_pid_overwrites_a_longer_one_completely(path: Path):
     path.write_text("4711471147114711")
     with FileLock(path, "it"):
         assert path.read_text() == str(os.getpid())
 
 
-def test_a_holder_that_has_not_said_its_pid_yet_is_unknown(path: Path):
+def test_a_holder_that_has_not_written_its_pid_is_unknown(path: Path):
     with FileLock(path, "it"):
         path.write_text("")
         with pytest.raises(AlreadyServed, match="held by process unknown"):
             FileLock(path, "it").acquire()
 
 
-def test_a_file_removed_under_it_is_not_the_lock(path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A holder that ends may remove the file between our opening and our locking it."""
+def test_a_removed_file_is_not_the_lock(path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A holder that ends may remove the file after we open it and before we lock it."""
     opened = os.open
 
     def open_then_lose(*args: object) -> int:

@@ -1,4 +1,4 @@
-"""What runs: our nodes, the file's commands in their place or besides, and what is left out."""
+"""Process table: nodes, commands of the file, and processes left out; restart policy."""
 
 import sys
 
@@ -23,13 +23,13 @@ TIMEOUT = 2.0
 
 
 class Child:
-    """A process that is started, lives for so long and dies."""
+    """Process that starts, lives for a given time and dies."""
 
     def __init__(self) -> None:
         self.life, self.now = RestartPolicy(), 100.0
 
     def lives(self, ready_for: float | None) -> float | None:
-        """Die so long after readiness, before it with None; returns the delay."""
+        """Die some seconds after readiness (None: before it), and return the delay."""
         self.life.started(self.now)
         self.now += 0.5
         if ready_for is not None:
@@ -39,31 +39,31 @@ class Child:
 
 
 @pytest.mark.parametrize("ready_for", [None, 0.0, 1.99])
-def test_five_quick_deaths_with_growing_delay_then_left_down(ready_for: float | None):
+def test_after_five_quick_deaths_with_growing_delays_a_process_is_down(ready_for: float | None):
     child = Child()
     assert [child.lives(ready_for) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
     assert child.life.state == "down"
     assert child.life.restarts == 4
 
 
-def test_the_contracts_numbers():
+def test_the_limits_are_those_of_the_contract():
     assert (QUICK, HEALTHY, MOST_QUICK_DEATHS) == (2.0, 10.0, 5)
 
 
-def test_a_death_after_two_seconds_is_no_quick_one():
+def test_a_death_after_two_seconds_is_not_quick():
     child = Child()
     assert [child.lives(2.0) for _ in range(20)] == [0.0] * 20
     assert child.life.restarts == 20
 
 
-def test_ten_seconds_of_health_clear_the_count():
+def test_ten_healthy_seconds_reset_the_count():
     child = Child()
     assert [child.lives(None) for _ in range(4)][-1] == 0.4
     assert child.lives(10.0) == 0.0
     assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
 
 
-def test_less_health_does_not_clear_it():
+def test_fewer_healthy_seconds_do_not_reset_the_count():
     child = Child()
     assert [child.lives(None) for _ in range(4)][-1] == 0.4
     assert child.lives(9.9) == 0.4
@@ -71,13 +71,13 @@ def test_less_health_does_not_clear_it():
 
 
 @given(st.lists(st.none() | st.floats(0, 30), max_size=40))
-def test_down_after_five_quick_deaths_without_10_good_seconds(
+def test_five_quick_deaths_without_ten_healthy_seconds_mean_down(
     lives: list[float | None],
 ):
     child, quick = Child(), 0
     for ready_for in lives:
         lived = 0.0 if ready_for is None else ready_for
-        # Measured on the same clock, so that rounding falls on the same side.
+        # On the same clock, so that it rounds alike.
         start = child.now + 0.5
         lived = (start + lived) - start
         quick = 0 if lived >= HEALTHY else quick
@@ -88,7 +88,7 @@ def test_down_after_five_quick_deaths_without_10_good_seconds(
             return
 
 
-def test_it_is_starting_then_ready_then_restarting():
+def test_the_state_is_starting_then_ready_then_restarting():
     life = RestartPolicy()
     assert life.state == "starting"
     life.started(0.0)
@@ -101,7 +101,7 @@ def test_it_is_starting_then_ready_then_restarting():
     assert (life.state, life.restarts) == ("ready", 1)
 
 
-def test_readiness_said_twice_counts_from_the_first():
+def test_repeated_readiness_counts_from_the_first():
     life = RestartPolicy()
     life.started(0.0)
     life.ready(1.0)
@@ -112,7 +112,7 @@ def test_readiness_said_twice_counts_from_the_first():
     assert life.on_exit(12.0) is None
 
 
-def test_one_that_does_not_become_ready_is_complained_of():
+def test_a_process_that_does_not_become_ready_times_out():
     life = RestartPolicy()
     life.started(5.0)
     assert life.timed_out(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
@@ -121,7 +121,7 @@ def test_one_that_does_not_become_ready_is_complained_of():
     assert life.timed_out(21.0, TIMEOUT) == ""
 
 
-def test_silence_counts_from_the_first_answer_on():
+def test_silence_counts_only_after_the_first_answer():
     life = RestartPolicy()
     life.started(0.0)
     life.ready(1.0)
@@ -138,7 +138,7 @@ def test_silence_counts_from_the_first_answer_on():
     assert life.timed_out(200.0, TIMEOUT) == ""
 
 
-def test_silence_of_a_node_counts_from_when_it_is_ready():
+def test_the_silence_of_a_node_counts_from_its_readiness():
     life = RestartPolicy(must_answer=True)
     life.started(0.0)
     assert life.timed_out(9.0, TIMEOUT) == ""
@@ -150,7 +150,7 @@ def test_silence_of_a_node_counts_from_when_it_is_ready():
     assert life.timed_out(20.0, TIMEOUT) == ""
 
 
-def test_who_could_not_be_heard_is_excused():
+def test_a_watchdog_reset_excuses_silence():
     life = RestartPolicy()
     life.started(0.0)
     life.reset_watchdog(9.0)
@@ -165,7 +165,7 @@ def test_who_could_not_be_heard_is_excused():
     assert life.timed_out(312.5, TIMEOUT) == "no answer for 2 s"
 
 
-def test_while_its_name_is_taken_it_retries_for_ever():
+def test_while_its_name_is_taken_a_process_retries_forever():
     life = RestartPolicy()
     for _ in range(4):
         life.on_exit(1.0)
@@ -176,16 +176,16 @@ def test_while_its_name_is_taken_it_retries_for_ever():
     life.started(60.0)
     life.ready(60.0)
     assert not life.taken
-    assert life.on_exit(60.0, 1) is None, "the deaths before still count"
+    assert life.on_exit(60.0, 1) is None, "the earlier deaths still count"
 
 
-def test_exit_code_of_an_unannounced_command_means_nothing():
+def test_the_exit_code_of_an_unannounced_command_has_no_meaning():
     life = RestartPolicy(must_announce=False)
     assert [life.on_exit(1.0, 7) for _ in range(5)][-1] is None
     assert not life.taken
 
 
-def test_command_without_announcement_is_ready_after_a_moment():
+def test_a_command_without_announcement_is_ready_after_a_moment():
     life, node = RestartPolicy(must_announce=False), RestartPolicy()
     for one in (life, node):
         one.started(1.0)
@@ -196,7 +196,7 @@ def test_command_without_announcement_is_ready_after_a_moment():
     assert (life.state, node.state) == ("ready", "starting")
 
 
-def test_requested_restart_is_no_death_and_clears_earlier_deaths():
+def test_a_requested_restart_clears_earlier_deaths():
     child = Child()
     assert [child.lives(None) for _ in range(5)][-1] is None
     child.life.on_restart_request()
@@ -204,7 +204,7 @@ def test_requested_restart_is_no_death_and_clears_earlier_deaths():
     assert [child.lives(None) for _ in range(5)] == [0.0, 0.1, 0.2, 0.4, None]
 
 
-def test_our_nodes_in_the_order_in_which_they_start():
+def test_the_nodes_are_listed_in_their_start_order():
     assert NODES == ("hub", "dynamics", "pressure", "safety")
     assert [process.name for process in table({})] == list(NODES)
     for process in table({}):
@@ -212,18 +212,18 @@ def test_our_nodes_in_the_order_in_which_they_start():
         assert process.must_announce
 
 
-def test_gate_may_be_silent_for_longer_than_the_flight_nodes():
+def test_the_gate_may_be_silent_for_longer_than_the_flight_nodes():
     patience = {process.name: process.patience for process in table({}, gate=True)}
     assert patience == dict.fromkeys(NODES, 0.0) | {"gate": 10.0}
 
 
-def test_a_command_takes_a_nodes_place_and_must_announce_itself():
+def test_a_command_can_replace_a_node_and_must_announce_itself():
     processes = table({"safety": "python 'my safety.py' --x"})
     assert processes[3] == Process("safety", ("python", "my safety.py", "--x"), True, True)
     assert len(processes) == 4
 
 
-def test_own_commands_keep_the_file_order_and_need_not_announce():
+def test_further_commands_keep_the_file_order_and_need_not_announce():
     processes = table({"viewer": ["view", "a b"], "camera": "cam"})
     assert processes[4:] == (
         Process("viewer", ("view", "a b"), False, True),
@@ -231,7 +231,7 @@ def test_own_commands_keep_the_file_order_and_need_not_announce():
     )
 
 
-def test_any_of_them_can_be_left_out():
+def test_any_process_can_be_left_out():
     assert [p.name for p in table({"cam": "cam"}, ["safety"])] == [
         "hub",
         "dynamics",
@@ -242,7 +242,7 @@ def test_any_of_them_can_be_left_out():
     assert table({}, NODES) == ()
 
 
-def test_what_is_not_there_cannot_be_left_out():
+def test_an_unknown_process_cannot_be_left_out():
     with pytest.raises(Invalid, match="--without safty: there is no such process") as caught:
         table({"cam": "cam"}, ["safty"])
     assert "safety" in caught.value.hint
@@ -250,11 +250,11 @@ def test_what_is_not_there_cannot_be_left_out():
 
 
 @pytest.mark.parametrize("command", ["", "   ", [], "python 'my_safety.py"])
-def test_a_command_that_cannot_be_read_is_refused_by_its_name(command: str | list[str]):
+def test_an_invalid_command_is_refused_with_its_name(command: str | list[str]):
     with pytest.raises(Invalid, match=r"processes\.safety: ") as caught:
         table({"safety": command})
     assert caught.value.hint
 
 
-def test_a_bad_command_that_is_left_out_hurts_nobody():
+def test_an_invalid_command_that_is_left_out_is_ignored():
     assert len(table({"safety": ""}, ["safety"])) == 3

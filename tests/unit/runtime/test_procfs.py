@@ -1,4 +1,4 @@
-"""What is read of a process below /proc, here a made-up one."""
+"""Facts of a process from /proc, here a made-up one."""
 
 import os
 from pathlib import Path
@@ -33,7 +33,7 @@ def write(proc: Path, state: str, **files: str) -> None:
         (proc / "7" / name).write_text(text)
 
 
-def test_a_process(proc: Path):
+def test_a_running_process_is_read(proc: Path):
     write(
         proc,
         "S",
@@ -44,30 +44,30 @@ def test_a_process(proc: Path):
     assert (pss_of(7), parent_of(7), has_ended(7), is_frozen(7)) == (3072, 3, False, False)
 
 
-def test_one_that_is_stopped_and_another_users(proc: Path):
+def test_a_stopped_process_of_another_user_has_no_pss(proc: Path):
     write(proc, "T", statm="9000 1000 5 1 0 1 0\n")
     assert is_frozen(7)
     assert pss_of(7) is None
 
 
-def test_one_that_has_ended_and_was_not_waited_for(proc: Path):
+def test_a_zombie_has_ended(proc: Path):
     write(proc, "Z", statm="0 0 0 0 0 0 0\n", smaps_rollup="")
     assert (stats_of(7).state, stats_of(7).rss, pss_of(7)) == ("Z", None, None)
     assert has_ended(7)
 
 
-def test_one_that_is_gone(proc: Path):
+def test_a_process_that_is_gone_has_ended(proc: Path):
     assert stats_of(8) == ProcessStats(state="")
     assert (pss_of(8), parent_of(8), has_ended(8), is_frozen(8)) == (None, None, True, False)
 
 
-def test_where_there_is_no_proc_nothing_is_known(proc: Path):
+def test_without_proc_nothing_is_known(proc: Path):
     (proc / "self").rmdir()
     assert stats_of(8) == ProcessStats()
     assert (pss_of(8), parent_of(8), has_ended(8), is_frozen(8)) == (None, None, False, False)
 
 
-def test_this_process(monkeypatch: pytest.MonkeyPatch):
+def test_this_process_is_read(monkeypatch: pytest.MonkeyPatch):
     if not Path("/proc/self/stat").exists():
         pytest.skip("this system has no /proc")
     found = stats_of(os.getpid())

@@ -13,7 +13,7 @@ from quadctl.services.runtime.realm import Realm, default_name, write_atomically
 
 @pytest.fixture
 def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A short folder of its own in place of XDG_RUNTIME_DIR; pytest's own may be too long."""
+    """Point XDG_RUNTIME_DIR at a test folder, and allow longer socket paths."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     return tmp_path
@@ -24,7 +24,7 @@ def mode(path: Path) -> int:
 
 
 @pytest.mark.parametrize("name", ["default", "a", "lab-1", "A.b_c", "0", "x" * 40, "demo-4711"])
-def test_a_name_may_be(root: Path, name: str):
+def test_a_valid_name_is_accepted(root: Path, name: str):
     assert Realm(name).folder == root / "quadctl" / name
 
 
@@ -32,21 +32,21 @@ def test_a_name_may_be(root: Path, name: str):
     "name",
     ["", ".", "..", "../x", "a/b", "-x", ".x", "_x", "a b", "a\n", "\n", "ä", "x" * 41, "a\0", "*"],
 )
-def test_a_name_may_not_be(root: Path, name: str):
-    with pytest.raises(UsageError, match="is no name for a realm") as caught:
+def test_an_invalid_name_is_rejected(root: Path, name: str):
+    with pytest.raises(UsageError, match="is not a valid name for a realm") as caught:
         Realm(name)
     assert caught.value.exit_code == 2
     assert "letters" in caught.value.hint
 
 
-def test_the_folder_holds_what_the_contract_says(root: Path):
+def test_the_files_of_a_realm_are_in_its_folder(root: Path):
     realm = Realm("lab")
     assert realm.socket == root / "quadctl" / "lab" / "hub.sock"
     assert {path.parent for path in (realm.address, realm.record, realm.lock)} == {realm.folder}
     assert not realm.folder.exists()
 
 
-def test_the_folder_is_its_owners_alone(root: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_folder_is_private_to_its_owner(root: Path, monkeypatch: pytest.MonkeyPatch):
     old = os.umask(0)
     try:
         realm = Realm("lab")
@@ -56,7 +56,7 @@ def test_the_folder_is_its_owners_alone(root: Path, monkeypatch: pytest.MonkeyPa
     assert mode(realm.folder) == mode(realm.folder.parent) == 0o700
 
 
-def test_a_folder_that_was_open_is_closed(root: Path):
+def test_the_mode_of_an_existing_folder_is_tightened(root: Path):
     realm = Realm("lab")
     realm.folder.mkdir(parents=True)
     realm.folder.chmod(0o777)
@@ -64,7 +64,7 @@ def test_a_folder_that_was_open_is_closed(root: Path):
     assert mode(realm.folder) == 0o700
 
 
-def test_somebody_elses_folder_is_refused(root: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_folder_of_another_user_is_refused(root: Path, monkeypatch: pytest.MonkeyPatch):
     realm = Realm("lab")
     realm.create()
     monkeypatch.setattr(os, "getuid", lambda: realm.folder.stat().st_uid + 1)
@@ -74,7 +74,7 @@ def test_somebody_elses_folder_is_refused(root: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("unset", [None, ""])
-def test_without_xdg_it_is_in_the_temporary_folder(
+def test_without_xdg_the_realm_is_in_the_temporary_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unset: str | None
 ):
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
@@ -87,7 +87,7 @@ def test_without_xdg_it_is_in_the_temporary_folder(
 
 
 def test_a_path_too_long_for_a_socket_is_refused_at_once(monkeypatch: pytest.MonkeyPatch):
-    # 100 bytes with "/quadctl/lab/hub.sock", which has 21.
+    # 100 bytes with the 21 of "/quadctl/lab/hub.sock".
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/" + "x" * 78)
     assert len(os.fsencode(Realm("lab").socket)) == 100
     with pytest.raises(UsageError, match="too long for a Unix socket") as caught:
@@ -99,7 +99,9 @@ def test_a_path_too_long_for_a_socket_is_refused_at_once(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(("value", "name"), [(None, "default"), ("", "default"), ("x", "x")])
-def test_the_realm_of_a_shell(monkeypatch: pytest.MonkeyPatch, value: str | None, name: str):
+def test_the_default_realm_comes_from_the_environment(
+    monkeypatch: pytest.MonkeyPatch, value: str | None, name: str
+):
     monkeypatch.delenv("QUADCTL_REALM", raising=False)
     if value is not None:
         monkeypatch.setenv("QUADCTL_REALM", value)
@@ -107,7 +109,7 @@ def test_the_realm_of_a_shell(monkeypatch: pytest.MonkeyPatch, value: str | None
 
 
 @pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "TMPDIR"])
-def test_relative_folder_is_refused(monkeypatch: pytest.MonkeyPatch, variable: str):
+def test_a_relative_folder_is_refused(monkeypatch: pytest.MonkeyPatch, variable: str):
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     monkeypatch.setenv(variable, "run")
     with pytest.raises(UsageError, match=f"{variable} is run, a relative path") as caught:
@@ -115,14 +117,14 @@ def test_relative_folder_is_refused(monkeypatch: pytest.MonkeyPatch, variable: s
     assert str(Path("run").absolute()) in caught.value.hint
 
 
-def test_a_folder_that_cannot_be_made_is_an_error_that_says_why(root: Path):
+def test_a_folder_that_cannot_be_created_is_an_error_with_the_reason(root: Path):
     (root / "quadctl").touch()
-    with pytest.raises(QuadctlError, match="quadctl cannot be made: ") as caught:
+    with pytest.raises(QuadctlError, match="quadctl cannot be created: ") as caught:
         Realm("lab").create()
     assert "XDG_RUNTIME_DIR" in caught.value.hint
 
 
-def test_clearing_leaves_what_others_may_hold(root: Path):
+def test_clear_keeps_the_lock_and_the_socket(root: Path):
     realm = Realm("lab")
     realm.create()
     for path in (realm.lock, realm.socket, realm.record, realm.address, realm.folder / ".x.1"):
@@ -134,7 +136,7 @@ def test_clearing_leaves_what_others_may_hold(root: Path):
     assert set(realm.folder.iterdir()) == {realm.lock, realm.socket}
 
 
-def test_failed_write_keeps_the_old_text_and_no_part_of_the_new(tmp_path: Path):
+def test_a_failed_write_keeps_the_old_file(tmp_path: Path):
     path = tmp_path / "run.json"
     path.write_bytes(b"old")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -148,7 +150,7 @@ def test_failed_write_keeps_the_old_text_and_no_part_of_the_new(tmp_path: Path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_removing_leaves_nothing(root: Path):
+def test_remove_leaves_nothing(root: Path):
     realm = Realm("lab")
     realm.create()
     for path in (realm.lock, realm.record, realm.address):
@@ -159,7 +161,7 @@ def test_removing_leaves_nothing(root: Path):
     assert not realm.folder.exists()
 
 
-def test_a_file_is_replaced_whole(tmp_path: Path):
+def test_a_file_is_replaced_atomically(tmp_path: Path):
     path = tmp_path / "run.json"
     path.write_bytes(b"old")
     with path.open("rb") as reader:

@@ -1,4 +1,4 @@
-"""What a run keeps in its folder: the parameters as they are now, and the record of processes."""
+"""Files of a run: its current parameters and the record of its processes."""
 
 import os
 import resource
@@ -35,7 +35,7 @@ def test_without_a_run_there_is_no_snapshot(realm: Realm):
     assert live.read_values(realm, "uav") is None
 
 
-def test_what_was_saved_is_read(realm: Realm):
+def test_saved_parameters_are_read_back(realm: Realm):
     params = Params(
         safety=SafetyParams(virtual_cage=CageParams(1.0, 2.0, 3.0)),
         pressure=PressureParams(noise=1e-300),
@@ -47,20 +47,20 @@ def test_what_was_saved_is_read(realm: Realm):
     assert live.read_values(realm, "uav") == Params()
 
 
-def test_one_nodes_change_leaves_the_others_alone(realm: Realm):
+def test_a_change_of_one_node_keeps_the_others(realm: Realm):
     live.save_all_values(realm, {"uav": Params()})
     live.save_values(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
     assert live.read_values(realm, "uav") == Params(pressure=PressureParams(rate=20.0))
 
 
-def test_half_a_file_that_is_being_written_is_not_read(realm: Realm):
+def test_a_partly_written_file_is_not_read(realm: Realm):
     live.save_all_values(realm, {"uav": Params()})
     (realm.params / "uav" / ".safety.json.4711").write_text('{"takeo')
     (realm.params / "uav" / ".safety.json").write_text('{"takeo')
     assert live.read_values(realm, "uav") == Params()
 
 
-def test_change_that_the_disk_refuses_is_an_error_that_says_so(realm: Realm):
+def test_a_change_that_cannot_be_written_is_an_error(realm: Realm):
     live.save_all_values(realm, {"uav": Params()})
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
@@ -103,15 +103,15 @@ def test_without_any_run_nothing_is_live_and_nothing_is_created(realm: Realm):
     assert not other.folder.exists()
 
 
-def test_stopping_waits_no_longer_than_it_is_told(realm: Realm):
-    with subprocess.Popen(["sleep", "99"]) as deaf, FileLock(realm.lock, "the realm"):
-        run_files.write(realm, RunState("lab", deaf.pid, ["uav"], []))
-        with pytest.raises(TimedOut, match=rf"process {deaf.pid} has not ended within 0.05 s"):
+def test_stop_waits_no_longer_than_its_timeout(realm: Realm):
+    with subprocess.Popen(["sleep", "99"]) as process, FileLock(realm.lock, "the realm"):
+        run_files.write(realm, RunState("lab", process.pid, ["uav"], []))
+        with pytest.raises(TimedOut, match=rf"process {process.pid} has not ended within 0.05 s"):
             stop_run(realm, 0.05)
-        assert deaf.wait() == -signal.SIGTERM
+        assert process.wait() == -signal.SIGTERM
 
 
-def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_that_has_just_ended_counts_as_stopped(realm: Realm, monkeypatch: pytest.MonkeyPatch):
     with FileLock(realm.lock, "the realm") as lock:
         run_files.write(realm, RUN)
 
@@ -123,7 +123,7 @@ def test_one_that_has_ended_is_stopped(realm: Realm, monkeypatch: pytest.MonkeyP
         assert stop_run(realm) == RUN
 
 
-def test_the_record_is_the_document_of_status(realm: Realm):
+def test_the_record_has_the_format_of_status(realm: Realm):
     run_files.write(realm, RUN)
     assert msgspec.json.decode(realm.record.read_bytes()) == {
         "realm": "lab",

@@ -1,4 +1,4 @@
-"""A service's server, with stand-ins for the queries: each is answered, none is executed twice."""
+"""Server of a service, with stand-ins for queries: each gets one reply, none runs twice."""
 
 import time
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ class Outcome(NamedTuple):
 
 
 class Clock:
-    """A schedule, the clock that it is told of, and what became of the calls."""
+    """Schedule, its simulated clock, and the outcomes of its calls."""
 
     def __init__(self) -> None:
         self.schedule = Schedule()
@@ -53,12 +53,12 @@ class Clock:
         return [o.name for o in self.outcomes if isinstance(o.problem, Expired)]
 
 
-def test_without_a_clock_nothing_can_be_held():
+def test_without_a_clock_no_call_can_be_scheduled():
     with pytest.raises(NotReady):
         Clock().hold(1, "a", 1.0)
 
 
-def test_a_call_waits_for_the_first_pose_of_its_time_or_later():
+def test_a_call_waits_for_the_first_pose_at_its_time_or_later():
     clock = Clock()
     clock.to("a", 0.0)
     clock.hold(1, "", 0.12)
@@ -73,7 +73,7 @@ def test_a_call_waits_for_the_first_pose_of_its_time_or_later():
 
 
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
-def test_a_time_that_has_come_already_is_past(at: float):
+def test_a_call_for_a_past_time_is_expired(at: float):
     clock = Clock()
     clock.to("a", 1.0)
     with pytest.raises(Expired):
@@ -81,7 +81,7 @@ def test_a_time_that_has_come_already_is_past(at: float):
     assert clock.outcomes == []
 
 
-def test_calls_for_a_boot_to_come_wait_for_it_and_go_with_it():
+def test_calls_for_a_later_boot_wait_for_it_and_expire_with_it():
     clock = Clock()
     clock.to("a", 9.0)
     clock.hold(1, "b", 0.0)
@@ -95,12 +95,12 @@ def test_calls_for_a_boot_to_come_wait_for_it_and_go_with_it():
     assert clock.schedule.under_way
     clock.to("d", 5.0)
     assert (clock.executed, clock.expired) == ([(1, 0.0)], [3, 2])
-    # The one that is left waits for a boot that may never come, and puts nobody in lock-step.
+    # The last call waits for a boot that may never come: it causes no lock-step.
     assert clock.schedule.holding
     assert not clock.schedule.under_way
 
 
-def test_held_call_is_dropped_at_its_deadline_whatever_it_awaits():
+def test_a_scheduled_call_expires_at_its_deadline():
     clock = Clock()
     clock.to("a", 0.0, now=100.0)
     clock.hold(1, "a", 1.0, deadline=105.0)
@@ -111,7 +111,7 @@ def test_held_call_is_dropped_at_its_deadline_whatever_it_awaits():
     assert clock.executed == [(3, 1.0)]
 
 
-def test_a_call_that_holds_another_is_not_lost():
+def test_a_call_that_schedules_another_does_not_lose_it():
     clock = Clock()
     clock.to("a", 0.0)
     clock.schedule.schedule(ScheduledCall("a", 1.0, NEVER, lambda _: clock.hold(2, "a", 2.0)))
@@ -120,7 +120,7 @@ def test_a_call_that_holds_another_is_not_lost():
     assert clock.executed == [(2, 2.0)]
 
 
-def test_no_more_than_so_many_are_held(monkeypatch: pytest.MonkeyPatch):
+def test_the_number_of_scheduled_calls_is_limited(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(server, "MOST", 3)
     clock = Clock()
     clock.to("a", 0.0)
@@ -132,17 +132,17 @@ def test_no_more_than_so_many_are_held(monkeypatch: pytest.MonkeyPatch):
 
 BOOTS = st.sampled_from("abc")
 TIMES = st.integers(0, 20).map(lambda tick: tick / 10)
-DOINGS = st.lists(
+ACTIONS = st.lists(
     st.one_of(st.tuples(st.just("hold"), BOOTS, TIMES), st.tuples(st.just("tick"), BOOTS, TIMES)),
     max_size=40,
 )
 
 
-@given(DOINGS)
-def test_each_is_settled_once_never_early_never_for_another_boot(doings):
+@given(ACTIONS)
+def test_each_call_is_settled_once_in_its_boot_and_never_early(actions):
     clock, calls = Clock(), {}
     clock.to("a", 0.0)
-    for name, (what, boot, when) in enumerate(doings):
+    for name, (what, boot, when) in enumerate(actions):
         if what == "hold":
             late = boot == clock.boot and when <= clock.stamp
             if late:
@@ -188,13 +188,13 @@ def test_a_repeated_id_gets_the_first_reply_and_is_not_executed():
     assert bench.ask(call=first) == number(1)
     assert bench.ask(call=Call("b", LATER)) == number(2)
     assert bench.ask(call=first) == number(1)
-    # Also with other contents, and after its deadline: it is the id that counts.
+    # Also with other contents and after its deadline: only the id matters.
     assert bench.ask(b"", call=first) == number(1)
     assert bench.ask(call=Call("a", LONG_AGO)) == number(1)
     assert len(bench.executed) == 2
 
 
-def test_a_repeated_id_gets_the_first_error_too():
+def test_a_repeated_id_gets_the_first_error():
     bench = Bench(Refused("no", "wait"))
     call = Call("a", LATER)
     assert bench.fails("refused", call=call) == {"code": "refused", "message": "no", "hint": "wait"}
@@ -203,7 +203,7 @@ def test_a_repeated_id_gets_the_first_error_too():
     assert len(bench.executed) == 1
 
 
-def test_what_comes_after_its_deadline_is_not_executed():
+def test_a_call_after_its_deadline_is_not_executed():
     bench = Bench()
     error = bench.fails("expired", call=Call("a", LONG_AGO))
     assert "deadline" in error["message"]
@@ -233,7 +233,7 @@ def test_a_pattern_is_not_executed(key: str):
 
 
 @pytest.mark.parametrize(
-    ("payload", "encoding", "said"),
+    ("payload", "encoding", "message"),
     [
         (None, "", "not a valid GotoRequest"),
         (b"", "", "not a valid GotoRequest"),
@@ -248,16 +248,16 @@ def test_a_pattern_is_not_executed(key: str):
     ],
     ids=["none", "empty", "no msgpack", "deep", "missing", "unknown", "nan", "far", "hash", "type"],
 )
-def test_what_cannot_be_decoded_is_invalid_and_not_executed(
-    payload: bytes | None, encoding: str, said: str
+def test_an_undecodable_request_is_invalid_and_not_executed(
+    payload: bytes | None, encoding: str, message: str
 ):
     bench = Bench()
-    assert said in bench.fails("invalid", payload, encoding=encoding)["message"]
+    assert message in bench.fails("invalid", payload, encoding=encoding)["message"]
     assert bench.executed == []
 
 
 @pytest.mark.parametrize("attachment", [b"", b"\xc1", codec.encode({"id": "a"}), b"\x80"])
-def test_an_attachment_that_cannot_be_read_is_invalid(attachment: bytes):
+def test_an_unreadable_attachment_is_invalid(attachment: bytes):
     bench = Bench()
     bench.fails("invalid", call=attachment)
     assert bench.executed == []
@@ -268,7 +268,7 @@ def test_an_attachment_that_cannot_be_read_is_invalid(attachment: bytes):
     [(NotReady("no sample yet", "wait"), "not_ready"), (Refused("no"), "refused"),
      (Invalid("no such name"), "invalid")],
 )  # fmt: skip
-def test_a_handler_may_refuse(fault: Exception, code: str):
+def test_an_error_of_a_handler_is_sent_to_the_caller(fault: Exception, code: str):
     assert Bench(fault).fails(code)["message"] == str(fault)
 
 
@@ -285,7 +285,7 @@ def test_a_fault_in_a_handler_is_answered_and_logged(
     assert bench.ask() == number(2)
 
 
-def test_a_handlers_answer_that_is_no_message_is_a_fault(caplog: pytest.LogCaptureFixture):
+def test_a_reply_of_the_wrong_type_is_an_internal_error(caplog: pytest.LogCaptureFixture):
     def wrong(_request: GotoRequest) -> Any:
         return object()
 
@@ -294,7 +294,7 @@ def test_a_handlers_answer_that_is_no_message_is_a_fault(caplog: pytest.LogCaptu
     assert query.replies[0][1]["code"] == "internal"
 
 
-def test_a_call_for_a_time_is_executed_and_answered_then():
+def test_a_call_for_a_time_is_executed_at_that_time():
     bench = Bench()
     bench.schedule.advance("b", 1.0, 0.0)
     held: Any = Query(call=Call("a", LATER, at=2.0))
@@ -303,7 +303,7 @@ def test_a_call_for_a_time_is_executed_and_answered_then():
     for query in (held, again, other):
         bench.server.answer(query)
     assert (bench.executed, held.replies) == ([], [])
-    # What is not for a time does not wait for what is.
+    # A call without a time does not wait for scheduled ones.
     assert bench.ask() == number(1)
     bench.schedule.advance("b", 2.0, 0.0)
     assert other.replies == [number(2)]
@@ -313,7 +313,7 @@ def test_a_call_for_a_time_is_executed_and_answered_then():
     assert len(bench.executed) == 3
 
 
-def test_a_call_whose_time_or_boot_is_over_is_not_executed():
+def test_a_call_for_a_past_time_or_boot_is_not_executed():
     bench = Bench()
     bench.fails("not_ready", call=Call("early", LATER, at=5.0))
     bench.schedule.advance("b", 1.0, 0.0)
@@ -327,7 +327,7 @@ def test_a_call_whose_time_or_boot_is_over_is_not_executed():
     assert bench.executed == []
 
 
-def test_what_a_held_call_asks_is_checked_when_it_is_executed():
+def test_the_request_of_a_scheduled_call_is_decoded_at_its_time():
     bench = Bench()
     bench.schedule.advance("b", 1.0, 0.0)
     held: Any = Query(b"nonsense", call=Call("a", LATER, at=2.0))
@@ -336,7 +336,7 @@ def test_what_a_held_call_asks_is_checked_when_it_is_executed():
     assert held.replies[0][1]["code"] == "invalid"
 
 
-def test_a_handler_can_see_what_goes_with_its_request():
+def test_a_handler_can_read_the_calls_attachment():
     bench = Bench()
     bench.ask(call=Call("a", LATER, boot="mine"))
     assert bench.server.call == Call("a", LATER, boot="mine")

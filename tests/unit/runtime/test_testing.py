@@ -1,4 +1,4 @@
-"""A service is played from a list: calls are executed at their times, held ones within the message."""
+"""Replay of a node from a list: calls run at their times, scheduled ones within a message."""
 
 from msgspec import to_builtins
 
@@ -14,8 +14,8 @@ def call(stamp: float, *, held: bool = False, service: str = "hold", **request: 
     return Called("b0", stamp, service, held, dict(request), {}, "")
 
 
-def diary(calls: list[Called], poses: int = 5, **params: float) -> list[str]:
-    """What a service that writes everything down has to say."""
+def replayed_lines(calls: list[Called], poses: int = 5, **params: float) -> list[str]:
+    """Replay a node that logs everything, and return its lines."""
     lines: list[str] = []
 
     def run(node, params: Params) -> None:
@@ -36,28 +36,31 @@ def diary(calls: list[Called], poses: int = 5, **params: float) -> list[str]:
         node.serve(HOLD, on_hold)
         lines.extend("tick" for _ in node.ticks(50))
 
-    heard = [(POSE, pose(seq)) for seq in range(poses)]
-    said = play("safety", run, Params(), heard, calls)
-    assert [to_builtins(each.message)["for_seq"] for each in said] == list(range(poses))
+    received = [(POSE, pose(seq)) for seq in range(poses)]
+    published = play("safety", run, Params(), received, calls)
+    assert [to_builtins(each.message)["for_seq"] for each in published] == list(range(poses))
     return lines
 
 
-def test_a_call_comes_after_the_message_of_its_time():
-    lines = diary([call(0.02), call(0.02)])
+def test_a_call_is_executed_after_the_message_of_its_time():
+    lines = replayed_lines([call(0.02), call(0.02)])
     at = lines.index("hold")
     assert lines[at - 1 : at + 2] == ["pose 2", "hold", "hold"]
 
 
-def test_held_call_comes_in_its_slice_without_other_services():
-    assert [line for line in diary([call(0.01, held=True), call(0.03, service="goto")]) if line != "tick"] == [
+def test_a_scheduled_call_is_executed_within_its_message():
+    lines = replayed_lines([call(0.01, held=True), call(0.03, service="goto")])
+    assert [line for line in lines if line != "tick"] == [
         "pose 0", "pose 1", "hold", "pose 2", "pose 3", "pose 4",
     ]  # fmt: skip
 
 
-def test_parameters_change_as_they_did():
-    lines = diary([call(0.03, service="safety/set_params", values={"safety.takeoff": 2.0})])
+def test_recorded_parameter_changes_are_replayed():
+    lines = replayed_lines(
+        [call(0.03, service="safety/set_params", values={"safety.takeoff": 2.0})]
+    )
     assert lines.index("takeoff 2") == lines.index("pose 3") + 1
 
 
-def test_it_ticks_in_simulated_time():
-    assert diary([], poses=100).count("tick") == 50
+def test_the_node_ticks_in_simulated_time():
+    assert replayed_lines([], poses=100).count("tick") == 50

@@ -1,4 +1,4 @@
-"""The automaton's table: every row does what it says, and no other table would do."""
+"""Rule table of the automaton: every rule has its effect, and no other table passes."""
 
 import itertools
 from collections import deque
@@ -55,14 +55,17 @@ EXPLORED: tuple[Event, ...] = (
 
 
 class Node(NamedTuple):
-    """A situation in a cage; who asked how often, and what was said, makes no difference."""
+    """Situation in a cage, without fields that no rule reads: request count, reason."""
 
     situation: Situation
     cage: CageSize
 
 
 def worlds(cage: CageSize, *, any_past: bool) -> tuple[World, ...]:
-    """Each place at each speed, and none seen; for what looks at the past, come to at any speed."""
+    """Return worlds with each place and speed, and one stale or with a jump.
+
+    With `any_past`, each has every previous speed too.
+    """
     seen = []
     for place, speed, before in product(POINTS, SPEEDS, SPEEDS):
         if any_past or speed is before:
@@ -77,22 +80,22 @@ WORLDS = {(cage, past): worlds(cage, any_past=past) for cage in CAGES for past i
 
 
 def plain(situation: Situation) -> Situation:
-    """Without what no rule looks at before it is written anew."""
+    """Return the situation without the fields that no rule reads before they are set again."""
     changes: dict[str, Any] = {"request": 0, "reason": "", "boot": "", "since": 0.0}
     if situation.state is State.VERIFYING:
         changes["candidate"] = replace(situation.candidate, replace=False)
     else:
         changes |= {"candidate": NOBODY, "back": State.HOVERING}
-    # Of a hovering one alone, lest there be ten times as many: the rules compare it, no more.
+    # Only for hovering, where rules merely compare it: else ten times as many situations.
     if State.MOVING not in {situation.state, situation.back}:
         changes["beyond"] = 0.0
     return replace(situation, **changes)
 
 
 def out_of_control(before: Situation, world: World) -> bool:
-    """Bound for a stop farther out of the cage than it has been let, and no slower than before.
+    """Return whether the vehicle will stop farther outside than allowed without slowing down.
 
-    All places lie along x, so the ways are told without the automaton's own arithmetic.
+    All places lie along x, so this needs none of the automaton's own arithmetic.
     """
     x, v = world.pose.position.x, world.pose.velocity.x
     stop = x + v * abs(v) / 20.0
@@ -103,11 +106,11 @@ def out_of_control(before: Situation, world: World) -> bool:
 
 
 class Explorer:
-    """Feeds the table every event at every situation, between request and verdict as well."""
+    """Explorer that applies every event to every situation, also between request and verdict."""
 
     def __init__(self) -> None:
         self.fired: set[int] = set()
-        self._rules = tuple(self._telling(number, rule) for number, rule in enumerate(RULES))
+        self._rules = tuple(self._recording(number, rule) for number, rule in enumerate(RULES))
         self.nodes: set[Node] = set()
         self.uncontrolled: list[tuple[Node, World]] = []
         self.controlled = 0
@@ -116,7 +119,7 @@ class Explorer:
         while self._waiting:
             self._visit(self._waiting.popleft())
 
-    def _telling(self, number: int, rule: Rule) -> Rule:
+    def _recording(self, number: int, rule: Rule) -> Rule:
         def do(situation: Situation, event: Event, world: World) -> Situation:
             self.fired.add(number)
             return rule.do(situation, event, world)
@@ -148,16 +151,16 @@ def test_never_moving_with_the_cage_on_and_the_goal_outside(explorer: Explorer):
     moving = [node for node in explorer.nodes if node.situation.state is State.MOVING]
     astray = [n for n in moving if n.situation.cage_on and why_outside(n.situation.goal, n.cage)]
     assert astray == []
-    # With the cage off it does fly there: the line above is not true of an empty set.
+    # With the cage off such goals are flown to: the check above is not vacuous.
     assert any(why_outside(node.situation.goal, node.cage) for node in moving)
 
 
-def test_never_moving_with_the_cage_on_and_the_way_outside(explorer: Explorer):
+def test_never_moving_with_the_cage_on_and_the_path_outside(explorer: Explorer):
     assert explorer.uncontrolled == []
     assert explorer.controlled > 100
 
 
-def test_never_braking_while_moving_nor_flying_on_while_settling(explorer: Explorer):
+def test_moving_never_brakes_and_settling_always_does(explorer: Explorer):
     for situation, _ in explorer.nodes:
         if situation.state is State.MOVING:
             assert not situation.brake
@@ -166,7 +169,7 @@ def test_never_braking_while_moving_nor_flying_on_while_settling(explorer: Explo
         assert not situation.takeoff or situation.state is not State.HOVERING
 
 
-def test_all_of_it_was_explored_and_every_row_fired(explorer: Explorer):
+def test_all_states_are_explored_and_every_rule_fires(explorer: Explorer):
     assert explorer.fired == set(range(len(RULES)))
     states = dict.fromkeys(State, 0)
     for situation, _ in explorer.nodes:
@@ -174,12 +177,12 @@ def test_all_of_it_was_explored_and_every_row_fired(explorer: Explorer):
     assert states == {State.HOVERING: 268, State.VERIFYING: 1401, State.MOVING: 206}
 
 
-def test_the_page_is_the_tables():
+def test_the_documentation_matches_the_rule_table():
     page = PAGE.read_text(encoding="utf-8")
-    assert drawn(page) == page, "python -m docs.draw writes it anew"
+    assert drawn(page) == page, "`python -m docs.draw` writes it again"
 
 
-def test_every_change_of_state_is_an_arrow_and_is_explained():
+def test_every_transition_is_drawn_and_explained():
     arrows = {(rule.at.name, rule.to.name) for rule in RULES if rule.at is not rule.to}
     lines = [line.split() for line in diagram().splitlines() if " : " in line]
     assert {(line[0], line[2]) for line in lines} == arrows
@@ -207,33 +210,33 @@ def label(case: Case) -> str:
 
 
 def fired_by(case: Case) -> list[Rule]:
-    """The rule whose action was taken, told by the action itself."""
+    """Return the rules whose action was executed, as recorded by the action."""
     taken: list[Rule] = []
 
-    def telling(rule: Rule) -> Rule:
+    def recording(rule: Rule) -> Rule:
         def do(situation: Situation, event: Event, world: World) -> Situation:
             taken.append(rule)
             return rule.do(situation, event, world)
 
         return rule._replace(do=do)
 
-    step(case.situation, case.event, case.world, tuple(map(telling, RULES)))
+    step(case.situation, case.event, case.world, tuple(map(recording, RULES)))
     return taken
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{n} {label(c)}" for n, c in enumerate(CASES)])
-def test_a_row_does_this(case: Case):
+def test_each_rule_does_what_its_case_expects(case: Case):
     assert step(case.situation, case.event, case.world) == case.expected
     assert [name(rule) for rule in fired_by(case)] == [case.rule]
 
 
-def test_every_row_has_a_case_and_a_name_of_its_own():
+def test_every_rule_has_a_case_and_a_unique_name():
     names = [name(rule) for rule in RULES]
     assert len(set(names)) == len(names)
     assert set(names) == {case.rule for case in CASES}
 
 
-def test_every_event_condition_and_action_is_in_the_table():
+def test_every_event_condition_and_action_is_used():
     assert set(EVENTS) == set(Event.__args__)
     own = {
         thing
@@ -246,19 +249,19 @@ def test_every_event_condition_and_action_is_in_the_table():
 
 @pytest.mark.parametrize("state", State)
 @pytest.mark.parametrize("event", EVENTS, ids=lambda event: event.__name__)
-def test_every_state_and_event_has_a_last_rule_that_always_fits(state: State, event: type[Event]):
+def test_every_state_and_event_has_a_default_rule(state: State, event: type[Event]):
     rules = [rule for rule in RULES if rule.at is state and rule.on is event]
     assert [rule for rule in rules if rule.when is automaton.always] == rules[-1:]
     step(replace(PLAIN, state=state), SAMPLE[event], SEEING)
 
 
-def test_without_a_rule_it_says_so_instead_of_guessing():
+def test_without_a_matching_rule_an_error_is_raised():
     with pytest.raises(LookupError, match="no rule"):
         step(PLAIN, SAMPLE[EVENTS[0]], SEEING, ())
 
 
 def holds(table: Table) -> bool:
-    """Whether a table passes every case; one that fails in any way does not."""
+    """Return whether a table passes every case without an error."""
     try:
         return all(step(c.situation, c.event, c.world, table) == c.expected for c in CASES)
     except (LookupError, AssertionError):
@@ -270,10 +273,10 @@ def replaced(number: int, **change: Any) -> Table:
 
 
 def mutants() -> Iterator[tuple[str, Table]]:
-    """Every table one change away from RULES that is not the same automaton.
+    """Yield every table that differs from RULES by one effective change.
 
-    Left out because they change nothing: the swap of two rows of different states or events.
-    Rows of one state and event stand together, so their neighbours are all the swaps there are.
+    Swaps of two rules of different states or events are left out: they change nothing.
+    Rules of one state and event are adjacent, so swaps of neighbours are all swaps.
     """
     for number, rule in enumerate(RULES):
         yield f"{name(rule)} deleted", (*RULES[:number], *RULES[number + 1 :])
@@ -294,7 +297,7 @@ def mutants() -> Iterator[tuple[str, Table]]:
             yield f"{name(rule)} swapped with {name(after)}", swapped
 
 
-def test_no_mutant_of_the_table_survives():
+def test_no_mutant_of_the_rule_table_passes_all_cases():
     found = list(mutants())
     kinds = len(State) - 1 + len(EVENTS) - 1 + len(CONDITIONS) - 1 + len(State) - 1
     swaps = len(RULES) - len({(rule.at, rule.on) for rule in RULES})

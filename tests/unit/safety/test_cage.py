@@ -1,4 +1,4 @@
-"""The cage: closed intervals, decided to the last bit, with a reason that names the wall."""
+"""The cage: closed intervals, exact to the last bit, with a reason that names the axis."""
 
 from math import inf, nan, nextafter
 from typing import Any
@@ -27,12 +27,12 @@ def outwards(value: float) -> float:
     return -inf if value <= 0 else inf
 
 
-def test_the_intervals_are_those_of_the_lab():
+def test_the_bounds_are_symmetric_in_x_and_y_and_start_at_the_floor():
     assert bounds(CAGE) == {"x": (-5.0, 5.0), "y": (-4.0, 4.0), "z": (0.0, 2.0)}
 
 
 @pytest.mark.parametrize(("axis", "face"), FACES)
-def test_a_face_belongs_to_the_cage_to_the_last_bit(axis: str, face: float):
+def test_a_face_is_inside_the_cage_to_the_last_bit(axis: str, face: float):
     out = outwards(face)
     assert why_outside(moved(axis, face), CAGE) == ""
     assert why_outside(moved(axis, nextafter(face, -out)), CAGE) == ""
@@ -42,7 +42,7 @@ def test_a_face_belongs_to_the_cage_to_the_last_bit(axis: str, face: float):
 @pytest.mark.parametrize(("axis", "face"), FACES)
 @settings(max_examples=50)
 @given(size=SIZES)
-def test_so_it_does_for_every_size(axis: str, face: float, size: float):
+def test_a_face_is_inside_for_every_size(axis: str, face: float, size: float):
     cage = CageSize(size, size, size)
     wall = 0.0 if face == 0 else size if face > 0 else -size
     inside = replace(MIDDLE, z=0.1)
@@ -53,7 +53,9 @@ def test_so_it_does_for_every_size(axis: str, face: float, size: float):
 
 
 @given(*[SIZES] * 3, *[NUMBERS] * 3)
-def test_inside_is_inside_on_every_axis(a: float, b: float, c: float, x: float, y: float, z: float):
+def test_inside_means_inside_on_every_axis(
+    a: float, b: float, c: float, x: float, y: float, z: float
+):
     inside = abs(x) <= a and abs(y) <= b and 0 <= z <= c
     assert (why_outside(Position(x, y, z), CageSize(a, b, c)) == "") is inside
 
@@ -64,7 +66,7 @@ def test_negative_zero_is_on_the_floor():
 
 @pytest.mark.parametrize("axis", "xyz")
 @pytest.mark.parametrize("value", [nan, inf, -inf])
-def test_what_is_no_number_is_outside(axis: str, value: float):
+def test_nan_and_infinity_are_outside(axis: str, value: float):
     assert f"{axis} = {value}" in why_outside(moved(axis, value), CAGE)
 
 
@@ -72,7 +74,7 @@ def test_the_reason_names_the_axis_the_value_and_the_bounds():
     assert why_outside(Position(0.0, -4.25, 1.0), CAGE) == (
         "outside the cage: y = -4.25 is beyond [-4, 4]"
     )
-    # The first axis that is outside; a hair's breadth is still told apart from the bound.
+    # The first axis outside; a tiny excess is still distinct from the bound.
     assert why_outside(Position(5.0000000001, 9.0, 9.0), CAGE) == (
         "outside the cage: x = 5.0000000001 is beyond [-5, 5]"
     )

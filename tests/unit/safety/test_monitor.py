@@ -1,4 +1,4 @@
-"""The monitor and its requests: the take-off, refusals, replacing, counting."""
+"""Safety monitor: takeoff, requests, refusals, pauses, and tracking faults."""
 
 from collections.abc import Callable
 from math import inf, nan
@@ -13,7 +13,7 @@ from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUT
 from tests.support.worlds import POSE
 
 
-def test_a_hold_brakes_and_then_settles_where_it_came_to_rest():
+def test_a_hold_brakes_and_keeps_the_place_of_rest():
     rig = Rig().moving()
     rig.at(Position(1.0, 0.0, 1.0), Velocity(3.0, 0.0, 0.0))
     rig.monitor.hold()
@@ -21,20 +21,20 @@ def test_a_hold_brakes_and_then_settles_where_it_came_to_rest():
     assert rig.monitor.setpoint().brake
     assert rig.at(Position(2.0, 0.0, 1.0), Velocity(1.0, 0.0, 0.0)).goal.x == 1.0
     assert rig.at(Position(2.2, 0.0, 1.0)).goal.x == 2.2
-    # It holds that place: a later drift does not move the goal along.
+    # The goal is fixed: a later drift does not move it.
     assert rig.at(Position(2.3, 0.0, 1.0)).goal.x == 2.2
     assert rig.monitor.ask(OTHER) == ""
 
 
-def test_lost_poses_pause_the_flight_and_no_goal_is_taken():
+def test_lost_poses_pause_the_flight_and_goals_are_refused():
     rig = Rig().moving()
     rig.monitor.lose()
     assert (rig.state.state, rig.state.reason) == ("HOVERING", "paused: no pose for 0.2 s")
     assert rig.monitor.setpoint().brake
-    told = len(rig.told)
+    published = len(rig.published)
     rig.monitor.lose()
     rig.monitor.silent(0.9)
-    assert len(rig.told) == told
+    assert len(rig.published) == published
     refused = "paused: no pose: dynamics is silent; no goal is taken meanwhile"
     assert rig.monitor.ask(OTHER) == refused
     assert rig.at(ONE_UP).state == "MOVING"
@@ -52,7 +52,7 @@ def test_beyond_the_grace_the_flight_ends_even_if_poses_return():
     assert rig.monitor.ask(INSIDE) == ""
 
 
-def test_poses_that_may_be_older_than_the_grace_are_no_silence():
+def test_a_pose_timeout_above_the_grace_is_respected():
     rig = Rig(pose_timeout=2.0).moving()
     rig.monitor.silent(1.5)
     assert rig.state.state == "MOVING"
@@ -61,7 +61,7 @@ def test_poses_that_may_be_older_than_the_grace_are_no_silence():
 
 
 @pytest.mark.parametrize("what", ["toggle", "resize", "hold", "boot"])
-def test_what_happens_in_a_pause_ends_the_flight(what: str):
+def test_a_change_during_a_pause_ends_the_flight(what: str):
     rig = Rig().moving()
     rig.monitor.lose()
     match what:
@@ -77,7 +77,7 @@ def test_what_happens_in_a_pause_ends_the_flight(what: str):
     assert rig.monitor.setpoint().brake
 
 
-def test_a_vehicle_that_lagged_flies_on_within_the_grace_alone():
+def test_a_lagging_vehicle_continues_only_within_the_grace():
     rig = Rig().moving()
     rig.monitor.lagged("the vehicle heard nothing for 0.4 s", 0.4)
     assert rig.state.state == "MOVING"
@@ -86,7 +86,7 @@ def test_a_vehicle_that_lagged_flies_on_within_the_grace_alone():
     assert (rig.state.state, rig.monitor.setpoint().brake) == ("HOVERING", True)
 
 
-def test_losing_poses_while_hovering_changes_nothing_but_blinds():
+def test_lost_poses_while_hovering_only_refuse_goals():
     rig = Rig().hovering()
     before = rig.state
     rig.monitor.lose()
@@ -105,7 +105,7 @@ def test_an_old_or_reordered_pose_is_ignored():
     assert not rig.monitor.fresh
 
 
-def test_a_new_boot_drops_the_goal_says_so_and_takes_off_anew():
+def test_a_new_boot_drops_the_goal_and_takes_off_again():
     rig = Rig().moving()
     rig.monitor.see(rig.pose(0.0, Position(0.0, 0.0, 0.5), boot="b2"))
     state = rig.state
@@ -114,11 +114,11 @@ def test_a_new_boot_drops_the_goal_says_so_and_takes_off_anew():
     assert rig.monitor.setpoint().brake
     rig.monitor.see(rig.pose(0.0, GROUND, boot="b3"))
     assert (rig.state.boot, rig.state.state, rig.state.goal) == ("b3", "MOVING", ONE_UP)
-    assert any(told.reason.startswith("the simulation started anew") for told, _ in rig.told)
+    assert any(state.reason.startswith("the simulation started anew") for state, _ in rig.published)
 
 
 @pytest.mark.parametrize("z", [0.0, 1.0])
-def test_after_a_restart_it_hovers_in_place_with_the_cage_on(z: float):
+def test_after_a_restart_the_vehicle_hovers_with_the_cage_on(z: float):
     rig = Rig(restarted=True, cage_on=False)
     assert rig.state.cage_on
     here = Position(7.0, 0.0, z)
@@ -126,7 +126,7 @@ def test_after_a_restart_it_hovers_in_place_with_the_cage_on(z: float):
     assert (state.state, state.goal, state.cage_on) == ("HOVERING", here, True)
     assert state.reason == "safety restarted: hovering here, cage on"
     assert rig.monitor.setpoint().brake
-    # From outside it may fly back in; a boot after this one is like any other.
+    # From outside the vehicle may fly back in; later boots are handled as usual.
     assert rig.monitor.ask(INSIDE) == ""
     assert rig.at(GROUND, boot="b2").goal == ONE_UP
 
@@ -142,7 +142,7 @@ def shrink(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize(("change", "goal"), [(turn_on, OUTSIDE), (shrink, INSIDE)])
-def test_a_cage_that_shuts_the_goal_out_under_way_stops(
+def test_a_cage_that_excludes_the_goal_stops_the_flight(
     change: Callable[[Rig], None], goal: Position
 ):
     rig = Rig(cage_on=False).hovering()
@@ -155,23 +155,23 @@ def test_a_cage_that_shuts_the_goal_out_under_way_stops(
     assert rig.monitor.setpoint().brake
 
 
-def test_a_cage_that_still_holds_the_goal_lets_the_flight_go_on():
+def test_a_cage_that_includes_the_goal_lets_the_flight_continue():
     rig = Rig(cage_on=False).moving()
     rig.monitor.toggle(cage_on=True)
     rig.params.virtual_cage.x = 3.0
     rig.monitor.resize()
     assert (rig.state.state, rig.state.goal) == ("MOVING", INSIDE)
     assert rig.state.cage == CageSize(3.0, 5.0, 2.0)
-    assert rig.told[-1][0].cage == CageSize(3.0, 5.0, 2.0)
+    assert rig.published[-1][0].cage == CageSize(3.0, 5.0, 2.0)
 
 
 LIMIT, PERIOD = 0.15, 0.05
-GOAL, ELSEWHERE = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
+GOAL, OTHER_GOAL = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
 STILL = Velocity(0.0, 0.0, 0.0)
 
 
 def look(
-    following: TrackingMonitor,
+    tracking: TrackingMonitor,
     stamp: float,
     goal: Position | None = GOAL,
     *,
@@ -180,84 +180,84 @@ def look(
     moving: bool = True,
 ) -> str:
     pose = replace(POSE, boot=boot, stamp=stamp, velocity=velocity)
-    gap, stands = following.observe(pose, goal, moving=moving)
+    gap, stands = tracking.observe(pose, goal, moving=moving)
     return STANDS if stands else f"{gap:.2g} s" if gap > LIMIT else ""
 
 
-def test_poses_that_come_in_time_are_no_trouble():
-    following = TrackingMonitor()
-    assert [look(following, count * PERIOD) for count in range(100)] == [""] * 100
+def test_poses_in_time_show_no_fault():
+    tracking = TrackingMonitor()
+    assert [look(tracking, count * PERIOD) for count in range(100)] == [""] * 100
 
 
-def test_poses_that_come_late_show_a_vehicle_that_heard_nothing():
-    following = TrackingMonitor()
-    look(following, 1.0)
-    assert look(following, 1.0 + LIMIT - 0.01) == ""
-    assert look(following, 1.5) == "0.36 s"
-    assert look(following, 1.55) == ""
+def test_late_poses_show_a_vehicle_without_setpoints():
+    tracking = TrackingMonitor()
+    look(tracking, 1.0)
+    assert look(tracking, 1.0 + LIMIT - 0.01) == ""
+    assert look(tracking, 1.5) == "0.36 s"
+    assert look(tracking, 1.55) == ""
 
 
-def test_a_goal_that_is_new_since_was_not_stopped_on_the_way_to():
-    following = TrackingMonitor()
-    look(following, 1.0, None)
-    assert look(following, 2.0) == ""
-    assert look(following, 3.0, ELSEWHERE) == ""
-    assert look(following, 4.0, None) == ""
-    assert look(following, 5.0, None) == ""
+def test_a_gap_before_a_new_goal_is_no_fault():
+    tracking = TrackingMonitor()
+    look(tracking, 1.0, None)
+    assert look(tracking, 2.0) == ""
+    assert look(tracking, 3.0, OTHER_GOAL) == ""
+    assert look(tracking, 4.0, None) == ""
+    assert look(tracking, 5.0, None) == ""
 
 
-def test_another_boot_is_another_time():
-    following = TrackingMonitor()
-    look(following, 1.0)
-    assert look(following, 9.0, boot="b2") == ""
+def test_a_new_boot_restarts_the_time():
+    tracking = TrackingMonitor()
+    look(tracking, 1.0)
+    assert look(tracking, 9.0, boot="b2") == ""
 
 
-def test_a_simulation_that_was_held_up_itself_has_not_flown_on():
-    following = TrackingMonitor()
-    look(following, 1.0)
-    assert [look(following, 1.0) for _ in range(20)] == [""] * 20
-    assert look(following, 1.05) == ""
+def test_repeated_stamps_of_a_paused_simulation_are_no_fault():
+    tracking = TrackingMonitor()
+    look(tracking, 1.0)
+    assert [look(tracking, 1.0) for _ in range(20)] == [""] * 20
+    assert look(tracking, 1.05) == ""
 
 
-def test_a_vehicle_that_stands_still_on_its_way_does_not_follow():
-    following = TrackingMonitor()
+def test_a_vehicle_that_stops_on_its_way_is_a_fault():
+    tracking = TrackingMonitor()
     at = [count * PERIOD for count in range(round(PATIENCE / PERIOD) + 3)]
-    said = [look(following, stamp, velocity=STILL) for stamp in at]
-    assert said == [*[""] * (len(at) - 1), "the vehicle stood still for 1 s on its way"]
+    faults = [look(tracking, stamp, velocity=STILL) for stamp in at]
+    assert faults == [*[""] * (len(at) - 1), "the vehicle stood still for 1 s on its way"]
 
 
-def test_a_goal_that_is_new_is_given_its_time():
-    following = TrackingMonitor()
+def test_each_new_goal_restarts_the_standstill_timer():
+    tracking = TrackingMonitor()
     for count in range(100):
         goal = Position(1.0, 0.0, count // 19)
-        assert look(following, count * PERIOD, goal, velocity=STILL) == ""
+        assert look(tracking, count * PERIOD, goal, velocity=STILL) == ""
 
 
-def test_standing_still_is_counted_per_move_and_only_under_way():
-    following = TrackingMonitor()
+def test_standstill_is_measured_per_move_and_only_in_flight():
+    tracking = TrackingMonitor()
     for count in range(200):
         still = STILL if count % 20 else POSE.velocity
-        assert look(following, count * PERIOD, velocity=still) == ""
+        assert look(tracking, count * PERIOD, velocity=still) == ""
     for count in range(200, 300):
-        assert look(following, count * PERIOD, velocity=STILL, moving=False) == ""
-        assert following.due == inf
+        assert look(tracking, count * PERIOD, velocity=STILL, moving=False) == ""
+        assert tracking.due == inf
 
 
-def test_before_a_pose_nothing_is_taken():
+def test_before_the_first_pose_goals_are_refused():
     rig = Rig()
     assert rig.monitor.ask(INSIDE) == "no pose: dynamics is silent"
     assert (rig.state.state, rig.state.request, rig.state.boot) == ("HOVERING", 1, "")
     assert rig.monitor.setpoint().brake
 
 
-def test_the_take_off_is_verified_and_flown():
+def test_the_takeoff_is_verified_and_flown():
     rig = Rig()
     state = rig.at(GROUND)
     assert (state.state, state.goal, state.request, state.boot) == ("MOVING", ONE_UP, 1, "b1")
     assert rig.monitor.setpoint() == replace(
         rig.monitor.setpoint(), boot="b1", for_seq=1, position=ONE_UP, brake=False
     )
-    assert [told.state for told, _ in rig.told] == ["HOVERING", "VERIFYING", "MOVING"]
+    assert [state.state for state, _ in rig.published] == ["HOVERING", "VERIFYING", "MOVING"]
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_the_take_off_is_verified_and_flown():
         (GROUND, 3.0, "outside the cage: z = 3 is beyond [0, 2]"),
     ],
 )
-def test_takeoff_out_of_the_cage_is_refused_with_its_reason(
+def test_a_takeoff_outside_the_cage_is_refused_with_its_reason(
     start: Position, height: float, reason: str
 ):
     rig = Rig(takeoff=height)
@@ -277,18 +277,18 @@ def test_takeoff_out_of_the_cage_is_refused_with_its_reason(
     assert rig.at(start).state == "HOVERING"
 
 
-def test_with_the_cage_off_the_take_off_is_not_refused():
+def test_with_the_cage_off_the_takeoff_is_not_refused():
     assert Rig(cage_on=False).at(Position(9.0, 0.0, 0.0)).state == "MOVING"
 
 
 @pytest.mark.parametrize(("takeoff", "z"), [(0.0, 0.0), (1.0, 0.05), (1.0, 1.5)])
-def test_no_take_off_when_none_is_wanted_or_it_flies_already(takeoff: float, z: float):
+def test_there_is_no_takeoff_at_height_0_or_in_the_air(takeoff: float, z: float):
     start = Position(1.0, 1.0, z)
     state = Rig(takeoff=takeoff).at(start)
     assert (state.state, state.goal, state.request) == ("HOVERING", start, 0)
 
 
-def test_first_request_replaces_the_takeoff_and_the_next_is_busy():
+def test_the_first_goal_replaces_the_takeoff_and_the_next_is_busy():
     rig = Rig()
     rig.at(GROUND)
     assert rig.monitor.ask(INSIDE) == ""
@@ -296,7 +296,7 @@ def test_first_request_replaces_the_takeoff_and_the_next_is_busy():
     assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
 
 
-def test_refused_request_keeps_the_takeoff_going_and_replaceable():
+def test_a_refused_goal_keeps_the_takeoff_going_and_replaceable():
     rig = Rig()
     rig.at(GROUND)
     assert rig.monitor.ask(OUTSIDE) == BEYOND
@@ -304,7 +304,7 @@ def test_refused_request_keeps_the_takeoff_going_and_replaceable():
     assert rig.monitor.ask(INSIDE) == ""
 
 
-def test_arriving_within_the_range_makes_it_ready_again():
+def test_arrival_within_the_range_makes_safety_ready_again():
     rig = Rig().moving()
     assert rig.at(Position(2.5, 0.0, 1.0)).state == "MOVING"
     state = rig.at(Position(2.501, 0.0, 1.0))
@@ -313,7 +313,7 @@ def test_arriving_within_the_range_makes_it_ready_again():
     assert rig.monitor.ask(OTHER) == ""
 
 
-def test_outside_is_refused_and_the_vehicle_stays():
+def test_a_goal_outside_is_refused_and_the_vehicle_stays():
     rig = Rig().hovering()
     before = rig.monitor.setpoint()
     assert rig.monitor.ask(OUTSIDE) == BEYOND
@@ -323,7 +323,7 @@ def test_outside_is_refused_and_the_vehicle_stays():
 
 @pytest.mark.parametrize("cage_on", [True, False])
 @pytest.mark.parametrize("value", [nan, inf, -inf])
-def test_no_place_is_refused_even_with_the_cage_off(cage_on: bool, value: float):
+def test_a_goal_that_is_not_finite_is_refused_even_with_the_cage_off(cage_on: bool, value: float):
     rig = Rig(cage_on=cage_on).hovering()
     before = rig.monitor.setpoint()
     for axis in "xyz":
@@ -332,7 +332,7 @@ def test_no_place_is_refused_even_with_the_cage_off(cage_on: bool, value: float)
     assert rig.state.state == "HOVERING"
 
 
-def test_busy_until_replaced_and_a_bad_goal_keeps_the_flight():
+def test_goals_are_busy_until_replaced_and_a_bad_one_changes_nothing():
     rig = Rig().moving()
     assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
     assert rig.monitor.ask(OUTSIDE, replace=True) == BEYOND
@@ -342,23 +342,23 @@ def test_busy_until_replaced_and_a_bad_goal_keeps_the_flight():
     assert (rig.state.state, rig.state.goal, rig.state.reason) == ("MOVING", OTHER, "")
 
 
-def test_every_request_counts_so_that_equal_refusals_differ():
+def test_every_request_is_counted_so_that_equal_refusals_differ():
     rig = Rig().hovering()
     counts = []
     for ask in (OUTSIDE, OUTSIDE, INSIDE, OTHER, OTHER):
         rig.monitor.ask(ask)
         counts.append(rig.state.request)
     assert counts == [2, 3, 4, 5, 6]
-    assert [told.request for told, _ in rig.told if told.reason == BEYOND] == [2, 3]
+    assert [state.request for state, _ in rig.published if state.reason == BEYOND] == [2, 3]
 
 
-def test_the_log_line_says_what_was_asked_and_where_it_led():
+def test_the_log_shows_each_request_and_its_result():
     rig = Rig().hovering()
-    rig.told.clear()
+    rig.published.clear()
     rig.monitor.ask(Position(3.0, 0.5, 1.0))
     rig.monitor.ask(OTHER)
     rig.monitor.toggle(cage_on=False)
-    assert [line for _, line in rig.told] == [
+    assert [line for _, line in rig.published] == [
         "Requested position: (3, 0.5, 1). Current State: VERIFYING",
         "Current State: MOVING",
         "Requested position: (0, 3, 1). busy: flying to (3, 0.5, 1); ask with replace to change course",

@@ -1,4 +1,4 @@
-"""What the monitor watches while a vehicle flies: jumps, the way out, and the way back."""
+"""Guards of the monitor in flight: pose jumps, leaving the cage, and returning."""
 
 from math import sqrt
 
@@ -26,7 +26,7 @@ def going(vx: float) -> Velocity:
 
 
 def outside() -> Rig:
-    """Hovering two metres beyond a wall, with the cage on."""
+    """Return a rig hovering two metres outside a wall, with the cage on."""
     rig = Rig(cage_on=False).hovering()
     assert rig.monitor.ask(AWAY) == ""
     rig.at(along(4.0))
@@ -46,7 +46,7 @@ def test_a_pose_that_jumps_stops_the_vehicle(start: str):
     assert rig.monitor.setpoint().brake
 
 
-def test_a_boot_elsewhere_is_no_jump():
+def test_a_new_boot_at_another_place_is_no_jump():
     rig = Rig().hovering()
     assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation started")
 
@@ -54,18 +54,18 @@ def test_a_boot_elsewhere_is_no_jump():
 def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
     rig = Rig().moving()
     assert rig.at(along(2.0), going(5.0)).state == "MOVING"
-    # From 6.5 m/s it takes 2.1 m at the least.
+    # Stopping from 6.5 m/s takes at least 2.1 m.
     state = rig.at(along(3.0), going(6.5))
     assert (state.state, state.goal.x) == ("HOVERING", 3.0)
     assert state.reason == "stopped, the way led out of the cage by 0.11 m"
 
 
-def test_with_the_cage_off_nobody_minds():
+def test_with_the_cage_off_a_vehicle_is_not_stopped():
     rig = Rig(cage_on=False).moving()
     assert rig.at(along(4.5), going(6.0)).state == "MOVING"
 
 
-def test_a_centimetre_beyond_a_wall_is_borne_and_more_is_not():
+def test_one_centimetre_beyond_a_wall_is_tolerated():
     rig = Rig().moving()
     rig.at(along(4.0))
     assert rig.at(along(5.0099)).state == "MOVING"
@@ -74,7 +74,7 @@ def test_a_centimetre_beyond_a_wall_is_borne_and_more_is_not():
     assert rig.at(along(5.0101), going(0.01)).state == "HOVERING"
 
 
-def test_the_way_back_comes_nearer_at_every_step():
+def test_a_return_from_outside_may_not_move_outwards():
     rig = outside()
     assert rig.monitor.ask(OTHER) == ""
     for x in (6.8, 6.1, 5.4):
@@ -82,13 +82,13 @@ def test_the_way_back_comes_nearer_at_every_step():
     state = rig.at(along(5.5), going(0.1))
     assert state.state == "HOVERING"
     assert state.reason == "stopped, the way led out of the cage by 0.5 m"
-    # It hovers there, and may be sent inside again.
+    # The vehicle hovers there, and may be sent inside again.
     rig.at(along(5.5))
     assert rig.monitor.ask(OUTSIDE) != ""
     assert rig.monitor.ask(INSIDE) == ""
 
 
-def test_unavoidable_exit_is_tolerated_while_the_vehicle_slows():
+def test_an_unavoidable_exit_is_tolerated_while_the_vehicle_slows():
     rig = Rig(cage_on=False).hovering()
     assert rig.monitor.ask(OUTSIDE) == ""
     rig.at(along(4.0), going(5.0))
@@ -99,7 +99,7 @@ def test_unavoidable_exit_is_tolerated_while_the_vehicle_slows():
     assert rig.at(along(6.2), going(0.5)).state == "HOVERING"
 
 
-def test_cage_on_stops_it_also_when_arrived_within_the_range():
+def test_turning_the_cage_on_stops_a_vehicle_that_has_arrived():
     rig = Rig(cage_on=False, acceptance_range=4.0).hovering()
     assert rig.monitor.ask(OUTSIDE) == ""
     assert rig.at(along(5.5), going(3.0)).state == "HOVERING"
@@ -111,7 +111,7 @@ def test_cage_on_stops_it_also_when_arrived_within_the_range():
 
 
 @pytest.mark.parametrize("cage_on", [True, False])
-def test_resized_it_hovers_in_place_only_with_the_cage_on(cage_on: bool):
+def test_a_smaller_cage_stops_the_vehicle_only_when_on(cage_on: bool):
     rig = Rig(cage_on=cage_on).moving()
     rig.at(along(2.8))
     rig.params.virtual_cage.x = 1.0
@@ -128,14 +128,16 @@ FACES = {
     "floor": Position(0.0, 0.0, -1.0),
 }
 WALLS = {"east": 5.0, "west": 5.0, "north": 5.0, "south": 5.0, "top": 1.0, "floor": 1.0}
-"""How far each face is from ONE_UP, m."""
+"""Distance of each face from ONE_UP, m."""
 
 
 @pytest.mark.parametrize("distance", [0.3, 2.0, 6.0])
 @pytest.mark.parametrize("face", FACES)
-def test_outside_any_face_it_hovers_and_takes_only_goals_inside(face: str, distance: float):
+def test_outside_any_face_the_vehicle_hovers_and_accepts_only_goals_inside(
+    face: str, distance: float
+):
     def out(metres: float) -> Position:
-        """So far beyond the face."""
+        """Return the place some metres outside the face."""
         way, (x, y, z) = WALLS[face] + metres, astuple(FACES[face])
         return Position(way * x, way * y, 1.0 + way * z)
 
@@ -157,18 +159,18 @@ def test_outside_any_face_it_hovers_and_takes_only_goals_inside(face: str, dista
     assert rig.at(out(0.3 * distance), outwards).state == "HOVERING"
 
 
-def test_the_progress_of_a_way_back_is_told_nobody():
+def test_progress_of_a_return_is_not_published():
     rig = outside()
     rig.monitor.ask(INSIDE)
-    rig.told.clear()
+    rig.published.clear()
     rig.at(along(6.5), going(-1.0))
     rig.at(along(6.0), going(-1.0))
-    assert rig.told == []
+    assert rig.published == []
     assert rig.monitor.situation.beyond == 1.0
 
 
 @given(NUMBERS, NUMBERS, NUMBERS)
-def test_distance_from_the_cage_is_0_inside_never_overestimated(x: float, y: float, z: float):
+def test_the_distance_from_the_cage_is_never_overestimated(x: float, y: float, z: float):
     point = Position(x, y, z)
     out = beyond(point, CAGE)
     assert (out == 0.0) is (why_outside(point, CAGE) == "")
@@ -178,9 +180,7 @@ def test_distance_from_the_cage_is_0_inside_never_overestimated(x: float, y: flo
 
 
 @given(NUMBERS, NUMBERS, st.floats(0.1, 100))
-def test_soonest_stop_is_speed_squared_over_twice_deceleration(
-    x: float, vx: float, deceleration: float
-):
+def test_the_stopping_distance_is_v_squared_over_2_a(x: float, vx: float, deceleration: float):
     pose = replace(POSE, position=along(x), velocity=going(vx))
     stop = soonest_stop(pose, deceleration)
     assert (stop.y, stop.z) == (0.0, 1.0)
@@ -189,10 +189,10 @@ def test_soonest_stop_is_speed_squared_over_twice_deceleration(
     assert soonest_stop(replace(pose, velocity=STILL), deceleration) == along(x)
 
 
-def test_inside_the_cage_a_flight_is_as_undisturbed_as_before():
+def test_a_flight_inside_the_cage_is_not_disturbed():
     rig = Rig().moving()
-    told = len(rig.told)
+    published = len(rig.published)
     for x, vx in ((0.5, 3.0), (1.5, 3.0), (2.4, 1.0)):
         rig.at(along(x), going(vx))
-    assert len(rig.told) == told
+    assert len(rig.published) == published
     assert rig.at(INSIDE).goal != ONE_UP

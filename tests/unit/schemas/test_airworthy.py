@@ -1,4 +1,4 @@
-"""Which vehicles are refused because they would not hold their place."""
+"""Vehicles that are refused because they could not hold their place."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from quadctl.services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
 GAIN = st.floats(-2, 3).map(lambda power: 10**power)
 
 
-def why(vehicle=None, control=None, wind=None) -> str:
+def reason_against(vehicle=None, control=None, wind=None) -> str:
     return airworthy.why_not(
         vehicle or VehicleParams(), control or ControlParams(), wind or WindParams()
     )
@@ -23,14 +23,14 @@ def blowing(speed: float) -> WindParams:
     return WindParams(MeanWindParams(0.6 * speed, 0.8 * speed))
 
 
-def test_it_goes_by_the_controller_that_flies():
+def test_the_constants_are_those_of_the_controller():
     assert airworthy.CONTROL_PERIOD == PERIOD
     assert (MOST_LIFT, pytest.approx(1 - LEAST_LIFT)) == (airworthy._LIFT, airworthy._SINK)
 
 
 @settings(max_examples=300)
 @given(GAIN, GAIN, GAIN, GAIN, st.floats(0.001, 10))
-def test_the_damping_is_the_one_of_numpys_roots(kp, kv, ka, kr, lag):
+def test_the_damping_equals_that_of_numpys_roots(kp, kv, ka, kr, lag):
     control = ControlParams(kp, kv, ka, kr)
     delay = lag + 0.002
     roots = np.roots([delay, 1, kr, kr * ka, kr * ka * kv, kr * ka * kv * kp])
@@ -50,12 +50,12 @@ def test_the_damping_is_the_one_of_numpys_roots(kp, kv, ka, kr, lag):
         ({}, {}, 9.0),
     ],
 )
-def test_what_holds_itself_is_taken(vehicle, control, wind):
-    assert why(VehicleParams(**vehicle), ControlParams(**control), blowing(wind)) == ""
+def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
+    assert reason_against(VehicleParams(**vehicle), ControlParams(**control), blowing(wind)) == ""
 
 
 @pytest.mark.parametrize(
-    ("vehicle", "control", "wind", "said"),
+    ("vehicle", "control", "wind", "reason"),
     [
         ({"motor_lag": 0.1}, {}, 0.0, "unstable"),
         ({"motor_lag": 0.5}, {}, 0.0, "unstable"),
@@ -67,11 +67,11 @@ def test_what_holds_itself_is_taken(vehicle, control, wind):
         ({}, {}, 9.2, "wind of 9.2 m/s pushes by 8.46 m/s^2, max_tilt holds 8.26"),
     ],
 )
-def test_what_does_not_hold_itself_is_refused(vehicle, control, wind, said):
-    found = why(VehicleParams(**vehicle), ControlParams(**control), blowing(wind))
-    assert said in found
+def test_a_vehicle_that_cannot_hover_is_refused(vehicle, control, wind, reason):
+    found = reason_against(VehicleParams(**vehicle), ControlParams(**control), blowing(wind))
+    assert reason in found
 
 
-def test_twice_the_gusts_count_as_wind():
+def test_twice_the_gust_strength_counts_as_wind():
     wind = WindParams(MeanWindParams(5.0), gust=2.1)
-    assert "wind of 9.2 m/s" in why(wind=wind)
+    assert "wind of 9.2 m/s" in reason_against(wind=wind)

@@ -1,4 +1,4 @@
-"""Every declared type refuses what it must; the list of types and fields is read off the types."""
+"""Every declared type rejects invalid values; types and fields are found by inspection."""
 
 from math import inf, nan, nextafter
 
@@ -23,7 +23,7 @@ IDS = [f"{type_.__name__}.{'.'.join(path)}" for type_, path in FLOATS]
 Path = tuple[str, ...]
 
 
-def test_the_looking_finds_the_contract():
+def test_the_search_finds_the_contracts_types():
     names = {type_.__name__ for type_ in ON_THE_WIRE}
     assert {"Pose", "Waypoint", "Setpoint", "Pressure", "SafetyState", "Info", "Error"} <= names
     assert len(REQUESTS) >= 7
@@ -32,13 +32,13 @@ def test_the_looking_finds_the_contract():
 
 
 @pytest.mark.parametrize("type_", EVERY)
-def test_a_valid_one_is_taken_and_comes_back_the_same(type_: type[Struct]):
+def test_a_valid_message_round_trips(type_: type[Struct]):
     message = msgpack.decode(msgpack.encode(valid(type_)), type=type_)
     assert msgpack.decode(msgpack.encode(message), type=type_) == message
 
 
 @pytest.mark.parametrize(("type_", "path"), FLOATS, ids=IDS)
-def test_a_float_refuses_what_is_no_number_or_out_of_bounds(type_: type[Struct], path: Path):
+def test_a_float_rejects_nan_and_values_out_of_bounds(type_: type[Struct], path: Path):
     table, bounds = valid(type_), limits(type_, path)
     least = bounds.ge if bounds.ge is not None else bounds.gt
     most = bounds.le if bounds.le is not None else bounds.lt
@@ -54,7 +54,7 @@ def test_a_float_refuses_what_is_no_number_or_out_of_bounds(type_: type[Struct],
 
 
 @pytest.mark.parametrize(("type_", "path"), FLOATS, ids=IDS)
-def test_a_float_takes_its_bounds(type_: type[Struct], path: Path):
+def test_a_float_accepts_its_bounds(type_: type[Struct], path: Path):
     bounds = limits(type_, path)
     for number in (bounds.ge, bounds.le):
         if number is not None:
@@ -62,7 +62,7 @@ def test_a_float_takes_its_bounds(type_: type[Struct], path: Path):
 
 
 @pytest.mark.parametrize("type_", [*REQUESTS, *IN_THE_FILE])
-def test_what_people_write_may_have_no_unknown_field(type_: type[Struct]):
+def test_requests_and_parameters_reject_unknown_fields(type_: type[Struct]):
     with pytest.raises(ValidationError, match="unknown field `wrong`"):
         msgpack.decode(msgpack.encode(valid(type_) | {"wrong": 1}), type=type_)
 
@@ -80,8 +80,8 @@ def test_a_field_without_a_default_cannot_be_missing(type_: type[Struct]):
 
 
 @pytest.mark.parametrize("type_", ON_THE_WIRE)
-def test_integers_and_texts_of_messages_end_somewhere(type_: type[Struct]):
-    """Maps of `Info`, of parameters and the texts of an error reply are as long as they are."""
+def test_integers_and_texts_of_messages_are_bounded(type_: type[Struct]):
+    """Maps of `Info` and of parameters, and the texts of an error reply, have no limit."""
     for field in fields(type_):
         inner = bare(field.type)
         if isinstance(inner, inspect.IntType):
@@ -92,5 +92,5 @@ def test_integers_and_texts_of_messages_end_somewhere(type_: type[Struct]):
 
 
 @pytest.mark.parametrize("type_", EVERY)
-def test_every_type_says_what_it_is(type_: type[Struct]):
+def test_every_type_has_a_docstring(type_: type[Struct]):
     assert (type_.__doc__ or "").partition("\n")[0].endswith((".", ":"))

@@ -1,4 +1,4 @@
-"""Which keys a pattern covers: as Zenoh itself decides it, which enforces it."""
+"""Liveliness tokens, and inclusion of key expressions as Zenoh enforces it."""
 
 import pytest
 import zenoh
@@ -23,7 +23,7 @@ OFFER = offer_of("uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state"
 
 @settings(max_examples=40)
 @given(CHUNK, CHUNK, CHUNK, HASH, HZ, NAME)
-def test_a_topic_comes_back_as_it_was(
+def test_a_topics_token_round_trips(
     vehicle: str, node: str, type_: str, digest: str, hz: float, name: str
 ):
     offer = EndpointInfo("@pub", node, type_, digest, hz, f"{vehicle}/{name}")
@@ -35,21 +35,19 @@ def test_a_topic_comes_back_as_it_was(
 
 @settings(max_examples=40)
 @given(CHUNK, CHUNK, CHUNK, HASH, NAME)
-def test_a_service_comes_back_as_it_was(
-    vehicle: str, node: str, type_: str, digest: str, name: str
-):
+def test_a_services_token_round_trips(vehicle: str, node: str, type_: str, digest: str, name: str):
     offer = EndpointInfo("@srv", node, type_, digest, 0.0, f"{vehicle}/@srv/{name}")
     assert offer_of(endpoint_key(vehicle, offer)) == offer
 
 
 @settings(max_examples=40)
 @given(CHUNK, CHUNK)
-def test_a_node_comes_back_as_it_was(vehicle: str, node: str):
+def test_a_nodes_token_round_trips(vehicle: str, node: str):
     assert node_of(node_key(vehicle, node)) == node
     assert offer_of(node_key(vehicle, node)) is None
 
 
-def test_the_keys_are_those_of_the_contract():
+def test_the_tokens_are_those_of_the_contract():
     assert node_key("uav", "safety") == "uav/@node/safety"
     assert (
         EndpointInfo("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state") == OFFER
@@ -71,14 +69,14 @@ def test_the_keys_are_those_of_the_contract():
         "uav/@node/a/@pub/T/00000000/1/pose/more",
     ],
 )
-def test_what_a_stranger_declares_outside_the_grammar_is_nothing(key: str):
+def test_a_token_outside_the_grammar_is_ignored(key: str):
     assert offer_of(key) is None
     assert node_of(key) is None
 
 
 @settings(max_examples=40)
 @given(st.text("a1/@%$*#. nodepubsrv", max_size=60))
-def test_no_key_is_an_error(key: str):
+def test_no_key_raises_an_error(key: str):
     offer_of(key)
     node_of(key)
 
@@ -98,6 +96,6 @@ def canonical(text: str) -> zenoh.KeyExpr:
 @example("uav7/**", "uav7/@srv/goto")
 @example("*/@node/own-$*", "uav/@node/own-camera")
 @example("**", "uav/@srv/**")
-def test_as_zenoh_says(pattern: str, key: str):
+def test_inclusion_agrees_with_zenoh(pattern: str, key: str):
     ours, theirs = canonical(pattern), canonical(key)
     assert includes(str(ours), str(theirs)) == ours.includes(theirs)

@@ -1,4 +1,4 @@
-"""What each role may do, said here once more and not derived: the table must come to the same."""
+"""Rights of each role, written out here independently of the product's table."""
 
 from typing import get_args
 
@@ -36,13 +36,13 @@ def allowed(role: Role, right: Right, names: list[str], prefix: str = "") -> set
 
 
 @pytest.mark.parametrize("role", ROLES_BUT_HUB)
-def test_what_it_calls(role: Role):
+def test_each_role_may_call_its_services(role: Role):
     services = [*(service.name for service in SERVICES), *PARAMS]
     assert allowed(role, "call", services, "@srv/") == CALLS.get(role, set(services))
 
 
 @pytest.mark.parametrize("role", ROLES_BUT_HUB)
-def test_what_it_publishes_and_serves(role: Role):
+def test_each_role_may_publish_and_serve_its_own(role: Role):
     topics = [topic.name for topic in TOPICS]
     assert allowed(role, "publish", topics) == PUBLISHES[role]
     services = [*(service.name for service in SERVICES), *PARAMS]
@@ -50,7 +50,7 @@ def test_what_it_publishes_and_serves(role: Role):
     assert allowed(role, "listen", topics) == set(topics)
 
 
-def test_only_safety_writes_setpoints_and_no_pattern_avoids_that():
+def test_only_safety_may_publish_setpoints_even_by_a_pattern():
     keys = ["uav7/input/position", "uav7/input/*", "uav7/**", "uav7/input/$*", "*/input/position"]
     for key in keys:
         writers = {role for role in ROLES if may(role, ["uav7"], "publish", key)}
@@ -59,7 +59,7 @@ def test_only_safety_writes_setpoints_and_no_pattern_avoids_that():
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_nobody_has_rights_to_another_vehicle_but_to_see_it(role: Role):
+def test_no_role_has_rights_to_another_vehicle_but_to_see_it(role: Role):
     others = {
         (right, topic)
         for right in get_args(Right)
@@ -71,20 +71,20 @@ def test_nobody_has_rights_to_another_vehicle_but_to_see_it(role: Role):
 
 
 @pytest.mark.parametrize("role", ["operator", "student"])
-def test_a_services_pattern_is_not_a_service(role: Role):
+def test_a_pattern_of_services_is_not_a_service(role: Role):
     assert not may("student", ["uav7"], "call", "uav7/@srv/*")
     assert not may(role, ["uav7"], "call", "*/@srv/goto")
     assert not may(role, ["uav7"], "call", "uav7/**/@srv/goto")
 
 
-def test_a_role_for_all_vehicles():
+def test_a_role_can_be_for_all_vehicles():
     for key in ("uav1/pose", "x/pose", "**", "*/pose"):
         assert may("observer", ["*"], "listen", key)
     assert not may("observer", ["*"], "call", "uav1/@srv/goto")
 
 
 @pytest.mark.parametrize("role", ["vehicle", "safety", "operator", "student"])
-def test_a_users_own_has_a_place_of_its_own(role: Role):
+def test_users_have_their_own_place_for_nodes_and_topics(role: Role):
     own: dict[Right, str] = {
         "publish": "own/camera/image", "serve": "@srv/own/snap", "announce": "@node/own-camera",
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""The keys of the system, one by one as the contract names them."""
+"""Keys of all topics and services, as in the contract."""
 
 import msgspec
 import pytest
@@ -24,7 +24,7 @@ SERVICE_TABLE = {
 }
 
 
-def test_every_topic_of_the_contract_is_declared_so():
+def test_every_topic_of_the_contract_is_declared():
     declared = {
         topic.key("uav"): (topic.type.__name__, topic.node, topic.hz, topic.latched)
         for topic in TOPICS
@@ -32,7 +32,7 @@ def test_every_topic_of_the_contract_is_declared_so():
     assert TOPIC_TABLE.items() <= declared.items()
 
 
-def test_every_service_of_the_contract_is_declared_so():
+def test_every_service_of_the_contract_is_declared():
     declared = {
         service.key("uav"): (
             service.type_name,
@@ -66,25 +66,25 @@ def test_names_are_unique_and_the_vehicle_is_the_first_chunk():
     keys = [entry.key("drone-7") for entry in (*TOPICS, *SERVICES)]
     assert len(set(keys)) == len(keys)
     assert all(key.split("/")[0] == "drone-7" for key in keys)
-    # A percent sign stands for the slash in the live graph; a wildcard is no name.
+    # A percent sign represents the slash in liveliness tokens; a wildcard is no name.
     assert not any(set(key) & set("%*$#?") for key in keys)
     types = [topic.type.__name__ for topic in TOPICS]
     assert len(set(types)) == len(types)
 
 
-def test_everything_declared_says_what_it_is_and_who_does_it():
+def test_every_topic_and_service_has_a_docstring_and_a_node():
     assert all(entry.doc.endswith(".") for entry in (*TOPICS, *SERVICES))
     assert {entry.node for entry in (*TOPICS, *SERVICES)} <= {*NODES, ""}
 
 
 @pytest.mark.parametrize("hz", [7.0, 10.0, 20.0, 100.0])
-def test_counted_stamps_fall_each_in_a_period_of_its_own(hz: float):
-    """Also where the stamp, a quotient, is a hair below the boundary it stands for."""
+def test_each_counted_stamp_is_in_its_own_period(hz: float):
+    """Also if rounding puts the stamp, a quotient, just below its boundary."""
     topic = Topic("t", Pose, node="n", hz=hz, doc="d")
     assert [topic.period(count / hz) for count in range(10_000)] == list(range(10_000))
     assert topic.period(1e6 - 0.5 / hz) == round(1e6 * hz) - 1
 
 
-def test_at_100_poses_a_second_every_fifth_begins_a_period():
+def test_at_100_poses_a_second_every_fifth_starts_a_period():
     periods = [SETPOINT.period(count / 100) for count in range(1000)]
     assert periods == [count // 5 for count in range(1000)]

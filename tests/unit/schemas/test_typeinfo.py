@@ -1,4 +1,4 @@
-"""Types as text, and the digest that tells two versions of a type apart."""
+"""Types as text and as JSON schema, and the hash that distinguishes their versions."""
 
 import subprocess
 import sys
@@ -37,31 +37,31 @@ PLAIN_TYPES = {"boolean", "string", "number", "integer"}
 
 
 @pytest.mark.parametrize("type_", TYPES, ids=lambda type_: type_.__name__)
-def test_a_viewer_finds_the_type_of_every_field(type_):
+def test_the_json_schema_gives_the_type_of_every_field(type_):
     schema = json_schema(type_)
     assert schema["title"] == type_.__name__
     assert list(schema["properties"]) == list(type_.__struct_fields__)
     assert "$ref" not in msgspec.json.encode(schema).decode()
-    reads(schema)
+    check_readable(schema)
 
 
-def reads(schema: dict) -> None:
-    """As Lichtblick's parser goes through a schema; what it does not know it refuses to open."""
+def check_readable(schema: dict) -> None:
+    """Check a schema as Lichtblick's parser does: it refuses unknown kinds of fields."""
     assert schema["type"] == "object"
     for name, field in schema["properties"].items():
         kind = field["type"]
         if kind == "object":
-            reads(field)
+            check_readable(field)
         elif kind == "array":
             if field["items"]["type"] != "object":
                 assert field["items"]["type"] in PLAIN_TYPES, name
             else:
-                reads(field["items"])
+                check_readable(field["items"])
         else:
             assert kind in PLAIN_TYPES, name
 
 
-def test_bounds_and_meanings_stand_in_it():
+def test_the_json_schema_has_bounds_and_descriptions():
     schema = json_schema(TOPICS[0].type)
     x = schema["properties"]["position"]["properties"]["x"]
     assert (x["minimum"], x["maximum"]) == (-10_000, 10_000)
@@ -84,12 +84,12 @@ def bounded(least: float, most: float) -> Any:
     return Annotated[float, Meta(ge=least, le=most)]
 
 
-def test_calibrate_reads_as_in_the_lab():
+def test_the_definition_of_calibrate_is_as_in_the_lab():
     text = service_definition(CalibrateRequest, CalibrateResponse)
     assert text == "bool zero\n---\nfloat64 baseline"
 
 
-def test_an_empty_request_reads_as_in_ros():
+def test_an_empty_request_is_shown_as_in_ros():
     assert service_definition(HoldRequest, HoldResponse) == "---\nbool success"
 
 
@@ -108,7 +108,7 @@ def test_nested_fields_are_indented():
     assert definition(Waypoint) == "float64 x\nfloat64 y\nfloat64 z"
 
 
-def test_lists_and_maps_read_as_what_they_hold():
+def test_lists_and_maps_are_shown_with_their_contents():
     assert definition(GetParamsRequest) == "string[] names"
     assert definition(GetParamsResponse) == "map<string,any> values\nmap<string,any> in_force"
 
@@ -137,7 +137,7 @@ def test_every_type_has_a_name_and_its_bounds(type_: Any, name: str, bounds: str
     assert bounds_text(described) == bounds
 
 
-def test_the_hash_is_of_the_fields_as_text():
+def test_the_hash_is_the_crc_of_the_definition():
     assert schema_hash(CalibrateRequest) == f"{zlib.crc32(b'bool zero'):08x}" == "d4c4fd3c"
     assert schema_hash(HoldRequest) == "00000000"
 
@@ -206,5 +206,5 @@ def test_a_changed_choice_changes_the_hash():
     assert digest([("s", Literal["a", "b"])]) == digest([("s", Literal["b", "a"])])
 
 
-def test_the_types_own_name_and_its_docstring_make_no_difference():
+def test_the_type_name_does_not_change_the_hash():
     assert digest(PLAIN, "Another") == digest(PLAIN)

@@ -1,4 +1,4 @@
-"""Completion without a running system: the line so far in, what fits out, as each shell has it."""
+"""Completion without a running system: candidates for a partial line, in each shell's format."""
 
 import os
 import sys
@@ -17,8 +17,8 @@ from quadctl.services.runtime.params.names import normal_name
 from tests.support.command_line import Quadctl
 
 
-def going_on(found, begun: str) -> list[str]:
-    """As quadctl.cli.completion.engine leaves them."""
+def matching(found, begun: str) -> list[str]:
+    """Return the candidates that begin with the typed part, as the engine filters them."""
     return sorted(word for word in found if word.startswith(begun))
 
 
@@ -38,23 +38,23 @@ def served(key: str, type_: str = "Calibrate") -> EndpointInfo:
         ("x", []),
     ],
 )
-def test_a_topic_of_ours(begun: str, words: list[str]):
-    assert going_on(engine.topic("uav/pose", begun, "uav"), begun) == words
+def test_a_known_topic_is_completed(begun: str, words: list[str]):
+    assert matching(engine.topic("uav/pose", begun, "uav"), begun) == words
 
 
 @pytest.mark.parametrize("key", ["uav/foo", "foo", "other/pose", "uav/camera/left"])
-def test_foreign_topic_is_completed_by_its_full_key(key: str):
-    assert going_on(engine.topic(key, "", "uav"), "") == [key]
-    assert going_on(engine.topic(key, f"/{key[:2]}", "uav"), "/") == [f"/{key}"]
+def test_an_unknown_topic_is_completed_by_its_full_key(key: str):
+    assert matching(engine.topic(key, "", "uav"), "") == [key]
+    assert matching(engine.topic(key, f"/{key[:2]}", "uav"), "/") == [f"/{key}"]
 
 
 @pytest.mark.parametrize("begun", ["", "/", "u", "/u"])
-def test_what_is_offered_for_a_topic_is_its_key(begun: str):
+def test_every_completion_of_a_topic_means_its_key(begun: str):
     for key in (*(topic.key("uav") for topic in TOPICS), "uav/foo", "foo"):
         assert {key_of(word, "uav") for word in engine.topic(key, begun, "uav")} == {key}
 
 
-def test_of_several_vehicles_by_full_keys_alone():
+def test_names_of_several_vehicles_are_completed_by_full_keys():
     assert [*engine.topic("uav1/pose", "", "*")] == ["uav1/pose"]
     assert [*engine.service(served("uav1/@srv/goto"), "", "*")] == ["uav1/@srv/goto"]
     assert [*engine.service(served("uav1/@srv/goto"), "/", "*")] == ["/uav1/goto"]
@@ -70,13 +70,13 @@ def test_of_several_vehicles_by_full_keys_alone():
         ("/uav/@", ["/uav/@srv/calibrate_pressure"]),
     ],
 )
-def test_a_service_of_ours(begun: str, words: list[str]):
+def test_a_known_service_is_completed(begun: str, words: list[str]):
     offer = served("uav/@srv/calibrate_pressure")
-    assert going_on(engine.service(offer, begun, "uav"), begun) == words
+    assert matching(engine.service(offer, begun, "uav"), begun) == words
 
 
 @pytest.mark.parametrize("begun", ["", "/", "u", "/u", "/uav/@"])
-def test_what_is_offered_for_a_service_is_understood(begun: str):
+def test_every_completion_of_a_service_finds_it(begun: str):
     for known in SERVICES:
         for word in engine.service(served(known.key("uav")), begun, "uav"):
             assert find_service(word, "uav") is known
@@ -85,7 +85,7 @@ def test_what_is_offered_for_a_service_is_understood(begun: str):
         assert find_service(word, "uav").name == "mine/get_params"
 
 
-def test_a_service_of_ones_own():
+def test_a_users_own_service_is_completed():
     offer = served("uav/@srv/foo", "Own")
     assert [*engine.service(offer, "/f", "uav")] == ["/foo", "/uav/@srv/foo"]
     assert [*engine.service(served("foo/bar"), "", "uav")] == ["foo/bar"]
@@ -101,12 +101,12 @@ def test_a_service_of_ones_own():
         ("/uav/s", ["/uav/safety/takeoff"]),
     ],
 )
-def test_a_parameter(begun: str, words: list[str]):
-    assert going_on(engine.parameter("safety.takeoff", begun, "uav"), begun) == words
+def test_a_parameter_is_completed(begun: str, words: list[str]):
+    assert matching(engine.parameter("safety.takeoff", begun, "uav"), begun) == words
 
 
 @pytest.mark.parametrize(("begun", "word"), [("", "safety.takeoff"), ("/s", "/safety/takeoff")])
-def test_a_setting(begun: str, word: str):
+def test_a_setting_is_completed(begun: str, word: str):
     assert [*engine.setting("safety.takeoff", begun)] == [word]
     assert normal_name(word) == "safety.takeoff"
 
@@ -115,8 +115,8 @@ def test_a_setting(begun: str, word: str):
     ("begun", "words"),
     [("saf", ["safety"]), ("/saf", ["/safety"]), ("/", ["/safety"]), ("/uav/", ["/uav/safety"])],
 )
-def test_a_node(begun: str, words: list[str]):
-    assert going_on(engine.node("safety", begun, "uav"), begun) == words
+def test_a_node_is_completed(begun: str, words: list[str]):
+    assert matching(engine.node("safety", begun, "uav"), begun) == words
 
 
 BREAKS = " \t\n\"'@><=;|&(:"
@@ -124,31 +124,31 @@ COMMON = {"--realm", "--connect", "--identity", "--vehicle", "--timeout", "--jso
 
 
 def words(line: str) -> list[str]:
-    """What fits at the end of a line after `quadctl`."""
+    """Return the candidates for the last word of a line after `quadctl`."""
     *before, begun = line.split(" ")
     return [fit.word for fit in candidates([word for word in before if word], begun)]
 
 
 def bash(line: str, **more: str) -> list[str]:
-    said = answer({"_QUADCTL_COMPLETE": "complete_bash", "COMP_WORDS": line} | more)
-    assert said is not None
-    return said.splitlines()
+    output = answer({"_QUADCTL_COMPLETE": "complete_bash", "COMP_WORDS": line} | more)
+    assert output is not None
+    return output.splitlines()
 
 
-def test_the_first_word_is_a_command_or_a_group():
+def test_the_first_word_completes_to_a_command_or_a_group():
     assert set(words("")) == {path.split()[0] for path in commands.COMMANDS} - commands.ALIASES
     assert words("cal") == ["calibrate"]
     assert words("--json --realm r cal") == ["calibrate"]
     assert words("nonsense ") == words("nonsense more ") == []
 
 
-def test_the_second_word_of_a_group():
+def test_the_second_word_completes_to_a_command_of_the_group():
     assert words("cage ") == ["off", "on", "show"]
     assert words("cage --realm r o") == ["off", "on"]
     assert words("cage nonsense ") == words("cage on ") == []
 
 
-def test_options():
+def test_options_are_completed():
     own = {
         "--detach", "-d", "--insecure", "--listen", "--record", "--set", "--vehicles", "--without"
     }  # fmt: skip
@@ -160,11 +160,11 @@ def test_options():
 
 
 @pytest.mark.parametrize("line", ["--realm ", "status --realm ", "status --timeout=", "up --x="])
-def test_what_nobody_can_know_is_left_open(line: str):
+def test_values_that_cannot_be_known_have_no_completion(line: str):
     assert words(line) == []
 
 
-def test_settings_and_types():
+def test_settings_and_types_are_completed():
     assert words("up --set safety.tak") == ["safety.takeoff="]
     assert words("up --set /safety/tak") == ["/safety/takeoff="]
     assert words("up --set a=1 --set=safety.tak") == ["--set=safety.takeoff="]
@@ -172,14 +172,14 @@ def test_settings_and_types():
     assert "calibrate_pressure" in words("type show cal")
 
 
-def test_fields_of_a_service_that_are_not_given_yet():
+def test_only_missing_fields_of_a_request_are_completed():
     assert words("service call calibrate_pressure ") == ["zero="]
     assert words("service call /uav/@srv/goto x=1 ") == ["replace=", "y=", "z="]
     assert words("service call goto x=1 y") == ["y="]
     assert words("service call nonsense ") == []
 
 
-def test_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_files_are_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "labs").mkdir()
     (tmp_path / "labs" / "a b.toml").touch()
     (tmp_path / "lab.toml").touch()
@@ -191,13 +191,13 @@ def test_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert words("up nowhere/") == words("status lab") == []
 
 
-def test_where_nothing_runs_there_are_no_live_names(quadctl: Quadctl):
+def test_without_a_run_there_are_no_live_names(quadctl: Quadctl):
     for line in ("topic echo ", "service info ", "param get ", "service call cal", "topic echo /"):
         assert words(line) == []
     assert words("--realm no/name topic echo ") == []
 
 
-def test_bash_says_the_line_or_its_words_and_a_number(
+def test_bash_passes_the_line_with_or_without_a_word_index(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     (tmp_path / "a b.toml").touch()
@@ -210,7 +210,7 @@ def test_bash_says_the_line_or_its_words_and_a_number(
     assert bash("quadctl") == bash("quadctl ") == words("")
 
 
-def test_bash_replaces_no_more_than_the_last_part_of_a_word():
+def test_bash_replaces_only_the_last_part_of_a_word():
     assert bash("quadctl up --set=safety.tak", COMP_WORDBREAKS=BREAKS) == ["safety.takeoff="]
     assert bash("quadctl up --set=safety.tak", COMP_WORDBREAKS=" ") == ["--set=safety.takeoff="]
     assert bash("quadctl service call calibrate_pressure ze", COMP_WORDBREAKS=BREAKS) == ["zero="]
@@ -220,7 +220,7 @@ def test_bash_replaces_no_more_than_the_last_part_of_a_word():
 
 
 @pytest.mark.parametrize(
-    ("shell", "line", "said"),
+    ("shell", "line", "expected"),
     [
         ("fish", "quadctl cage on", "on\tTurn the cage on; a flight to a goal outside is stopped."),
         ("fish", "quadctl service call calibrate_pressure ", "zero="),
@@ -238,12 +238,12 @@ def test_bash_replaces_no_more_than_the_last_part_of_a_word():
         ),
     ],
 )
-def test_other_shells(shell: str, line: str, said: str):
+def test_other_shells_get_their_own_format(shell: str, line: str, expected: str):
     environment = {"_QUADCTL_COMPLETE": f"complete_{shell}", "_TYPER_COMPLETE_ARGS": line}
-    assert answer(environment) == said
+    assert answer(environment) == expected
 
 
-def test_anything_else_is_left_to_typer():
+def test_any_other_environment_is_left_to_typer():
     assert answer({}) is answer({"_QUADCTL_COMPLETE": "source_bash"}) is None
 
 
@@ -259,7 +259,7 @@ def test_typer_installs_our_scripts():
         assert "%" not in script
 
 
-def test_it_needs_no_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
+def test_completion_does_not_import_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_bash")
     monkeypatch.setitem(os.environ, "COMP_WORDS", "quadctl cage o")
     for name in [

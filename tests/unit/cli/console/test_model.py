@@ -1,4 +1,4 @@
-"""What the console keeps, what a page is sent of it, and where the keys aim."""
+"""State of the console, the frames sent to a page, and goals chosen by keys and clicks."""
 
 from functools import partial
 
@@ -26,7 +26,7 @@ OUTSIDE = "outside the cage: x = 9 is beyond [-5, 5]"
 
 
 @pytest.mark.parametrize(
-    ("before", "now", "said"),
+    ("before", "now", "expected"),
     [
         (None, state(reason=OUTSIDE), []),
         (state(), state(stamp=2.0), []),
@@ -51,11 +51,11 @@ OUTSIDE = "outside the cage: x = 9 is beyond [-5, 5]"
         (state(state="MOVING"), state(boot="b", reason="a new boot"), [("boot", "a new boot")]),
     ],
 )  # fmt: skip
-def test_every_change_is_told_once(before, now, said):
-    assert list(told(before, now)) == said
+def test_every_change_is_reported_once(before, now, expected):
+    assert list(told(before, now)) == expected
 
 
-def test_a_negative_nought_has_no_minus():
+def test_a_negative_zero_has_no_minus():
     assert point(Position(-0.0, -0.001, 1.234)) == "(0, 0, 1.23)"
 
 
@@ -68,7 +68,7 @@ def flying(ticks: int = 0) -> Board:
     return board
 
 
-def test_a_page_is_sent_what_it_has_not_seen():
+def test_a_page_receives_only_new_samples():
     board = flying(5)
     first = frame(board, NOTHING_SEEN, None)
     assert first["fresh"]
@@ -78,38 +78,38 @@ def test_a_page_is_sent_what_it_has_not_seen():
     board.tick(pose(x=7), None)
     [sample] = frame(board, seen, None)["samples"]
     assert sample[1] == 7
-    assert sample[4] is None, "no reading came"
+    assert sample[4] is None, "no reading was published"
 
 
 @given(st.lists(st.sampled_from(["tick", "boot", "sent", "sent and lost"]), max_size=60))
-def test_lost_pictures_lose_the_browser_no_sample(events):
+def test_a_lost_frame_loses_no_sample(events):
     board, seen, has, boot = flying(), NOTHING_SEEN, [], 0
     for event in [*events, "sent"]:
         if event in {"tick", "boot"}:
             boot += event == "boot"
             board.tick(pose(x=len(has), boot=f"{boot}"), None)
             continue
-        picture = frame(board, seen, None)
+        content = frame(board, seen, None)
         if event == "sent":
-            has = ([] if picture["fresh"] else has) + picture["samples"]
-            seen = (picture["epoch"], picture["seen"])
+            has = ([] if content["fresh"] else has) + content["samples"]
+            seen = (content["epoch"], content["seen"])
     assert has == [list(sample[1:]) for sample in board.samples]
 
 
-def test_a_new_boot_begins_a_new_trail():
+def test_a_new_boot_starts_a_new_trail():
     board = flying(3)
     seen = (board.epoch, 3)
     board.tick(pose(boot="b"), None)
-    picture = frame(board, seen, None)
-    assert picture["fresh"]
-    assert len(picture["samples"]) == 1
+    content = frame(board, seen, None)
+    assert content["fresh"]
+    assert len(content["samples"]) == 1
 
 
-def test_no_more_than_a_minute_is_kept():
+def test_one_minute_of_samples_is_kept():
     assert len(flying(700).samples) * TICK == pytest.approx(60)
 
 
-def test_it_says_how_it_stands_with_the_run():
+def test_the_link_is_live_silent_or_lost():
     board = flying(1)
     assert link(board) == "live"
     for _ in range(15):
@@ -121,24 +121,24 @@ def test_it_says_how_it_stands_with_the_run():
     assert frame(board, NOTHING_SEEN, None)["read"]["problem"] == "nothing is running"
 
 
-def test_a_page_can_be_opened_before_anything_is_heard():
-    picture = frame(Board("uav"), NOTHING_SEEN, None)
-    assert (picture["link"], picture["pose"], picture["cage"]) == ("lost", None, None)
+def test_a_page_can_be_opened_before_the_first_message():
+    content = frame(Board("uav"), NOTHING_SEEN, None)
+    assert (content["link"], content["pose"], content["cage"]) == ("lost", None, None)
 
 
-def test_texts_have_their_units():
+def test_texts_show_units():
     board = flying()
     board.tick(pose(1, -2, 1.5), reading(1013.1234))
-    said = frame(board, NOTHING_SEEN, Position(2, 0, 1))["read"]
-    assert (said["x"], said["y"], said["height"]) == ("1.00", "-2.00", "1.50 m")
-    assert (said["pressure"], said["baseline"]) == ("1013.1234 hPa", "not calibrated")
-    assert said["target"] == "(2, 0, 1): Enter sends"
+    texts = frame(board, NOTHING_SEEN, Position(2, 0, 1))["read"]
+    assert (texts["x"], texts["y"], texts["height"]) == ("1.00", "-2.00", "1.50 m")
+    assert (texts["pressure"], texts["baseline"]) == ("1013.1234 hPa", "not calibrated")
+    assert texts["target"] == "(2, 0, 1): Enter sends"
     board.tick(pose(), reading(-3.1e-6, baseline=1013.1))
-    said = frame(board, NOTHING_SEEN, None)["read"]
-    assert (said["pressure"], said["baseline"]) == ("-3.1e-06 hPa", "1013.1000 hPa")
+    texts = frame(board, NOTHING_SEEN, None)["read"]
+    assert (texts["pressure"], texts["baseline"]) == ("-3.1e-06 hPa", "1013.1000 hPa")
 
 
-def test_a_refused_goal_is_kept_once_and_goes_with_the_boot():
+def test_a_refused_goal_is_kept_once_until_the_next_boot():
     board = flying()
     goals = [Position(x, 0, 1) for x in (9, 8, 9)]
     for goal in goals:
@@ -160,7 +160,7 @@ def test_refused_waypoint_of_another_publisher_is_kept():
     assert list(board.refused) == [Position(9, 0, 1)]
 
 
-def test_steps_are_a_metre_from_the_goal_and_add_up():
+def test_steps_are_one_metre_from_the_goal_and_add_up():
     board = flying()
     board.hear_state(state(goal=Position(1, 2, 1)))
     step = partial(stepped, board)
@@ -169,17 +169,17 @@ def test_steps_are_a_metre_from_the_goal_and_add_up():
     assert step(step(None, "ArrowLeft"), "ArrowRight") == Position(1, 2, 1)
 
 
-def test_without_a_goal_steps_begin_where_the_vehicle_is():
+def test_without_a_goal_steps_start_at_the_vehicle():
     board = Board("uav")
     assert stepped(board, None, "ArrowUp") is None
     board.tick(pose(1, 1, 1), None)
     assert stepped(board, None, "ArrowUp") == Position(1, 2, 1)
 
 
-def test_every_key_steps_its_own_way():
+def test_every_key_steps_in_its_own_direction():
     assert len(set(STEPS.values())) == len(STEPS)
     assert all(abs(x) + abs(y) + abs(z) == 1 for x, y, z in STEPS.values())
 
 
-def test_a_click_is_taken_to_ten_centimetres():
+def test_a_click_is_rounded_to_ten_centimetres():
     assert clicked(1.234, -0.04, 1.5) == Position(1.2, 0.0, 1.5)

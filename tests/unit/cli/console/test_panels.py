@@ -1,4 +1,4 @@
-"""The drawing of the automaton, the parameters as they are edited, and the log as HTML."""
+"""Drawing of the automaton, the parameter editor, and the log as HTML."""
 
 import re
 
@@ -15,11 +15,11 @@ from quadctl.services.safety.automaton import RULES
 SETTINGS = {setting.name: setting for table in tables({}) for setting in table.settings}
 
 
-def test_the_ways_drawn_are_those_of_safetys_table():
+def test_the_drawn_transitions_are_those_of_the_rule_table():
     assert set(WAYS) == {(rule.at.name, rule.to.name) for rule in RULES if rule.at != rule.to}
 
 
-def test_the_drawing_has_every_state_and_stays_in_its_frame():
+def test_the_drawing_shows_every_state_within_its_frame():
     svg = drawing()
     assert [f"state-{name}" in svg for name in STATES] == [True] * 3
     width = float(re.findall(r'viewBox="0 0 (\d+)', svg)[0])
@@ -33,13 +33,13 @@ def test_every_parameter_is_shown_with_its_bounds_and_meaning():
     assert all(setting.about for setting in SETTINGS.values())
 
 
-def test_what_is_fixed_at_launch_says_so_and_cannot_be_edited():
+def test_parameters_fixed_at_launch_are_marked_and_not_editable():
     fixed = {name for name, setting in SETTINGS.items() if setting.fixed}
     assert fixed == {*FIXED_AT_LAUNCH, "supervise.answer_timeout", "processes"}
     assert all("set at launch" in SETTINGS[name].facts for name in fixed)
 
 
-def test_each_type_is_edited_in_its_way():
+def test_each_type_has_its_own_editor():
     assert SETTINGS["safety.cage_on"].way == "switch"
     assert set(SETTINGS["pressure.fault.kind"].choices) == {
         "none", "stuck", "off", "glitch", "delay"
@@ -47,25 +47,25 @@ def test_each_type_is_edited_in_its_way():
     assert SETTINGS["safety.takeoff"].way == "text"
 
 
-@pytest.mark.parametrize(("said", "value"), [("2", 2), (" 1e-3 ", 0.001), ("-1", -1)])
-def test_a_number_is_read_as_typed(said, value):
-    assert SETTINGS["safety.takeoff"].read(said) == value
+@pytest.mark.parametrize(("typed", "value"), [("2", 2), (" 1e-3 ", 0.001), ("-1", -1)])
+def test_a_number_is_read_as_typed(typed, value):
+    assert SETTINGS["safety.takeoff"].read(typed) == value
 
 
-def test_nothing_typed_is_no_value():
+def test_an_empty_input_is_rejected():
     with pytest.raises(Invalid, match=r"safety\.takeoff"):
         SETTINGS["safety.takeoff"].read("  ")
 
 
 @pytest.mark.parametrize("value", [1.0, 5, "word", "", True, [1, 2], "two words"])
-def test_what_is_shown_reads_as_what_it_was(value):
+def test_a_shown_value_reads_back_the_same(value):
     assert SETTINGS["safety.takeoff"].read(shown(value)) == value
 
 
-def test_a_users_own_node_has_a_table_too():
+def test_a_users_own_node_has_a_table():
     [own] = [table for table in tables({"mine.gain": 2.0}) if table.name == "mine"]
     assert [(setting.label, setting.fixed) for setting in own.settings] == [("gain", False)]
 
 
-def test_a_reason_cannot_bring_markup():
+def test_markup_in_a_reason_is_escaped():
     assert "<img" not in line(Verdict(1.0, "refused", "<img src=x onerror=alert(1)>"))

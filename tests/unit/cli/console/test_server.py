@@ -1,4 +1,4 @@
-"""Who may talk to the console's server."""
+"""Access to the console's server by host, origin and token."""
 
 import socket
 
@@ -10,7 +10,7 @@ from quadctl.services.runtime.errors import AlreadyServed, UsageError
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8470", "localhost:8470", "[::1]:8470", "127.0.0.1"])
-def test_this_machines_own_names_are_served(host):
+def test_requests_for_this_machines_own_names_are_served(host):
     assert why_refused(host, "", beyond=False) == ""
     assert why_refused(host, f"http://{host}", beyond=False) == ""
 
@@ -19,30 +19,30 @@ def test_this_machines_own_names_are_served(host):
     "host",
     ["evil.example:8470", "192.168.1.7:8470", "", "localhost.evil.example", "127.0.0.1.evil"],
 )
-def test_a_name_that_is_made_to_point_here_is_not(host):
+def test_a_foreign_name_that_resolves_here_is_refused(host):
     assert "127.0.0.1" in why_refused(host, "", beyond=False)
 
 
 @pytest.mark.parametrize(
     "origin", ["http://evil.example", "http://127.0.0.1:9999", "http://localhost:8470", "null"]
 )
-def test_another_sites_page_is_not(origin):
+def test_a_page_of_another_site_is_refused(origin):
     assert origin in why_refused("127.0.0.1:8470", origin, beyond=False)
 
 
-def test_other_machines_are_allowed_by_address_and_host_name():
+def test_other_machines_may_use_the_address_or_host_name():
     name = socket.gethostname().lower()
     for host in ("192.168.1.7:8470", f"{name}:8470"):
         assert why_refused(host, "", beyond=True) == ""
     assert why_refused("evil.example:8470", "", beyond=True)
 
 
-def test_the_token_alone_controls():
+def test_only_the_exact_token_may_control():
     assert may_control("abc", "abc")
     assert not any(may_control("abc", given) for given in ("", "ab", "abcd", "ABC", "\xe4"))
 
 
-def test_a_taken_port_is_told_or_another_is_found():
+def test_a_taken_port_is_an_error_or_another_is_chosen():
     with bound("127.0.0.1", 0, exactly=True) as first:
         port = first.getsockname()[1]
         with pytest.raises(AlreadyServed, match=str(port)):
@@ -51,12 +51,12 @@ def test_a_taken_port_is_told_or_another_is_found():
             assert second.getsockname()[1] not in {port, 0}
 
 
-def test_no_such_port():
+def test_a_port_out_of_range_is_a_usage_error():
     with pytest.raises(UsageError):
         bound("127.0.0.1", 70_000, exactly=True)
 
 
-def test_the_addresses_are_such_as_a_browser_takes():
+def test_the_printed_addresses_open_in_a_browser():
     with bound("127.0.0.1", 0, exactly=True) as listening:
         port = listening.getsockname()[1]
         assert urls(listening, "abc") == (

@@ -1,4 +1,4 @@
-"""What doctor makes of a bus: rates, publishers, servers, schemas, clocks."""
+"""Checks of doctor on a bus: rates, publishers, servers, schemas, clocks."""
 
 from math import nan
 from typing import Any
@@ -35,10 +35,10 @@ POSE = next(offer for offer in TOPIC if offer.type == "Pose")
 RUN = RunState("lab", 5, ["uav"], [ProcessRecord(name, 9, "ready", 0) for name in NODES])
 
 
-def heard(
+def arrivals(
     count: int, hz: float, pace: float = 1.0, source: str = "a", age: float = 0.001
 ) -> TopicStats:
-    """So many messages at a rate, stamped by a clock that runs at a pace."""
+    """Return statistics of `count` messages at a rate, stamped by a clock that runs at `pace`."""
     found = TopicStats()
     for number in range(count):
         stamp = pace * number / hz
@@ -47,8 +47,8 @@ def heard(
 
 
 def survey(**changes: Any) -> Survey:
-    """A bus on which all is well."""
-    messages = {offer.key: heard(int(2 * offer.hz) + 1, offer.hz or 1) for offer in TOPIC}
+    """Return the survey of a healthy bus, with changes."""
+    messages = {offer.key: arrivals(int(2 * offer.hz) + 1, offer.hz or 1) for offer in TOPIC}
     answers = {offer.key: [Answer(offer.node, "expired", 0.001, {})] for offer in SERVICE}
     well = Survey(0.001, 2.0, NODES, TOPIC + SERVICE, messages, answers)
     return replace(well, **changes)
@@ -61,7 +61,7 @@ def verdict(check: Finding) -> str:
 
 
 @pytest.mark.parametrize(
-    ("expected", "said", "count", "hz", "declared", "seconds"),
+    ("expected", "text", "count", "hz", "declared", "seconds"),
     [
         ("PASS", "100.0 Hz of 100", 200, 100.0, 100.0, 2.0),
         ("PASS", "85.0 Hz of 100", 170, 85.0, 100.0, 2.0),
@@ -75,62 +75,62 @@ def verdict(check: Finding) -> str:
         ("PASS", "too slow to measure in 2.2 s", 1, 0.1, 0.1, 2.2),
     ],
 )
-def test_a_topics_rate(
-    expected: str, said: str, count: int, hz: float, declared: float, seconds: float
+def test_a_topics_rate_is_judged_against_its_declared_rate(
+    expected: str, text: str, count: int, hz: float, declared: float, seconds: float
 ):
-    check = bus.topic(replace(POSE, hz=declared), heard(count, hz), seconds)
+    check = bus.topic(replace(POSE, hz=declared), arrivals(count, hz), seconds)
     assert verdict(check) == expected
-    assert said in check.evidence
+    assert text in check.evidence
 
 
-def test_a_state_may_come_more_often_and_not_less():
+def test_a_state_may_be_published_more_often_but_not_less():
     state = replace(POSE, hz=10.0)
-    often, seldom = (bus.topic(state, heard(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
+    often, seldom = (bus.topic(state, arrivals(40, hz), 2.0, at_least=True) for hz in (20.0, 7.0))
     assert (verdict(often), verdict(seldom)) == ("PASS", "WARN")
-    assert often.evidence == "40 in 2.0 s: each change besides 10 Hz"
+    assert often.evidence == "40 in 2.0 s: 10 Hz and each change"
 
 
-def test_at_another_speed_rates_are_of_simulated_time():
-    fast = {o.key: heard(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
-    told = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
-    simulated = list(bus.topics(survey(heard=fast, answers=told), "uav"))
+def test_at_another_speed_rates_use_simulated_time():
+    fast = {o.key: arrivals(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
+    answers = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
+    simulated = list(bus.topics(survey(heard=fast, answers=answers), "uav"))
     assert {check.verdict for check in simulated} == {"PASS"}
     assert sum("(simulated time)" in check.evidence for check in simulated) == 3
     real = list(bus.topics(survey(heard=fast), "uav"))
     assert [check.verdict for check in real].count("WARN") == 3
 
 
-def test_publishers():
+def test_a_second_publisher_fails():
     assert verdict(bus.publishers(survey())) == "PASS"
     announced = bus.publishers(survey(offers=[*TOPIC, replace(POSE, node="mine")]))
     assert verdict(announced) == "FAIL"
     assert "uav/pose is published by dynamics and mine" in announced.evidence
-    both = heard(20, 10.0)
+    both = arrivals(20, 10.0)
     both.take(100.5, b"", "b", 0.0)
     silent = bus.publishers(survey(heard={"uav/pose": both}))
     assert verdict(silent) == "FAIL"
     assert "by dynamics and 1 more" in silent.evidence
 
 
-def test_a_publisher_that_takes_anothers_place_is_no_second_one():
-    found = heard(20, 10.0)
+def test_a_publishers_successor_is_not_a_second_publisher():
+    found = arrivals(20, 10.0)
     for number in range(20):
         found.take(103 + number / 10, b"", "b", 0.0)
     assert found.publishers == 1
     assert TopicStats().publishers == 0
 
 
-def test_clocks():
+def test_clock_offsets_are_warned_about():
     assert verdict(bus.clocks(survey())) == "PASS"
     assert verdict(bus.clocks(survey(heard={}))) == "WARN"
-    for age, said in ((0.6, "0.6 s in the past"), (-3.0, "3.0 s in the future")):
-        check = bus.clocks(survey(heard={"uav/pose": heard(3, 1.0, age=age)}))
+    for age, text in ((0.6, "0.6 s in the past"), (-3.0, "3.0 s in the future")):
+        check = bus.clocks(survey(heard={"uav/pose": arrivals(3, 1.0, age=age)}))
         assert verdict(check) == "WARN"
-        assert said in check.evidence
+        assert text in check.evidence
 
 
 @pytest.mark.parametrize(
-    ("expected", "said", "readings"),
+    ("expected", "text", "readings"),
     [
         ("PASS", "1013.25 hPa, and it changes", [1013.25 + 1e-6 * (n % 3) for n in range(10)]),
         ("PASS", "too few to see", [1013.0] * 7),
@@ -140,31 +140,31 @@ def test_clocks():
         ("WARN", "not checked", []),
     ],
 )
-def test_the_barometer(expected: str, said: str, readings: list[float]):
+def test_a_stuck_or_impossible_pressure_is_found(expected: str, text: str, readings: list[float]):
     check = bus.judged(readings)
-    assert (check.verdict, said in check.evidence) == (expected, True), check
+    assert (check.verdict, text in check.evidence) == (expected, True), check
 
 
-def test_its_readings_are_those_before_the_baseline_is_taken_off():
+def test_barometer_readings_are_checked_without_the_baseline():
     found = TopicStats()
     found.take(100.0, b"garbage", "a", 0.0)
     for number in range(8):
-        said = {"stamp": 0.1 * number, "pressure": 0.5, "baseline": 1012.0}
-        payload = msgspec.msgpack.encode(said | {"samples": 11, "spread": 0.0})
+        values = {"stamp": 0.1 * number, "pressure": 0.5, "baseline": 1012.0}
+        payload = msgspec.msgpack.encode(values | {"samples": 11, "spread": 0.0})
         found.take(100.0 + number, payload, "a", 0.0)
     (check,) = bus.barometer(survey(heard={"uav/sensors/pressure": found}), "uav")
     assert "stuck: 1012.5 hPa" in check.evidence
     assert list(bus.barometer(survey(heard={}), "uav")) == []
 
 
-def test_what_a_stranger_publishes_has_no_pace():
+def test_messages_of_unknown_types_have_no_pace():
     found = TopicStats()
     for number, payload in enumerate((b"\xc1", b"text", msgspec.msgpack.encode([1]))):
         found.take(number, payload, "", 0.0)
     assert (found.count, found.hz, found.pace, found.publishers) == (3, 1.0, 0.0, 0)
 
 
-def test_announced():
+def test_missing_nodes_and_services_are_found():
     assert verdict(bus.announced(survey(), RUN)) == "PASS"
     missing = bus.announced(survey(nodes=["hub", "dynamics", "safety"]), RUN)
     assert (verdict(missing), missing.evidence) == ("FAIL", "not on the bus: pressure")
@@ -174,7 +174,7 @@ def test_announced():
     assert (verdict(lacking), lacking.evidence) == ("WARN", "safety does not offer hold")
 
 
-def test_schemas():
+def test_a_schema_mismatch_fails():
     assert verdict(bus.schemas(survey())) == "PASS"
     stranger = replace(POSE, type="Camera", hash="deadbeef")
     assert verdict(bus.schemas(survey(offers=[*TOPIC, stranger]))) == "PASS"
@@ -183,7 +183,7 @@ def test_schemas():
     assert other.evidence == f"dynamics has Pose#deadbeef, here it is #{POSE.hash}"
 
 
-def test_servers():
+def test_a_second_server_of_a_service_fails():
     assert verdict(bus.servers(survey())) == "PASS"
     goto = next(offer for offer in SERVICE if offer.name == GOTO.name)
     announced = bus.servers(survey(offers=[*SERVICE, replace(goto, node="mine")]))
@@ -194,7 +194,7 @@ def test_servers():
 
 
 @pytest.mark.parametrize(
-    ("expected", "said", "answers"),
+    ("expected", "text", "answers"),
     [
         ("PASS", "goto answer within 2.0 ms", [Answer("a", "expired", 0.002, {})]),
         ("PASS", "goto answer within 2.0 ms", [Answer("a", "invalid", 0.002, {})]),
@@ -203,7 +203,7 @@ def test_servers():
         ("FAIL", "fails inside: goto", [Answer("a", "internal", 0.002, {})]),
     ],
 )
-def test_services(expected: str, said: str, answers: list[Answer]):
+def test_unanswered_and_failing_services_are_found(expected: str, text: str, answers: list[Answer]):
     (check,) = bus.services(survey(answers={GOTO.key("uav"): answers}))
     assert (verdict(check), check.name) == (expected, "services of safety")
-    assert check.evidence == said
+    assert check.evidence == text

@@ -1,4 +1,4 @@
-"""The catalogue of faults: each is a parameter that there is, and told while it is in."""
+"""Catalogue of faults: each sets an existing parameter and is reported while active."""
 
 import msgspec
 import pytest
@@ -11,7 +11,7 @@ DEFAULTS = dict(flatten(msgspec.to_builtins(Params())))
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_each_is_a_parameter_at_its_default_when_it_is_out(fault: Fault):
+def test_a_cleared_fault_has_its_parameter_at_the_default(fault: Fault):
     assert DEFAULTS[fault.parameter] == fault.sound
     assert fault.parameter.startswith(f"{fault.node}.")
     msgspec.convert(_nested(fault.parameter, fault.value), Params)

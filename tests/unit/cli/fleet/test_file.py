@@ -1,4 +1,4 @@
-"""The fleet's file: who flies where, and what is told of a file that cannot be."""
+"""Fleet file: vehicles, hubs and formations, and the errors of an invalid file."""
 
 import tomllib
 from pathlib import Path
@@ -24,7 +24,7 @@ def fleet(text: str, connect: str = ""):
     return fleet_of(tomllib.loads(text), "f.toml", connect)
 
 
-def test_who_is_where():
+def test_the_file_gives_each_vehicles_hub_and_formation():
     assert fleet(WHOLE).members == [
         Member("uav0", "", "uav0"),
         Member("red", "tls/lab2:7447", "uav"),
@@ -36,14 +36,14 @@ def test_who_is_where():
 
 
 @pytest.mark.parametrize(
-    ("text", "said", "hint"),
+    ("text", "message", "hint"),
     [
         ("", "f.toml: object missing required field `vehicles`", "[vehicles]"),
         ("[vehicles]", "f.toml: no vehicle is in it", "uav0 = {}"),
         ("[vehicles]\na = 3", "f.toml: vehicles.a: expected `object`", "a vehicle is written as"),
         ('[vehicles]\na = { conect = "x" }', "vehicles.a: object contains unknown field `conect`",
          "connect ="),
-        ('[vehicles]\n"a/b" = {}', "vehicles.a/b: 'a/b' is no name for a vehicle", "letters"),
+        ('[vehicles]\n"a/b" = {}', "vehicles.a/b: 'a/b' is not a valid name for a vehicle", "letters"),
         ('[vehicles]\na = { vehicle = "b" }\nb = {}', "vehicles.b is the same vehicle as a",
          "another `connect`"),
         ("[vehicles]\na = {}\n[formations.f]\nb = [0, 0, 0]", "formations.f: there is no vehicle b",
@@ -56,27 +56,27 @@ def test_who_is_where():
         ("[vehicles]\na = {}\n[formations.f]\na = 3", "formations.f.a: 3 is no place", "metres"),
         ("[vehicles]\na = {}\nb = {}\n[formations.f]\na = [0, 0, 1]\nb = [-0.0, 0, 1.0]",
          "formations.f: b has the same place as a", "collide"),
-        ('[vehicles]\na = { connect = "garbage" }', "vehicles.a.connect: 'garbage' is no endpoint",
+        ('[vehicles]\na = { connect = "garbage" }', "vehicles.a.connect: 'garbage' is not an endpoint",
          "PROTOCOL/ADDRESS"),
         ("[vehicles]\na = {}\n[formation.f]\na = [0, 0, 1]", "unknown field `formation`",
          "[formations.NAME]"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_told_with_its_place(text: str, said: str, hint: str):
+def test_an_invalid_file_names_the_wrong_entry(text: str, message: str, hint: str):
     with pytest.raises(Invalid) as raised:
         fleet(text)
-    assert said in raised.value.message
+    assert message in raised.value.message
     assert hint in raised.value.hint
 
 
-def test_a_file_that_is_not_there_is_told_with_what_it_would_be(tmp_path: Path):
+def test_a_missing_file_is_an_error_with_an_example(tmp_path: Path):
     with pytest.raises(Invalid) as raised:
         read(tmp_path / "none.toml", "")
     assert "[vehicles]" in raised.value.hint
     assert "init" not in raised.value.hint
 
 
-def test_the_example_is_a_fleet():
+def test_the_example_is_a_valid_fleet_file():
     found = read(EXAMPLE, "")
     assert [member.name for member in found.members] == ["uav0", "uav1"]
     assert set(found.formations) == {"line", "stairs"}

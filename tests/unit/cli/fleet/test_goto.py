@@ -1,4 +1,4 @@
-"""Where `fleet goto` sends whom, and which of several failures its exit code is."""
+"""Goals of `fleet goto`, and the exit code after several failures."""
 
 import pytest
 from hypothesis import given
@@ -25,7 +25,7 @@ metres = st.floats(-1000, 1000)
 points = st.builds(Position, metres, metres, metres)
 
 
-def test_by_name_by_formation_and_by_the_centre():
+def test_goals_are_given_by_name_by_formation_or_by_centre():
     assert named_goals(read(["uav1=1,-2,.5"]), FLEET) == {"uav1": Position(1.0, -2.0, 0.5)}
     assert named_goals(read(["line"]), FLEET) == LINE["line"]
     assert named_goals(read(["line", "0", "1", "2"]), FLEET) == {
@@ -37,7 +37,7 @@ def test_by_name_by_formation_and_by_the_centre():
 
 
 @given(st.lists(points, min_size=1, max_size=5), points)
-def test_all_keep_their_formation_about_the_new_centre(places: list[Position], to: Position):
+def test_the_formation_is_kept_around_the_new_centre(places: list[Position], to: Position):
     before = {f"uav{i}": place for i, place in enumerate(places)}
     after = about(before, to)
     for axis in "xyz":
@@ -48,7 +48,7 @@ def test_all_keep_their_formation_about_the_new_centre(places: list[Position], t
 
 
 @given(points, points)
-def test_one_vehicle_goes_just_there_to_the_bit(place: Position, to: Position):
+def test_a_single_vehicle_gets_exactly_the_centre(place: Position, to: Position):
     assert about({"uav": place}, to) == {"uav": to}
 
 
@@ -57,20 +57,20 @@ def test_one_vehicle_goes_just_there_to_the_bit(place: Position, to: Position):
     [["line", "1"], ["uav0=1,2"], ["uav0=1,2,x"], ["line", "uav0=1,2,1"], ["uav0=1,2,1", "line"],
      ["1", "2"], ["1", "2", "x"], ["1", "2", "3", "4"], ["uav0=1,2,1", "uav0=-1,-2,1"]],
 )  # fmt: skip
-def test_what_is_no_place_is_a_matter_of_usage(words: list[str]):
+def test_words_that_are_no_goal_are_a_usage_error(words: list[str]):
     with pytest.raises(UsageError):
         read(words)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "coordinate"),
     [("nan 0 1", "x = nan"), ("0 1e400 1", "y = inf"), ("line 0 0 -inf", "z = -inf"),
      ("uav0=20000,0,1", "x = 20000")],
 )  # fmt: skip
-def test_a_number_that_is_nowhere_is_told_as_it_was_typed(words: str, said: str):
+def test_an_invalid_coordinate_is_quoted_as_typed(words: str, coordinate: str):
     with pytest.raises(Invalid) as raised:
         read(words.split())
-    assert f"{said} is no place to fly to" in raised.value.message
+    assert f"{coordinate} is no place to fly to" in raised.value.message
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_number_that_is_nowhere_is_told_as_it_was_typed(words: str, said: str)
     [(["lin"], "line?"), (["circle"], "f.toml has line"), (["uav7=0,0,1"], "uav"),
      (["x=0,0,1"], "uav0, uav1")],
 )  # fmt: skip
-def test_a_name_that_is_not_there_is_told_with_the_nearest(words: list[str], hint: str):
+def test_an_unknown_name_gets_the_nearest_as_a_hint(words: list[str], hint: str):
     with pytest.raises(Invalid) as raised:
         named_goals(read(words), FLEET)
     assert hint in raised.value.hint
@@ -92,14 +92,14 @@ def test_missing_formation_names_the_file_and_the_table(source: str):
     assert "uav0 = [" in raised.value.hint
 
 
-def test_a_centre_that_some_know_nothing_of_is_nobodys():
+def test_an_incomplete_formation_sends_no_vehicle():
     problems = {"red": Refused("not ready"), "uav0": Unreachable("gone", "start it")}
-    told = nobody_sent(problems, ["uav0", "uav1", "red"])
-    assert told.exit_code == 3
-    assert told.message == (
+    error = nobody_sent(problems, ["uav0", "uav1", "red"])
+    assert error.exit_code == 3
+    assert error.message == (
         "nobody was sent: the formation's centre needs all of them; red: not ready; uav0: gone"
     )
-    assert "fleet goto uav1=1,2,1" in told.hint
+    assert "fleet goto uav1=1,2,1" in error.hint
     assert nobody_sent(problems, ["uav0", "red"]).hint == "start it"
 
 
@@ -112,17 +112,17 @@ def test_a_centre_that_some_know_nothing_of_is_nobodys():
         ([Unreachable("gone"), QuadctlError("?")], 1),
     ],
 )
-def test_the_exit_code_is_that_of_the_worst(problems: list[QuadctlError], code: int):
+def test_the_exit_code_is_that_of_the_worst_failure(problems: list[QuadctlError], code: int):
     with pytest.raises(QuadctlError) as raised:
         fail({f"uav{number}": problem for number, problem in enumerate(problems)})
     assert raised.value.exit_code == code
-    said = [raised.value.message, *raised.value.others]
-    assert sorted(one.partition(":")[0] for one in said) == [
+    messages = [raised.value.message, *raised.value.others]
+    assert sorted(one.partition(":")[0] for one in messages) == [
         f"uav{n}" for n in range(len(problems))
     ]
 
 
-def test_where_none_failed_nothing_is_raised():
+def test_without_failures_nothing_is_raised():
     fail({})
 
 
@@ -130,7 +130,7 @@ def test_where_none_failed_nothing_is_raised():
     ("at", "cage_on", "x"),
     [(3.0, True, 3.0), (8.0, True, 5.0), (-8.0, True, -5.0), (8.0, False, 8.0)],
 )
-def test_the_ground_below_lies_in_the_cage(at: float, cage_on: bool, x: float):
+def test_the_landing_point_is_inside_the_cage(at: float, cage_on: bool, x: float):
     state = SafetyState(
         "b", 0.0, 0, "HOVERING", Position(0.0, 0.0, 1.0), cage_on, CageSize(5.0, 5.0, 2.0), ""
     )

@@ -1,4 +1,4 @@
-"""The record of a flight: what counts in its digests, what does not, and what makes it void."""
+"""Record of a flight: the contents of its digests, and the gaps that make it void."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ def reading(stamp: float, value: float = 1013.0) -> Pressure:
 
 
 def flight() -> list[Any]:
-    """A whole one, with what is there before and after it."""
+    """Return the messages of a complete flight, with those published before and after it."""
     before = [pose(77, "a"), reading(1234.0), state(3.0, 8, boot="a")]
     poses = [pose(seq) for seq in range(31)]
     states = [state(0.0, 9, "anew"), state(0.1, 10, "far"), state(0.3, 11, "far")]
@@ -51,7 +51,7 @@ def digests(messages: list[Any], boot: str = "b") -> dict[str, Any]:
     return record.document()
 
 
-def test_what_belongs_to_the_flight_is_counted():
+def test_messages_of_the_flight_are_counted():
     found = digests(flight())
     assert found["counts"] == {"poses": 31, "transitions": 3, "pressure": 4}
     names = ("hash", "poses", "transitions", "pressure")
@@ -66,7 +66,7 @@ def test_boot_name_and_messages_around_the_flight_do_not_count():
     assert digests([*other[1:], *later], "c") == digests(flight())
 
 
-def test_neither_does_what_is_said_twice():
+def test_repeated_messages_do_not_count():
     messages = flight()
     again = [m for m in messages for m in (m, m)]
     still_so = [replace(messages[-5], stamp=0.3)]
@@ -85,7 +85,7 @@ def test_neither_does_what_is_said_twice():
         (-1, "pressure", 1013.0000000000001, "pressure"),
     ],
 )
-def test_every_bit_of_the_rest_counts(number: int, field: str, value: Any, log: str):
+def test_every_bit_of_other_fields_counts(number: int, field: str, value: Any, log: str):
     messages = flight()
     messages[number] = replace(messages[number], **{field: value})
     found, usual = digests(messages), digests(flight())
@@ -100,31 +100,31 @@ def test_the_wording_of_a_reason_does_not_count():
     assert digests(other) == digests(flight())
 
 
-def test_a_state_that_differs_in_wording_alone_is_no_transition():
+def test_a_state_that_differs_only_in_wording_is_not_counted():
     messages = flight()
     again = replace(messages[-6], reason="farther", stamp=0.2)
     assert isinstance(again, SafetyState)
     assert digests([*messages[:-5], again, *messages[-5:]]) == digests(messages)
 
 
-def test_a_lost_pose_makes_it_void():
+def test_a_lost_pose_voids_the_record():
     messages = flight()
     del messages[10]
     with pytest.raises(QuadctlError, match="the poses 7 to 7 were lost"):
         digests(messages)
 
 
-def test_a_lost_reading_makes_it_void():
+def test_a_lost_reading_voids_the_record():
     with pytest.raises(QuadctlError, match="of 4 readings of the barometer 3 came"):
         digests(flight()[:-1])
 
 
-def test_another_boot_makes_it_void():
+def test_a_new_boot_voids_the_record():
     with pytest.raises(QuadctlError, match=r"began anew after 0\.06 s"):
         digests([*flight()[:10], pose(0, "c")])
 
 
-def test_an_end_that_did_not_come_makes_it_void():
+def test_a_missing_end_voids_the_record():
     record = Record("b", END, HZ)
     record.add(pose(0))
     record.add(reading(0.0))

@@ -1,4 +1,4 @@
-"""A mission file: what it may say, and how what it may not say is told, row by row."""
+"""Mission file: its rows as service calls, and the errors of an invalid file."""
 
 import pytest
 from hypothesis import given
@@ -52,21 +52,21 @@ def test_each_row_is_a_call_of_an_ordinary_service():
     ]  # fmt: skip
 
 
-def test_it_ends_a_while_after_its_last_row_unless_it_says_when():
+def test_without_an_end_a_mission_ends_after_its_last_row():
     assert mission({"rows": [HOLD_AT_1]}, "m").end == 1 + AFTER
     assert mission({"rows": [HOLD_AT_1], "end": 1}, "m").end == 1
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from(["hold", "calibrate"])), min_size=1))
-def test_rows_are_sorted_by_time_and_ties_keep_the_file_order(said):
-    rows = mission({"rows": [{"at": at, "do": do} for at, do in said]}, "m").rows
+def test_rows_are_sorted_by_time_and_ties_keep_the_file_order(given_rows):
+    rows = mission({"rows": [{"at": at, "do": do} for at, do in given_rows]}, "m").rows
     kinds = {"hold": HoldStep, "calibrate": Calibrate}
-    expected = sorted(said, key=lambda row: row[0])
+    expected = sorted(given_rows, key=lambda row: row[0])
     assert [(row.at, type(row)) for row in rows] == [(at, kinds[do]) for at, do in expected]
 
 
 @pytest.mark.parametrize(
-    ("row", "told", "hint"),
+    ("row", "message", "hint"),
     [
         ({"at": 1}, "row 2: it does not say what to do", "goto"),
         ({"at": 1, "do": "gotoo"}, "row 2: do = 'gotoo' is no command", "did you mean goto?"),
@@ -93,15 +93,15 @@ def test_rows_are_sorted_by_time_and_ties_keep_the_file_order(said):
         ),
     ],
 )
-def test_what_is_wrong_with_a_row_is_told_with_its_number(row: dict, told: str, hint: str):
+def test_an_error_in_a_row_names_its_number(row: dict, message: str, hint: str):
     with pytest.raises(Invalid) as caught:
         mission({"rows": [HOLD_AT_1, row]}, "m.toml")
-    assert f"m.toml: {told}" in caught.value.message
+    assert f"m.toml: {message}" in caught.value.message
     assert hint in caught.value.hint
 
 
 @pytest.mark.parametrize(
-    ("tables", "told"),
+    ("tables", "message"),
     [
         ({}, "object missing required field rows"),
         ({"rows": []}, "rows: expected array of length >= 1"),
@@ -112,13 +112,13 @@ def test_what_is_wrong_with_a_row_is_told_with_its_number(row: dict, told: str, 
         ({"rows": [HOLD_AT_1], "end": 0.5}, "end = 0.5: the last row is for 1 s"),
     ],
 )
-def test_what_is_wrong_with_the_file_is_told(tables: dict, told: str):
+def test_an_error_in_the_file_names_the_field(tables: dict, message: str):
     with pytest.raises(Invalid, match=r"m\.toml: ") as caught:
         mission(tables, "m.toml")
-    assert told in caught.value.message
+    assert message in caught.value.message
 
 
-def test_the_example_is_a_mission_with_all_there_is(request: pytest.FixtureRequest):
+def test_the_example_has_every_kind_of_row(request: pytest.FixtureRequest):
     file = request.config.rootpath / "examples" / "mission.toml"
     rows = mission(parse(file.read_text(encoding="utf-8"), str(file)), str(file)).rows
     assert {type(row) for row in rows} == {GotoStep, CageStep, HoldStep, Calibrate}

@@ -1,4 +1,4 @@
-"""A log that is read while it grows, is emptied, and changes its name."""
+"""Tail of a log file that grows, is emptied, and is rotated."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,17 +24,17 @@ def add(log: Path, text: str) -> None:
         out.write(text)
 
 
-def full(log: Path) -> None:
+def rotate(log: Path) -> None:
     log.replace(log.with_name(f"{log.name}.1"))
 
 
-def test_a_file_that_comes_later(log: Path, tail: Tail):
+def test_a_file_may_appear_later(log: Path, tail: Tail):
     assert tail.all() == tail.more() == []
     add(log, "one\n")
     assert tail.more() == ["one"]
 
 
-def test_lines_come_whole_and_once(log: Path, tail: Tail):
+def test_each_line_is_returned_whole_and_once(log: Path, tail: Tail):
     add(log, "one\ntw")
     assert tail.all() == ["one"]
     assert tail.more() == []
@@ -46,7 +46,7 @@ def test_a_full_file_is_read_to_its_end_before_the_next(log: Path, tail: Tail):
     add(log, "one\n")
     assert tail.all() == ["one"]
     add(log, "two\n")
-    full(log)
+    rotate(log)
     # For a moment there may be no file of that name.
     assert tail.more() == ["two"]
     add(log.with_name("safety.log.1"), "three\n")
@@ -58,12 +58,12 @@ def test_a_full_file_is_read_to_its_end_before_the_next(log: Path, tail: Tail):
 
 def test_the_older_file_comes_first(log: Path, tail: Tail):
     add(log, "one\n")
-    full(log)
+    rotate(log)
     add(log, "two\n")
     assert tail.all() == ["one", "two"]
 
 
-def test_a_file_that_was_emptied_is_read_from_its_beginning(log: Path, tail: Tail):
+def test_an_emptied_file_is_read_from_its_start(log: Path, tail: Tail):
     add(log, "one\ntwo\nha")
     tail.all()
     log.write_text("new\n", encoding="utf-8")
@@ -72,7 +72,7 @@ def test_a_file_that_was_emptied_is_read_from_its_beginning(log: Path, tail: Tai
     assert tail.more() == ["newer"]
 
 
-def test_a_removed_files_last_lines_are_read(log: Path, tail: Tail):
+def test_the_last_lines_of_a_removed_file_are_read(log: Path, tail: Tail):
     add(log, "one\n")
     tail.all()
     add(log, "two\n")

@@ -1,4 +1,4 @@
-"""Asking nodes whether they answer: what is told of one that does not, and by when."""
+"""Ping of nodes: the errors about a silent node, and the time limit."""
 
 import os
 from typing import Any, Self
@@ -15,17 +15,17 @@ from quadctl.services.runtime.run_files import ProcessRecord
 
 KEY = "uav/@srv/pressure/get_params"
 ENDED = 2**22 + 1
-"""More than a process can have as its number."""
+"""Process id above the highest that Linux assigns."""
 
 
-class Deaf:
-    """In a client's place: no call is answered; `given` is what each was given, s."""
+class SilentClient:
+    """Client without any answer; `timeouts` has the timeout (s) of each call."""
 
     vehicle, timeout = "uav", 1.0
 
     def __init__(self, problem: QuadctlError) -> None:
         self.problem = problem
-        self.given: list[float] = []
+        self.timeouts: list[float] = []
 
     def __enter__(self) -> Self:
         return self
@@ -34,31 +34,31 @@ class Deaf:
         pass
 
     def call(self, _service: Any, _request: Any, timeout: float) -> Any:
-        self.given.append(timeout)
+        self.timeouts.append(timeout)
         raise self.problem
 
 
 def asking(problem: QuadctlError, pid: int, state: Any = "ready") -> QuadctlError:
     with pytest.raises(QuadctlError) as caught:
-        lookup.params_of(Deaf(problem), ProcessRecord("pressure", pid, state, 0), [], 0.7)  # type: ignore[arg-type]
+        lookup.params_of(SilentClient(problem), ProcessRecord("pressure", pid, state, 0), [], 0.7)  # type: ignore[arg-type]
     return caught.value
 
 
 @pytest.mark.parametrize(
-    ("pid", "state", "said"),
+    ("pid", "state", "expected"),
     [
         (ENDED, "ready", f"pressure did not answer: its process {ENDED} has ended"),
         (0, "restarting", "pressure did not answer: it is restarting"),
-        (0, "ready", "pressure did not answer: it has gone from the bus"),
+        (0, "ready", "pressure did not answer: it has left the bus"),
     ],
 )
-def test_a_node_that_dies_is_told_by_its_name(pid: int, state: str, said: str):
+def test_a_dead_node_is_reported_by_its_name(pid: int, state: str, expected: str):
     problem = asking(gone(KEY), pid, state)
-    assert (type(problem), problem.message) == (Unreachable, said)
+    assert (type(problem), problem.message) == (Unreachable, expected)
     assert "`quadctl status`" in problem.hint
 
 
-def test_a_node_whose_process_is_there_is_frozen_or_busy():
+def test_a_silent_node_with_a_live_process_times_out():
     problem = asking(gone(KEY), os.getpid())
     assert isinstance(problem, TimedOut)
     assert "although its process" in problem.message
@@ -69,17 +69,17 @@ def test_a_node_whose_process_is_there_is_frozen_or_busy():
 @pytest.mark.parametrize(
     "problem",
     [
-        TimedOut("the hub, process 3, does not answer any more"),
+        TimedOut("the hub, process 3, no longer answers"),
         Unreachable("the connection to the hub is lost"),
         NotAllowed("this identity may not"),
     ],
 )
-def test_what_is_not_about_the_node_is_told_as_it_is(problem: QuadctlError):
+def test_errors_not_about_the_node_are_passed_on(problem: QuadctlError):
     assert asking(problem, 0) is problem
 
 
 class Clock:
-    """In the place of `time`: it goes on by what is told, and by a sleep."""
+    """Stand-in for `time` that advances when set and when slept."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -91,12 +91,12 @@ class Clock:
         self.now += seconds
 
 
-def test_the_first_pings_have_what_connecting_has_left_them(monkeypatch: pytest.MonkeyPatch):
-    clock, deaf = Clock(), Deaf(gone(KEY))
+def test_the_first_pings_get_the_time_left_after_connecting(monkeypatch: pytest.MonkeyPatch):
+    clock, silent = Clock(), SilentClient(gone(KEY))
 
-    def connect(_options: Options) -> Deaf:
+    def connect(_options: Options) -> SilentClient:
         clock.now += 0.6
-        return deaf
+        return silent
 
     monkeypatch.setattr(ping, "time", clock)
     monkeypatch.setattr(context, "connect", connect)
@@ -106,4 +106,4 @@ def test_the_first_pings_have_what_connecting_has_left_them(monkeypatch: pytest.
     monkeypatch.setattr(ping, "see", lambda *_: NodesSeen(None, [], []))
     with pytest.raises(Unreachable):
         ping.ping(Options("r", "", "uav", json=True, timeout=1.0), every=True)
-    assert deaf.given == pytest.approx([0.4, 0.4])
+    assert silent.timeouts == pytest.approx([0.4, 0.4])

@@ -1,4 +1,4 @@
-"""`param` and `node` where nothing runs: what is known all the same, and what cannot be."""
+"""`param` and `node` without a run: the answers and the errors that need no bus."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ NEEDS_A_RUN = [
     "node ping safety", "node ping --all", "node logs", "node logs safety -f", "node kill safety",
 ]  # fmt: skip
 
-CANNOT_BE = {
+INVALID = {
     "param describe safety.takeof": (6, "did you mean safety.takeoff?"),
     "param describe nonsense": (6, "quadctl init"),
     "param describe": (2, ""),
@@ -42,36 +42,36 @@ FILES = {
 
 
 @pytest.mark.parametrize("line", NEEDS_A_RUN)
-def test_where_nothing_runs_it_is_exit_3_and_no_file_is_made(
+def test_without_a_run_the_exit_code_is_3_and_no_file_is_written(
     quadctl: Quadctl, tmp_path: Path, line: str
 ):
     file = tmp_path / "quad.toml"
     file.write_text(FILES["quad.toml.good"], encoding="utf-8")
-    said = quadctl(*line.split(), "--json")
-    assert (said.code, said.out) == (3, "")
-    assert said.error["code"] == "unreachable"
-    assert "quadctl up" in said.error["hint"]
+    result = quadctl(*line.split(), "--json")
+    assert (result.code, result.out) == (3, "")
+    assert result.error["code"] == "unreachable"
+    assert "quadctl up" in result.error["hint"]
     assert list(tmp_path.iterdir()) == [file]
     assert file.read_text(encoding="utf-8") == FILES["quad.toml.good"]
 
 
-@pytest.mark.parametrize("line", CANNOT_BE)
-def test_what_cannot_be_is_told_before_anything_is_asked(
+@pytest.mark.parametrize("line", INVALID)
+def test_invalid_arguments_are_rejected_before_any_call(
     quadctl: Quadctl, tmp_path: Path, line: str
 ):
     for name, text in FILES.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
-    code, hint = CANNOT_BE[line]
-    said = quadctl(*line.split(), "--json")
-    assert (said.code, said.out) == (code, "")
-    assert hint in said.error["hint"]
+    code, hint = INVALID[line]
+    result = quadctl(*line.split(), "--json")
+    assert (result.code, result.out) == (code, "")
+    assert hint in result.error["hint"]
     assert {p.name: p.read_text(encoding="utf-8") for p in tmp_path.iterdir()} == FILES
 
 
 def test_a_parameter_is_described_without_a_value(quadctl: Quadctl):
-    said = quadctl("param", "describe", "/state_safety_node/virtual_cage/x", "--json")
-    assert (said.code, said.err) == (0, "")
-    assert said.json == [
+    result = quadctl("param", "describe", "/state_safety_node/virtual_cage/x", "--json")
+    assert (result.code, result.err) == (0, "")
+    assert result.json == [
         {
             "name": "safety.virtual_cage.x",
             "type": "float64",
@@ -92,9 +92,9 @@ def test_a_parameter_is_described_without_a_value(quadctl: Quadctl):
 
 def test_tables_are_described_leaf_by_leaf(quadctl: Quadctl):
     names = sorted({name.partition(".")[0] for name in catalogue.leaves()})
-    said = quadctl("param", "describe", *names, "--json")
-    assert {leaf["name"] for leaf in said.json} == set(catalogue.leaves())
-    fixed = {leaf["name"] for leaf in said.json if leaf["fixed_at_launch"]}
+    result = quadctl("param", "describe", *names, "--json")
+    assert {leaf["name"] for leaf in result.json} == set(catalogue.leaves())
+    fixed = {leaf["name"] for leaf in result.json if leaf["fixed_at_launch"]}
     assert fixed == FIXED_AT_LAUNCH | {"supervise.answer_timeout", "processes"}
     as_text = quadctl("param", "describe", "safety", "safety.virtual_cage").out.splitlines()
     assert as_text[0] == "safety: The safety automaton"
@@ -120,5 +120,5 @@ def test_the_logs_of_a_killed_run_can_be_read(quadctl: Quadctl, tmp_path: Path):
     assert quadctl("node", "logs", "-n", 0) == (0, "", "")
     as_json = quadctl("node", "logs", "up", "--json").json
     assert as_json == {"node": "up", "line": "safety ended"}
-    said = quadctl("node", "logs", "saftey", "--json")
-    assert (said.code, said.error["hint"]) == (3, "did you mean safety?")
+    result = quadctl("node", "logs", "saftey", "--json")
+    assert (result.code, result.error["hint"]) == (3, "did you mean safety?")

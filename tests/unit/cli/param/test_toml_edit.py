@@ -1,4 +1,4 @@
-"""A parameter file changed in place: what is not named stays to the letter."""
+"""Parameter file edited in place: every other character is kept."""
 
 import os
 import tomllib
@@ -29,7 +29,7 @@ WRITTEN = [
 
 
 @pytest.mark.parametrize(("before", "after"), WRITTEN)
-def test_one_value_is_written_where_it_stood(before: str, after: str):
+def test_a_value_is_replaced_in_place(before: str, after: str):
     assert edited(before, {"safety.takeoff": 2.5}) == after
 
 
@@ -39,7 +39,7 @@ def test_one_value_is_written_where_it_stood(before: str, after: str):
      "[safety.virtual_cage]\nx = 3.0\n[pressure]\nrate = 5.0\n[safety]\ncage_on = false\n",
      "[dynamics.vehicle]\nmass = 2.0\n", "safety.cage_on = false", "safety = {}\n"],
 )  # fmt: skip
-def test_what_is_missing_is_added_and_the_rest_stays(before: str):
+def test_missing_values_are_added_and_the_rest_is_kept(before: str):
     values: dict[str, Any] = {
         "safety.takeoff": 2.5,
         "safety.virtual_cage.y": 4.0,
@@ -57,7 +57,7 @@ def test_what_is_missing_is_added_and_the_rest_stays(before: str):
 
 @settings(max_examples=40)
 @given(changed_values(), st.sampled_from([render(), "", render().replace("\n", "\r\n")]))
-def test_any_values_in_any_number_are_written(values: dict[str, Any], before: str):
+def test_any_set_of_values_is_written(values: dict[str, Any], before: str):
     wanted = tomllib.loads(before)
     for name, value in values.items():
         put(wanted, name, value, "")
@@ -67,11 +67,11 @@ def test_any_values_in_any_number_are_written(values: dict[str, Any], before: st
     assert [line for line in after.splitlines() if line.startswith("#")] == comments
 
 
-def test_no_change_is_no_change():
+def test_without_values_the_text_is_unchanged():
     assert edited(render(), {}) == render()
 
 
-def test_a_link_stays_a_link_and_the_mode_stays(tmp_path: Path):
+def test_a_symbolic_link_and_the_file_mode_are_kept(tmp_path: Path):
     real, link = tmp_path / "real.toml", tmp_path / "quad.toml"
     real.write_bytes(b"old")
     real.chmod(0o640)
@@ -83,7 +83,7 @@ def test_a_link_stays_a_link_and_the_mode_stays(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["quad.toml", "real.toml"]
 
 
-def test_a_new_file_can_be_read_by_others_as_any(tmp_path: Path):
+def test_a_new_file_has_the_usual_mode(tmp_path: Path):
     replace(tmp_path / "new.toml", b"text")
     (tmp_path / "any").write_bytes(b"")
     assert (tmp_path / "new.toml").stat().st_mode == (tmp_path / "any").stat().st_mode
@@ -105,7 +105,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_where_nothing_can_be_written(tmp_path: Path):
+def test_an_unwritable_path_is_an_error(tmp_path: Path):
     for place in (tmp_path, tmp_path / "nowhere" / "quad.toml"):
         with pytest.raises(Invalid, match="cannot be written"):
             replace(place, b"new")

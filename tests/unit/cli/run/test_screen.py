@@ -1,4 +1,4 @@
-"""The table of `up` on a terminal: drawn in place, within the width, and gone at the end."""
+"""Table of `up` on a terminal: redrawn in place, within the width, erased at the end."""
 
 import io
 
@@ -22,16 +22,16 @@ TEXT = st.text("abc xyz", max_size=12).map(str.rstrip)
 
 
 @given(st.lists(st.tuples(st.lists(TEXT, max_size=3), st.lists(TEXT, max_size=4)), max_size=8))
-def test_lines_above_stay_and_the_panel_is_always_last(frames):
+def test_log_lines_are_kept_above_the_panel(frames):
     glass, terminal = Glass(), io.StringIO()
     panel = Panel(terminal)
     above: list[str] = []
-    for said, table in [*frames, ([], [])]:
-        panel.draw("".join(f"{line}\n" for line in said), table, 80)
+    for written, table in [*frames, ([], [])]:
+        panel.draw("".join(f"{line}\n" for line in written), table, 80)
         glass.feed(terminal.getvalue().replace("\n", "\r\n"))
         terminal.seek(0)
         terminal.truncate()
-        above += said
+        above += written
         assert glass.seen == "\n".join([*above, *(table or [""])])
 
 
@@ -45,7 +45,7 @@ def test_panel_wrapped_by_a_narrower_terminal_is_erased_whole():
     assert terminal.getvalue() == "\r\033[4A\033[J"
 
 
-def test_after_others_have_written_it_begins_where_the_cursor_is():
+def test_after_other_output_the_panel_starts_at_the_cursor():
     terminal = io.StringIO()
     panel = Panel(terminal)
     panel.draw("", ["a", "b"], 40)
@@ -54,7 +54,7 @@ def test_after_others_have_written_it_begins_where_the_cursor_is():
     assert terminal.getvalue().endswith("\rc\033[J")
 
 
-def test_a_row_for_each_process():
+def test_each_process_has_a_row():
     assert lines("head", ROWS, TAKEN, 100, 10, colour=False) == [
         "head",
         "NAME              STATE       PID    RESTARTS  MSG/S  MEMORY  CPU",
@@ -64,7 +64,7 @@ def test_a_row_for_each_process():
     ]
 
 
-def test_colour_adds_nothing_but_itself():
+def test_colour_does_not_change_the_text():
     plain = lines("head", ROWS, TAKEN, 60, 10, colour=False)
     glass = Glass()
     glass.feed("\r\n".join(lines("head", ROWS, TAKEN, 60, 10, colour=True)))
@@ -72,7 +72,7 @@ def test_colour_adds_nothing_but_itself():
 
 
 @given(st.integers(1, 120), st.integers(0, 8), st.booleans())
-def test_it_fits_whatever_the_terminal(columns: int, height: int, colour: bool):
+def test_the_table_fits_any_terminal(columns: int, height: int, colour: bool):
     glass = Glass()
     glass.feed("\r\n".join(lines("a head", ROWS, NONE, columns, height, colour=colour)))
     assert len(glass.lines) <= max(height, 1)
@@ -82,11 +82,11 @@ def test_it_fits_whatever_the_terminal(columns: int, height: int, colour: bool):
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.0, "0 s"), (59.9, "59 s"), (61, "1:01"), (3600, "1:00:00")]
 )
-def test_a_duration(seconds: float, text: str):
+def test_a_duration_is_formatted(seconds: float, text: str):
     assert duration(seconds) == text
 
 
-def test_a_share_of_a_core_is_from_one_look_to_the_next():
+def test_the_share_of_a_core_covers_the_time_between_samples():
     shares = Shares()
     assert shares.look({7: 2.0}, 10.0) == {}
     assert shares.look({7: 3.0}, 20.0) == {7: pytest.approx(10.0)}

@@ -1,4 +1,4 @@
-"""A message as `topic echo` shows it, and one field of it."""
+"""Messages and single fields as `topic echo` shows them."""
 
 from typing import Any
 
@@ -25,19 +25,19 @@ def message(key: str, payload: bytes, encoding: str = "") -> Message:
 
 @pytest.mark.parametrize("key", ["uav/input/position_request", "x/input/position_request", "a/b"])
 @pytest.mark.parametrize("encoding", ["", codec.encoding(Waypoint), "application/msgpack"])
-def test_a_waypoint_is_shown_wherever_it_comes(key: str, encoding: str):
+def test_a_waypoint_is_decoded_on_any_key(key: str, encoding: str):
     assert show(message(key, PACKED, encoding)) == msgspec.to_builtins(POINT)
 
 
 @pytest.mark.parametrize(
     "payload", [b"\xc1", b"{}", b"hello", b"", msgspec.msgpack.encode({"x": 1})]
 )
-def test_on_our_topic_what_is_no_waypoint_cannot_be_read(payload: bytes):
+def test_on_a_known_topic_another_payload_is_invalid(payload: bytes):
     with pytest.raises(Invalid):
         show(message("uav/input/position_request", payload))
 
 
-def test_our_topic_name_under_a_foreign_prefix_implies_no_type():
+def test_a_topic_name_under_a_foreign_prefix_implies_no_type():
     assert show(message("camera/pose", b'{"tilt": 3}', "application/json")) == {"tilt": 3}
     other = codec.encoding(Waypoint).replace("#", "#0")
     with pytest.raises(Invalid, match="schema mismatch"):
@@ -60,7 +60,7 @@ DATA = {"a": {"b": [10, {"c": 5}]}, "0": "zero", "d/e": {"f": 6}}
         ("d/e.f", 6),
     ],
 )
-def test_a_field_by_its_path(path: str, found: Any):
+def test_a_field_is_found_by_its_path(path: str, found: Any):
     assert field_of(DATA, path) == found
 
 
@@ -76,7 +76,7 @@ def test_a_field_by_its_path(path: str, found: Any):
         ("a.b.x", "list"),
     ],
 )
-def test_a_field_that_is_not_there(path: str, has: str):
+def test_a_missing_field_is_an_error_with_the_existing_ones(path: str, has: str):
     with pytest.raises(NoField, match=f"no field {path}") as caught:
         field_of(DATA, path)
     assert has in caught.value.hint
@@ -100,7 +100,7 @@ def test_message_published_on_a_pattern_is_decoded_as_subscribed():
         ("info/topics/pose", "info", "topics.pose"),
     ],
 )
-def test_a_field_behind_a_topic(name: str, topic: str, field: str):
+def test_a_field_after_a_topic_is_split_off(name: str, topic: str, field: str):
     assert split(name) == (topic, field)
 
 
@@ -108,5 +108,5 @@ def test_a_field_behind_a_topic(name: str, topic: str, field: str):
     "name",
     ["pose", "uav/pose", "uav/pose/image", "uav/input/position_request", "a/b/pose/stamp", ""],
 )
-def test_what_is_no_field_behind_a_topic(name: str):
+def test_other_names_are_not_split(name: str):
     assert split(name) == (name, "")

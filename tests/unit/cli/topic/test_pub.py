@@ -1,4 +1,4 @@
-"""rostopic's -1 told from a number, and an option that there is not from a word of a message."""
+"""rostopic's -1 or the number, and unknown options or words of a message."""
 
 import pytest
 
@@ -22,7 +22,7 @@ UNKNOWN = (None, "")
         (["quad/Waypoint", "1", "2", "1", "-1"], ["quad/Waypoint", "1", "2", "1"], WAYPOINT),
     ],
 )
-def test_it_is_once_beside_a_whole_message(words: list[str], rest: list[str], of):
+def test_minus_one_means_once_beside_a_whole_message(words: list[str], rest: list[str], of):
     assert without_once(words, *of) == (rest, True)
 
 
@@ -42,7 +42,7 @@ def test_it_is_once_beside_a_whole_message(words: list[str], rest: list[str], of
         ("", UNKNOWN),
     ],
 )
-def test_it_is_a_number_in_a_row_of_them(line: str, of):
+def test_minus_one_among_numbers_is_a_number(line: str, of):
     assert without_once(line.split(), *of) == (line.split(), False)
 
 
@@ -60,14 +60,14 @@ def test_it_is_a_number_in_a_row_of_them(line: str, of):
         ("record --bogus", "--bogus"),
     ],
 )
-def test_an_option_that_there_is_not_is_no_word_of_a_message(
+def test_an_unknown_option_is_not_taken_as_part_of_a_message(
     quadctl: Quadctl, line: str, option: str
 ):
-    said = quadctl(*line.split(), "--json")
-    assert (said.code, said.out) == (2, "")
-    assert said.error["message"] == f"No such option: {option}"
+    result = quadctl(*line.split(), "--json")
+    assert (result.code, result.out) == (2, "")
+    assert result.error["message"] == f"No such option: {option}"
 
 
 @pytest.mark.parametrize("line", ["goto -1 -2.5 1e0", "topic pub a/b -1 -2", "topic pub a/b -- -x"])
-def test_a_number_and_what_follows_two_dashes_is_none(quadctl: Quadctl, line: str):
+def test_negative_numbers_and_words_after_two_dashes_are_not_options(quadctl: Quadctl, line: str):
     assert quadctl("--json", *line.split()).error["code"] == "unreachable"

@@ -11,14 +11,14 @@ from quadctl.services.runtime.bus.streams import Message
 from quadctl.services.runtime.errors import Invalid
 
 TIMES = (10.0, 10.1, 10.2, 10.4)
-HEARD = [
+ARRIVALS = [
     Arrival(at, size, age)
     for at, size, age in zip(TIMES, (8, 10, 20, 30), (1, 2, 3, 2), strict=True)
 ]
 
 
-def test_the_rate_as_rostopic_says_it():
-    found = rate(HEARD)
+def test_the_rate_is_printed_as_in_rostopic():
+    found = rate(ARRIVALS)
     assert found.document["hz"] == pytest.approx(7.5)
     assert found.document["std"] == pytest.approx(math.sqrt(2) / 30)
     assert (found.document["min"], found.document["max"]) == pytest.approx((0.1, 0.2))
@@ -28,8 +28,8 @@ def test_the_rate_as_rostopic_says_it():
     assert list(found.document) == ["hz", "min", "max", "std", "n"]
 
 
-def test_the_bytes_of_the_time_that_is_counted():
-    found = bandwidth(HEARD)
+def test_the_bandwidth_covers_the_measured_time():
+    found = bandwidth(ARRIVALS)
     assert found.document["bytes_per_second"] == pytest.approx(60 / 0.4)
     assert (found.document["mean"], found.document["min"], found.document["max"]) == (17, 8, 30)
     assert found.text == "average: 150.00B/s\n\tmean: 17.00B min: 8.00B max: 30.00B window: 4"
@@ -37,14 +37,14 @@ def test_the_bytes_of_the_time_that_is_counted():
     assert bandwidth(many).text.startswith("average: 2.50MB/s\n\tmean: 2.50KB")
 
 
-def test_the_age():
-    found = delay_figures(HEARD)
+def test_the_delay_is_measured():
+    found = delay_figures(ARRIVALS)
     assert found.document == {"delay": 2, "min": 1, "max": 3, "std": math.sqrt(0.5), "n": 4}
     assert found.text.startswith("average delay: 2.000000\n\tmin: 1.000000s")
 
 
 @given(st.lists(st.floats(0, 1e6), min_size=2, max_size=50).map(sorted))
-def test_any_times_have_a_rate(times: list[float]):
+def test_any_arrival_times_give_finite_figures(times: list[float]):
     figures = [
         measure([Arrival(at, 5, at) for at in times])
         for measure in (rate, bandwidth, delay_figures)
@@ -54,8 +54,8 @@ def test_any_times_have_a_rate(times: list[float]):
         assert found.document["min"] <= found.document["max"]
 
 
-def test_a_message_without_a_time_has_no_age():
+def test_a_message_without_a_time_has_no_delay():
     message = Message("a/b", b"xyz", "", 1.5, None)
     assert _heard(message, aged=False) == Arrival(1.5, 3, 0.0)
-    with pytest.raises(Invalid, match="bears no time"):
+    with pytest.raises(Invalid, match="has no time stamp"):
         _heard(message, aged=True)

@@ -1,4 +1,4 @@
-"""The everyday period of the setpoint, against the setpoint's own, on flights of every kind."""
+"""Branchless setpoint step against the plain trajectory, on flights of every kind."""
 
 import random
 from collections import Counter
@@ -12,11 +12,11 @@ from tests.unit.dynamics.compiled.test_fleet import vehicles
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_it_is_the_setpoints_own_to_the_bit_or_said_to_be_rare(number: int):
+def test_each_step_equals_the_trajectory_to_the_bit_or_is_rare(number: int):
     draws, params = random.Random(number), vehicles(3, 7)[number]
     vehicle, limits, found = Vehicle(params), constants_of(params)[3], Counter[float]()
     for count in range(4500):
-        # Some are replaced in flight, the vehicle comes to rest at the last.
+        # Some goals are replaced in flight; the vehicle comes to rest at the last one.
         if count % 300 == 0 and count < 3000:
             vehicle.goto(draws.uniform(-1, 1), draws.uniform(-1, 1), draws.choice([0.0, 0.05, 1.0]))
         plan = vehicle._plan

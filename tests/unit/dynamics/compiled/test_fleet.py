@@ -1,4 +1,4 @@
-"""One text: plain Python and compiled code fly the same flight to the bit."""
+"""One source: plain Python and compiled code fly the same flight to the bit."""
 
 import random
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ def compiled() -> Make:
 
 
 def vehicles(count: int, seed: int) -> list[DynamicsParams]:
-    """On the floor and in the air, and of more than one kind."""
+    """Return parameters of vehicles on the floor and in the air, of three kinds."""
     draws = random.Random(seed)
     made = []
     for number in range(count):
@@ -46,7 +46,7 @@ def vehicles(count: int, seed: int) -> list[DynamicsParams]:
 
 
 def fly_alike(make: Make, count: int, steps: int, seed: int) -> None:
-    """Random goals, landings, brakes and rests, in pieces of any size."""
+    """Fly random goals, landings, brakes and rests in pieces of any size, compiled and plain."""
     draws, params = random.Random(seed), vehicles(count, seed)
     fleet, plain, flown = make(params), [Vehicle(each) for each in params], 0
     while flown < steps:
@@ -70,12 +70,12 @@ def fly_alike(make: Make, count: int, steps: int, seed: int) -> None:
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("seed", range(3))
-def test_compiled_code_flies_as_plain_python_does(compiled: Make, seed: int):
+def test_compiled_code_flies_as_plain_python_to_the_bit(compiled: Make, seed: int):
     fly_alike(compiled, 6, 10_000, seed)
 
 
 @pytest.mark.timeout(300)
-def test_more_vehicles_than_are_stepped_together(compiled: Make):
+def test_more_vehicles_than_one_vector_fly_correctly(compiled: Make):
     count = 2 * WIDTH + 3
     params = [DynamicsParams(start=StartParams(0.01 * i, 0.0, 1.0)) for i in range(count)]
     fleet, plain = compiled(params), [Vehicle(each) for each in params]
@@ -88,7 +88,7 @@ def test_more_vehicles_than_are_stepped_together(compiled: Make):
     assert fleet.states().tolist() == [list(vehicle.state) for vehicle in plain]
 
 
-def test_the_text_uses_nothing_that_a_backend_lacks():
+def test_the_merged_source_has_the_needed_functions():
     names = [
         function.name for function in merged(["flight_modes__control_period", "flight_modes__move"])
     ]
@@ -99,7 +99,7 @@ def test_the_text_uses_nothing_that_a_backend_lacks():
         merged(["flight_modes__nonsense"])
 
 
-def test_a_module_that_was_written_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_written_module_is_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert source.load_module("said", "WORD = 'one'").WORD == "one"
     assert source.load_module("said", "WORD = 'two'").WORD == "two"

@@ -1,4 +1,4 @@
-"""A vehicle in machine code: to the bit as in plain Python, and taken up in the midst of a flight."""
+"""A vehicle in machine code: equal to plain Python to the bit, also when switched in flight."""
 
 import random
 from pathlib import Path
@@ -21,12 +21,12 @@ def code() -> Code:
 
 
 def everything(vehicle: Vehicle) -> str:
-    """All its numbers, by their text, for nan is not equal to itself."""
+    """Return all numbers of a vehicle as text: nan is not equal to itself."""
     return repr((vehicle._state, vehicle._command, vehicle._plan, vehicle._mode, vehicle._air))
 
 
-def tell(draws: random.Random, params: DynamicsParams, *several: Vehicle) -> None:
-    """Something new, the same to each."""
+def command(draws: random.Random, params: DynamicsParams, *several: Vehicle) -> None:
+    """Give each vehicle the same random goal, brake or parameters."""
     kind = draws.random()
     x, y, z = draws.uniform(-4, 4), draws.uniform(-4, 4), draws.choice([0.0, draws.uniform(0.2, 4)])
     limit = draws.uniform(1.0, 5.0)
@@ -46,7 +46,7 @@ def test_compiled_flight_equals_plain_python_and_may_alternate(code: Code, numbe
     plain, other = Vehicle(params), Vehicle(params)
     single: Fly = machine.single()
     for _ in range(40):
-        tell(draws, params, plain, other)
+        command(draws, params, plain, other)
         other.fly = draws.choice([single, single, flight_modes.fly])
         for _ in range(draws.choice([1, 40, 200])):
             piece = draws.choice([1, 3, 10])
@@ -55,7 +55,7 @@ def test_compiled_flight_equals_plain_python_and_may_alternate(code: Code, numbe
         assert everything(other) == everything(plain)
 
 
-def test_each_vehicle_has_its_own(code: Code):
+def test_each_vehicle_has_its_own_state(code: Code):
     machine = MachineCode(code)
     params = vehicles(2, 1)
     both, alone = [Vehicle(each) for each in params], Vehicle(params[0])

@@ -1,4 +1,4 @@
-"""Messages to bytes and back, and whatever else comes along the wire."""
+"""Encoding and decoding of messages, and any other bytes on the wire."""
 
 import io
 import json
@@ -35,7 +35,7 @@ PACKED = msgspec.msgpack.encode({"a": [1, 2.5]})
 
 
 @pytest.mark.parametrize(
-    ("payload", "said", "shown"),
+    ("payload", "encoding", "shown"),
     [
         (PACKED, "application/msgpack;quadctl.Pose#00000000", {"a": [1, 2.5]}),
         (PACKED, "application/msgpack", {"a": [1, 2.5]}),
@@ -53,22 +53,24 @@ PACKED = msgspec.msgpack.encode({"a": [1, 2.5]})
         (b"", "zenoh/bytes", ""),
     ],
 )
-def test_it_is_shown_as_what_it_is(payload: bytes, said: str, shown: object):
-    assert to_jsonable(payload, said) == shown
+def test_a_payload_is_shown_by_its_encoding(payload: bytes, encoding: str, shown: object):
+    assert to_jsonable(payload, encoding) == shown
 
 
-SAID = st.sampled_from(["", "zenoh/bytes", "application/msgpack", "application/json", "text/plain"])
+ENCODINGS_SHOWN = st.sampled_from(
+    ["", "zenoh/bytes", "application/msgpack", "application/json", "text/plain"]
+)
 
 
-@given(st.binary(max_size=64), SAID)
-def test_anything_can_be_shown(payload: bytes, said: str):
-    to_jsonable(payload, said)
+@given(st.binary(max_size=64), ENCODINGS_SHOWN)
+def test_any_payload_can_be_shown(payload: bytes, encoding: str):
+    to_jsonable(payload, encoding)
 
 
 @pytest.mark.parametrize("payload", [b"\x91" * 100_000, b"[" * 100_000])
-@pytest.mark.parametrize("said", ["", "application/msgpack", "application/json"])
-def test_so_can_what_is_nested_beyond_reason(payload: bytes, said: str):
-    assert isinstance(to_jsonable(payload, said), str)
+@pytest.mark.parametrize("encoding", ["", "application/msgpack", "application/json"])
+def test_extreme_nesting_is_shown_as_text(payload: bytes, encoding: str):
+    assert isinstance(to_jsonable(payload, encoding), str)
 
 
 Ext = msgspec.msgpack.Ext
@@ -90,13 +92,13 @@ pack = msgspec.msgpack.encode
         (b"\x91" * 500 + b"\x01", "91" * 500 + "01"),
     ],
 )
-def test_it_is_shown_as_text_where_json_has_no_word_for_it(payload: bytes, shown: Any):
+def test_values_that_json_lacks_are_shown_as_text(payload: bytes, shown: Any):
     found = to_jsonable(payload, "application/msgpack")
     assert found == shown or shown is None
     assert json.loads(msgspec.json.encode(found)) == found
 
 
-def test_huge_whole_numbers_are_shown_whole():
+def test_huge_integers_are_shown_in_full():
     assert to_jsonable(b"[1%s]" % (b"0" * 40), "application/json") == [10**40]
 
 
@@ -123,8 +125,8 @@ ANY_ENCODING = st.sampled_from(
 
 @settings(max_examples=150)
 @given(st.binary(max_size=40) | VALUES.map(pack), ANY_ENCODING)
-def test_any_payload_can_be_printed_as_text_and_as_json(payload: bytes, said: str):
-    value = to_jsonable(payload, said)
+def test_any_payload_can_be_printed_as_text_and_as_json(payload: bytes, encoding: str):
+    value = to_jsonable(payload, encoding)
     kept, sys.stdout = sys.stdout, io.StringIO()
     try:
         output.document(value)
@@ -137,7 +139,7 @@ def test_any_payload_can_be_printed_as_text_and_as_json(payload: bytes, said: st
 METRES = st.floats(-10_000, 10_000)
 MSGPACK = "application/msgpack;quadctl."
 DEEP = b"\x91" * 100_000
-"""Arrays in arrays in arrays: more than any reader's stack holds."""
+"""Nested arrays, deeper than any reader's stack."""
 ENCODINGS = st.one_of(
     st.text("application/msgpack;quadctl.#0", max_size=40),
     st.sampled_from([type_.__name__ for type_ in ON_THE_WIRE]).map(MSGPACK.__add__),
@@ -145,7 +147,7 @@ ENCODINGS = st.one_of(
 
 
 @given(st.sampled_from(ON_THE_WIRE), st.floats(0, 1))
-def test_a_message_comes_back_as_it_was(type_: type[Struct], number: float):
+def test_a_message_round_trips(type_: type[Struct], number: float):
     table = valid(type_)
     for path in numbers(type_):
         table = msgspec.msgpack.decode(with_value(table, path, number))
@@ -154,7 +156,7 @@ def test_a_message_comes_back_as_it_was(type_: type[Struct], number: float):
 
 
 @given(METRES, METRES, METRES, st.booleans())
-def test_numbers_come_back_to_the_last_bit(x: float, y: float, z: float, replace: bool):
+def test_numbers_round_trip_to_the_last_bit(x: float, y: float, z: float, replace: bool):
     back = codec.decode(GotoRequest, codec.encode(GotoRequest(x, y, z, replace)), "")
     assert [a.hex() for a in (back.x, back.y, back.z)] == [a.hex() for a in (x, y, z)]
     assert back.replace is replace
@@ -183,27 +185,28 @@ def test_another_hash_is_refused_and_both_are_named():
 
 def test_another_type_is_refused_even_with_the_same_fields():
     payload = codec.encode(Waypoint(1.0, 2.0, 3.0))
-    for said in (codec.encoding(Waypoint), f"{MSGPACK}Waypoint"):
+    for encoding in (codec.encoding(Waypoint), f"{MSGPACK}Waypoint"):
         with pytest.raises(SchemaMismatch, match="Waypoint"):
-            codec.decode(GotoRequest, payload, said)
+            codec.decode(GotoRequest, payload, encoding)
 
 
 @pytest.mark.parametrize(
-    "said", ["", "application/msgpack", f"{MSGPACK}Waypoint", f"{MSGPACK}Waypoint#", "zenoh/bytes"]
+    "encoding",
+    ["", "application/msgpack", f"{MSGPACK}Waypoint", f"{MSGPACK}Waypoint#", "zenoh/bytes"],
 )
-def test_without_a_hash_the_fields_decide(said: str):
-    assert codec.decode(Waypoint, b"\x83\xa1x\x01\xa1y\x02\xa1z\x03", said) == Waypoint(1, 2, 3)
+def test_without_a_hash_the_fields_decide(encoding: str):
+    assert codec.decode(Waypoint, b"\x83\xa1x\x01\xa1y\x02\xa1z\x03", encoding) == Waypoint(1, 2, 3)
     with pytest.raises(Invalid) as caught:
-        codec.decode(Waypoint, b"\x82\xa1x\x01\xa1y\x02", said)
+        codec.decode(Waypoint, b"\x82\xa1x\x01\xa1y\x02", encoding)
     assert "missing required field `z`" in caught.value.message
     assert caught.value.hint == "`quadctl type show Waypoint` prints its fields"
 
 
 @settings(max_examples=500)
 @given(st.sampled_from(ON_THE_WIRE), st.binary(max_size=64), ENCODINGS)
-def test_garbage_is_invalid_and_nothing_else(type_: type[Struct], payload: bytes, said: str):
+def test_garbage_raises_only_invalid(type_: type[Struct], payload: bytes, encoding: str):
     try:
-        message = codec.decode(type_, payload, said)
+        message = codec.decode(type_, payload, encoding)
     except Invalid:
         return
     assert isinstance(message, type_)
@@ -220,7 +223,7 @@ JSON = st.recursive(
 @pytest.mark.parametrize("type_", [Pose, Info, SetParamsRequest, SafetyState, Call])
 @settings(max_examples=25)
 @given(data=st.data())
-def test_well_formed_nonsense_is_invalid_and_nothing_else(type_: type[Struct], data: st.DataObject):
+def test_well_formed_nonsense_raises_only_invalid(type_: type[Struct], data: st.DataObject):
     names = st.sampled_from(type_.__struct_fields__)
     table = valid(type_) | data.draw(st.dictionaries(names, JSON, max_size=3))
     try:
@@ -244,13 +247,13 @@ def test_well_formed_nonsense_is_invalid_and_nothing_else(type_: type[Struct], d
     ],
     ids=["deep unknown", "deep", "deep value", "map as key", "long map", "long", "time", "text"],
 )
-def test_malice_is_invalid_and_nothing_else(type_: type[Struct], payload: bytes):
+def test_hostile_payloads_raise_only_invalid(type_: type[Struct], payload: bytes):
     with pytest.raises(Invalid, match="not a valid"):
         codec.decode(type_, payload, "")
 
 
 @pytest.mark.parametrize("error", WIRE_ERRORS.values())
-def test_an_error_comes_back_as_it_was(error: type[QuadctlError]):
+def test_an_error_round_trips(error: type[QuadctlError]):
     back = codec.decode_error(codec.encode_error(error("what and why", "what to do")))
     assert type(back) is error
     assert (back.message, back.hint) == ("what and why", "what to do")
@@ -263,9 +266,9 @@ def test_an_error_comes_back_as_it_was(error: type[QuadctlError]):
      (QuadctlError, "internal")],
 )  # fmt: skip
 def test_an_error_has_one_of_five_codes_on_the_wire(error: type[QuadctlError], code: str):
-    said = msgspec.json.decode(codec.encode_error(error("m", "h")))
-    assert said == {"code": code, "message": "m", "hint": "h"}
-    assert msgspec.convert(said, Error).code == code
+    sent = msgspec.json.decode(codec.encode_error(error("m", "h")))
+    assert sent == {"code": code, "message": "m", "hint": "h"}
+    assert msgspec.convert(sent, Error).code == code
     assert codec.ERROR_ENCODING == "application/json;quadctl.Error"
 
 
@@ -274,7 +277,7 @@ def test_unreadable_error_reply_is_still_an_error(payload: bytes):
     assert isinstance(codec.decode_error(payload), QuadctlError)
 
 
-def test_a_call_is_decoded_checked_or_absent():
+def test_a_call_is_decoded_rejected_or_absent():
     ticket = Call("a", 5.0)
     assert codec.decode_call(None) is None
     assert codec.decode_call(codec.encode(ticket)) == ticket
@@ -312,8 +315,8 @@ for number in range(20):
 """
 
 
-def test_threads_may_meet_a_type_for_the_first_time_together():
-    # In a process of its own, which a half built type would crash.
+def test_threads_may_decode_a_new_type_at_the_same_time():
+    # In its own process: a half-built type would crash it.
     done = subprocess.run(
         [sys.executable, "-c", FRESH_TYPES], capture_output=True, text=True, check=False
     )

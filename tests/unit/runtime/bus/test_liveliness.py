@@ -1,4 +1,4 @@
-"""Which vehicles are on a hub: those that fly, and nobody who only listens or looks on."""
+"""Vehicles on a hub: those that fly, not nodes that only subscribe."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +12,7 @@ from quadctl.services.runtime.bus import liveliness as roster
 
 
 class Bus:
-    """A session of which only the announcements are asked."""
+    """Session with liveliness tokens and nothing else."""
 
     def __init__(self, *keys: str) -> None:
         self._keys = [zenoh.KeyExpr(key) for key in keys]
@@ -21,12 +21,12 @@ class Bus:
         return self
 
     def get(self, pattern: str, timeout: float) -> list[Any]:
-        asked = zenoh.KeyExpr(pattern)
-        found = [key for key in self._keys if asked.intersects(key)]
+        wanted = zenoh.KeyExpr(pattern)
+        found = [key for key in self._keys if wanted.intersects(key)]
         return [SimpleNamespace(ok=SimpleNamespace(key_expr=key)) for key in found]
 
 
-def there(*keys: str) -> list[str]:
+def vehicles_of(*keys: str) -> list[str]:
     return roster.vehicles(Bus(*keys))  # type: ignore[arg-type]
 
 
@@ -35,25 +35,25 @@ def offered(vehicle: str, node: str, kind: Any, key: str) -> str:
 
 
 @pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])
-def test_one_node_of_its_own_is_enough(node: str):
-    assert there(node_key("uav1", node), node_key("uav0", node)) == ["uav0", "uav1"]
+def test_one_node_makes_a_vehicle_present(node: str):
+    assert vehicles_of(node_key("uav1", node), node_key("uav0", node)) == ["uav0", "uav1"]
 
 
 @pytest.mark.parametrize("node", ["hub", "gate", "recorder", "record-17", "camera"])
-def test_who_outlives_a_vehicle_is_none(node: str):
-    """A recorder goes on over the end of the run that it was begun in."""
+def test_nodes_that_outlive_a_vehicle_do_not_count(node: str):
+    """A recorder outlives the run it was started in."""
     image = offered("uav", node, "@pub", "uav/camera/image")
-    assert there(node_key("uav", node), image, node_key("uav0", "safety")) == ["uav0"]
+    assert vehicles_of(node_key("uav", node), image, node_key("uav0", "safety")) == ["uav0"]
 
 
-def test_who_stands_in_for_a_vehicle_is_one():
+def test_a_node_with_a_vehicles_endpoints_counts():
     pose = offered("a", "mocap", "@pub", POSE.key("a"))
     goto = offered("b", "autopilot", "@srv", GOTO.key("b"))
     others = offered("c", "mirror", "@pub", POSE.key("a"))
     keys = [pose, goto, others, *(node_key(*names) for names in
             [("a", "mocap"), ("b", "autopilot"), ("c", "mirror")])]  # fmt: skip
-    assert there(*keys) == ["a", "b"]
+    assert vehicles_of(*keys) == ["a", "b"]
 
 
-def test_nobody_is_there():
-    assert there() == []
+def test_without_tokens_there_is_no_vehicle():
+    assert vehicles_of() == []

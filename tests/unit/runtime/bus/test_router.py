@@ -1,4 +1,4 @@
-"""The links of a router are closed at once, whatever is under way on them."""
+"""TCP links of a router close at once, without lingering on unsent data."""
 
 import socket
 import struct
@@ -6,7 +6,7 @@ import struct
 from quadctl.services.runtime.bus.router import disable_tcp_linger
 
 
-def test_what_zenoh_has_set_is_taken_back_from_tcp_links_alone():
+def test_lingering_is_disabled_on_tcp_sockets_only():
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as link,

@@ -1,4 +1,4 @@
-"""Whether somebody is at the other end, of an end that is none."""
+"""Matching status of a publisher, with a stand-in for it."""
 
 import gc
 import weakref
@@ -10,46 +10,46 @@ import zenoh
 from quadctl.services.runtime.bus.zenoh_events import MatchingListener
 
 
-class End:
-    """It keeps for ever what it is to tell of changes, as Zenoh does until it is undeclared."""
+class FakePublisher:
+    """Publisher that keeps its callbacks forever, as Zenoh does until they are undeclared."""
 
     def __init__(self) -> None:
         self.matching_status = SimpleNamespace(matching=False)
-        self.told: list[Any] = []
+        self.callbacks: list[Any] = []
 
     def declare_matching_listener(self, callback: Any) -> object:
-        self.told.append(callback)
+        self.callbacks.append(callback)
         return object()
 
     def change(self, *, there: bool) -> None:
         self.matching_status = SimpleNamespace(matching=there)
-        for callback in self.told:
+        for callback in self.callbacks:
             callback(self.matching_status)
 
 
-def matching(end: End) -> MatchingListener:
-    return MatchingListener(cast("zenoh.Publisher", end))
+def matching(publisher: FakePublisher) -> MatchingListener:
+    return MatchingListener(cast("zenoh.Publisher", publisher))
 
 
-def test_it_is_told_of_changes_once_somebody_looks():
-    end = End()
-    other = matching(end)
-    end.change(there=True)
-    assert (other.is_there, end.told) == (True, [])
-    assert other.changes == 0
-    end.change(there=False)
-    assert (other.is_there, other.changes) == (False, 1)
-    assert not other.wait(0.0)
-    end.change(there=True)
-    assert (other.wait(0.0), other.changes) == (True, 2)
+def test_the_listener_is_declared_on_the_first_query():
+    publisher = FakePublisher()
+    listener = matching(publisher)
+    publisher.change(there=True)
+    assert (listener.is_there, publisher.callbacks) == (True, [])
+    assert listener.changes == 0
+    publisher.change(there=False)
+    assert (listener.is_there, listener.changes) == (False, 1)
+    assert not listener.wait(0.0)
+    publisher.change(there=True)
+    assert (listener.wait(0.0), listener.changes) == (True, 2)
 
 
-def test_it_is_let_go_while_its_end_goes_on():
-    end = End()
-    other = matching(end)
-    assert other.changes == 0
-    gone = weakref.ref(other)
-    del other
+def test_the_listener_is_collected_while_its_publisher_lives():
+    publisher = FakePublisher()
+    listener = matching(publisher)
+    assert listener.changes == 0
+    gone = weakref.ref(listener)
+    del listener
     gc.collect()
     assert gone() is None
-    end.change(there=True)
+    publisher.change(there=True)

@@ -1,4 +1,4 @@
-"""Values as TOML, in files and on command lines, read back as they were."""
+"""Catalogue of parameters, and their values as TOML in files and on command lines."""
 
 import tomllib
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from quadctl.services.runtime.params.names import flatten, value_of
 from tests.support.declared_types import bare, fields
 
 
-def test_every_leaf_is_there_in_the_files_order_with_its_default():
+def test_the_catalogue_has_every_parameter_in_order_with_its_default():
     defaults = dict(flatten(msgspec.to_builtins(Params())))
     found = {name: leaf.default for name, leaf in catalogue.leaves().items()}
     assert found == defaults
@@ -27,7 +27,7 @@ def test_every_leaf_is_there_in_the_files_order_with_its_default():
     assert sections.index("safety") < sections.index("dynamics") < sections.index("supervise")
 
 
-def test_every_leaf_has_a_meaning_its_own_or_that_of_its_table():
+def test_every_parameter_has_its_own_meaning_or_its_tables():
     leaves = catalogue.leaves()
     assert all(leaf.about for leaf in leaves.values())
     z = leaves["safety.virtual_cage.z"]
@@ -44,7 +44,7 @@ def test_every_table_has_a_meaning():
 @pytest.mark.parametrize(
     "name", [*sorted(FIXED_AT_LAUNCH), "supervise.answer_timeout", "processes.x"]
 )
-def test_what_cannot_be_set(name: str):
+def test_parameters_fixed_at_launch_are_known(name: str):
     assert catalogue.fixed_at_launch(name)
     assert not catalogue.fixed_at_launch("safety.takeoff")
 
@@ -54,7 +54,7 @@ DEFAULTS = FILE.read_text(encoding="utf-8")
 
 
 def settable(type_: type[Struct], path: str = "") -> Iterator[tuple[str, inspect.Type]]:
-    """Every parameter, a described table such as the cage counting as one."""
+    """Yield every parameter; a described table such as the cage counts as one."""
     for field in fields(type_):
         name = f"{path}.{field.encode_name}".lstrip(".")
         inner = bare(field.type)
@@ -78,7 +78,7 @@ def test_every_parameter_has_a_meaning_and_a_unit(name: str):
 
 
 @pytest.mark.parametrize("name", SETTABLE)
-def test_every_parameter_stands_in_the_file_below_its_meaning(name: str):
+def test_the_file_has_every_parameter_below_its_meaning(name: str):
     table, _, key = name.rpartition(".")
     lines = DEFAULTS.splitlines()
     section = lines[lines.index(f"[{table}]") :]
@@ -96,19 +96,19 @@ def test_the_file_is_what_init_writes():
     assert catalogue.render() == DEFAULTS
 
 
-def test_it_names_every_parameter_and_no_other():
+def test_the_file_has_exactly_the_declared_parameters():
     written = {name for name, _ in flatten(tomllib.loads(DEFAULTS))}
     assert written == {name for name, _ in flatten(to_builtins(Params()))}
 
 
-def test_it_loads_with_the_labs_values():
+def test_the_file_loads_with_the_labs_values():
     params = load(FILE)
     assert params.safety == SafetyParams(acceptance_range=0.5, virtual_cage=CageParams(5, 5, 2))
     assert params.safety.cage_on
     assert params == catalogue.lab_params()
 
 
-def test_beside_the_labs_cage_it_is_the_defaults_in_code():
+def test_except_for_the_cage_the_file_has_the_defaults_of_the_code():
     lab, code = (dict(flatten(to_builtins(p))) for p in (load(FILE), Params()))
     assert {name: lab[name] for name in lab if lab[name] != code[name]} == {
         "safety.virtual_cage.z": 2.0
@@ -116,7 +116,7 @@ def test_beside_the_labs_cage_it_is_the_defaults_in_code():
     assert code["safety.virtual_cage.z"] == 5.0
 
 
-def test_what_is_fixed_at_launch_is_a_parameter():
+def test_every_name_fixed_at_launch_is_a_parameter():
     assert {name for name, _ in flatten(to_builtins(Params()))} >= FIXED_AT_LAUNCH
 
 
@@ -131,13 +131,13 @@ VALUE = st.recursive(
 
 @settings(max_examples=60)
 @given(VALUE)
-def test_a_value_in_a_file_is_read_back(value: Any):
+def test_a_value_in_a_file_reads_back_the_same(value: Any):
     assert tomllib.loads(f"value = {catalogue.value(value)}") == {"value": value}
 
 
 @settings(max_examples=60)
 @given(VALUE)
-def test_what_get_prints_set_takes(value: Any):
+def test_set_accepts_the_output_of_get(value: Any):
     read = value_of(catalogue.word(value))
     assert read == value
     assert type(read) is type(value)
@@ -161,15 +161,15 @@ def test_what_get_prints_set_takes(value: Any):
         ({"x": 1.0, "y z": "a"}, '{ x = 1.0, "y z" = "a" }'),
     ],
 )
-def test_as_a_word(value: Any, text: str):
+def test_a_value_is_formatted_as_a_word(value: Any, text: str):
     assert catalogue.word(value) == text
 
 
-def test_a_word_is_one_value_and_no_more():
+def test_a_word_with_two_lines_is_one_text():
     assert value_of("1\nother = 2") == "1\nother = 2"
 
 
-def test_a_document_holds_every_parameter_below_its_table():
+def test_a_document_has_every_parameter_below_its_table():
     values = dict(flatten(msgspec.to_builtins(Params(processes={"a": "run 'x'", "b": ["y", ""]}))))
     text = catalogue.document(values)
     assert dict(flatten(tomllib.loads(text))) == values

@@ -1,4 +1,4 @@
-"""Reading and changing a running node's parameters: all of it or nothing, saved first."""
+"""Live parameters of a node: changes are atomic and saved first."""
 
 from typing import Any
 
@@ -11,23 +11,23 @@ from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.names import flatten
 
-TAKEN = SetParamsResponse(True, "")
+ACCEPTED = SetParamsResponse(True, "")
 
 
 class Bench:
-    """Live parameters of one node, with what they did in order."""
+    """Live parameters of one node, with a list of saves and changes in order."""
 
     def __init__(self, node: str = "safety") -> None:
         self.params = Params()
-        self.did: list[tuple[str, Any]] = []
+        self.events: list[tuple[str, Any]] = []
         self.live = LiveParams(node, self.params, self._save, self._changed)
 
     def _save(self, table: Any) -> None:
-        self.did.append(("saved", table.get("takeoff")))
-        self.did.append(("then", self.params.safety.takeoff))
+        self.events.append(("saved", table.get("takeoff")))
+        self.events.append(("then", self.params.safety.takeoff))
 
     def _changed(self) -> None:
-        self.did.append(("changed", self.params.safety.takeoff))
+        self.events.append(("changed", self.params.safety.takeoff))
 
     def get(self, *names: str) -> dict[str, Any]:
         return self.live.get(GetParamsRequest(list(names))).values
@@ -36,16 +36,16 @@ class Bench:
         dotted = {name.replace("__", "."): value for name, value in values.items()}
         return self.live.set(SetParamsRequest(dotted))
 
-    def refuses(self, *said: str, **values: Any) -> None:
+    def refuses(self, *parts: str, **values: Any) -> None:
         before = msgspec.to_builtins(self.params)
         reply = self.set(**values)
         assert not reply.success
-        assert all(text in reply.reason for text in said), reply.reason
+        assert all(text in reply.reason for text in parts), reply.reason
         assert msgspec.to_builtins(self.params) == before
-        assert self.did == []
+        assert self.events == []
 
 
-def test_one_a_table_or_all_can_be_read():
+def test_one_value_a_table_or_all_can_be_read():
     bench = Bench()
     assert bench.get("safety.virtual_cage.x") == {"safety.virtual_cage.x": 5.0}
     assert bench.get("/safety/virtual_cage/x") == {"safety.virtual_cage.x": 5.0}
@@ -65,31 +65,31 @@ def test_one_a_table_or_all_can_be_read():
         ("pressure.rate", ""),
     ],
 )
-def test_what_is_not_there_is_invalid_with_the_nearest_name(name: str, hint: str):
+def test_an_unknown_name_gets_the_nearest_as_a_hint(name: str, hint: str):
     with pytest.raises(Invalid, match=f"safety has no parameter {name}") as caught:
         Bench().get("safety.takeoff", name)
     assert caught.value.hint.startswith(hint)
 
 
-def test_a_change_is_saved_then_made_then_told():
+def test_a_change_is_saved_then_applied_then_reported():
     bench = Bench()
-    assert bench.set(safety__takeoff=2) == TAKEN
-    assert bench.did == [("saved", 2.0), ("then", 1.0), ("changed", 2.0)]
+    assert bench.set(safety__takeoff=2) == ACCEPTED
+    assert bench.events == [("saved", 2.0), ("then", 1.0), ("changed", 2.0)]
     assert bench.get("safety.takeoff") == {"safety.takeoff": 2.0}
 
 
-def test_who_holds_a_table_sees_the_change():
+def test_a_held_table_shows_the_change():
     bench = Bench()
     cage, safety = bench.params.safety.virtual_cage, bench.params.safety
     values = {"/safety/virtual_cage/x": 3, "safety.takeoff": 2}
-    assert bench.live.set(SetParamsRequest(values)) == TAKEN
+    assert bench.live.set(SetParamsRequest(values)) == ACCEPTED
     assert (cage.x, cage.y, cage.z) == (3.0, 5.0, 5.0)
     assert safety.takeoff == 2.0
     assert bench.params.safety is safety
     assert safety.virtual_cage is cage
 
 
-def test_what_is_not_named_stays_as_it_was_set_before():
+def test_other_values_are_kept():
     bench = Bench()
     bench.set(safety__virtual_cage__x=3)
     bench.set(safety__virtual_cage__y=4)
@@ -97,12 +97,12 @@ def test_what_is_not_named_stays_as_it_was_set_before():
     assert (cage.x, cage.y, cage.z) == (3.0, 4.0, 5.0)
 
 
-def test_one_bad_value_and_nothing_is_changed():
+def test_one_bad_value_prevents_the_whole_change():
     Bench().refuses("safety.virtual_cage.x", safety__takeoff=2, safety__virtual_cage__x=-3)
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "parts"),
     [
         ({"safety__takeoff": "high"}, "safety.takeoff: expected `float`"),
         ({"safety__takeoff": float("nan")}, "safety.takeoff"),
@@ -114,24 +114,24 @@ def test_one_bad_value_and_nothing_is_changed():
         ({"nonsense": 2}, "nonsense is not a parameter of safety"),
     ],
 )
-def test_a_bad_change_is_refused_by_name(values: dict[str, Any], said: str):
-    Bench().refuses(said, **values)
+def test_a_bad_change_is_refused_with_its_name(values: dict[str, Any], parts: str):
+    Bench().refuses(parts, **values)
 
 
 @pytest.mark.parametrize("name", sorted(FIXED_AT_LAUNCH))
-def test_fixed_parameter_is_refused_with_the_way_to_set_it(name: str):
+def test_a_fixed_parameter_is_refused_with_a_hint(name: str):
     bench = Bench(name.partition(".")[0])
     value = bench.get(name)[name]
-    said = (f"{name} is fixed at launch", f"quadctl up --set {name}=")
-    bench.refuses(*said, **{name.replace(".", "__"): value})
+    parts = (f"{name} is fixed at launch", f"quadctl up --set {name}=")
+    bench.refuses(*parts, **{name.replace(".", "__"): value})
 
 
-def test_cage_cannot_be_turned_by_parameter_only_by_command():
+def test_the_cage_is_not_switched_by_a_parameter():
     Bench().refuses("fixed at launch", "`quadctl cage on`", safety__cage_on=True)
     Bench().refuses("fixed at launch", "`quadctl cage off`", safety__cage_on=False)
 
 
-def test_a_rule_between_values_holds_for_live_changes_too():
+def test_rules_between_values_apply_to_live_changes():
     Bench("dynamics").refuses("1000 / rate", dynamics__rate=30)
 
 
@@ -141,20 +141,20 @@ def test_a_failed_save_changes_nothing():
     def full(_table: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    live = LiveParams("safety", params, full, lambda: pytest.fail("told of no change"))
+    live = LiveParams("safety", params, full, lambda: pytest.fail("a failed change was reported"))
     with pytest.raises(OSError, match="No space"):
         live.set(SetParamsRequest({"safety.takeoff": 2.0}))
     assert params == Params()
 
 
-def test_a_node_of_ones_own_without_parameters_has_none():
+def test_a_users_own_node_has_no_parameters():
     bench = Bench("mine")
     assert bench.get() == {}
     bench.refuses("unknown parameter mine", mine__rate=2)
     bench.refuses("safety.takeoff is not a parameter of mine", safety__takeoff=2)
 
 
-def test_of_a_table_only_what_it_names_is_changed():
+def test_a_partial_table_changes_only_its_fields():
     params = Params()
     live = LiveParams("safety", params, lambda table: None, lambda: None)
     params.safety.virtual_cage.z = 2.0
@@ -163,7 +163,7 @@ def test_of_a_table_only_what_it_names_is_changed():
     assert (cage.x, cage.y, cage.z) == (3.0, 5.0, 2.0)
 
 
-def test_what_is_fixed_at_launch_is_fixed_inside_a_table_too():
+def test_a_fixed_parameter_inside_a_table_is_refused():
     live = LiveParams("dynamics", Params(), lambda table: None, lambda: None)
     reply = live.set(SetParamsRequest({"dynamics": {"speed": 3.0}}))
     assert not reply.success

@@ -1,4 +1,4 @@
-"""Parameters from defaults, file and `--set`: which one counts, and how they may be written."""
+"""Parameters from defaults, file and `--set`: their precedence and their spellings."""
 
 from pathlib import Path
 
@@ -14,9 +14,9 @@ from quadctl.services.runtime.params.load import check, launch_lines, load, read
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put, value_of
 
 FLOAT, TABLE = "expected `float`", "expected `object`"
-# The file, what the error must name, and what its hint must offer.
+# The file, the text that the error must contain, and the text of its hint.
 FILES = [
-    # Names that are not there.
+    # Unknown names.
     ("[safty]", "unknown parameter safty", "safety"),
     ("[Safety]", "unknown parameter Safety", "safety"),
     ("takeoff = 1", "unknown parameter takeoff", "safety.takeoff"),
@@ -30,7 +30,7 @@ FILES = [
     ("[dynamics.control]\nmaxspeed = 1", "dynamics.control.maxspeed", "dynamics.control.max_speed"),
     ("[hub]\ntransports = 'tcp'", "unknown parameter hub.transports", "hub.transport"),
     ("[pressure]\nqqqqqqqqqqqqqqqqqqqqqqqqqqqqqq = 1", "qqqqq", "`quadctl init`"),
-    # Types that are wrong.
+    # Wrong types.
     ("pressure = 3", f"pressure: {TABLE}, got `int`", ""),
     ("[safety]\nvirtual_cage = 5.0", f"safety.virtual_cage: {TABLE}", ""),
     ("[safety.virtual_cage]\nx = '3'", f"safety.virtual_cage.x: {FLOAT}, got `str`", ""),
@@ -45,7 +45,7 @@ FILES = [
     ("[hub]\nlisten = [7447]", "hub.listen[0]: expected `str`, got `int`", ""),
     ("[processes]\nsafety = 3", "processes", ""),
     ("[processes]\nsafety = [3]", "processes", ""),
-    # Numbers that cannot be.
+    # Numbers out of range.
     ("[safety]\ntakeoff = nan", "safety.takeoff: expected `float`", ""),
     ("[safety]\ntakeoff = inf", "safety.takeoff: expected `float` <= 10000", ""),
     ("[safety]\ntakeoff = -1", "safety.takeoff: expected `float` >= 0", ""),
@@ -61,7 +61,7 @@ FILES = [
     ("[dynamics.start]\nz = -1", "dynamics.start.z: expected `float` >= 0", ""),
     ("[dynamics.vehicle]\nmass = 0", "dynamics.vehicle.mass: expected `float` >", ""),
     ("[supervise]\nanswer_timeout = 0.1", "supervise.answer_timeout: expected `float` >= 0.5", ""),
-    # What does not go together.
+    # Contradicting values.
     ("[pressure]\nprofile = 'bmp280'\nrate = 27", "rate 27 Hz: a bmp280 gives at most 26.3", ""),
     ("[pressure]\nprofile = 'ms5611'\nnoise = 0.1", "a ms5611 has noise of its own", ""),
     ("[pressure]\nprofile = 'bmp581'", "pressure.profile: invalid enum value", ""),
@@ -72,7 +72,7 @@ FILES = [
         "",
     ),
     ("[pressure]\nsource = 'iio'\n[dynamics]\nspeed = 0", "needs dynamics.speed 1, not 0", ""),
-    # What is no TOML.
+    # Invalid TOML.
     ("[safety", "is not TOML", "line and column"),
     ("[safety]\ntakeoff = ", "is not TOML", "line and column"),
     ("[safety]\ntakeoff = 1\ntakeoff = 2", "is not TOML", ""),
@@ -91,24 +91,24 @@ def refused(file: Path) -> Invalid:
     return caught.value
 
 
-def test_there_are_forty_of_them():
+def test_at_least_forty_bad_files_are_covered():
     assert len(FILES) >= 40
 
 
 @pytest.mark.parametrize(
-    ("text", "named", "offered"), FILES, ids=[text.replace("\n", " ") for text, _, _ in FILES]
+    ("text", "message", "hint"), FILES, ids=[text.replace("\n", " ") for text, _, _ in FILES]
 )
-def test_a_bad_file_is_refused_with_the_place_and_the_way_out(
-    tmp_path: Path, text: str, named: str, offered: str
+def test_a_bad_file_is_refused_with_the_place_and_a_hint(
+    tmp_path: Path, text: str, message: str, hint: str
 ):
     file = tmp_path / "bad.toml"
     file.write_text(text)
     error = refused(file)
-    assert named in error.message
-    assert offered in error.hint
+    assert message in error.message
+    assert hint in error.hint
 
 
-def test_a_file_that_is_not_there_or_no_file_or_no_text(tmp_path: Path):
+def test_a_missing_or_binary_file_is_refused(tmp_path: Path):
     assert "cannot be read: No such file" in refused(tmp_path / "none.toml").message
     assert "cannot be read: Is a directory" in refused(tmp_path).message
     binary = tmp_path / "binary.toml"
@@ -117,7 +117,7 @@ def test_a_file_that_is_not_there_or_no_file_or_no_text(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("setting", "named", "offered"),
+    ("setting", "message", "hint"),
     [
         ("safety.takeoff", "no '='", "--set safety.virtual_cage.x=3"),
         ("safety.takeof=3", "unknown parameter safety.takeof", "did you mean safety.takeoff?"),
@@ -136,12 +136,12 @@ def test_a_file_that_is_not_there_or_no_file_or_no_text(tmp_path: Path):
         ("dynamics.rate=30", "1000 / rate", ""),
     ],
 )
-def test_a_bad_setting_is_refused_by_name(setting: str, named: str, offered: str):
+def test_a_bad_setting_is_refused_with_its_name(setting: str, message: str, hint: str):
     with pytest.raises(Invalid) as caught:
         load(None, ["pressure.rate=20", setting])
     assert f"--set {setting}" in caught.value.message
-    assert named in caught.value.message
-    assert offered in caught.value.hint
+    assert message in caught.value.message
+    assert hint in caught.value.hint
     assert caught.value.hint
 
 
@@ -153,7 +153,7 @@ def test_a_set_into_a_value_of_the_file_names_the_setting(tmp_path: Path):
 
 
 def test_a_file_without_an_end_is_refused():
-    with pytest.raises(Invalid, match="/dev/zero is no such file: it has more than 1 MB"):
+    with pytest.raises(Invalid, match="/dev/zero is too large: it has more than 1 MB"):
         read(Path("/dev/zero"))
 
 
@@ -180,7 +180,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "lab.toml"
 
 
-def test_without_a_file_the_defaults_in_code_count():
+def test_without_a_file_the_defaults_of_the_code_apply():
     params = load(None)
     assert params == Params()
     assert params.safety.virtual_cage == CageParams(5.0, 5.0, 5.0)
@@ -194,7 +194,7 @@ def test_file_overrides_defaults_and_set_overrides_the_file(file: Path):
     assert params.pressure == PressureParams()
 
 
-def test_the_last_set_counts():
+def test_the_last_set_wins():
     assert load(None, ["pressure.rate=1", "pressure.rate=2"]).pressure.rate == 2.0
 
 
@@ -205,19 +205,19 @@ def test_running_values_override_defaults_and_set_overrides_them():
     assert running.pressure.rate == 20.0
 
 
-def test_a_file_of_ones_own_goes_before_a_running_systems_values(file: Path):
+def test_a_given_file_replaces_the_running_systems_values(file: Path):
     file.write_text("[pressure]\nrate = 5\n")
     assert load(file, (), Params(pressure=PressureParams(noise=0.5))).pressure == PressureParams(
         rate=5.0
     )
 
 
-def test_an_empty_file_is_the_defaults(file: Path):
+def test_an_empty_file_gives_the_defaults(file: Path):
     file.write_text("")
     assert load(file) == Params()
 
 
-def test_of_another_vehicle_what_differs_is_logged_alone(file: Path):
+def test_only_differences_of_further_vehicles_are_logged(file: Path):
     file.write_text("[safety]\nacceptance_range = 0.25\n")
     first, other = SafetyParams(), load(file).safety
     assert list(launch_lines(other, first)) == [
@@ -248,7 +248,7 @@ def test_cage_and_range_in_the_file_change_the_logged_lines(file: Path):
         "safety.virtual_cage={ x = 3 }",
     ],
 )
-def test_a_set_may_be_written_in_these_ways(setting: str):
+def test_every_spelling_of_set_is_accepted(setting: str):
     assert load(None, [setting]).safety.virtual_cage.x == 3.0
 
 
@@ -273,13 +273,13 @@ def test_ros_booleans_are_understood(text: str):
     assert load(None, [f"safety.cage_on={text}"], off).safety.cage_on
 
 
-def test_words_and_lists_reach_the_parameters():
+def test_words_and_lists_are_accepted_as_values():
     params = load(None, ["hub.transport=tcp", 'hub.listen=["tcp/127.0.0.1:7447"]'])
     assert params.hub.transport == "tcp"
     assert params.hub.listen == ["tcp/127.0.0.1:7447"]
 
 
-def test_processes_take_a_line_or_a_list(file: Path):
+def test_processes_accept_a_line_or_a_list(file: Path):
     file.write_text('[processes]\nsafety = "python my_safety.py"\nmine = ["sleep", "9"]\n')
     assert load(file).processes == {"safety": "python my_safety.py", "mine": ["sleep", "9"]}
     assert load(None, ["processes.mine=sleep 9"]).processes == {"mine": "sleep 9"}
@@ -290,19 +290,19 @@ def test_processes_take_a_line_or_a_list(file: Path):
     [("/safety/virtual_cage/x", "safety.virtual_cage.x"), ("safety.takeoff", "safety.takeoff"),
      ("pressure/rate", "pressure.rate"), ("/safety/", "safety")],
 )  # fmt: skip
-def test_names_as_ros_users_write_them(name: str, normal: str):
+def test_ros_style_names_are_accepted(name: str, normal: str):
     assert normal_name(name) == normal
 
 
 @given(TABLES)
-def test_a_table_taken_apart_can_be_put_together(table: dict[str, object]):
+def test_a_flattened_table_can_be_rebuilt(table: dict[str, object]):
     built: dict[str, object] = {}
     for name, value in flatten(table):
         put(built, name, value, "here")
     assert built == table
 
 
-def test_a_value_is_not_a_table():
+def test_a_name_below_a_value_is_invalid():
     with pytest.raises(Invalid, match=r"--set x: safety\.takeoff is a value and has no x"):
         put({"safety": {"takeoff": 1.0}}, "safety.takeoff.x", 3, "--set x")
 
@@ -316,7 +316,7 @@ def test_the_nearest_name_is_offered(name: str, meant: str):
     assert nearest("zzzzzz", ["virtual_cage", "rate"]) == ""
 
 
-def test_checking_makes_no_shared_tables():
+def test_checked_parameters_share_no_tables():
     one, other = check({}, "here"), check({}, "here")
     one.safety.virtual_cage.x = 1.0
     one.dynamics.start = StartParams(1.0)

@@ -1,4 +1,4 @@
-"""Many vehicles' parameters: what they share, what one has of its own, and where they start."""
+"""Parameters of many vehicles: common and own values, seeds, and starting places."""
 
 import math
 from itertools import combinations
@@ -13,7 +13,7 @@ from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params import load
 
 
-def test_one_vehicle_has_what_the_file_says(tmp_path: Path):
+def test_one_vehicle_has_the_values_of_the_file(tmp_path: Path):
     file = tmp_path / "lab.toml"
     file.write_text("[safety]\ntakeoff = 3.0\n[dynamics]\nseed = 5\nstart = { x = 1.0 }")
     loaded = load.load_vehicles(file)["uav"]
@@ -21,7 +21,7 @@ def test_one_vehicle_has_what_the_file_says(tmp_path: Path):
     assert load.load_vehicles(None) == {"uav": Params()}
 
 
-def test_names_count_from_nought():
+def test_names_count_from_zero():
     assert load.names("uav", 3) == ["uav0", "uav1", "uav2"]
     for count in (0, -1, 1001):
         with pytest.raises(UsageError, match="not a number of vehicles"):
@@ -29,7 +29,7 @@ def test_names_count_from_nought():
 
 
 @given(st.integers(1, 60))
-def test_they_start_two_metres_apart_around_the_start(count: int):
+def test_vehicles_start_two_metres_apart_around_the_start(count: int):
     starts = [
         (params.dynamics.start.x, params.dynamics.start.y)
         for params in load.load_vehicles(
@@ -43,14 +43,14 @@ def test_they_start_two_metres_apart_around_the_start(count: int):
     assert all(abs(x - 7) <= side / 2 and abs(y) <= side / 2 for x, y in starts)
 
 
-def test_each_has_a_seed_of_its_own():
+def test_each_vehicle_has_its_own_seed():
     seeds = [
         p.dynamics.seed for p in load.load_vehicles(None, ["dynamics.seed=8"], ["a", "b"]).values()
     ]
     assert seeds == [8, 9]
 
 
-def test_one_has_parameters_of_its_own_from_file_and_line(tmp_path: Path):
+def test_a_vehicle_can_have_its_own_parameters(tmp_path: Path):
     file = tmp_path / "lab.toml"
     file.write_text(
         "[safety]\ntakeoff = 1.5\n[uav1.safety]\ntakeoff = 2.5\n[uav1.dynamics]\nseed = 7"
@@ -65,31 +65,31 @@ def test_one_has_parameters_of_its_own_from_file_and_line(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "message"),
     [
         ("uav2.safety.takeoff=1", "unknown parameter uav2"),
         ("uav0.safety.takeof=1", "unknown parameter safety.takeof"),
         ("uav0.safety.takeoff=-1", "safety.takeoff: expected `float` >= 0"),
         ("uav0=1", "uav0 is a vehicle, and not a parameter"),
-        ("uav0.hub.transport=tcp", "uav0.hub: there is one for all vehicles"),
-        ("uav0.dynamics.speed=2", "uav0.dynamics.speed: there is one for all vehicles"),
+        ("uav0.hub.transport=tcp", "uav0.hub: all vehicles share one"),
+        ("uav0.dynamics.speed=2", "uav0.dynamics.speed: all vehicles share one"),
         ("safety.takeof=1", "unknown parameter safety.takeof"),
     ],
 )
-def test_what_is_wrong_is_told(setting: str, said: str):
+def test_a_wrong_setting_is_reported(setting: str, message: str):
     with pytest.raises(Invalid) as caught:
         load.load_vehicles(None, [setting], ["uav0", "uav1"])
-    assert said in caught.value.message
+    assert message in caught.value.message
     assert caught.value.hint
 
 
-def test_a_vehicle_that_is_not_there_is_told_with_those_that_are():
+def test_an_unknown_vehicle_is_reported_with_the_known_ones():
     with pytest.raises(Invalid) as caught:
         load.load_vehicles(None, ["uav20.safety.takeoff=1"], load.names("uav", 20))
     assert "the vehicles are uav0 .. uav19 (20)" in caught.value.hint
 
 
-def test_a_file_says_of_one_what_it_says_of_all_and_of_it_alone():
+def test_a_vehicles_own_table_extends_the_common_ones():
     table = {"safety": {"takeoff": 1.0}, "a": {"safety": {"cage_on": False}}, "b": {"hub": {}}}
     said = load.said_of(table, "a", ["a", "b"])
     assert said == {"safety": {"takeoff": 1.0, "cage_on": False}}

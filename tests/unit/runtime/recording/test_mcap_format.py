@@ -1,4 +1,4 @@
-"""What stands in a recording is JSON wherever JSON carries it, and comes back to the bit."""
+"""Form of recorded messages: JSON if JSON can represent them, and exact to the bit."""
 
 import msgspec
 import pytest
@@ -30,7 +30,7 @@ PLAIN = "application/msgpack"
         ("ghost/where", pose(3)),
     ],
 )
-def test_our_types_become_json_by_schema_and_return_unchanged(key, message):
+def test_known_types_are_stored_as_json_and_round_trip(key, message):
     payload = codec.encode(message)
     stored = Form(key, codec.encoding(type(message))).stored(payload)
     assert (stored.encoding, stored.type, stored.packed) == (JSON, type(message), True)
@@ -39,40 +39,40 @@ def test_our_types_become_json_by_schema_and_return_unchanged(key, message):
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3))
-def test_every_digit_of_a_number_comes_back(xyz):
+def test_every_digit_of_a_number_is_kept(xyz):
     payload = pack(dict(zip("xyz", xyz, strict=True)))
     stored = Form("uav/input/position_request", PLAIN).stored(payload)
     assert restored(stored.data, packed=True) == payload
 
 
 @given(values, st.sampled_from([PLAIN, "zenoh/bytes", "", "application/msgpack;quadctl.Gps#0"]))
-def test_whatever_a_stranger_packs_comes_back_to_the_bit(value, said):
+def test_unknown_messages_round_trip_to_the_bit(value, encoding):
     payload = pack(value)
-    stored = Form("my/own", said).stored(payload)
+    stored = Form("my/own", encoding).stored(payload)
     assert stored.type is None
     assert restored(stored.data, packed=stored.packed) == payload
     assert not (stored.encoding == JSON and isinstance(msgspec.json.decode(stored.data), list))
 
 
 @given(st.binary(), st.sampled_from(["zenoh/bytes", "application/json", PLAIN, "text/plain"]))
-def test_whatever_bytes_come_back(payload, said):
+def test_any_bytes_round_trip(payload, encoding):
     for key in ("my/own", "uav/pose"):
-        stored = Form(key, said).stored(payload)
+        stored = Form(key, encoding).stored(payload)
         assert restored(stored.data, packed=stored.packed) == payload
 
 
-def test_json_stays_as_it_was_written():
+def test_json_is_stored_unchanged():
     stored = Form("my/own", "application/json").stored(b'{"a": 1.0}')
     assert stored == (JSON, False, b'{"a": 1.0}', None)
 
 
-def test_another_versions_pose_is_kept_and_not_taken_for_ours():
-    said = "application/msgpack;quadctl.Pose#deadbeef"
-    stored = Form("uav/pose", said).stored(codec.encode(pose(1)))
+def test_a_pose_of_another_version_is_kept_without_our_type():
+    encoding = "application/msgpack;quadctl.Pose#deadbeef"
+    stored = Form("uav/pose", encoding).stored(codec.encode(pose(1)))
     assert (stored.encoding, stored.type, stored.packed) == (JSON, None, True)
 
 
-def test_what_a_stranger_has_put_beside_our_fields_is_kept():
+def test_unknown_fields_of_a_known_type_are_kept():
     more = msgspec.to_builtins(pose(1)) | {"battery": 0.5}
     stored = Form("uav/pose", PLAIN).stored(pack(more))
     assert stored.type is None
@@ -80,13 +80,13 @@ def test_what_a_stranger_has_put_beside_our_fields_is_kept():
     assert Form("uav/pose", PLAIN).stored(codec.encode(pose(1))).type is Pose
 
 
-def test_a_pose_that_json_could_not_carry_stays_messagepack():
+def test_a_pose_that_json_cannot_represent_stays_messagepack():
     bad = msgspec.to_builtins(pose(1)) | {"stamp": float("nan")}
     stored = Form("uav/pose", PLAIN).stored(pack(bad))
     assert (stored.encoding, stored.data) == (MSGPACK, pack(bad))
 
 
-def test_call_that_json_cannot_represent_is_kept_as_bytes():
+def test_a_call_that_json_cannot_represent_is_kept_as_bytes():
     bad = msgspec.structs.replace(refused(1, 2, 3), request={"x": float("inf")})
     stored = Form("uav/@call/goto", codec.encoding(Called)).stored(codec.encode(bad))
     assert restored(stored.data, packed=stored.packed) == codec.encode(bad)

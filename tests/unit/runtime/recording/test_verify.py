@@ -1,4 +1,4 @@
-"""A recording that was cut anywhere is read as far as it goes, and made whole."""
+"""A recording cut at any byte is read up to there, and repaired."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.recording.reader import Bag, facts, summary
 from quadctl.services.runtime.recording.verify import check, repair
-from tests.support.bags import flight, taken, write
+from tests.support.bags import flight, raw_message, write
 
 
 @pytest.fixture(scope="module")
@@ -33,42 +33,42 @@ def cut(whole: Path, length: int, name: str = "cut.mcap") -> Path:
 @given(st.floats(0, 1))
 @example(0.0)
 @example(1.0)
-def test_cut_anywhere_it_is_made_whole_with_all_whole_chunks(whole, part):
+def test_a_file_cut_anywhere_is_repaired_with_all_complete_chunks(whole, part):
     length = round(part * whole.stat().st_size)
-    held(whole, length)
+    check_cut(whole, length)
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(600)
 def test_cut_at_every_length(whole):
     for length in range(whole.stat().st_size + 1):
-        held(whole, length)
+        check_cut(whole, length)
 
 
-def held(whole: Path, length: int) -> None:
-    torn, mended = cut(whole, length), whole.with_name("mended.mcap")
-    mended.unlink(missing_ok=True)
-    done = repair(torn, mended)
-    kept = messages(mended)
+def check_cut(whole: Path, length: int) -> None:
+    torn, repaired = cut(whole, length), whole.with_name("repaired.mcap")
+    repaired.unlink(missing_ok=True)
+    done = repair(torn, repaired)
+    kept = messages(repaired)
     assert kept == messages(torn) == messages(whole)[: done.messages]
     assert bool(done.why) == (length < whole.stat().st_size)
-    with mended.open("rb") as file:
+    with repaired.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert len(list(reader.iter_messages())) == done.messages
-    assert check(mended) == (done.messages, [])
-    assert facts(torn).messages == facts(mended).messages == done.messages
-    assert facts(mended).cut == ""
+    assert check(repaired) == (done.messages, [])
+    assert facts(torn).messages == facts(repaired).messages == done.messages
+    assert facts(repaired).cut == ""
 
 
-def test_of_what_was_flushed_nothing_is_lost(tmp_path):
-    said = flight(200)
-    torn = write(tmp_path / "killed.mcap", said, every=25, whole=False)
-    flushed = len(said) // 25 * 25
-    assert repair(torn, tmp_path / "mended.mcap").messages == flushed
-    assert messages(tmp_path / "mended.mcap") == said[:flushed]
+def test_no_flushed_message_is_lost(tmp_path):
+    sent = flight(200)
+    torn = write(tmp_path / "killed.mcap", sent, every=25, whole=False)
+    flushed = len(sent) // 25 * 25
+    assert repair(torn, tmp_path / "repaired.mcap").messages == flushed
+    assert messages(tmp_path / "repaired.mcap") == sent[:flushed]
 
 
-def test_a_chunk_with_a_flipped_bit_is_where_it_ends(whole):
+def test_a_repaired_file_ends_before_a_chunk_with_a_flipped_bit(whole):
     data = bytearray(whole.read_bytes())
     index = summary(whole)
     assert index is not None
@@ -77,23 +77,25 @@ def test_a_chunk_with_a_flipped_bit_is_where_it_ends(whole):
     torn = whole.with_name("flipped.mcap")
     torn.write_bytes(data)
     assert check(torn).faults
-    mended = whole.with_name("unflipped.mcap")
-    kept = repair(torn, mended).messages
-    assert messages(mended) == messages(whole)[:kept]
+    repaired = whole.with_name("unflipped.mcap")
+    kept = repair(torn, repaired).messages
+    assert messages(repaired) == messages(whole)[:kept]
     assert kept < len(messages(whole))
 
 
-def test_what_is_no_recording_is_told_and_nothing_is_left(tmp_path):
+def test_a_file_that_is_no_recording_is_rejected_without_output(tmp_path):
     other = tmp_path / "text.mcap"
     other.write_text("no recording at all")
-    with pytest.raises(Invalid, match="is no recording"):
+    with pytest.raises(Invalid, match="is not a recording"):
         repair(other, tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
 
 
-def test_a_lost_pose_and_a_message_of_the_wrong_type_are_found(tmp_path):
-    said = [each for number, each in enumerate(flight(50)) if number not in {20, 21}]
-    path = write(tmp_path / "gaps.mcap", said)
-    assert check(path).faults == ["uav/pose: 2 messages are missing in between"]
-    back = write(tmp_path / "back.mcap", [taken("a/b", {}, 1.0, ""), taken("a/b", {}, 0.5, "")])
-    assert check(back).faults == ["a/b: a message came 0.5 s before the one before it"]
+def test_lost_and_misordered_messages_are_found(tmp_path):
+    sent = [each for number, each in enumerate(flight(50)) if number not in {20, 21}]
+    path = write(tmp_path / "gaps.mcap", sent)
+    assert check(path).faults == ["uav/pose: 2 messages are missing"]
+    back = write(
+        tmp_path / "back.mcap", [raw_message("a/b", {}, 1.0, ""), raw_message("a/b", {}, 0.5, "")]
+    )
+    assert check(back).faults == ["a/b: a message is 0.5 s older than the previous one"]

@@ -1,4 +1,4 @@
-"""A recording is a file that the library's own reader opens, every schema attached."""
+"""Recordings: readable by the MCAP library, with all schemas, and safe on a full disk."""
 
 import errno
 import json
@@ -14,12 +14,12 @@ from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import Outfile
-from tests.support.bags import flight, pose, state, taken, write
+from tests.support.bags import flight, pose, raw_message, state, write
 
 
 @contextmanager
 def room_for(size: int):
-    """No file of this process may grow beyond a size."""
+    """Limit the size of this process's files."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -28,7 +28,7 @@ def room_for(size: int):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_a_full_device_is_told():
+def test_a_full_device_raises_an_error():
     out = Outfile(os.open("/dev/full", os.O_WRONLY))
     out.write(b"something")
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
@@ -36,7 +36,7 @@ def test_a_full_device_is_told():
     out.close()
 
 
-def test_a_part_of_what_was_flushed_is_never_there(tmp_path):
+def test_a_failed_flush_leaves_no_partial_data(tmp_path):
     out = Outfile.create(tmp_path / "f")
     out.write(b"x" * 600)
     out.flush()
@@ -47,13 +47,13 @@ def test_a_part_of_what_was_flushed_is_never_there(tmp_path):
     out.close()
 
 
-def test_a_recording_on_a_full_disk_stops_and_says_what_to_do(tmp_path):
+def test_a_recording_on_a_full_disk_stops_with_a_hint(tmp_path):
     recording = Recording(tmp_path / "r.mcap", {})
-    said, kept = flight(2000), [0]
+    sent, kept = flight(2000), [0]
 
     def fill() -> None:
         while True:
-            recording.take(said[kept[-1] : kept[-1] + 50])
+            recording.take(sent[kept[-1] : kept[-1] + 50])
             recording.flush()
             kept.append(kept[-1] + 50)
 
@@ -62,21 +62,21 @@ def test_a_recording_on_a_full_disk_stops_and_says_what_to_do(tmp_path):
     assert "the recording has stopped" in raised.value.message
     assert f"quadctl bag repair {recording.path}" in raised.value.hint
     assert raised.value.exit_code == 1
-    # All that was taken before is there.
+    # All messages flushed before are in the file.
     there = [m.payload for m in Bag(recording.path).messages() if not m.derived]
-    assert there == [each.payload for each in said[: kept[-1]]]
+    assert there == [each.payload for each in sent[: kept[-1]]]
     assert kept[-1]
 
 
-def test_where_not_even_the_head_has_room_there_is_no_file(tmp_path):
+def test_without_space_for_the_header_no_file_is_created(tmp_path):
     with room_for(20), pytest.raises(QuadctlError, match="File too large"):
         Recording(tmp_path / "r.mcap", {})
     assert not (tmp_path / "r.mcap").exists()
 
 
-def test_no_recording_is_written_over(tmp_path):
+def test_an_existing_recording_is_not_overwritten(tmp_path):
     (tmp_path / "r.mcap").write_bytes(b"old")
-    with pytest.raises(Invalid, match="is there already"):
+    with pytest.raises(Invalid, match="already exists"):
         Recording(tmp_path / "r.mcap", {})
     assert (tmp_path / "r.mcap").read_bytes() == b"old"
 
@@ -112,29 +112,29 @@ def test_the_librarys_reader_finds_every_message_with_its_schema(recorded):
     assert all(m.publish_time == m.log_time - 1000 for _, c, m in found if c.topic[0] != "/")
 
 
-def test_what_was_recorded_comes_back_as_it_was_on_the_bus(tmp_path):
-    said = flight()
-    bag = Bag(write(tmp_path / "f.mcap", said))
-    assert [(m.key, m.payload, m.encoding, m.at, m.published) for m in bag.messages()] == said
+def test_recorded_messages_equal_those_on_the_bus(tmp_path):
+    sent = flight()
+    bag = Bag(write(tmp_path / "f.mcap", sent))
+    assert [(m.key, m.payload, m.encoding, m.at, m.published) for m in bag.messages()] == sent
     assert bag.cut == ""
 
 
-def test_key_with_messages_of_different_types_keeps_all(tmp_path):
-    said = [
-        taken("uav/pose", pose(0), 0),
-        taken("uav/pose", b"nonsense", 0.1, "text/plain"),
-        taken("uav/pose", {"mine": 1}, 0.2, "application/msgpack"),
-        taken("uav/pose", b'{"mine": 1}', 0.3, "application/json"),
+def test_a_key_with_messages_of_different_types_keeps_all(tmp_path):
+    sent = [
+        raw_message("uav/pose", pose(0), 0),
+        raw_message("uav/pose", b"nonsense", 0.1, "text/plain"),
+        raw_message("uav/pose", {"mine": 1}, 0.2, "application/msgpack"),
+        raw_message("uav/pose", b'{"mine": 1}', 0.3, "application/json"),
     ]
-    bag = Bag(write(tmp_path / "f.mcap", said))
-    assert [m.payload for m in bag.messages()] == [each.payload for each in said]
+    bag = Bag(write(tmp_path / "f.mcap", sent))
+    assert [m.payload for m in bag.messages()] == [each.payload for each in sent]
 
 
-def test_every_vehicle_has_a_frame_and_a_cage_of_its_own(tmp_path):
+def test_every_vehicle_has_its_own_frame_and_cage(tmp_path):
     recording = Recording(tmp_path / "r.mcap", {})
     for vehicle in ("uav0", "uav1"):
-        recording.take([taken(f"{vehicle}/pose", pose(0), 0)])
-        recording.take([taken(f"{vehicle}/safety/state", state(0), 0)])
+        recording.take([raw_message(f"{vehicle}/pose", pose(0), 0)])
+        recording.take([raw_message(f"{vehicle}/safety/state", state(0), 0)])
     recording.end()
     found = [(m.key, m.value) for m in Bag(recording.path).messages() if m.derived]
     assert [v["child_frame_id"] for key, v in found if key == "/tf"] == ["uav0", "uav1"]
@@ -142,7 +142,7 @@ def test_every_vehicle_has_a_frame_and_a_cage_of_its_own(tmp_path):
     assert len(ids) == len(set(ids)) == 6
 
 
-def test_the_types_that_a_viewer_draws_are_ours_too(recorded):
+def test_drawn_topics_keep_the_fields_of_their_types(recorded):
     types = {"uav/pose": Pose, "uav/sensors/pressure": Pressure, "uav/safety/state": SafetyState}
     for message in Bag(recorded).messages():
         if message.key in types:

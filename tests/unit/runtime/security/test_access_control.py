@@ -1,4 +1,4 @@
-"""The access control that Zenoh is given, read as Zenoh reads it, against the roles' own table."""
+"""Zenoh's access control configuration, evaluated as Zenoh does, against the table of roles."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,23 +18,23 @@ NAMES += ["@srv/safety/set_params", "@srv/hub/get_params", "own/x", "@srv/own/x"
 NAMES += ["@node/safety", "@node/own-x", "@node/gate", "**", "@srv/*", "input/*", "*", "@adv/x"]
 VEHICLES = ["uav", "uav7", "uav8", "*"]
 KEYS = st.builds("{}/{}".format, st.sampled_from(VEHICLES), st.sampled_from(NAMES))
-ASKED: dict[str, set[Right]] = {
+INCOMING: dict[str, set[Right]] = {
     "put": {"publish"}, "declare_subscriber": {"listen"}, "query": {"call", "read"},
     "declare_queryable": {"serve"}, "reply": {"serve"}, "liveliness_token": {"announce"},
 }  # fmt: skip
-"""What somebody needs a right for when it comes from him."""
-TOLD: dict[str, set[Right]] = {
+"""Rights that permit a message from a holder, any one of them."""
+OUTGOING: dict[str, set[Right]] = {
     "put": {"listen"}, "reply": {"call", "read"}, "query": {"serve"}, "liveliness_token": {"see"},
 }  # fmt: skip
-"""And when it goes to him."""
+"""Rights that permit a message to a holder, any one of them."""
 
 
-def somebody(role: Role, vehicles: Sequence[str], serial: str = "1", expires: float = 2_000.0):
+def holder_of(role: Role, vehicles: Sequence[str], serial: str = "1", expires: float = 2_000.0):
     return Name("anna", role, list(vehicles), serial, expires)
 
 
 HOLDERS = st.builds(
-    somebody,
+    holder_of,
     st.sampled_from(list(ROLES)),
     st.lists(st.sampled_from(["uav", "uav7"]), min_size=1, max_size=2, unique=True)
     | st.just(["*"]),
@@ -42,8 +42,10 @@ HOLDERS = st.builds(
 
 
 def passes(config: dict[str, Any], who: dict[str, str], flow: str, message: str, key: str) -> bool:
-    """Zenoh's decision: a subject fits by all it says, a rule by a key that includes the message's; a
-    denial comes first."""
+    """Return Zenoh's decision, with denials first.
+
+    A subject matches by all of its fields, a rule by a key that includes the message's.
+    """
     subjects = {
         subject["id"]
         for subject in config["subjects"]
@@ -57,7 +59,7 @@ def passes(config: dict[str, Any], who: dict[str, str], flow: str, message: str,
         for rule in policy["rules"]
     }
     assert config["default_permission"] == "deny"
-    said = {
+    permissions = {
         rule["permission"]
         for rule in config["rules"]
         if rule["id"] in wanted
@@ -65,53 +67,55 @@ def passes(config: dict[str, Any], who: dict[str, str], flow: str, message: str,
         and message in rule["messages"]
         and any(includes(pattern, key) for pattern in rule["key_exprs"])
     }
-    return said == {"allow"}
+    return permissions == {"allow"}
 
 
 @given(HOLDERS, KEYS)
-def test_it_lets_through_what_the_role_allows_and_no_more(holder: Name, key: str):
-    config = access_control([holder, somebody("student", ["uav8"], "2")], NOW, "unixsock-stream")
+def test_the_rules_allow_exactly_the_rights_of_a_role(holder: Name, key: str):
+    config = access_control([holder, holder_of("student", ["uav8"], "2")], NOW, "unixsock-stream")
     who = {"cert": holder.common_name, "link": "tls"}
-    for flow, table in (("ingress", ASKED), ("egress", TOLD)):
+    for flow, table in (("ingress", INCOMING), ("egress", OUTGOING)):
         for message, rights in table.items():
             due = any(may(holder.role, holder.vehicles, right, key) for right in rights)
-            # A hub's people may ask for everything: they are told of its own vehicles alone.
+            # A hub may subscribe to everything: it receives only its own vehicles' messages.
             asks = holder.role == "hub" and (flow, message) == ("ingress", "declare_subscriber")
             if not asks:
                 assert passes(config, who, flow, message, key) == due, (flow, message)
     assert not passes(config, who, "ingress", "delete", key)
 
 
-@given(HOLDERS, KEYS, st.sampled_from([*ASKED, *TOLD, "delete", "liveliness_query"]))
-def test_who_is_not_on_the_list_or_has_expired_passes_nothing(holder: Name, key: str, message: str):
-    late = somebody(holder.role, holder.vehicles, "9", expires=NOW)
-    config = access_control([late, somebody("operator", ["*"], "2")], NOW, "unixsock-stream")
+@given(HOLDERS, KEYS, st.sampled_from([*INCOMING, *OUTGOING, "delete", "liveliness_query"]))
+def test_an_unlisted_or_expired_certificate_is_denied_everything(
+    holder: Name, key: str, message: str
+):
+    late = holder_of(holder.role, holder.vehicles, "9", expires=NOW)
+    config = access_control([late, holder_of("operator", ["*"], "2")], NOW, "unixsock-stream")
     for serial in ("9", "1"):
-        cert = somebody(holder.role, holder.vehicles, serial).common_name
+        cert = holder_of(holder.role, holder.vehicles, serial).common_name
         for flow in ("ingress", "egress"):
             assert not passes(config, {"cert": cert, "link": "tls"}, flow, message, key)
     assert not passes(config, {"link": "tls"}, "ingress", message, key)
 
 
 @given(KEYS)
-def test_our_own_hub_passes_everything_of_ours(key: str):
+def test_local_sockets_are_allowed_everything_but_advanced_keys(key: str):
     config = access_control([], NOW, "unixsock-stream")
     if "@adv" not in key:
         assert passes(config, {"link": "unixsock-stream"}, "ingress", "query", key)
         assert passes(config, {"link": "unixsock-stream"}, "egress", "put", key)
 
 
-def test_a_hundred_of_a_kind_are_one_subject():
-    many = [somebody("student", ["uav"], str(number)) for number in range(100)]
+def test_many_holders_of_one_role_are_one_subject():
+    many = [holder_of("student", ["uav"], str(number)) for number in range(100)]
     config = access_control(many, NOW, "unixsock-stream")
     assert len(config["subjects"]) == 2
     ids = [rule["id"] for rule in config["rules"]]
     assert len(ids) == len(set(ids))
 
 
-def test_who_listens_is_told_to_those_whom_it_concerns():
-    names = [somebody("hub", [name], name) for name in ("uav7", "uav8")]
-    config = access_control([*names, somebody("hub", ["*"], "1")], NOW, "unixsock-stream")
+def test_subscriptions_are_announced_only_to_the_hubs_concerned():
+    names = [holder_of("hub", [name], name) for name in ("uav7", "uav8")]
+    config = access_control([*names, holder_of("hub", ["*"], "1")], NOW, "unixsock-stream")
     who = {"cert": names[0].common_name, "link": "tls"}
     for key in ("uav7/pose", "uav7/@call/goto", "*/pose", "**", "uav9/pose"):
         assert passes(config, who, "egress", "declare_subscriber", key), key

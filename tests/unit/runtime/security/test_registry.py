@@ -1,4 +1,4 @@
-"""A fleet's keys: who has which, for how long, and how little of it others can read."""
+"""A fleet's keys: certificates, their expiry and revocation, and file permissions."""
 
 import datetime as dt
 import stat
@@ -31,11 +31,11 @@ def usages(made: x509.Certificate) -> list[x509.ObjectIdentifier]:
     return list(made.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value)
 
 
-def test_a_certificate_says_who_it_is_and_ends_in_days(folder: Path):
+def test_a_certificate_has_its_holders_name_and_expires(folder: Path):
     (anna,) = Registry(folder).issue("operator", {"anna": ["uav7"]}, 2.0, [])
     made = certificate(folder / "anna")
-    (said,) = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    assert said.value == anna.common_name == f"operator.anna.{anna.serial}"
+    (common_name,) = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    assert common_name.value == anna.common_name == f"operator.anna.{anna.serial}"
     assert isinstance(made.public_key(), ec.EllipticCurvePublicKey)
     left = made.not_valid_after_utc - dt.datetime.now(dt.UTC)
     assert dt.timedelta(days=1.9) < left <= dt.timedelta(days=2)
@@ -44,7 +44,7 @@ def test_a_certificate_says_who_it_is_and_ends_in_days(folder: Path):
     assert (folder / "anna" / "ca.pem").read_bytes() == (folder / "ca.pem").read_bytes()
 
 
-def test_only_a_hub_may_be_connected_to_and_at_its_own_addresses(folder: Path):
+def test_only_a_hubs_certificate_is_valid_for_a_server(folder: Path):
     Registry(folder).issue("hub", {"field": ["*"]}, 1, ["10.7.1.1", "field.local"])
     Registry(folder).issue("student", {"bob": ["uav"]}, 1, [])
     hub, student = certificate(folder / "field"), certificate(folder / "bob")
@@ -56,7 +56,7 @@ def test_only_a_hub_may_be_connected_to_and_at_its_own_addresses(folder: Path):
     assert not hub.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
 
 
-def test_no_key_can_be_read_by_others(folder: Path):
+def test_keys_are_readable_only_by_their_owner(folder: Path):
     Registry(folder).issue("operator", {"anna": ["*"]}, 1, [])
     for key in (folder / "ca-key.pem", folder / "anna" / "key.pem"):
         assert stat.S_IMODE(key.stat().st_mode) == 0o600
@@ -68,7 +68,7 @@ def test_no_key_can_be_read_by_others(folder: Path):
     assert "chmod 600" in caught.value.hint
 
 
-def test_the_list_is_in_the_folder_of_every_hub(folder: Path):
+def test_every_hubs_folder_has_the_list_of_names(folder: Path):
     fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
     fleet.issue("hub", {"field": ["*"], "uav7": ["uav7"]}, 1, [])
@@ -82,7 +82,7 @@ def test_the_list_is_in_the_folder_of_every_hub(folder: Path):
     assert not (folder / "anna").exists()
 
 
-def test_issued_anew_the_old_one_is_good_no_more(folder: Path):
+def test_a_new_certificate_revokes_the_old_one(folder: Path):
     fleet = Registry(folder)
     (old,) = fleet.issue("operator", {"anna": ["*"]}, 1, [])
     (new,) = fleet.issue("student", {"anna": ["uav7"]}, 1, [])
@@ -91,10 +91,10 @@ def test_issued_anew_the_old_one_is_good_no_more(folder: Path):
     assert Identity(str(folder / "anna")).name == new
 
 
-def test_what_cannot_be(folder: Path, tmp_path: Path):
+def test_invalid_requests_are_rejected(folder: Path, tmp_path: Path):
     fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
-    with pytest.raises(Invalid, match="nobody is called ana") as caught:
+    with pytest.raises(Invalid, match="there is no certificate ana") as caught:
         fleet.revoke("ana")
     assert "anna" in caught.value.hint
     with pytest.raises(UsageError, match="has a fleet's keys already"):
@@ -106,14 +106,14 @@ def test_what_cannot_be(folder: Path, tmp_path: Path):
     with pytest.raises(UsageError, match="neither a name nor an address"):
         fleet.issue("hub", {"x": ["*"]}, 1, ["käse"])
     (folder / "names.json").write_text("[{]", encoding="utf-8")
-    with pytest.raises(Invalid, match="is no list of names"):
+    with pytest.raises(Invalid, match="is not a list of names"):
         fleet.names()
 
 
-def test_who_we_are_is_what_the_environment_says(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_identity_comes_from_the_environment(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delenv(VARIABLE, raising=False)
     assert current() is None
-    with pytest.raises(UsageError, match="tls/x:1 asks who you are"):
+    with pytest.raises(UsageError, match="tls/x:1 needs an identity"):
         needed("tls/x:1")
     fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
@@ -127,8 +127,8 @@ def test_who_we_are_is_what_the_environment_says(folder: Path, monkeypatch: pyte
     assert {subject["id"] for subject in made["subjects"]} == {"own", "operator of *", "hub of *"}
 
 
-def test_a_folder_that_is_no_identity(folder: Path, tmp_path: Path):
-    with pytest.raises(UsageError, match=r"has no ca\.pem that can be read"):
+def test_a_missing_expired_or_damaged_identity_is_rejected(folder: Path, tmp_path: Path):
+    with pytest.raises(UsageError, match=r"has no readable ca\.pem"):
         Identity(str(tmp_path))
     Registry(folder).issue("operator", {"anna": ["*"]}, 1e-9, [])
     time.sleep(0.001)

@@ -1,4 +1,4 @@
-"""How many vehicles are let start where there is no numba."""
+"""Limit on the number of vehicles without numba."""
 
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ def launch(count: int, rate: float = 20.0, speed: float = 1.0, without: tuple[st
 
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No numba, and a machine whose step takes 13 us."""
+    """Hide numba, and set the duration of a step to 13 us."""
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setattr(capacity, "_step_seconds", lambda: 13e-6)
 
@@ -32,12 +32,12 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
         (1e-2, [20.0] * 3, 0),
     ],
 )
-def test_vehicles_share_a_part_of_one_core(step: float, rates: list[float], count: int):
+def test_vehicles_share_a_fixed_part_of_one_core(step: float, rates: list[float], count: int):
     assert capacity.most(step, rates) == count
 
 
 @pytest.mark.usefixtures("plain")
-def test_more_are_refused_with_the_figures_and_the_extra():
+def test_too_many_vehicles_are_refused_with_the_limit_and_the_extra():
     capacity.check(launch(42))
     with pytest.raises(UsageError) as caught:
         capacity.check(launch(100))
@@ -48,7 +48,7 @@ def test_more_are_refused_with_the_figures_and_the_extra():
 
 
 @pytest.mark.usefixtures("plain")
-def test_rates_that_differ_are_named_both():
+def test_different_rates_are_both_named():
     mixed = launch(50).fleet | {"fast": Params(dynamics=DynamicsParams(rate=1000))}
     with pytest.raises(UsageError, match="at 20 to 1000 Hz"):
         capacity.check(Launch("lab", mixed, [], "/"))
@@ -58,12 +58,12 @@ def test_rates_that_differ_are_named_both():
 @pytest.mark.parametrize(
     "asked", [launch(100, speed=0), launch(100, speed=2), launch(100, without=("dynamics",))]
 )
-def test_waiting_clock_or_run_without_dynamics_has_no_limit(asked: Launch):
+def test_lock_step_and_runs_without_dynamics_have_no_limit(asked: Launch):
     capacity.check(asked)
 
 
 @pytest.mark.parametrize(("count", "numba"), [(100, True), (1, False)])
-def test_with_numba_or_for_one_nothing_is_timed(
+def test_with_numba_or_one_vehicle_nothing_is_timed(
     monkeypatch: pytest.MonkeyPatch, count: int, numba: bool
 ):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: numba or None)
@@ -71,7 +71,7 @@ def test_with_numba_or_for_one_nothing_is_timed(
     capacity.check(launch(count))
 
 
-def test_a_step_is_timed_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch):
+def test_a_step_is_timed_in_its_own_process(monkeypatch: pytest.MonkeyPatch):
     assert 1e-7 < capacity._step_seconds() < 1e-3
     done = SimpleNamespace(stdout="", stderr="no such module")
     monkeypatch.setattr("subprocess.run", lambda *args, **kwargs: done)

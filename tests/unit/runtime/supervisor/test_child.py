@@ -1,4 +1,4 @@
-"""What a child writes: in lines, and bounded however much it is."""
+"""Output of a child process, split into lines and limited in size."""
 
 import io
 import itertools
@@ -10,7 +10,7 @@ from quadctl.services.runtime.supervisor.child import FEW, LONGEST, MOST, LineBu
 
 
 def texts(lines: LineBuffer) -> list[str]:
-    return [said.line for said in lines.take()]
+    return [taken.line for taken in lines.take()]
 
 
 @given(
@@ -19,7 +19,7 @@ def texts(lines: LineBuffer) -> list[str]:
     ),
     st.lists(st.integers(1, 9), min_size=1, max_size=5),
 )
-def test_however_it_is_cut_into_chunks_the_lines_are_the_same(written: list[str], sizes: list[int]):
+def test_lines_do_not_depend_on_the_chunks_they_arrive_in(written: list[str], sizes: list[int]):
     pipe = io.BytesIO("".join(f"{line}\r\n" for line in written).encode())
     lines = LineBuffer("x")
     for size in itertools.cycle(sizes):
@@ -31,7 +31,7 @@ def test_however_it_is_cut_into_chunks_the_lines_are_the_same(written: list[str]
     assert texts(lines) == []
 
 
-def test_line_has_name_and_time_and_the_last_needs_no_newline():
+def test_a_line_has_name_and_time_and_the_last_needs_no_newline():
     lines = LineBuffer("camera")
     lines.feed(b"one\ntw")
     lines.feed(b"o")
@@ -43,7 +43,7 @@ def test_line_has_name_and_time_and_the_last_needs_no_newline():
     assert second.at >= first.at > 1e9
 
 
-def test_bytes_without_a_newline_are_shown_once_and_not_kept():
+def test_bytes_without_a_newline_are_shown_once_and_dropped():
     lines = LineBuffer("x")
     assert lines.feed(b"z" * 65536)
     for _ in range(1000):
@@ -55,7 +55,7 @@ def test_bytes_without_a_newline_are_shown_once_and_not_kept():
     assert texts(lines) == ["next", "last"]
 
 
-def test_a_long_line_is_cut_and_the_longest_is_not():
+def test_a_line_above_the_limit_is_cut():
     lines = LineBuffer("x")
     lines.feed(b"a" * LONGEST + b"\n" + b"b" * (LONGEST + 1) + b"\nc\n")
     assert texts(lines) == ["a" * LONGEST, "b" * LONGEST + " ... (cut)", "c"]
@@ -73,7 +73,7 @@ def test_surplus_lines_are_counted_and_the_reader_is_paused():
     assert texts(lines) == ["again"]
 
 
-def test_what_is_no_text_is_a_line_all_the_same():
+def test_bytes_that_are_no_text_are_a_line_too():
     lines = LineBuffer("x")
     lines.feed(b"\xff\x00\n\n")
     assert texts(lines) == ["�\x00", ""]

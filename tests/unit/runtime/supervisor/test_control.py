@@ -1,4 +1,4 @@
-"""A restart is asked for by name, in the realm's folder."""
+"""Requests to restart a process, by name, through the realm's folder."""
 
 import threading
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from quadctl.services.runtime.supervisor import control
 
 @pytest.fixture
 def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Realm]:
-    """A live realm with a hub and a pressure."""
+    """Yield a live realm with a hub and a pressure node."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setattr("quadctl.services.runtime.realm._LONGEST_SOCKET_PATH", 1000)
     made = Realm("lab")
@@ -33,7 +33,7 @@ def write(realm: Realm, pid: int, state: State, restarts: int) -> ProcessRecord:
     return pressure
 
 
-def test_what_was_asked_is_taken_once(realm: Realm):
+def test_a_restart_request_is_taken_once(realm: Realm):
     assert control.pending_restarts(realm) == []
     assert control.request_restart(realm, "pressure") == ProcessRecord("pressure", 12, "ready", 0)
     control.request_restart(realm, "pressure")
@@ -52,12 +52,12 @@ def test_an_unknown_name_is_refused_with_the_nearest(realm: Realm):
     assert control.pending_restarts(realm) == []
 
 
-def test_where_nothing_runs_nobody_is_asked(realm: Realm):
+def test_a_request_without_a_run_is_an_error(realm: Realm):
     with pytest.raises(Unreachable, match="nothing is running in the realm other"):
         control.request_restart(Realm("other"), "hub")
 
 
-def test_it_is_back_when_it_is_ready_as_another_process(realm: Realm):
+def test_a_restart_ends_when_the_new_process_is_ready(realm: Realm):
     before = control.request_restart(realm, "pressure")
     with pytest.raises(TimedOut, match=r"pressure is not ready again within 0\.03 s"):
         control.wait_restarted(realm, "pressure", before, 0.03)
@@ -68,7 +68,7 @@ def test_it_is_back_when_it_is_ready_as_another_process(realm: Realm):
     later.join()
 
 
-def test_node_down_that_goes_down_again_is_an_error_at_once(realm: Realm):
+def test_a_node_that_goes_down_again_is_an_error_at_once(realm: Realm):
     before = write(realm, 0, "down", 4)
     with pytest.raises(TimedOut):
         control.wait_restarted(realm, "pressure", before, 0.0)

@@ -1,4 +1,4 @@
-"""All that carries a command's mark is found, whatever session it has gone to."""
+"""Processes with a command's mark are found in any session."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ from quadctl.services.runtime.supervisor import descendants
 
 
 @pytest.fixture
-def leash() -> str:
+def mark_of_run() -> str:
     return descendants.new_mark()
 
 
@@ -23,7 +23,7 @@ def stack() -> Iterator[ExitStack]:
 
 
 def marked(stack: ExitStack, mark: str) -> "subprocess.Popen[bytes]":
-    """A process in a session of its own that carries the mark."""
+    """Start a process with the mark in its own session."""
     process = subprocess.Popen(
         ["sleep", "99"], env=os.environ | {descendants.MARK: mark}, start_new_session=True
     )
@@ -32,17 +32,17 @@ def marked(stack: ExitStack, mark: str) -> "subprocess.Popen[bytes]":
     return process
 
 
-def test_command_is_found_by_its_own_mark_and_the_runs_mark(leash: str, stack: ExitStack):
-    one, other = marked(stack, f"{leash}one/"), marked(stack, f"{leash}one-more/")
+def test_command_is_found_by_its_own_mark_and_the_runs_mark(mark_of_run: str, stack: ExitStack):
+    one, other = marked(stack, f"{mark_of_run}one/"), marked(stack, f"{mark_of_run}one-more/")
     stranger = marked(stack, "4711.1/one/")
-    assert descendants.signal_all(f"{leash}one/", signal.SIGTERM) == 1
+    assert descendants.signal_all(f"{mark_of_run}one/", signal.SIGTERM) == 1
     assert one.wait() == -signal.SIGTERM
     assert other.poll() is None
-    descendants.kill_all(leash)
+    descendants.kill_all(mark_of_run)
     assert other.wait() == -signal.SIGKILL
-    assert descendants.signal_all(leash, signal.SIGKILL) == 0
+    assert descendants.signal_all(mark_of_run, signal.SIGKILL) == 0
     assert stranger.poll() is None
 
 
-def test_two_runs_of_one_supervisor_have_different_marks(leash: str):
-    assert descendants.new_mark() != leash
+def test_two_runs_of_one_supervisor_have_different_marks(mark_of_run: str):
+    assert descendants.new_mark() != mark_of_run

@@ -1,4 +1,4 @@
-"""Where a run's hub listens, and what a child finds in its environment."""
+"""Address of a run's hub, and the environment of its processes."""
 
 import os
 import socket
@@ -25,7 +25,7 @@ def realm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Realm:
 
 
 @pytest.mark.parametrize("transport", ["auto", "unix"])
-def test_it_is_a_socket_in_the_realms_folder_without_a_password(realm: Realm, transport: str):
+def test_the_hub_uses_a_unix_socket_in_the_realm_without_a_password(realm: Realm, transport: str):
     assert choose_address(realm, transport) == Address(f"unixsock-stream/{realm.socket}", "", "")
 
 
@@ -37,7 +37,7 @@ def loopback(address: Address) -> int:
     return int(port)
 
 
-def test_by_tcp_it_is_a_free_loopback_port_with_a_secret(realm: Realm):
+def test_over_tcp_the_hub_uses_a_free_loopback_port_with_a_secret(realm: Realm):
     one, other = choose_address(realm, "tcp"), choose_address(realm, "tcp")
     assert (one.user, one.password) != (other.user, other.password)
     with socket.socket() as free:
@@ -45,7 +45,7 @@ def test_by_tcp_it_is_a_free_loopback_port_with_a_secret(realm: Realm):
 
 
 @pytest.mark.parametrize("lacking", ["platform", "family"])
-def test_where_there_are_no_unix_sockets_auto_is_tcp(
+def test_without_unix_sockets_auto_means_tcp(
     realm: Realm, monkeypatch: pytest.MonkeyPatch, lacking: str
 ):
     if lacking == "platform":
@@ -55,18 +55,18 @@ def test_where_there_are_no_unix_sockets_auto_is_tcp(
     assert loopback(choose_address(realm, "auto")) > 1023
 
 
-def test_the_realms_folder_says_where(realm: Realm):
-    said = Address("tcp/127.0.0.1:7447", "user", "password")
-    realm.address.write_bytes(msgspec.json.encode(said))
-    assert address_of(realm) == said
+def test_the_address_is_read_from_the_realms_folder(realm: Realm):
+    written = Address("tcp/127.0.0.1:7447", "user", "password")
+    realm.address.write_bytes(msgspec.json.encode(written))
+    assert address_of(realm) == written
     assert address_of(realm, "tls/host:7447") == Address("tls/host:7447")
 
 
-def test_before_it_says_so_it_is_the_socket(realm: Realm):
+def test_without_a_written_address_the_socket_is_assumed(realm: Realm):
     assert address_of(realm) == Address(f"unixsock-stream/{realm.socket}")
 
 
-def test_a_realm_is_held_once(realm: Realm):
+def test_a_realm_is_locked_by_one_run(realm: Realm):
     lock = hold(realm)
     with pytest.raises(
         AlreadyServed, match=f"the realm lab is already held by process {os.getpid()}"
@@ -77,7 +77,7 @@ def test_a_realm_is_held_once(realm: Realm):
     hold(realm).release()
 
 
-def test_a_child_finds_its_realm_and_its_python():
+def test_the_environment_of_a_child_has_its_realm_and_python():
     launch = Launch("lab", {"drone": Params()}, [], "/")
     found = launch.environment(3)
     assert (found["QUADCTL_REALM"], found["QUADCTL_VEHICLE"]) == ("lab", "drone")
@@ -87,6 +87,6 @@ def test_a_child_finds_its_realm_and_its_python():
     assert (first / "python").exists()
 
 
-def test_a_launch_reaches_the_background_as_it_is():
+def test_a_launch_round_trips_as_json():
     launch = Launch("lab", {"uav": Params(processes={"mine": ["a", "b"]})}, ["safety"], "/tmp")
     assert msgspec.json.decode(msgspec.json.encode(launch), type=Launch) == launch

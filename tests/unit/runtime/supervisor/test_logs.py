@@ -1,4 +1,4 @@
-"""The log stream: every line with its process's name, on the stream and in a file."""
+"""Log of a run: every line with its process's name, on stdout and in a file."""
 
 import errno
 import io
@@ -23,7 +23,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> int:
 
 @contextmanager
 def full_disk() -> Iterator[None]:
-    """No file of this process may grow: what a full disk does, on every machine."""
+    """Prevent the files of this process from growing, as a full disk does."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
     try:
@@ -32,7 +32,7 @@ def full_disk() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_full_file_is_kept_once(tmp_path: Path, small: int):
+def test_only_one_full_file_is_kept(tmp_path: Path, small: int):
     file = LogFile(tmp_path / "yes.log")
     for number in range(1000):
         file.write(f"line {number}")
@@ -46,11 +46,11 @@ def test_a_full_file_is_kept_once(tmp_path: Path, small: int):
     assert len(lines) > 10
 
 
-def test_the_bound_is_some_megabytes():
+def test_the_size_limit_is_a_few_megabytes():
     assert 1e6 < log_module.LARGEST < 1e7
 
 
-def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path):
+def test_a_line_is_written_completely_or_not_at_all(tmp_path: Path):
     file = LogFile(tmp_path / "x.log")
     file.write("first")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -65,7 +65,7 @@ def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path):
     assert (tmp_path / "x.log").read_text() == "first\nsecond\n"
 
 
-def test_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
+def test_a_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
     shown: list[tuple[str, str]] = []
     logs = Logs(tmp_path / "logs", lambda name, line, at: shown.append((name, line)))
     logs.show("hub", "before")
@@ -86,14 +86,14 @@ def test_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
     logs.look(2e12)
     logs.show("hub", "after")
     logs.close()
-    over = f"{tmp_path} can be written again; 3 lines are not there"
+    over = f"{tmp_path} can be written again; 3 lines were lost"
     assert [line for name, line in shown if name == "up"][1:] == [over]
     assert (tmp_path / "logs" / "up.log").read_text() == f"{over}\n"
     assert (tmp_path / "logs" / "hub.log").read_text() == "before\nafter\n"
     assert [path.name for path in tmp_path.iterdir()] == ["logs"]
 
 
-def test_a_fault_is_not_looked_at_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_disk_fault_is_probed_only_now_and_then(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     probed: list[Path] = []
     monkeypatch.setattr(log_module, "probe", probed.append)
     broken = DiskFault(tmp_path, lambda line: None)
@@ -107,14 +107,14 @@ def test_a_fault_is_not_looked_at_all_the_time(tmp_path: Path, monkeypatch: pyte
     assert probed == [tmp_path]
 
 
-def test_a_folder_that_was_removed_is_no_fault_of_the_disk(tmp_path: Path):
-    told: list[str] = []
-    assert not DiskFault(tmp_path, told.append).write((tmp_path / "no" / "folder").touch)
-    assert told == []
+def test_a_removed_folder_is_no_disk_fault(tmp_path: Path):
+    reported: list[str] = []
+    assert not DiskFault(tmp_path, reported.append).write((tmp_path / "no" / "folder").touch)
+    assert reported == []
 
 
 class Closed(io.StringIO):
-    """A stream that no longer takes anything."""
+    """Stream that raises an error at every write."""
 
     def __init__(self, error: int) -> None:
         super().__init__()
@@ -124,7 +124,7 @@ class Closed(io.StringIO):
         raise OSError(self.error, os.strerror(self.error))
 
 
-def test_closed_terminal_or_full_disk_behind_stdout_does_no_harm(tmp_path: Path):
+def test_a_closed_terminal_or_full_disk_behind_stdout_is_harmless(tmp_path: Path):
     for error in (errno.EIO, errno.ENOSPC):
         logs = Logs(tmp_path / "logs", Printer(Closed(error)))
         logs.show("hub", "said")
@@ -132,7 +132,7 @@ def test_closed_terminal_or_full_disk_behind_stdout_does_no_harm(tmp_path: Path)
     assert (tmp_path / "logs" / "hub.log").read_text() == "said\nsaid\n"
 
 
-def test_a_reader_that_left_ends_the_run_and_then_lets_it_end(tmp_path: Path):
+def test_a_closed_pipe_raises_only_once(tmp_path: Path):
     logs = Logs(tmp_path / "logs", Printer(Closed(errno.EPIPE)))
     with pytest.raises(BrokenPipeError):
         logs.show("hub", "said")
@@ -153,7 +153,7 @@ Make = Callable[[io.StringIO], Logs]
 
 @pytest.fixture
 def made(tmp_path: Path) -> Iterator[Make]:
-    """Makes logs; a run's files stay open to its end, so the test closes them."""
+    """Yield a function that creates logs, and close them: a run keeps its files open."""
     every: list[Logs] = []
 
     def make(out: io.StringIO) -> Logs:
@@ -175,7 +175,7 @@ def test_a_line_has_time_and_name_and_no_colour_when_piped(made: Make):
     assert re.fullmatch(LINE + r"dynamics \| boot 1", second)
 
 
-def test_on_a_terminal_each_process_has_its_colour(made: Make):
+def test_each_process_has_its_colour_on_a_terminal(made: Make):
     out = Terminal()
     logs = made(out)
     for name in ("hub", "safety", "hub"):
@@ -186,7 +186,7 @@ def test_on_a_terminal_each_process_has_its_colour(made: Make):
     assert all(line.endswith("\x1b[0m said") for line in out.getvalue().splitlines())
 
 
-def test_more_processes_than_colours_have_colours_again(made: Make):
+def test_colours_repeat_with_many_processes(made: Make):
     out = Terminal()
     logs = made(out)
     for number in range(20):
@@ -194,7 +194,7 @@ def test_more_processes_than_colours_have_colours_again(made: Make):
     assert len(out.getvalue().splitlines()) == 20
 
 
-def test_the_file_has_the_line_alone_at_once_and_goes_on(made: Make, tmp_path: Path):
+def test_the_file_gets_the_bare_line_at_once_and_is_appended(made: Make, tmp_path: Path):
     folder = tmp_path / "logs"
     logs = made(io.StringIO())
     logs.show("safety", "Param: cage x - [-5.0, 5.0]")
@@ -206,7 +206,7 @@ def test_the_file_has_the_line_alone_at_once_and_goes_on(made: Make, tmp_path: P
 
 
 @pytest.mark.parametrize(("count", "first"), [(3, 0), (20, 0), (25, 5)])
-def test_the_last_lines_are_kept_for_who_asks_why(made: Make, count: int, first: int):
+def test_the_last_twenty_lines_are_kept(made: Make, count: int, first: int):
     logs = made(io.StringIO())
     for number in range(count):
         logs.show("hub", f"line {number}")
@@ -214,7 +214,7 @@ def test_the_last_lines_are_kept_for_who_asks_why(made: Make, count: int, first:
     assert logs.last("nobody") == ""
 
 
-def test_a_line_has_the_time_at_which_it_was_read(made: Make):
+def test_a_line_has_the_time_of_its_arrival(made: Make):
     out = io.StringIO()
     made(out).show("hub", "up", 1e9 + 0.25)
     assert out.getvalue()[5:12] == ":40.250"

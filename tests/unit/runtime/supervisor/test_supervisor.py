@@ -1,4 +1,4 @@
-"""One row of the table at work, with a child that is none."""
+"""One managed process, with a stand-in for its child."""
 
 from typing import cast
 
@@ -7,13 +7,13 @@ from quadctl.services.runtime.supervisor.child import Child, LogLine
 from quadctl.services.runtime.supervisor.supervisor import ManagedProcess
 
 
-class Fake:
-    """A child that runs until it is told how it ended."""
+class FakeChild:
+    """Child that runs until its exit code is set."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self.code: int | None = None
-        self.said: list[str] = []
+        self.written: list[str] = []
         self.done: list[str] = []
 
     def exit_code(self) -> int | None:
@@ -33,39 +33,39 @@ class Fake:
         return f"exit {self.code}"
 
     def take_lines(self) -> list[LogLine]:
-        said, self.said = self.said, []
-        return [LogLine(0.0, "x", line) for line in said]
+        lines, self.written = self.written, []
+        return [LogLine(0.0, "x", line) for line in lines]
 
 
 class Rig:
-    """A row and the children that it has started."""
+    """Managed process and the children that it has started."""
 
     def __init__(self, *, must_announce: bool, patience: float = 0.0) -> None:
-        self.children: list[Fake] = []
+        self.children: list[FakeChild] = []
         self.row = ManagedProcess(
             Process("x", ("x",), must_announce, not must_announce, patience=patience), self.spawn
         )
 
     def spawn(self, _process: Process, _restarts: int) -> Child:
-        self.children.append(Fake(100 + len(self.children)))
+        self.children.append(FakeChild(100 + len(self.children)))
         return cast("Child", self.children[-1])
 
     def turn(self, now: float, *, deaf: bool = False) -> str:
-        """Look at it; its state then."""
+        """Update the process, and return its state."""
         self.row.update(now, deaf=deaf, answer_timeout=2.0)
         return self.row.life.state
 
-    def said(self) -> list[str]:
-        return [said.line for said in self.row.take_said()]
+    def log_lines(self) -> list[str]:
+        return [line.line for line in self.row.take_said()]
 
 
-def test_restart_ends_the_process_and_waits_for_its_successor():
+def test_a_restart_ends_the_process_and_waits_for_its_successor():
     rig = Rig(must_announce=False)
     assert [rig.turn(now) for now in (0.0, SETTLED / 2, SETTLED)] == ["starting"] * 2 + ["ready"]
     (old,) = rig.children
-    rig.row.restart(10.0, "restart asked for")
-    rig.row.restart(10.0, "restart asked for")
-    assert rig.said() == ["x: restart asked for"]
+    rig.row.restart(10.0, "restart requested")
+    rig.row.restart(10.0, "restart requested")
+    assert rig.log_lines() == ["x: restart requested"]
     assert old.done == ["terminate"]
     rig.row.announced(10.1)
     assert rig.turn(10.1) == "restarting"
@@ -77,53 +77,53 @@ def test_restart_ends_the_process_and_waits_for_its_successor():
     record = rig.row.record()
     assert (record.pid, record.restarts) == (101, 1)
     assert record.started > 1e9
-    assert rig.said() == []
+    assert rig.log_lines() == []
 
 
-def test_while_another_has_its_name_only_the_first_try_speaks():
+def test_while_the_name_is_taken_only_the_first_try_is_logged():
     rig = Rig(must_announce=True)
-    told = []
+    logged = []
     for now in range(5):
         rig.turn(float(now))
-        rig.children[-1].said.append("taken")
-        told += rig.said()
-        rig.children[-1].said.append("by process 7")
+        rig.children[-1].written.append("taken")
+        logged += rig.log_lines()
+        rig.children[-1].written.append("by process 7")
         rig.children[-1].code = 7
         rig.turn(float(now))
-        told += rig.said()
-    assert told == [
+        logged += rig.log_lines()
+    assert logged == [
         "taken",
         "by process 7",
-        "x ended (exit 7): another process has its name; tried again every 0.8 s",
+        "x ended (exit 7): another process has its name; retrying every 0.8 s",
     ]
     rig.turn(9.0)
-    rig.children[-1].said.append("at last")
-    assert rig.said() == []
+    rig.children[-1].written.append("at last")
+    assert rig.log_lines() == []
     rig.row.announced(9.1)
-    assert rig.said() == ["at last"]
+    assert rig.log_lines() == ["at last"]
 
 
-def test_its_last_words_come_before_its_end_is_told():
+def test_the_last_lines_of_a_process_come_before_its_end():
     rig = Rig(must_announce=True)
     rig.turn(0.0)
-    rig.children[0].said.append("no wings")
+    rig.children[0].written.append("no wings")
     rig.children[0].code = 3
     assert rig.turn(0.1) == "restarting"
-    assert rig.said() == ["no wings", "x ended (exit 3): restarting in 0 s"]
-    assert rig.children[0].done == ["kill"], "what it has started goes with it"
+    assert rig.log_lines() == ["no wings", "x ended (exit 3): restarting in 0 s"]
+    assert rig.children[0].done == ["kill"], "its descendants are killed too"
 
 
-def test_one_with_patience_of_its_own_may_be_silent_for_longer():
+def test_a_process_with_patience_may_be_silent_for_longer():
     rig = Rig(must_announce=True, patience=10.0)
     rig.turn(0.0)
     rig.row.announced(0.1)
     rig.row.answered(0.2)
     assert [rig.turn(now) for now in (2.3, 10.1)] == ["ready"] * 2
     assert rig.turn(10.3) == "restarting"
-    assert rig.said()[0] == "x: no answer for 10 s: killed"
+    assert rig.log_lines()[0] == "x: no answer for 10 s: killed"
 
 
-def test_it_is_not_blamed_for_what_could_not_be_heard():
+def test_a_process_is_not_killed_while_the_supervisor_is_deaf():
     rig = Rig(must_announce=True)
     rig.turn(0.0)
     rig.row.announced(0.1)

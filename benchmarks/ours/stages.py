@@ -18,7 +18,7 @@ from collections.abc import Callable  # noqa: E402
 from typing import Any, NoReturn  # noqa: E402
 
 _PACKAGES = ("msgspec", "zenoh")
-_REST = "import our own, and what they need"
+_REST = "import our own, and dependencies"
 
 
 class Imports:

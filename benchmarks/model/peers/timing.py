@@ -32,7 +32,7 @@ def rate(run: Callable[[int], None], vehicle_steps: float) -> float:
 
 
 def in_turn(ours: Callable[[int], None], theirs: Callable[[int], None]) -> float:
-    """Return the speed of ours divided by theirs for calls of equal work: the median of many ratios.
+    """Return our speed divided by theirs for calls of equal work: the median of many ratios.
 
     The two sides of each ratio run directly after each other, in alternating order, so the
     processor's speed, which drifts, is the same for both.

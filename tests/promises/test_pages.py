@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -34,8 +35,8 @@ WITHIN = 60.0
 """s, for one command."""
 
 
-@pytest.fixture
-def folder() -> Iterator[Lab]:
+@contextmanager
+def reader() -> Iterator[Lab]:
     """A realm named `default` like a reader's, in a folder with the checkout's examples."""
     with private_lab() as lab:
         lab.realm = "default"
@@ -89,15 +90,24 @@ def take(lab: Lab, block: Block) -> None:
                 run(lab, command)
 
 
+def follow(page: Path) -> None:
+    with reader() as lab:
+        for block in blocks(page):
+            take(lab, block)
+        eventually(lambda: not lab.processes(), 5.0, lambda: f"{page.name} left a run up")
+
+
 @pytest.mark.parametrize(
     "page",
     [page for page in PAGES if page.name not in ELSEWHERE and "```" in page.read_text("utf-8")],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
-def test_the_blocks_of_a_page_run_in_order(page: Path, folder: Lab):
-    for block in blocks(page):
-        take(folder, block)
-    eventually(lambda: not folder.processes(), 5.0, lambda: "the page ends what it starts")
+def test_the_blocks_of_a_page_run_in_order(page: Path):
+    try:
+        follow(page)
+    except AssertionError:
+        # A busy machine may pause a flight, and `goto` prints the pause. A wrong page fails twice.
+        follow(page)
 
 
 def test_every_block_has_a_known_language():
@@ -120,12 +130,12 @@ def test_every_command_left_out_is_on_a_page():
     assert "make test" in shown
 
 
-def test_a_page_with_a_wrong_output_fails(folder: Lab):
-    run(folder, Command("echo a 1.5", "a 2.5"))
+def test_a_command_with_a_wrong_output_fails(lab: Lab):
+    run(lab, Command("echo a 1.5", "a 2.5"))
     with pytest.raises(AssertionError, match=r"\$ echo a 1"):
-        run(folder, Command("echo a 1", "a 2"))
+        run(lab, Command("echo a 1", "a 2"))
     with pytest.raises(AssertionError, match="false"):
-        run(folder, Command("false", ""))
+        run(lab, Command("false", ""))
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_a_stall_of_safety_itself_stops_the_flight_with_a_reason(lab: Lab):
         eventually(lambda: time.monotonic() > held + 1.0)
         lab.signal("safety", signal.SIGCONT)
         stopped = states.until(lambda s: s["state"] == "HOVERING")
-        assert "safety itself stood still for" in stopped["reason"]
+        assert "safety itself was held up for" in stopped["reason"]
         assert all(gap(p["position"], place) < 0.05 for p in poses.next(100))
         assert gap(place, FAR) > 1
     assert lab.quadctl("goto", 4.5, 0, 1).code == 0

@@ -48,7 +48,7 @@ def test_a_pose_that_jumps_stops_the_vehicle(start: str):
 
 def test_a_new_boot_at_another_place_is_no_jump():
     rig = Rig().hovering()
-    assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation started")
+    assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation restarted")
 
 
 def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():

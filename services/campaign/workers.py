@@ -80,7 +80,7 @@ class Worker:
         line = self._popen.stdout.readline()
         if not line:
             code = self._popen.wait()
-            raise QuadctlError(f"a worker of the campaign ended with code {code}", "see its error above")
+            raise QuadctlError(f"a campaign worker ended with code {code}", "see its error above")
         return msgspec.json.decode(line, type=Done).flown
 
     def end(self) -> None:

@@ -31,7 +31,7 @@ class FlightFaultParams(Struct, forbid_unknown_fields=True):
     jump: Annotated[float, described("error of a jump, in x", "m", ge=-1000, le=1000)] = 3.0
     motors: Annotated[
         float,
-        described("share of the motors' thrust that is left, unknown to the controller", ge=0.5, le=1),
+        described("share of the motors' thrust left, unknown to the controller", ge=0.5, le=1),
     ] = 1.0
 
 
@@ -129,7 +129,7 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
     max_deceleration: Annotated[
         float,
         described(
-            "a flight that could not stop in the cage at this rate is stopped", "m/s^2", gt=0, le=1000
+            "a flight too fast to stop in the cage at this rate is stopped", "m/s^2", gt=0, le=1000
         ),
     ] = 10.0
     margin: Annotated[

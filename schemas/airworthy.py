@@ -11,10 +11,8 @@ from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
-
 LEAST_DAMPING = 0.1
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
-
 _LIFT = 0.9
 """Share of the full thrust that the vertical may take."""
 _SINK = 0.8

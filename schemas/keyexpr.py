@@ -57,10 +57,7 @@ def node_of(key: str) -> str | None:
 
 
 def offer_of(key: str) -> EndpointInfo | None:
-    """Return the endpoint of a liveliness key, None for other liveliness keys.
-
-    Third parties may declare any key, so one outside the grammar is no error.
-    """
+    """Return a liveliness key's endpoint, None for others: third parties may declare any key."""
     match key.split("/"):
         case [_, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, offered]:
             try:

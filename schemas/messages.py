@@ -143,8 +143,7 @@ def without_wording(state: SafetyState) -> tuple[Any, ...]:
     The wording of a reason may change from one version to the next, a verdict may not.
     """
     reason = (state.reason != "", state.reason.startswith(PAUSED))
-    fields = structs.asdict(state) | {"reason": reason}
-    return tuple(fields.values())
+    return tuple((structs.asdict(state) | {"reason": reason}).values())
 
 
 class Info(Struct, frozen=True):

@@ -114,10 +114,7 @@ class SetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SetParamsResponse(Struct, frozen=True, omit_defaults=True):
-    """Success, or the reason of a refusal; `waits` names values that wait for a standstill.
-
-    If some wait, the reason mentions it.
-    """
+    """Success, or a refusal's or a wait's reason; `waits` names values waiting for a standstill."""
 
     success: bool
     reason: Text

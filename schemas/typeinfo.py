@@ -37,9 +37,6 @@ def _written_out(part: dict[str, Any], types: dict[str, Any]) -> dict[str, Any]:
     return whole
 
 
-_INDENT = "  "
-
-
 @cache
 def schema_hash(type_: type[Struct]) -> str:
     """Return eight hex digits that change with a field, its type or its bounds."""
@@ -125,4 +122,4 @@ def _lines(type_: inspect.Type, *, bounds: bool, indent: str = "") -> Iterator[s
     for field in type_.fields:
         limits = f" {bounds_text(field.type)}" if bounds else ""
         yield f"{indent}{type_name(field.type)} {field.encode_name}{limits}".rstrip()
-        yield from _lines(field.type, bounds=bounds, indent=indent + _INDENT)
+        yield from _lines(field.type, bounds=bounds, indent=f"{indent}  ")

@@ -62,15 +62,8 @@ class MonitorFilter:
         stop = place + half * velocity * np.abs(velocity)
         leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
         leaps = ~_within(place - last[:3], fastest)
-        found = (
-            (wanted <= period)
-            | ((moving > 0.0) & arrives)
-            | leaves
-            | (returning > 0.0)
-            | rests
-            | starts
-            | leaps
-        )
+        arrives &= moving > 0.0
+        found = (wanted <= period) | (returning > 0.0) | arrives | leaves | rests | starts | leaps
         numbers: list[int] = np.flatnonzero(found).tolist()
         return numbers
 

@@ -124,10 +124,7 @@ class RandomSource(Protocol):
 def mission(
     seed: int, draws: RandomSource, seconds: float, *, wind: float = 0.0, faults: bool = False
 ) -> Mission:
-    """Return a mission of a number of simulated seconds in a wind (m/s) of random direction.
-
-    With `faults`, messages get lost and poses are wrong.
-    """
+    """Return a random mission in wind (m/s); `faults` lose messages and falsify poses."""
     size = _size(draws)
     safety = SafetyParams(
         acceptance_range=_range(draws),

@@ -121,9 +121,7 @@ def document(seed: int, flown: Sequence[Flown]) -> dict[str, Any]:
         "stops": _sum(flight.stops for flight in flown),
         "arrivals": arrivals([time for flight in flown for time in flight.arrivals]),
         "violations": [
-            {"seed": flight.seed, "what": flight.violations}
-            for flight in flown
-            if flight.violations
+            {"seed": each.seed, "what": each.violations} for each in flown if each.violations
         ],
         "hash": whole.hexdigest(),
     }

@@ -47,12 +47,6 @@ class Job(Struct, frozen=True):
     wind: float
 
 
-class Done(Struct, frozen=True):
-    """Answer of a worker."""
-
-    flown: list[Flown]
-
-
 def say(value: Any) -> None:
     """Write one document, and flush."""
     sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
@@ -81,7 +75,7 @@ class Worker:
         if not line:
             code = self._popen.wait()
             raise QuadctlError(f"a campaign worker ended with code {code}", "see its error above")
-        return msgspec.json.decode(line, type=Done).flown
+        return msgspec.json.decode(line, type=list[Flown])
 
     def end(self) -> None:
         """Close the worker's stdin, which ends it, and wait."""
@@ -160,7 +154,7 @@ def main() -> None:
     gc.set_threshold(_GARBAGE)
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
-        say(Done(batch(job, make).fly() if job.count else []))
+        say(batch(job, make).fly() if job.count else [])
 
 
 def _warm(fleet: VehicleBatch) -> None:

@@ -58,8 +58,7 @@ def goto(
 ) -> tuple[Plan, FlightMode]:
     """Fly to a point, m; a repeated goal changes nothing.
 
-    From the floor the motors first spin up for `spin_up` periods. A goal below the floor is one on
-    it.
+    From the floor the motors first spin up for `spin_up` periods. Below the floor means on it.
     """
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     z = z if z > 0.0 else 0.0
@@ -254,10 +253,7 @@ def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:
 
 
 def room(plan: Plan, mode: FlightMode, limits: Limits, periods: int) -> tuple[Point, Point]:
-    """Return the box, m, that the setpoint would stay in if it braked now.
-
-    It lags behind its own path, which may have turned.
-    """
+    """Return the box, m, that the setpoint would stay in, with its lag, if it braked now."""
     low = place(plan, limits)
     high = low
     if plan[6] < limits[7]:

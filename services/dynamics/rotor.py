@@ -13,12 +13,9 @@ Mixer = tuple[float, ...]
 
 
 def mixer_constants(vehicle: VehicleParams, period: float) -> Mixer:
-    """Return the parameters and the control period (s) that `mix` uses, in the order of use.
-
-    The lever of a rotor about body x and y is arm / sqrt(2), because the arms are at 45 degrees.
-    """
+    """Return the parameters and the control period (s) that `mix` uses, in the order of use."""
     return (
-        0.25 * sqrt(2.0) / vehicle.arm,
+        0.25 * sqrt(2.0) / vehicle.arm,  # the lever about x and y: arms at 45 degrees
         0.25 * vehicle.thrust_coefficient / vehicle.torque_coefficient,
         vehicle.thrust_coefficient * vehicle.max_motor_speed**2,
         1.0 / vehicle.thrust_coefficient,

@@ -163,8 +163,8 @@ class Simulation:
     def publish(self) -> None:
         """Publish the current pose.
 
-        At full speed, poses that need no answer go out with the next one that does: sent together
-        they wake each process on their way once, not five times.
+        At full speed, poses that need no answer go out with the next one that does: together they
+        wake each process on their way once, not five times.
         """
         state = self._vehicle.state
         pose = Pose(
@@ -189,10 +189,7 @@ class Simulation:
             self._alone = True
 
     def wait_for_safety(self) -> None:
-        """In lock-step, stop the clock until the last pose is answered, if an answer is due.
-
-        Safety's decision on a pose then takes effect at that pose, whatever the speed.
-        """
+        """In lock-step, stop the clock until a due answer, so that it takes effect at its pose."""
         if not self._answer_is_due:
             return
         silence = 0.0

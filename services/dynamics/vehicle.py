@@ -132,38 +132,32 @@ class Vehicle:
     @property
     def position(self) -> Vector:
         """Return the position, m, world."""
-        x, y, z = self._state[0:3]
-        return x, y, z
+        return self._state[0], self._state[1], self._state[2]
 
     @property
     def velocity(self) -> Vector:
         """Return the velocity, m/s, world."""
-        x, y, z = self._state[3:6]
-        return x, y, z
+        return self._state[3], self._state[4], self._state[5]
 
     @property
     def orientation(self) -> tuple[float, float, float, float]:
         """Return the unit quaternion w, x, y, z, body to world."""
-        w, x, y, z = self._state[6:10]
-        return w, x, y, z
+        return self._state[6], self._state[7], self._state[8], self._state[9]
 
     @property
     def body_rates(self) -> Vector:
         """Return the angular velocity, rad/s, body."""
-        x, y, z = self._state[10:13]
-        return x, y, z
+        return self._state[10], self._state[11], self._state[12]
 
     @property
     def motors(self) -> Motors:
         """Return the motor speeds, rad/s, in the order of rigidbody.py."""
-        m0, m1, m2, m3 = self._state[13:17]
-        return m0, m1, m2, m3
+        return self._state[13], self._state[14], self._state[15], self._state[16]
 
     @property
     def wind(self) -> Vector:
         """Return the velocity of the air, m/s, world."""
-        x, y, z, _, _, _ = self._air
-        return x, y, z
+        return self._air[:3]
 
     @property
     def setpoint(self) -> Vector:

@@ -95,11 +95,7 @@ class Barometer:
         self.baseline = Baseline()
 
     def take(self, now: float, stamp: float, raw: float) -> Pressure:
-        """Return the message for a raw reading, hPa.
-
-        `now` is the clock (s) that defines the last second; `stamp` the simulated time to report,
-        s.
-        """
+        """Return the message for a raw reading (hPa) at a clock's and a simulated time (s)."""
         self._recent.append((now, raw))
         # Simulated time restarts with a boot: later times are of the old one.
         while not now - AVERAGED < self._recent[0][0] <= now:

@@ -114,8 +114,8 @@ class Simulated:
     def read(self, boot: str, stamp: float, height: float) -> float:
         """Return the pressure (hPa) that the sensor measures at a height (m).
 
-        `boot` names the simulation's boot; a new one switches the sensor on again. `stamp` is its
-        time, s. A change of the profile counts from the next reading.
+        A new `boot` switches the sensor on again; `stamp` is its time, s. A new profile counts at
+        once.
         """
         air = pressure_at(height)
         part = PARTS.get(self._params.profile)

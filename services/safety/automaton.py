@@ -274,7 +274,7 @@ class Rule(NamedTuple):
 
 HOVERING, VERIFYING, MOVING = State
 
-# The first rule that fits is taken. Every (state, event) has one that always fits.
+# The first rule that fits is taken. Every (state, event) has one that always fits: a test.
 # fmt: off
 RULES = (
     #    at         on       when         to         do
@@ -350,10 +350,7 @@ _TABLE = by_place(RULES)
 def step(
     situation: Situation, event: Event, world: World, rules: tuple[Rule, ...] = RULES
 ) -> Situation:
-    """Return the situation after an event; pure.
-
-    Raises LookupError if no rule fits; the tests show that this never happens.
-    """
+    """Return the situation after an event; pure. Raise LookupError if no rule fits."""
     table = _TABLE if rules is RULES else by_place(rules)
     for rule in table.get((situation.state, type(event)), ()):
         if rule.when(situation, event, world):

@@ -79,10 +79,7 @@ Event = Ask | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | Tog
 
 
 class Envelope(Struct, frozen=True):
-    """Limits of the vehicle's motion: a vehicle seen beyond them cannot be relied on.
-
-    `speed` in m/s, `deceleration` in m/s^2, tolerance `margin` in m.
-    """
+    """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable."""
 
     speed: float
     deceleration: float

@@ -24,7 +24,6 @@ def goto(blocks, constants, b, lane, x, y, z):
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
 
-
 @njit(error_model='numpy', cache=True)
 def brake(blocks, constants, b, lane):
     q, c, n = blocks[b], constants[b], np.uint64(lane)
@@ -32,13 +31,11 @@ def brake(blocks, constants, b, lane):
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
 
-
 @njit(error_model='numpy', cache=True)
 def room(blocks, constants, b, lane, periods):
     q, n = blocks[b], np.uint64(lane)
     return flight_modes__room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]), periods)
 """
-
 
 WIDTH = 64
 """Vehicles in a block."""
@@ -168,11 +165,9 @@ _KERNEL = f"""
 def _plan_of(v):
     return (v[0:9], v[9:18], v[18:27], v[27], v[28], v[29], v[30])
 
-
 @njit(forceinline=True)
 def _flat(p):
     return (*p[0], *p[1], *p[2], p[3], p[4], p[5], p[6])
-
 
 @njit(error_model='numpy', inline='never')
 def _decide(q, c):
@@ -186,7 +181,6 @@ def _decide(q, c):
         _put_mode(q, n, ({", ".join(f"mode[{i}] if live else old[{i}]" for i in range(8))}))
         _put_kind(q, n, (kind,))
         _put_wanted(q, n, trajectory__setpoint_of(plan, limits))
-
 
 @njit(error_model='numpy', inline='never')
 def _glide(q, c):
@@ -207,14 +201,12 @@ def _glide(q, c):
         q[_mode2 + n] = calm if rests else mode[2]
         _put_rare(q, n, (1.0 if rare else 0.0,))
 
-
 @njit(error_model='numpy', inline='never')
 def _lead_on(q, n, limits):
     plan, mode = flight_modes__next_leg(_plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
     mode = flight_modes__rest(_state(q, n), _command(q, n), plan, mode, limits)
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
-
 
 @njit(error_model='numpy', inline='never')
 def _act(q, c):
@@ -230,7 +222,6 @@ def _act(q, c):
         _put_command(q, n, (
             m0 if live else c0, m1 if live else c1, m2 if live else c2, m3 if live else c3))
 
-
 @njit(error_model='numpy', inline='never')
 def _blow(q, c):
     _align()
@@ -240,7 +231,6 @@ def _blow(q, c):
         new = wind__blow(old, weather)
         live = q[_mode2 + n] < {PERIODS_TO_REST}
         _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
-
 
 @njit(error_model='numpy', nogil=True, cache=True)
 def advance(blocks, constants, start, steps):

@@ -21,10 +21,7 @@ from quadctl.services.runtime.realm import write_atomically
 
 
 def load_module(name: str, source: str) -> ModuleType:
-    """Import a module with this source, with the digest of the source in its name.
-
-    The module's file stays, because the compiler caches its output beside it.
-    """
+    """Import this source from a file with its digest in its name; the compiler caches beside it."""
     digest = hashlib.sha256(source.encode()).hexdigest()[:12]
     path = cache_folder() / f"{name}_{digest}.py"
     if not path.exists():

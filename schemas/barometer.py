@@ -17,8 +17,7 @@ data rate (BST-BMP388-DS001, register ODR)."""
 LAB_NOISE = 1e-5
 
 AIR = (250.0, 1250.0)
-"""Range of air pressure, hPa: from 10 km up, the limit of the lab's world, to the most that parts
-measure."""
+"""Range of air pressure, hPa: from 10 km up, the lab's limit, to the most that parts measure."""
 
 
 class FaultParams(Struct, forbid_unknown_fields=True):

@@ -1,7 +1,6 @@
 """Process of a campaign: an order on stdin, progress and report on stdout.
 
-`quadctl campaign` starts it, and itself imports neither safety nor dynamics. It exits when its
-stdin is closed.
+`quadctl campaign` starts it, and imports neither safety nor dynamics. It exits with its stdin.
 """
 
 import os

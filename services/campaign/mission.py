@@ -105,8 +105,7 @@ Point = tuple[float, float, float]
 MARGIN, MARGIN_IN_WIND = 0.01, 0.05
 """Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
-"""Directions of the wind, east and north: few, because vehicles that fly together share their
-weather."""
+"""Directions of the wind, east and north: few, so that vehicles of a batch share weather."""
 FAR = 10_000.0
 """Limit of a coordinate in a message, m."""
 

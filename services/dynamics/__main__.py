@@ -21,8 +21,7 @@ def run(node: Node, params: Params) -> None:
         params.dynamics, node.reference_params and node.reference_params.dynamics
     ):
         node.log.info(line)
-    # One vehicle in real time needs little time, and the code would take more memory than all the
-    # rest.
+    # For one vehicle in real time, plain Python is fast enough and needs far less memory.
     if many := not node.single or params.dynamics.speed != 1:
         _compiler.start()
     simulation = Simulation(node, params, _compiler.single if many else None)

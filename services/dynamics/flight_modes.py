@@ -58,7 +58,7 @@ def goto(
 ) -> tuple[Plan, FlightMode]:
     """Fly to a point, m; a repeated goal changes nothing.
 
-    From the floor the motors first spin up for `spin_up` periods. Below the floor means on it.
+    From the floor the motors first spin up for `spin_up` periods. A goal below it is one on it.
     """
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     z = z if z > 0.0 else 0.0
@@ -74,8 +74,7 @@ def goto(
             moves = (here == 0.0) & (plan[6] == 0.0)
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
             hops = (sz < HOP) & (low | moves | flat)
-            # A hop begun in motion starts where that motion can end, not back at the place of the
-            # request.
+            # A hop begun in motion starts where that motion can end, not at the place of request.
             ex, ey = trajectory.stopping_place(plan, limits)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0

@@ -6,8 +6,7 @@ position (m, world), velocity (m/s, world), quaternion w, x, y, z (body to world
 front right; the first and third push the body to yaw left, the others right.
 
 The functions are straight-line code over floats, so that the same source can be compiled: a branch
-is a conditional expression, or a single `if` that saves work. Loops over steps belong to the
-caller.
+is a conditional expression, or a single `if` that saves work. Callers loop over steps.
 """
 
 from math import exp, sqrt

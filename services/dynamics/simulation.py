@@ -189,7 +189,7 @@ class Simulation:
             self._alone = True
 
     def wait_for_safety(self) -> None:
-        """In lock-step, stop the clock until a due answer, so that it takes effect at its pose."""
+        """In lock-step, stop the clock until a due answer comes; it takes effect at its pose."""
         if not self._answer_is_due:
             return
         silence = 0.0

@@ -83,8 +83,7 @@ def advance_axis(
     """Return the motion one period later, and the new heading.
 
     `heading` is the side of the stop's end that the goal is on, +1 or -1, or 0 while following the
-    stop that ends on the goal. Limits that are kept stay kept; a speed above its limit returns to
-    it.
+    stop that ends on the goal. Kept limits stay kept; a speed above its limit returns to it.
     """
     if heading == 0.0:
         p, v, a = decelerate(p, v, a, goal, most_a, j, PERIOD)
@@ -152,23 +151,21 @@ LONG = 2.0
 
 Limits = tuple[float, ...]
 """8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
-the period in lags, the snap's lead in lags, and the periods after which the lagged path is at rest.
-"""
+the period in lags, the snap's lead in lags, and the periods until the lagged path is at rest."""
 
 Axis = tuple[float, ...]
-"""9 floats: position, velocity and acceleration of the path, the goal, the side of the stop's end
-that the goal is on (see `advance_axis`), the share of the limits (0 to 1), and the jerk after one,
-two and three lags."""
+"""9 floats: position, velocity and acceleration of the path, the goal, the heading (see
+`advance_axis`), the share of the limits (0 to 1), and the jerk after one, two and three lags."""
 
 
 def needed(axis: Axis, limits: Limits) -> float:
     """Return the least share of the limits that the present motion of an axis needs.
 
     If a stop can end short of the goal, the share for that stop. If none can, or if the axis moves
-    away from the goal, the present share: with less, the stop would end beyond its end at the time
-    when the goal was moved, possibly outside the cage. Never less than the share of the present
-    acceleration: the axis continues with that acceleration whatever its share, so a smaller one
-    would give the difference away twice.
+    away from the goal, the present share: with less, the stop would end beyond the one that was
+    possible when the goal was moved, perhaps outside the cage. Never less than the share of the
+    present acceleration: the axis continues with it whatever its share, so a smaller one would give
+    the difference away twice.
     """
     p, v, a, goal, _, share, _, _, _ = axis
     most_a = limits[1]
@@ -248,8 +245,7 @@ def assign_share(axis: Axis, need: float, cosine: float, left: float, limits: Li
 def release_slow_axis(axis: Axis, limits: Limits) -> Axis:
     """Return the axis, no longer braking if its stop takes long, so that its share can grow.
 
-    An axis with almost no share, because the others needed all, would otherwise brake on to its
-    goal from wherever it is, at walking pace, for minutes.
+    An axis left with almost no share would otherwise brake at walking pace, for minutes.
     """
     p, v, a, goal, heading, share, j1, j2, j3 = axis
     j = share * limits[2]
@@ -296,8 +292,7 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     An axis that is stopping keeps its share; an axis on its way gets the share that it needs, if
     available. So the vector of acceleration keeps its limit whatever goals are replaced. An axis
     that has to turn round gets as much as in a stop. The rest is divided by the squares of the
-    remaining ways: from rest, the three profiles then differ only in scale, which gives a straight
-    line.
+    remaining ways: from rest, the profiles then differ only in scale, and the path is straight.
     """
     x = release_slow_axis(x, limits)
     y = release_slow_axis(y, limits)
@@ -329,8 +324,7 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
 
 LEAST_LAG = 0.05
 """Shortest lag, s: with 0.03, short diagonal climbs, and goals replaced back and forth in a
-descent, need torques for which the thrust is missing: a campaign found one flight in 200 up to 6 cm
-off."""
+descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm off."""
 LAGS_TO_SETTLE = 40.0
 """Lags after which a decay is below the rounding of its start value: e^-40 is 4e-18."""
 REDIVIDE = 25.0

@@ -114,8 +114,7 @@ class Output:
 _DEPTH = 100_000
 """Poses in the queue: in lock-step no process waits for the sensor, and it must lose none."""
 _FIRST_POSE = 1.0
-"""Time (s) that readiness waits for a first pose, so that a client that sees the node can
-calibrate."""
+"""Time (s) that readiness waits for a first pose, so that a client can calibrate at once."""
 
 
 class Rhythm:

@@ -1,8 +1,7 @@
 """Real pressure sensor through Linux IIO.
 
-Linux's Documentation/ABI/testing/sysfs-bus-iio: `in_pressure_input` is the pressure in kPa. A
-driver that does not convert it has (`in_pressure_raw` + `in_pressure_offset`) x `in_pressure_scale`
-instead, also in kPa.
+Linux's Documentation/ABI/testing/sysfs-bus-iio: `in_pressure_input` is the pressure in kPa; drivers
+without it have (`in_pressure_raw` + `in_pressure_offset`) x `in_pressure_scale`, also in kPa.
 """
 
 import os

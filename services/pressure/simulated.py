@@ -114,8 +114,7 @@ class Simulated:
     def read(self, boot: str, stamp: float, height: float) -> float:
         """Return the pressure (hPa) that the sensor measures at a height (m).
 
-        A new `boot` switches the sensor on again; `stamp` is its time, s. A new profile counts at
-        once.
+        A new `boot` switches the sensor on again; `stamp` is its time, s. Profiles change at once.
         """
         air = pressure_at(height)
         part = PARTS.get(self._params.profile)

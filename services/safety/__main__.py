@@ -35,7 +35,7 @@ from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
 
 _FIRST_POSE = 1.0
-"""Time (s) that readiness waits for a first pose, so that a client that sees the node can fly."""
+"""Time (s) that readiness waits for a first pose, so that a client can fly at once."""
 _REST = 0.85
 """Share of a period, in real time, in which new poses need wake no process."""
 
@@ -140,8 +140,7 @@ class Safety:
             return
         self._answered = period
         self.monitor.see(pose)
-        # The flight goes on with the first answer, so it must include the decisions on all held
-        # calls.
+        # The flight goes on with the first answer, which must include all held calls.
         self._deciding = True
         self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
@@ -157,8 +156,7 @@ class Safety:
         before = self.monitor.setpoint()
         reason = self.monitor.ask(goal, replace=request.replace)
         if not reason and not before.brake and before.position == goal:
-            # A vehicle that stopped by itself unseen would otherwise take the same goal for the old
-            # one.
+            # A vehicle that stopped by itself, unseen, would take the goal for the old one.
             self._setpoints.put(replace(before, brake=True))
         self._send_setpoint()
         return GotoResponse(not reason, reason)

@@ -208,8 +208,7 @@ def may_replace(s: Situation, e: Event, _w: World) -> bool:
 def permitted(s: Situation, _e: Event, w: World) -> bool:
     """Return whether the candidate is a place above the floor, and inside if the cage is on.
 
-    The cage is convex: a straight way to a point inside stays inside, and one from outside comes
-    nearer at every step.
+    The cage is convex: the straight way there stays inside, or comes nearer at every step.
     """
     goal = s.candidate.goal
     is_place = all(map(isfinite, astuple(goal))) and not why_below(goal)
@@ -274,7 +273,7 @@ class Rule(NamedTuple):
 
 HOVERING, VERIFYING, MOVING = State
 
-# The first rule that fits is taken. Every (state, event) has one that always fits: a test.
+# The first rule that fits is taken. Every (state, event) has one that always fits (tested).
 # fmt: off
 RULES = (
     #    at         on       when         to         do

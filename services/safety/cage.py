@@ -50,7 +50,7 @@ def _past(value: float, low: float, high: float) -> float:
 
 
 def why_below(point: Position) -> str:
-    """Return that the point is below the floor, with or without the cage; empty if it is not."""
+    """Return the reason if the point is below the floor, cage or no cage; else an empty string."""
     return f"below the floor: z = {_plain(point.z)} is less than 0" if point.z < 0 else ""
 
 
@@ -91,8 +91,7 @@ def stopping_excess(w: World) -> float:
 def leeway(w: World) -> float:
     """Return the greatest distance (m) outside the cage of a sound vehicle that must stop.
 
-    It may brake late and gently; until it brakes, its speed may go on changing as it did between
-    the last two poses.
+    It may brake late and gently; until then, its speed may change as between the last two poses.
     """
     now, before = astuple(w.pose.velocity), astuple(w.last.velocity)
     seconds = w.pose.stamp - w.last.stamp

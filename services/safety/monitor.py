@@ -47,9 +47,8 @@ STANDS = f"the vehicle stood still for {PATIENCE:g} s on its way"
 class TrackingMonitor:
     """Check of the newest pose, at least once in a period of the setpoint.
 
-    A setpoint answers a pose. If poses come late because this process or the bus was held up, the
-    vehicle received no setpoints in that time. If the vehicle was held up itself, it did not fly
-    on.
+    A setpoint answers a pose. Poses that come late, because this process or the bus was held up,
+    mean that the vehicle had no setpoints. A vehicle that was held up itself did not fly on.
     """
 
     def __init__(self) -> None:

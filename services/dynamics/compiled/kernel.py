@@ -74,8 +74,7 @@ def kernel_source() -> str:
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
     each. `goto` and `brake` command one vehicle, by its block and its lane; `room` returns the room
-    that it needs to stop. Each is compiled at its first call; numba caches the result beside the
-    module.
+    for its stop. Each is compiled at its first call; numba caches it beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
     parts = [_HEAD]

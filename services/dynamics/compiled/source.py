@@ -1,8 +1,7 @@
 """Functions of the model as one flat syntax tree, and a cache of generated modules.
 
-The model is straight-line code in several modules. The requested functions are read with all that
-they call, and merged into one tree for a backend. Annotations and docstrings are dropped, constants
-become their values.
+The model is straight-line code in several modules. The requested functions and all that they call
+are merged into one tree for a backend, without annotations and docstrings, constants by value.
 """
 
 import ast

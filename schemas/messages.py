@@ -158,8 +158,7 @@ class Called(Struct, frozen=True):
     """Call that a node has executed: its service, request and result.
 
     `boot` and `stamp` (s) are the simulated time that the node had reached; `held` means that the
-    call was made ahead, for that time. If it was refused, `error` has the reason and `response` is
-    empty.
+    call was made ahead, for that time. A refused call has an `error` and an empty `response`.
     """
 
     boot: Boot

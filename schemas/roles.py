@@ -1,8 +1,7 @@
 """Rights of each role: the table behind the hub's access control.
 
 A role is given for named vehicles or for all (`*`). Keys are written without the vehicle, their
-first chunk. Everything not listed is denied; operators alone may use a new topic or service at
-once.
+first chunk. Everything not listed is denied; a new topic or service is open to operators only.
 
 A user's own endpoints need no line here: topics below `VEHICLE/own/`, services below
 `VEHICLE/@srv/own/`, nodes named `own-NAME`.

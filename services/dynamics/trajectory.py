@@ -2,7 +2,7 @@
 
 Each axis is a triple integrator (position, velocity, acceleration) with limits of speed,
 acceleration and jerk. In each period it takes the highest acceleration that the limits permit, as
-long as the time-minimal stop still ends short of the goal. From then on it follows that stop, whose
+long as the time-minimal stop still ends short of the goal. From then on it follows that stop; its
 three pieces are integrated in closed form. There is no plan to discard: when the goal is moved in
 flight, or the share changes, only the side of the goal on which the stop ends is computed again.
 

@@ -134,7 +134,7 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
     ] = 10.0
     margin: Annotated[
         float,
-        described("tolerance of max_speed and max_deceleration; set more in wind", "m", ge=0, le=10),
+        described("tolerance of max_speed and max_deceleration; more in wind", "m", ge=0, le=10),
     ] = 0.01
 
 

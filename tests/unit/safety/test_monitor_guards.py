@@ -57,7 +57,7 @@ def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
     # Stopping from 6.5 m/s takes at least 2.1 m.
     state = rig.at(along(3.0), going(6.5))
     assert (state.state, state.goal.x) == ("HOVERING", 3.0)
-    assert state.reason == "stopped, the way led out of the cage by 0.11 m"
+    assert state.reason == "stopped, the path led out of the cage by 0.11 m"
 
 
 def test_with_the_cage_off_a_vehicle_is_not_stopped():
@@ -81,7 +81,7 @@ def test_a_return_from_outside_may_not_move_outwards():
         assert rig.at(along(x), going(-0.5)).state == "MOVING"
     state = rig.at(along(5.5), going(0.1))
     assert state.state == "HOVERING"
-    assert state.reason == "stopped, the way led out of the cage by 0.5 m"
+    assert state.reason == "stopped, the path led out of the cage by 0.5 m"
     # The vehicle hovers there, and may be sent inside again.
     rig.at(along(5.5))
     assert rig.monitor.ask(OUTSIDE) != ""

@@ -74,7 +74,7 @@ def test_setpoints_to_an_abandoned_goal_are_ignored(lab: Lab):
         assert gap(place, FAR) > 1
         publish_setpoints(bare, poses, BACK, lambda p: gap(p["position"], BACK) < 0.1)
         publish_setpoints(bare, poses, FAR, lambda p: gap(p["position"], FAR) < 0.1)
-    assert "hovering until another goal is asked for" in lab.log("dynamics")
+    assert "hovering until a new goal is requested" in lab.log("dynamics")
 
 
 def publish_setpoints(

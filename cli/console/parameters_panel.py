@@ -16,7 +16,7 @@ _FIRST = "safety"
 
 
 class ParametersPanel:
-    """Only the table chosen is on the page; a value changes as soon as it is entered."""
+    """Parameters, one table at a time; a value is set as soon as it is entered."""
 
     def __init__(self, page: PageContext) -> None:
         self._page = page
@@ -36,7 +36,7 @@ class ParametersPanel:
         self._show(_FIRST)
 
     def refresh(self, now: Glance) -> None:
-        """Show values that have changed, whoever has changed them."""
+        """Show values that have changed, from any client."""
         for name, (setting, field) in self._fields.items():
             value = now.values.get(name)
             if name in now.values and name not in self._busy and self._told.get(name, ...) != value:
@@ -46,7 +46,7 @@ class ParametersPanel:
     def _show(self, name: str) -> None:
         table = self._tables.get(name)
         if table is None:
-            return  # no tab of ours: whatever a browser sends
+            return  # not one of the tabs: a browser may send anything
         self._fields.clear()
         self._told.clear()
         self._rows.clear()
@@ -83,17 +83,17 @@ class ParametersPanel:
         _, field = self._fields.get(setting.name, (None, None))
         if field is None or setting.name in self._busy:
             return
-        said, before = field.value, self._before(setting)
-        if said == before or (setting.way == "text" and not said):
-            return  # left as it was, or it has followed the parameter, not a finger
+        entered, before = field.value, self._before(setting)
+        if entered == before or (setting.way == "text" and not entered):
+            return  # unchanged, or set by `refresh` and not by the user
         self._busy.add(setting.name)
-        if not await self._page.do(lambda: self._page.acts.change(setting, said)):
+        if not await self._page.do(lambda: self._page.acts.change(setting, entered)):
             field.value = before
         self._busy.discard(setting.name)
 
     def _before(self, setting: Setting) -> Any:
-        """What the field has shown, None where the value is not known."""
+        """Return the value that the field has shown, None if it is not known."""
         if setting.name not in self._told:
             return None
-        told = self._told[setting.name]
-        return told if setting.way != "text" else shown(told)
+        value = self._told[setting.name]
+        return value if setting.way != "text" else shown(value)

@@ -1,8 +1,8 @@
-"""The fleet file: vehicles by name, the hub of each, and formations.
+"""Fleet file: vehicles by name, the hub of each, and formations.
 
 [vehicles]
 uav0 = {}                                              # on this realm's hub, or --connect's
-red = { connect = "tls/lab2:7447", vehicle = "uav" }   # on its own, where its keys say uav
+red = { connect = "tls/lab2:7447", vehicle = "uav" }   # on its own hub, where its name is uav
 
 [formations.line]                                      # m, about the X Y Z of `fleet goto`
 uav0 = [-1.0, 0.0, 0.0]
@@ -26,13 +26,15 @@ from quadctl.services.runtime.security import endpoints
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'
 _POINT = "a place is written as uav0 = [1.0, 2.0, 0.5], metres, none above 10000"
-_WRITTEN = "it has [vehicles] and below that a line `uav0 = {}` for each, as examples/fleet.toml"
+_WRITTEN = (
+    "write [vehicles] and below it a line `uav0 = {}` for each, e.g. as in examples/fleet.toml"
+)
 
 T = TypeVar("T")
 
 
 class Member(Struct, frozen=True):
-    """A vehicle of a fleet: its hub's endpoint, empty for the realm's own, and its name there."""
+    """Vehicle of a fleet: its hub's endpoint, empty for the realm's own, and its name there."""
 
     name: str
     connect: str
@@ -40,7 +42,7 @@ class Member(Struct, frozen=True):
 
 
 class FleetFile(Struct, frozen=True):
-    """Who flies, and the places of each in every formation, m, by the file of that name."""
+    """Vehicles, and their places (m) in each formation, as read from the file `source`."""
 
     members: list[Member]
     formations: dict[str, dict[str, Position]]
@@ -58,16 +60,16 @@ class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read(file: Path, connect: str) -> FleetFile:
-    """A fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
+    """Read a fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
     return fleet_of(load.read(file, _WRITTEN), str(file), connect)
 
 
 def fleet_of(table: dict[str, Any], source: str, connect: str) -> FleetFile:
-    """The same, from its tables."""
+    """Return the fleet in the tables of a file; see `read`."""
     tables = _checked(table, _Tables, source, "the tables are [vehicles] and [formations.NAME]")
     members = [_member(name, said, source, connect) for name, said in tables.vehicles.items()]
     if not members:
-        raise Invalid(f"{source}: no vehicle is in it", _EXAMPLE)
+        raise Invalid(f"{source}: it names no vehicle", _EXAMPLE)
     _check_distinct(members, source)
     names = [member.name for member in members]
     formations = {}
@@ -106,7 +108,7 @@ def _check_distinct(members: list[Member], source: str) -> None:
         if other != member.name:
             raise Invalid(
                 f"{source}: vehicles.{member.name} is the same vehicle as {other}",
-                "give it another `connect`, or the name that it has there as `vehicle`",
+                "give it another `connect`, or set `vehicle` to its name on that hub",
             )
 
 

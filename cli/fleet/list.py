@@ -1,4 +1,4 @@
-"""`fleet list`: the place and state of every vehicle."""
+"""`fleet list`: the position and state of every vehicle."""
 
 import time
 
@@ -16,8 +16,8 @@ from quadctl.services.runtime.bus.streams import Message, RawSubscriber
 from quadctl.services.runtime.errors import QuadctlError
 
 
-class _Heard(Struct, frozen=True):
-    """What a vehicle's thread has heard of it; poses go on coming."""
+class _Subscribed(Struct, frozen=True):
+    """State of a vehicle, and the subscription to its poses, which goes on."""
 
     state: SafetyState
     poses: RawSubscriber
@@ -25,8 +25,8 @@ class _Heard(Struct, frozen=True):
     problem: QuadctlError | None
 
 
-class _Seen(Struct, frozen=True):
-    """A vehicle as it was seen, its pose of so many seconds ago."""
+class _Snapshot(Struct, frozen=True):
+    """State of a vehicle, and its latest pose, `age` s old."""
 
     state: SafetyState
     pose: Pose | None = None
@@ -37,15 +37,15 @@ class _Seen(Struct, frozen=True):
 def list_(options: Options, file: File = None) -> None:
     """Show each vehicle: its hub, its state, goal and position (m), the cage, the pose's age (s).
 
-    The age is told by the sender's clock, which on another machine may go otherwise.
+    The age uses the sender's clock, which may differ on another machine.
 
     Example: quadctl fleet list --json
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, _hear, bounded=True)
-        # Of now, however long somebody else was waited for.
-        seen = {name: _see(answer) for name, answer in heard.answers.items()}
+        heard = hubs.ask(members, _subscribe, bounded=True)
+        # Read the poses now, after the wait for the slowest vehicle.
+        seen = {name: _snapshot(answer) for name, answer in heard.answers.items()}
     partly = {name: one.problem for name, one in seen.items() if one.problem}
     problems = heard.problems | partly
     if options.json:
@@ -61,28 +61,30 @@ def list_(options: Options, file: File = None) -> None:
     fail(problems)
 
 
-def _hear(_member: Member, client: Client) -> _Heard:
+def _subscribe(_member: Member, client: Client) -> _Subscribed:
     ends = time.monotonic() + client.timeout
     key = POSE.key(client.vehicle)
     poses = client.listen(key, backlog=1)
     state = client.latest(STATE)
     first = poses.next(ends - time.monotonic())
-    return _Heard(state, poses, first, None if first else client.silent(key))
+    return _Subscribed(state, poses, first, None if first else client.silent(key))
 
 
-def _see(heard: _Heard) -> _Seen:
-    message = heard.poses.next(0) or heard.first
+def _snapshot(subscribed: _Subscribed) -> _Snapshot:
+    message = subscribed.poses.next(0) or subscribed.first
     if message is None:
-        return _Seen(heard.state, problem=heard.problem)
+        return _Snapshot(subscribed.state, problem=subscribed.problem)
     try:
         pose = codec.decode(Pose, message.payload, message.encoding)
     except QuadctlError as problem:
-        return _Seen(heard.state, problem=problem)
+        return _Snapshot(subscribed.state, problem=problem)
     age = time.monotonic() - message.received + (message.age or 0.0)
-    return _Seen(heard.state, pose, age)
+    return _Snapshot(subscribed.state, pose, age)
 
 
-def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError | None) -> object:
+def _row(
+    m: Member, options: Options, seen: _Snapshot | None, problem: QuadctlError | None
+) -> object:
     state, pose = (seen.state, seen.pose) if seen else (None, None)
     return row(
         m,
@@ -96,7 +98,7 @@ def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError 
     )
 
 
-def _cells(seen: _Seen | None, problem: QuadctlError | None) -> tuple[str, ...]:
+def _cells(seen: _Snapshot | None, problem: QuadctlError | None) -> tuple[str, ...]:
     said = f"{problem.code}: {problem.message}" if problem else ""
     if seen is None:
         return ("-", "-", "-", "-", "-", said)

@@ -95,7 +95,7 @@ def repair(
     except OSError as error:
         raise QuadctlError(
             f"{fresh} cannot be written: {error.strerror}",
-            "free some space, or name another file: -o",
+            "free disk space, or name another file: -o",
         ) from error
     said = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
     kept = f"{done.messages} messages kept, {done.dropped} bytes of an incomplete end dropped"

@@ -14,7 +14,7 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.files import taken
 from quadctl.services.runtime.params.names import flatten
 from quadctl.services.runtime.recording import verify as mending
-from quadctl.services.runtime.recording.reader import Bag, BagFacts, KeyFacts, Recorded, facts
+from quadctl.services.runtime.recording.reader import Bag, KeyFacts, Recorded, facts
 from quadctl.services.runtime.recording.verify import check as look_through
 
 Recording = Annotated[Path, Arg("A recording, MCAP.", "FILE")]
@@ -29,22 +29,20 @@ def info(options: Options, file: Recording) -> None:
     if options.json:
         output.document({"ok": not found.cut, **msgspec.to_builtins(found)})
         return
-    output.table(_head(found))
+    began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(found.begin))
+    output.table(
+        [
+            ("File:", found.file),
+            ("Size:", f"{found.bytes / 1e6:.2f} MB"),
+            ("Began:", began if found.messages else "-"),
+            ("Length:", f"{found.seconds:.1f} s"),
+            ("Messages:", str(found.messages)),
+        ]
+    )
     if found.keys:
         output.table([("KEY", "TYPE", "MESSAGES", "HZ"), *map(_row, found.keys)])
     if found.cut:
         output.note(f"it is cut: {found.cut}\n  try: `quadctl bag repair {file}` repairs it")
-
-
-def _head(found: BagFacts) -> list[tuple[str, str]]:
-    began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(found.begin))
-    return [
-        ("File:", found.file),
-        ("Size:", f"{found.bytes / 1e6:.2f} MB"),
-        ("Began:", began if found.messages else "-"),
-        ("Length:", f"{found.seconds:.1f} s"),
-        ("Messages:", str(found.messages)),
-    ]
 
 
 def _row(key: KeyFacts) -> tuple[str, str, str, str]:
@@ -61,9 +59,8 @@ def check(options: Options, file: Recording) -> None:
     found = look_through(file)
     ok = not found.faults
     if options.json:
-        output.document(
-            {"ok": ok, "file": str(file), "messages": found.messages, "faults": found.faults}
-        )
+        content = {"messages": found.messages, "faults": found.faults}
+        output.document({"ok": ok, "file": str(file), **content})
     else:
         for fault in found.faults:
             output.line(f"FAIL  {fault}")
@@ -94,8 +91,7 @@ def repair(
         raise taken(fresh) from error
     except OSError as error:
         raise QuadctlError(
-            f"{fresh} cannot be written: {error.strerror}",
-            "free disk space, or name another file: -o",
+            f"{fresh} cannot be written: {error.strerror}", "free space, or name another file: -o"
         ) from error
     said = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
     kept = f"{done.messages} messages kept, {done.dropped} bytes of an incomplete end dropped"

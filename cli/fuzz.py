@@ -231,8 +231,7 @@ def fuzz(
                 if number % 100 == 0:
                     progress.update(number / payloads, f"{number} of {payloads}")
         burst.settle()
-        faults = [*_faults(burst), *_changes(before, _look(client, options))]
-        faults += _silent(client)
+        faults = list(_faults(client, burst, before, _look(client, options)))
     document = {
         "ok": not faults, "payloads": burst.asked + burst.published, "seed": seed,
         "published": burst.published, "asked": burst.asked, "replies": dict(burst.codes),
@@ -276,21 +275,17 @@ def _look(client: Client, options: Options) -> dict[str, Any]:
     return found | {f"process of {node.name}": node.pid for node in (run.nodes if run else ())}
 
 
-def _faults(burst: Burst) -> Iterator[str]:
+def _faults(
+    client: Client, burst: Burst, before: dict[str, Any], after: dict[str, Any]
+) -> Iterator[str]:
     for key in sorted(set(burst.taken)):
         yield f"{key} took {burst.taken.count(key)}"
     missing = burst.asked - burst.answered + burst.codes["no answer"]
     if missing:
         yield f"{missing} calls were not answered"
-
-
-def _changes(before: dict[str, Any], after: dict[str, Any]) -> Iterator[str]:
     for name, value in before.items():
         if after.get(name) != value:
             yield f"{name}: {value} before, {after.get(name)} after"
-
-
-def _silent(client: Client) -> Iterator[str]:
     for node in client.nodes():
         try:
             client.call(get_params(node), GetParamsRequest([]))

@@ -69,8 +69,7 @@ def _spellings(key: str, name: str, begun: str) -> Iterator[str]:
         yield f"{slash}{key}"
 
 
-SUBJECTS = ("topic", "service")
-"""Kinds of names that have fields."""
+SUBJECTS = ("topic", "service")  # kinds of names that have fields
 _ALL = "*"
 _PATIENCE = 0.1  # s to wait for live names: a shell that waits longer seems stuck
 

@@ -3,16 +3,14 @@
 from collections.abc import Callable
 from typing import Any, Protocol
 
-import msgspec
-
 from quadctl.cli.console.bus_link import Link
 from quadctl.cli.console.model import Board
 from quadctl.cli.console.settings import Setting, shown
+from quadctl.cli.vehicle.goto import request_of
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import (
     CalibrateRequest,
     GetParamsRequest,
-    GotoRequest,
     HoldRequest,
     ResetRequest,
     SetParamsRequest,
@@ -35,11 +33,7 @@ class Acts:
 
     def goto(self, goal: Position, *, replace: bool) -> str:
         """Request a goal; raise Refused with the reason if safety rejects it."""
-        asked = {"x": goal.x, "y": goal.y, "z": goal.z, "replace": replace}
-        try:
-            request = msgspec.convert(asked, GotoRequest)
-        except msgspec.ValidationError as error:
-            raise Invalid(f"not a valid goal: {error}") from error
+        request = request_of(goal.x, goal.y, goal.z, replace=replace)
         reply = self._link.client.call(GOTO, request)
         if not reply.accepted:
             self._link.see(lambda board: board.refuse(goal))

@@ -11,12 +11,11 @@ import msgspec
 from quadctl.cli.console.model import TICK, Board
 from quadctl.cli.context import Options
 from quadctl.cli.param.running import nodes_with_params
-from quadctl.schemas.messages import Pose, Position, Pressure, SafetyState
+from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.params.names import flatten
@@ -118,24 +117,15 @@ class Link:
                 nodes = self._processes()
                 with self._lock:
                     self._board.nodes = nodes
-            self._hear(poses, readings, states, asked)
+            pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
+            changes = list(iter(lambda: states.next(0), None))
+            with self._lock:
+                if waypoint is not None:
+                    self._board.ask(Position(waypoint.x, waypoint.y, waypoint.z))
+                for state in changes:
+                    self._board.hear_state(state)
+                self._board.tick(pose, reading)
             time.sleep(max(0.0, began + TICK - time.monotonic()))
-
-    def _hear(
-        self,
-        poses: TypedSubscriber[Pose],
-        readings: TypedSubscriber[Pressure],
-        states: TypedSubscriber[SafetyState],
-        asked: TypedSubscriber[Any],
-    ) -> None:
-        pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
-        changes = list(iter(lambda: states.next(0), None))
-        with self._lock:
-            if waypoint is not None:
-                self._board.ask(Position(waypoint.x, waypoint.y, waypoint.z))
-            for state in changes:
-                self._board.hear_state(state)
-            self._board.tick(pose, reading)
 
     def _keep_looking(self, client: Client) -> None:
         """Read the parameters repeatedly: other clients change them too."""

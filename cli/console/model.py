@@ -250,8 +250,7 @@ def _way(start: str, end: str, text: str) -> str:
 
 _SILENT = 1.0  # s without a pose after which the page reports silence
 
-NOTHING_SEEN = (-1, 0)
-"""Epoch and sample number of a page just opened: none of either."""
+NOTHING_SEEN = (-1, 0)  # epoch and sample number before the first frame of a page
 
 
 def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[str, Any]:

@@ -94,17 +94,15 @@ class ProcessesPanel:
                 self._row(node)
 
     def _row(self, node: ProcessRecord) -> None:
+        page, restart = self._page, partial(self._page.acts.restart, node.name)
         with ui.element("div").classes(f"row-of {node.state}").props(f"data-node={node.name}"):
             ui.html(node.name, sanitize=True, tag="b")
             ui.html(node.state, sanitize=False, tag="span").classes("how")
             ui.html(f"pid {node.pid or '-'}", sanitize=False, tag="span").classes("pid")
             times = f"{node.restarts} restarts" if node.restarts else ""
             ui.html(times, sanitize=False, tag="span").classes("times")
-            again = ui.button("Restart", on_click=partial(self._restart, node.name), color=None)
-            again.props("no-caps flat dense").set_enabled(self._page.control)
-
-    async def _restart(self, name: str) -> None:
-        await self._page.do(lambda: self._page.acts.restart(name))
+            again = ui.button("Restart", on_click=lambda: page.do(restart), color=None)
+            again.props("no-caps flat dense").set_enabled(page.control)
 
 
 _FIELDS = Sample._fields[1:]

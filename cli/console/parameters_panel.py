@@ -23,7 +23,7 @@ class ParametersPanel:
         every = tables(page.link.see(lambda board: dict(board.values)))
         self._tables = {table.name: table for table in every}
         self._fields: dict[str, tuple[Setting, Field]] = {}
-        self._told: dict[str, Any] = {}
+        self._last: dict[str, Any] = {}  # value of each field as last shown
         self._busy: set[str] = set()
         with card("Parameters", "parameters"):
             choice = ui.tabs().props("no-caps dense align=left outside-arrows")
@@ -39,8 +39,8 @@ class ParametersPanel:
         """Show values that have changed, from any client."""
         for name, (setting, field) in self._fields.items():
             value = now.values.get(name)
-            if name in now.values and name not in self._busy and self._told.get(name, ...) != value:
-                self._told[name] = value
+            if name in now.values and name not in self._busy and self._last.get(name, ...) != value:
+                self._last[name] = value
                 field.value = value if setting.way != "text" else shown(value)
 
     def _show(self, name: str) -> None:
@@ -48,7 +48,7 @@ class ParametersPanel:
         if table is None:
             return  # not one of the tabs: a browser may send anything
         self._fields.clear()
-        self._told.clear()
+        self._last.clear()
         self._rows.clear()
         with self._rows:
             ui.html(table.about, sanitize=True, tag="p")
@@ -70,10 +70,8 @@ class ParametersPanel:
         if setting.way == "switch":
             return ui.switch().on_value_change(commit)
         if setting.way == "choice":
-            chosen = ui.select(list(setting.choices), value=None).props(
-                "dense outlined options-dense"
-            )
-            return chosen.on_value_change(commit)
+            chosen = ui.select(list(setting.choices), value=None)
+            return chosen.props("dense outlined options-dense").on_value_change(commit)
         field = ui.input().props("dense outlined")
         field.on("keydown.enter", commit)
         field.on("blur", commit)
@@ -83,17 +81,12 @@ class ParametersPanel:
         _, field = self._fields.get(setting.name, (None, None))
         if field is None or setting.name in self._busy:
             return
-        entered, before = field.value, self._before(setting)
+        entered, before = field.value, self._last.get(setting.name)
+        if setting.way == "text" and setting.name in self._last:
+            before = shown(before)
         if entered == before or (setting.way == "text" and not entered):
             return  # unchanged, or set by `refresh` and not by the user
         self._busy.add(setting.name)
         if not await self._page.do(lambda: self._page.acts.change(setting, entered)):
             field.value = before
         self._busy.discard(setting.name)
-
-    def _before(self, setting: Setting) -> Any:
-        """Return the value that the field has shown, None if it is not known."""
-        if setting.name not in self._told:
-            return None
-        value = self._told[setting.name]
-        return value if setting.way != "text" else shown(value)

@@ -80,15 +80,8 @@ def _setting(leaf: Entry, table: str) -> Setting:
             way = "switch"
         case inspect.LiteralType():
             way, choices = "choice", tuple(str(value) for value in leaf.type.values)
-    return Setting(
-        leaf.name,
-        leaf.name.removeprefix(f"{table}."),
-        way,
-        choices,
-        " · ".join(_facts(leaf, way)),
-        leaf.about,
-        fixed_at_launch(leaf.name),
-    )
+    label, facts = leaf.name.removeprefix(f"{table}."), " · ".join(_facts(leaf, way))
+    return Setting(leaf.name, label, way, choices, facts, leaf.about, fixed_at_launch(leaf.name))
 
 
 def _facts(leaf: Entry, way: Way) -> Iterator[str]:

@@ -26,9 +26,7 @@ from quadctl.services.runtime.security import endpoints
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'
 _POINT = "a place is written as uav0 = [1.0, 2.0, 0.5], metres, none above 10000"
-_WRITTEN = (
-    "write [vehicles] and below it a line `uav0 = {}` for each, e.g. as in examples/fleet.toml"
-)
+_WRITTEN = "write [vehicles] and below it a line `uav0 = {}` for each, as examples/fleet.toml does"
 
 T = TypeVar("T")
 

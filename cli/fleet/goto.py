@@ -57,8 +57,7 @@ def _point(words: Sequence[str]) -> Position:
     return Position(x, y, z)
 
 
-Places = Mapping[str, Position]
-"""Point of each vehicle, m."""
+Places = Mapping[str, Position]  # a point (m) for each vehicle
 
 
 def named_goals(said: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None:
@@ -70,9 +69,15 @@ def named_goals(said: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None
             raise Invalid(f"there is no vehicle {name}", hint)
     if said.own or not said.formation:
         return said.own or None
-    if said.formation not in fleet.formations:
-        raise _no_formation(said.formation, fleet)
-    return _moved(fleet.formations[said.formation], said.at)
+    title = said.formation
+    if title not in fleet.formations:
+        source = fleet.source or "fleet.toml"
+        line = f"{fleet.members[0].name} = [1.0, 2.0, 0.5], metres"
+        hint = f"write in {source}: [formations.{title}], and below it, for each vehicle, {line}"
+        if fleet.formations:
+            hint = nearest(title, fleet.formations) or f"{source} has {', '.join(fleet.formations)}"
+        raise Invalid(f"there is no formation {title}", hint)
+    return _moved(fleet.formations[title], said.at)
 
 
 def about(places: Places, to: Position) -> dict[str, Position]:
@@ -85,15 +90,6 @@ def about(places: Places, to: Position) -> dict[str, Position]:
 
 def _moved(places: Places, by: Position) -> dict[str, Position]:
     return {name: Position(by.x + p.x, by.y + p.y, by.z + p.z) for name, p in places.items()}
-
-
-def _no_formation(title: str, fleet: FleetFile) -> Invalid:
-    source = fleet.source or "fleet.toml"
-    line = f"{fleet.members[0].name} = [1.0, 2.0, 0.5], metres"
-    hint = f"write in {source}: [formations.{title}], and below it, for each vehicle, {line}"
-    if fleet.formations:
-        hint = nearest(title, fleet.formations) or f"{source} has {', '.join(fleet.formations)}"
-    return Invalid(f"there is no formation {title}", hint)
 
 
 _GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."

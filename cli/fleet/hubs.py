@@ -97,7 +97,6 @@ class Hubs:
 File = Annotated[
     Path | None, Option("The fleet's file (default: ./fleet.toml if it exists).", ("--fleet",))
 ]
-"""Option of every fleet command."""
 
 
 def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> FleetFile:

@@ -25,7 +25,7 @@ class _Subscribed(Struct, frozen=True):
     problem: QuadctlError | None
 
 
-class _Snapshot(Struct, frozen=True):
+class _View(Struct, frozen=True):
     """State of a vehicle, and its latest pose, `age` s old."""
 
     state: SafetyState
@@ -45,7 +45,7 @@ def list_(options: Options, file: File = None) -> None:
         members = fleet_of(options, file, hubs).members
         heard = hubs.ask(members, _subscribe, bounded=True)
         # Read the poses now, after the wait for the slowest vehicle.
-        seen = {name: _snapshot(answer) for name, answer in heard.answers.items()}
+        seen = {name: _view(answer) for name, answer in heard.answers.items()}
     partly = {name: one.problem for name, one in seen.items() if one.problem}
     problems = heard.problems | partly
     if options.json:
@@ -70,21 +70,19 @@ def _subscribe(_member: Member, client: Client) -> _Subscribed:
     return _Subscribed(state, poses, first, None if first else client.silent(key))
 
 
-def _snapshot(subscribed: _Subscribed) -> _Snapshot:
+def _view(subscribed: _Subscribed) -> _View:
     message = subscribed.poses.next(0) or subscribed.first
     if message is None:
-        return _Snapshot(subscribed.state, problem=subscribed.problem)
+        return _View(subscribed.state, problem=subscribed.problem)
     try:
         pose = codec.decode(Pose, message.payload, message.encoding)
     except QuadctlError as problem:
-        return _Snapshot(subscribed.state, problem=problem)
+        return _View(subscribed.state, problem=problem)
     age = time.monotonic() - message.received + (message.age or 0.0)
-    return _Snapshot(subscribed.state, pose, age)
+    return _View(subscribed.state, pose, age)
 
 
-def _row(
-    m: Member, options: Options, seen: _Snapshot | None, problem: QuadctlError | None
-) -> object:
+def _row(m: Member, options: Options, seen: _View | None, problem: QuadctlError | None) -> object:
     state, pose = (seen.state, seen.pose) if seen else (None, None)
     return row(
         m,
@@ -98,7 +96,7 @@ def _row(
     )
 
 
-def _cells(seen: _Snapshot | None, problem: QuadctlError | None) -> tuple[str, ...]:
+def _cells(seen: _View | None, problem: QuadctlError | None) -> tuple[str, ...]:
     said = f"{problem.code}: {problem.message}" if problem else ""
     if seen is None:
         return ("-", "-", "-", "-", "-", said)

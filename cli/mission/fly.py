@@ -40,10 +40,8 @@ from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut
 from quadctl.services.runtime.params.load import read
 
 NODES = ("dynamics", "pressure", "safety")
-_BACKLOG = 200_000
-"""Messages that may wait while this process is not scheduled; none may be lost."""
-_LOOK = 0.02
-"""Seconds between two reads: a wake for each message would slow down the flight."""
+_BACKLOG = 200_000  # messages that may wait while this process is not scheduled; none may be lost
+_LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
 _PATIENCE = 60.0
 _SLOWER = 20.0
 """A mission may take _PATIENCE s plus this many times its length at the requested speed."""
@@ -55,7 +53,9 @@ class MissionFlight:
     def __init__(self, client: Client, mission: MissionFile) -> None:
         """Read the parameters; raise Unreachable or TimedOut if a node does not answer."""
         self._client, self._mission = client, mission
-        self.parameters = self._parameters()
+        self.parameters: dict[str, Any] = {}
+        for node in NODES:
+            self.parameters |= client.call(get_params(node), GetParamsRequest([])).values
         self._boot = os.urandom(4).hex()
         speed = self.parameters["dynamics.speed"] or 1.0
         self._patience = _PATIENCE + _SLOWER * mission.end / speed
@@ -149,12 +149,6 @@ class MissionFlight:
             if call.problem is not None and not isinstance(call.problem, Refused):
                 raise call.problem
         self.record.check()
-
-    def _parameters(self) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for node in NODES:
-            values |= self._client.call(get_params(node), GetParamsRequest([])).values
-        return values
 
 
 def fly(

@@ -110,7 +110,6 @@ def _spans(track: Track) -> list[tuple[Phase, float]]:
     return [*pairs, (track.phases[-1], track.end)] if track.phases else []
 
 
-_TIME = "simulated time, s"
 _LAST: dict[str, Any] = {"marker": "D", "markersize": 5, "markevery": [-1]}
 """Mark of the last position in each boot."""
 
@@ -185,7 +184,7 @@ def _courses(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
         show(axes, tracks)
         axes.set_xlim(begin, end)
         axes.grid(alpha=0.3)
-        axes.set_xlabel(_TIME if show is states else "")
+        axes.set_xlabel("simulated time, s" if show is states else "")
 
 
 def _span(values: list[float], axis: int, cages: list[CageSize]) -> tuple[float, float]:

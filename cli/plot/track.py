@@ -41,10 +41,8 @@ class Track:
     """Flight of one vehicle in simulated s; a new boot goes on at the end of the previous one."""
 
     def __init__(self) -> None:
-        self.legs: list[list[tuple[float, float, float, float]]] = []
-        """Time and position, m, of each boot."""
-        self.air: list[tuple[float, float, float]] = []
-        """Time, published pressure and baseline, hPa."""
+        self.legs: list[list[tuple[float, float, float, float]]] = []  # time, x, y, z by boot
+        self.air: list[tuple[float, float, float]] = []  # time, published pressure, baseline, hPa
         self.phases: list[Phase] = []
         self.taken: list[Spot] = []
         self.refused: list[Spot] = []

@@ -93,12 +93,12 @@ def repair(
         raise QuadctlError(
             f"{fresh} cannot be written: {error.strerror}", "free space, or name another file: -o"
         ) from error
-    said = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
+    result = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
     kept = f"{done.messages} messages kept, {done.dropped} bytes of an incomplete end dropped"
     text = (
         f"{target or file}: {kept}" if done.why else f"{file} was whole: {done.messages} messages"
     )
-    output.either(options, {**said, "cut": done.why}, text)
+    output.either(options, {**result, "cut": done.why}, text)
 
 
 _TIME = "unix_time"  # first column: the time (s) at which the message was received

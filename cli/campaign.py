@@ -27,7 +27,7 @@ class CampaignProcess:
         self._popen = subprocess.Popen(
             _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
-        assert self._popen.stdin is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._popen.stdin is not None  # noqa: S101 - a pipe, requested above
         self._popen.stdin.write(msgspec.json.encode(order) + b"\n")
         self._popen.stdin.flush()
 
@@ -35,7 +35,7 @@ class CampaignProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._popen.stdin is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._popen.stdin is not None  # noqa: S101 - a pipe, requested above
         self._popen.stdin.close()
         try:
             self._popen.wait(_END)
@@ -44,7 +44,7 @@ class CampaignProcess:
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Yield its progress and notes; raise QuadctlError if it fails."""
-        assert self._popen.stdout is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._popen.stdout is not None  # noqa: S101 - a pipe, requested above
         for line in self._popen.stdout:
             message: dict[str, Any] = msgspec.json.decode(line)
             if "error" in message:

@@ -44,8 +44,8 @@ def top(page: PageContext) -> None:
 
 
 def _go_to(vehicle: str) -> None:
-    asked = dict(ui.context.client.request.query_params) | {"vehicle": vehicle}
-    ui.navigate.to(f"/?{urlencode(asked)}")
+    query = dict(ui.context.client.request.query_params) | {"vehicle": vehicle}
+    ui.navigate.to(f"/?{urlencode(query)}")
 
 
 _CSS = (Path(__file__).parent / "assets" / "console.css").read_text(encoding="utf-8")
@@ -109,13 +109,13 @@ class Page:
         seen = model.NOTHING_SEEN
         while not self._client.is_deleted:
             began = time.monotonic()
-            picture = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
+            frame = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
             try:
-                got = await self._live.show(picture, timeout=_GONE)
+                got = await self._live.show(frame, timeout=_GONE)
             except TimeoutError:
                 return
-            if got == picture["seen"]:
-                seen = (picture["epoch"], picture["seen"])
+            if got == frame["seen"]:
+                seen = (frame["epoch"], frame["seen"])
             now = self.link.see(lambda board: board.glance())
             for panel in self._panels:
                 panel.refresh(now)

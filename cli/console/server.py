@@ -123,9 +123,9 @@ def serve(
 
     @ui.page("/")
     async def page(request: Request) -> None:
-        asked = request.query_params
-        control = may_control(token, asked.get("token", ""))
-        shown = Page(links.of(asked.get("vehicle", "")), links.vehicles(), control=control)
+        query = request.query_params
+        control = may_control(token, query.get("token", ""))
+        shown = Page(links.of(query.get("vehicle", "")), links.vehicles(), control=control)
         shown.build()
         await ui.context.client.connected()
         await shown.feed()

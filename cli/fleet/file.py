@@ -47,7 +47,7 @@ class FleetFile(Struct, frozen=True):
     source: str = ""
 
 
-class _Said(Struct, frozen=True, forbid_unknown_fields=True):
+class _Entry(Struct, frozen=True, forbid_unknown_fields=True):
     connect: str = ""
     vehicle: str = ""
 
@@ -65,7 +65,7 @@ def read(file: Path, connect: str) -> FleetFile:
 def fleet_of(table: dict[str, Any], source: str, connect: str) -> FleetFile:
     """Return the fleet in the tables of a file; see `read`."""
     tables = _checked(table, _Tables, source, "the tables are [vehicles] and [formations.NAME]")
-    members = [_member(name, said, source, connect) for name, said in tables.vehicles.items()]
+    members = [_member(name, value, source, connect) for name, value in tables.vehicles.items()]
     if not members:
         raise Invalid(f"{source}: it names no vehicle", _EXAMPLE)
     _check_distinct(members, source)
@@ -77,16 +77,16 @@ def fleet_of(table: dict[str, Any], source: str, connect: str) -> FleetFile:
                 hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
                 raise Invalid(f"{source}: formations.{title}: there is no vehicle {name}", hint)
         formations[title] = {
-            name: _place(said, f"{source}: formations.{title}.{name}")
-            for name, said in places.items()
+            name: _place(value, f"{source}: formations.{title}.{name}")
+            for name, value in places.items()
         }
         _check_apart(formations[title], f"{source}: formations.{title}")
     return FleetFile(members, formations, source)
 
 
-def _member(name: str, said: Any, source: str, connect: str) -> Member:
+def _member(name: str, value: Any, source: str, connect: str) -> Member:
     where = f"{source}: vehicles.{name}"
-    found = _checked(said, _Said, where, _EXAMPLE)
+    found = _checked(value, _Entry, where, _EXAMPLE)
     try:
         vehicle = vehicle_name(found.vehicle or name)
     except UsageError as problem:
@@ -110,12 +110,12 @@ def _check_distinct(members: list[Member], source: str) -> None:
             )
 
 
-def _place(said: Any, where: str) -> Position:
-    if not isinstance(said, list) or len(said) != 3:
-        raise Invalid(f"{where}: {catalogue.value(said)} is no place", _POINT)
+def _place(value: Any, where: str) -> Position:
+    if not isinstance(value, list) or len(value) != 3:
+        raise Invalid(f"{where}: {catalogue.value(value)} is no place", _POINT)
     x, y, z = (
         _checked(part, Metres, f"{where}: {axis} = {catalogue.value(part)}", _POINT)
-        for axis, part in zip("xyz", said, strict=True)
+        for axis, part in zip("xyz", value, strict=True)
     )
     return Position(x, y, z)
 
@@ -131,9 +131,9 @@ def _check_apart(places: dict[str, Position], where: str) -> None:
             )
 
 
-def _checked(said: Any, type_: type[T], where: str, hint: str) -> T:
+def _checked(value: Any, type_: type[T], where: str, hint: str) -> T:
     try:
-        return msgspec.convert(said, type_)
+        return msgspec.convert(value, type_)
     except msgspec.ValidationError as error:
         text = str(error)
         raise Invalid(f"{where}: {text[:1].lower()}{text[1:]}", hint) from error

@@ -60,16 +60,16 @@ def _point(words: Sequence[str]) -> Position:
 Places = Mapping[str, Position]  # a point (m) for each vehicle
 
 
-def named_goals(said: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None:
+def named_goals(target: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None:
     """Return the goals by vehicle or formation, None for a centre; raise Invalid if unknown."""
     names = [member.name for member in fleet.members]
-    for name in said.own:
+    for name in target.own:
         if name not in names:
             hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
             raise Invalid(f"there is no vehicle {name}", hint)
-    if said.own or not said.formation:
-        return said.own or None
-    title = said.formation
+    if target.own or not target.formation:
+        return target.own or None
+    title = target.formation
     if title not in fleet.formations:
         source = fleet.source or "fleet.toml"
         line = f"{fleet.members[0].name} = [1.0, 2.0, 0.5], metres"
@@ -77,7 +77,7 @@ def named_goals(said: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None
         if fleet.formations:
             hint = nearest(title, fleet.formations) or f"{source} has {', '.join(fleet.formations)}"
         raise Invalid(f"there is no formation {title}", hint)
-    return _moved(fleet.formations[title], said.at)
+    return _moved(fleet.formations[title], target.at)
 
 
 def about(places: Places, to: Position) -> dict[str, Position]:
@@ -125,15 +125,15 @@ def goto(
     Example: quadctl fleet goto 0 0 2
     """
     check_arrive(arrive)
-    said = read(goal)
+    target = read(goal)
     with Hubs(options) as hubs:
         fleet = fleet_of(options, file, hubs)
         requests = {
-            name: _request(name, place, said, replace=replace)
-            for name, place in _goals(said, fleet, hubs).items()
+            name: _request(name, place, target, replace=replace)
+            for name, place in _goals(target, fleet, hubs).items()
         }
-        if said.formation and not options.json:
-            _note_absent(said.formation, fleet, requests)
+        if target.formation and not options.json:
+            _note_absent(target.formation, fleet, requests)
         members = [member for member in fleet.members if member.name in requests]
         accepted: list[str] = []
         with _note_interrupt(accepted):
@@ -148,25 +148,25 @@ def goto(
     fail({m.name: problems[m.name] for m in members if m.name in problems})
 
 
-def _goals(said: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Position]:
-    goals = named_goals(said, fleet)
+def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Position]:
+    goals = named_goals(target, fleet)
     if goals is not None:
         return goals
     # Goals, not positions: arriving within the range, a vehicle would fall behind each time.
-    heard = hubs.ask(
+    states = hubs.ask(
         fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True, all_or_none=True
     )
-    if heard.problems:
+    if states.problems:
         # The centre depends on every vehicle.
-        raise nobody_sent(heard.problems, [member.name for member in fleet.members])
-    return about(heard.answers, said.at)
+        raise nobody_sent(states.problems, [member.name for member in fleet.members])
+    return about(states.answers, target.at)
 
 
-def _request(name: str, place: Position, said: FleetGoal, *, replace: bool) -> GotoRequest:
+def _request(name: str, place: Position, target: FleetGoal, *, replace: bool) -> GotoRequest:
     try:
         return request_of(place.x, place.y, place.z, replace=replace)
     except Invalid as problem:
-        about_ = f"{said.at.x:g} {said.at.y:g} {said.at.z:g}"
+        about_ = f"{target.at.x:g} {target.at.y:g} {target.at.z:g}"
         raise Invalid(f"about {about_}, {name}'s {problem.message}", problem.hint) from problem
 
 
@@ -206,16 +206,16 @@ def _ask(
             accepted.append(member.name)
         return _Asked(client, flight, reply)
 
-    heard = hubs.ask(members, ask, bounded=True)
-    problems = dict(heard.problems)
-    for name, asked in heard.answers.items():
-        said = "accepted" if asked.reply.accepted else f"rejected: {asked.reply.reason}"
+    results = hubs.ask(members, ask, bounded=True)
+    problems = dict(results.problems)
+    for name, asked in results.answers.items():
+        verdict = "accepted" if asked.reply.accepted else f"rejected: {asked.reply.reason}"
         if not options.json:
-            output.line(f"{name}: {said}")
+            output.line(f"{name}: {verdict}")
         if not asked.reply.accepted:
             hint = _BUSY if asked.reply.reason.startswith("busy") else _WHY
             problems[name] = Refused(asked.reply.reason, hint)
-    return heard.answers, problems
+    return results.answers, problems
 
 
 def _watch(
@@ -249,5 +249,5 @@ def _watch(
 def _row(
     member: Member, options: Options, asked: _Asked | None, problem: QuadctlError | None
 ) -> Any:
-    said = report(asked.flight, asked.reply) if asked else report(None, GotoResponse(False, ""))
-    return row(member, options, problem, **said)
+    outcome = report(asked.flight, asked.reply) if asked else report(None, GotoResponse(False, ""))
+    return row(member, options, problem, **outcome)

@@ -161,10 +161,10 @@ def fail(problems: Mapping[str, QuadctlError]) -> None:
 def nobody_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> QuadctlError:
     """Return the error for a centre if the places of some vehicles are unknown."""
     worst = max(problems.values(), key=_gravity)
-    said = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
+    reasons = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
     there = next((name for name in names if name not in problems), "")
     return type(worst)(
-        f"no vehicle was sent: the formation's centre needs all of them; {said}",
+        f"no vehicle was sent: the formation's centre needs all of them; {reasons}",
         f"name the vehicles to send: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
     )
 

@@ -27,13 +27,13 @@ def hold(options: Options, file: File = None) -> None:
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()), bounded=True)
+        found = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()), bounded=True)
     rows = [
-        row(m, options, heard.problems.get(m.name), stopped=m.name in heard.answers)
+        row(m, options, found.problems.get(m.name), stopped=m.name in found.answers)
         for m in members
     ]
-    stopped = dict.fromkeys(heard.answers, "stopping: hovering at the stopping point")
-    tell(options, rows, stopped, heard.problems)
+    stopped = dict.fromkeys(found.answers, "stopping: hovering at the stopping point")
+    tell(options, rows, stopped, found.problems)
 
 
 _STOPPING = 5.0  # s to come to rest; in gusts a vehicle never does, and lands from where it is
@@ -73,16 +73,16 @@ def land_all(
                 return _land(client, board, member.name, left, arrive)
 
             try:
-                heard = hubs.ask(members, land, bounded=False)
+                found = hubs.ask(members, land, bounded=False)
             except KeyboardInterrupt:
                 output.note("stopped waiting: the landings go on; `quadctl fleet hold` stops them")
                 raise
     rows = []
     for m in members:
-        at, problem = heard.answers.get(m.name), heard.problems.get(m.name)
+        at, problem = found.answers.get(m.name), found.problems.get(m.name)
         rows.append(row(m, options, problem, landed=at is not None, position=at))
-    landed = {name: f"landed at {at.x:.2f} {at.y:.2f}" for name, at in heard.answers.items()}
-    tell(options, rows, landed, heard.problems)
+    landed = {name: f"landed at {at.x:.2f} {at.y:.2f}" for name, at in found.answers.items()}
+    tell(options, rows, landed, found.problems)
 
 
 class _Descent(Flight):

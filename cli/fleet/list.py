@@ -43,11 +43,11 @@ def list_(options: Options, file: File = None) -> None:
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, _subscribe, bounded=True)
+        results = hubs.ask(members, _subscribe, bounded=True)
         # Read the poses now, after the wait for the slowest vehicle.
-        seen = {name: _view(answer) for name, answer in heard.answers.items()}
+        seen = {name: _view(answer) for name, answer in results.answers.items()}
     partly = {name: one.problem for name, one in seen.items() if one.problem}
-    problems = heard.problems | partly
+    problems = results.problems | partly
     if options.json:
         output.document([_row(m, options, seen.get(m.name), problems.get(m.name)) for m in members])
     else:
@@ -82,8 +82,8 @@ def _view(subscribed: _Subscribed) -> _View:
     return _View(subscribed.state, pose, age)
 
 
-def _row(m: Member, options: Options, seen: _View | None, problem: QuadctlError | None) -> object:
-    state, pose = (seen.state, seen.pose) if seen else (None, None)
+def _row(m: Member, options: Options, view: _View | None, problem: QuadctlError | None) -> object:
+    state, pose = (view.state, view.pose) if view else (None, None)
     return row(
         m,
         options,
@@ -92,18 +92,18 @@ def _row(m: Member, options: Options, seen: _View | None, problem: QuadctlError 
         goal=state.goal if state else None,
         position=pose.position if pose else None,
         cage_on=state.cage_on if state else None,
-        age=seen.age if seen and pose else None,
+        age=view.age if view and pose else None,
     )
 
 
-def _cells(seen: _View | None, problem: QuadctlError | None) -> tuple[str, ...]:
-    said = f"{problem.code}: {problem.message}" if problem else ""
-    if seen is None:
-        return ("-", "-", "-", "-", "-", said)
-    age = f"{seen.age:.2f}" if seen.pose else "-"
-    at = _point(seen.pose.position) if seen.pose else "-"
-    cage = "on" if seen.state.cage_on else "off"
-    return (seen.state.state, _point(seen.state.goal), at, cage, age, said)
+def _cells(view: _View | None, problem: QuadctlError | None) -> tuple[str, ...]:
+    trouble = f"{problem.code}: {problem.message}" if problem else ""
+    if view is None:
+        return ("-", "-", "-", "-", "-", trouble)
+    age = f"{view.age:.2f}" if view.pose else "-"
+    at = _point(view.pose.position) if view.pose else "-"
+    cage = "on" if view.state.cage_on else "off"
+    return (view.state.state, _point(view.state.goal), at, cage, age, trouble)
 
 
 def _point(place: Position) -> str:

@@ -69,20 +69,20 @@ class Record:
         }
 
     def _add_pose(self, pose: Pose) -> None:
-        seen = len(self._poses)
+        count = len(self._poses)
         if pose.boot != self._boot:
-            if not seen:
+            if not count:
                 return
             raise QuadctlError(
                 f"the simulation restarted after {self.stamp:g} s",
                 "a reset was called, or dynamics died: `quadctl status`",
             )
         # In lock-step an unanswered pose is published again.
-        if self.stamp >= self._end or pose.seq == seen - 1:
+        if self.stamp >= self._end or pose.seq == count - 1:
             return
-        if pose.seq != seen:
+        if pose.seq != count:
             raise QuadctlError(
-                f"the poses {seen} to {pose.seq - 1} were lost: incomplete record", _BUSY
+                f"the poses {count} to {pose.seq - 1} were lost: incomplete record", _BUSY
             )
         p, v, q, w = pose.position, pose.velocity, pose.orientation, pose.body_rates
         self._poses.append(

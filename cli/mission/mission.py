@@ -110,7 +110,7 @@ def mission(tables: dict[str, Any], source: str) -> MissionFile:
             f"{source}: {_plain(error)}",
             'a mission is `end = 12.0` and `rows = [{ at = 2.5, do = "goto", x = 1.0, ... }]`',
         ) from error
-    rows = [_row(said, f"{source}: row {number}") for number, said in enumerate(file.rows, 1)]
+    rows = [_row(table, f"{source}: row {number}") for number, table in enumerate(file.rows, 1)]
     last = max(row.at for row in rows)
     if file.end is not None and file.end < last:
         raise Invalid(
@@ -120,17 +120,17 @@ def mission(tables: dict[str, Any], source: str) -> MissionFile:
     return MissionFile(sorted(rows, key=lambda row: row.at), end)
 
 
-def _row(said: dict[str, Any], place: str) -> Row:
-    do = said.get("do", "")
+def _row(table: dict[str, Any], place: str) -> Row:
+    do = table.get("do", "")
     if str(do) not in _KINDS:
-        what = f"do = {do!r} is no command" if "do" in said else "`do` is missing"
+        what = f"do = {do!r} is no command" if "do" in table else "`do` is missing"
         known = f"use one of {', '.join(_KINDS)}"
         raise Invalid(f"{place}: {what}", nearest(str(do), _KINDS) or known)
     kind = _KINDS[do]
     try:
-        row: Row = msgspec.convert(said, kind)
+        row: Row = msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
-        unknown = next((name for name in said if name not in {"do", *kind.__struct_fields__}), "")
+        unknown = next((name for name in table if name not in {"do", *kind.__struct_fields__}), "")
         hint = nearest(unknown, kind.__struct_fields__) if unknown else ""
         fields = ", ".join(kind.__struct_fields__)
         raise Invalid(f"{place}: {_plain(error)}", hint or f"{do} takes {fields}") from error

@@ -69,16 +69,16 @@ def _live(options: Options, duration: float) -> RecordedFlight:
         stream = client.listen(*wanted(["*"]), backlog=1_000_000)
         if not options.json:
             output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")
-        began = heard = time.monotonic()
+        began = received = time.monotonic()
         try:
             while (now := time.monotonic()) < began + duration:
                 # Poses always come while a vehicle is up; without them there is no picture.
                 message = stream.next(min(began + duration - now, client.timeout))
                 if message is not None:
-                    heard = time.monotonic()
+                    received = time.monotonic()
                     flight.add(message.key, message.payload, message.encoding)
                     progress.update((now - began) / duration, f"{now - began:.1f} s")
-                elif time.monotonic() - heard >= client.timeout:
+                elif time.monotonic() - received >= client.timeout:
                     break
         except KeyboardInterrupt:
             output.note("stopped listening: drawing what has arrived")

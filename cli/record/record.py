@@ -61,7 +61,7 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self._limit.cancel()
-        assert self._process.stdin is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._process.stdin is not None  # noqa: S101 - a pipe, requested above
         self._process.stdin.close()
         try:
             self._process.wait(_PATIENCE)
@@ -71,7 +71,7 @@ class Recorder:
 
     def reports(self) -> Iterator[dict[str, Any]]:
         """Yield its reports until it ends; raise the reason if it ended by itself."""
-        assert self._process.stdout is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._process.stdout is not None  # noqa: S101 - a pipe, requested above
         for line in self._process.stdout:
             facts = msgspec.json.decode(line)
             if facts["state"] == "failed":

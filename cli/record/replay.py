@@ -79,8 +79,8 @@ class _Plan:
 
     def _chosen(self, bag: Bag) -> Iterator[Recorded]:
         for message in bag.messages():
-            asked = not self._wanted or any(covers(key, message.key) for key in self._wanted)
-            if asked and not message.derived:
+            chosen = not self._wanted or any(covers(key, message.key) for key in self._wanted)
+            if chosen and not message.derived:
                 yield message
 
 

@@ -61,7 +61,7 @@ _VERDICTS_KEPT = 60
 
 
 class Sample(NamedTuple):
-    """Point of the trail and the plots: s, m, hPa; `pressure` is None without a new reading."""
+    """Point of trail and plots: simulated s, m, hPa; `pressure` is None without a new reading."""
 
     number: int
     stamp: float
@@ -254,7 +254,7 @@ NOTHING_SEEN = (-1, 0)  # epoch and sample number before the first frame of a pa
 
 
 def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[str, Any]:
-    """Return the frame for a page that has `seen` an epoch's samples up to a number."""
+    """Return the frame after `seen` (epoch, sample number); its user aims at the `target`."""
     epoch, number = seen if seen[0] == board.epoch else (board.epoch, 0)
     new = [sample for sample in board.samples if sample.number > number]
     state, pose = board.state, board.pose

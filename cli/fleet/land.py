@@ -42,7 +42,7 @@ _IDLE = 3.0
 """Simulated s on the ground after which a vehicle has landed although safety does not report its
 arrival: wind blew it farther off its goal than the acceptance range. Its motors idle by then."""
 _DOWN, _STILL, _AT_REST = 0.05, 0.01, 0.2
-"""Height (m), speed (m/s) and simulated s: a vehicle below both for so long is on the ground. In
+"""Height (m), speed (m/s) and simulated s: a vehicle below both for that long is on the ground. In
 gusts a hovering vehicle is never that still."""
 
 

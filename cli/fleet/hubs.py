@@ -164,7 +164,7 @@ def nobody_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> Q
     reasons = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
     there = next((name for name in names if name not in problems), "")
     return type(worst)(
-        f"no vehicle was sent: the formation's centre needs all of them; {reasons}",
+        f"no vehicle was sent: the formation's centre needs all; {reasons}",
         f"name the vehicles to send: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
     )
 

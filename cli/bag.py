@@ -14,14 +14,14 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.files import taken
 from quadctl.services.runtime.params.names import flatten
 from quadctl.services.runtime.recording import verify as mending
-from quadctl.services.runtime.recording.reader import Bag, BagFacts, KeyFacts, Recorded, facts
+from quadctl.services.runtime.recording.reader import Bag, KeyFacts, Recorded, facts
 from quadctl.services.runtime.recording.verify import check as look_through
 
 Recording = Annotated[Path, Arg("A recording, MCAP.", "FILE")]
 
 
 def info(options: Options, file: Recording) -> None:
-    """Show what a recording holds; of one that is cut, all that is there.
+    """Show the contents of a recording; of a cut one, all that is left.
 
     Example: quadctl bag info flight.mcap
     """
@@ -29,22 +29,20 @@ def info(options: Options, file: Recording) -> None:
     if options.json:
         output.document({"ok": not found.cut, **msgspec.to_builtins(found)})
         return
-    output.table(_head(found))
+    began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(found.begin))
+    output.table(
+        [
+            ("File:", found.file),
+            ("Size:", f"{found.bytes / 1e6:.2f} MB"),
+            ("Began:", began if found.messages else "-"),
+            ("Length:", f"{found.seconds:.1f} s"),
+            ("Messages:", str(found.messages)),
+        ]
+    )
     if found.keys:
         output.table([("KEY", "TYPE", "MESSAGES", "HZ"), *map(_row, found.keys)])
     if found.cut:
-        output.note(f"it is cut: {found.cut}\n  try: `quadctl bag repair {file}` makes it whole")
-
-
-def _head(found: BagFacts) -> list[tuple[str, str]]:
-    began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(found.begin))
-    return [
-        ("File:", found.file),
-        ("Size:", f"{found.bytes / 1e6:.2f} MB"),
-        ("Began:", began if found.messages else "-"),
-        ("Length:", f"{found.seconds:.1f} s"),
-        ("Messages:", str(found.messages)),
-    ]
+        output.note(f"it is cut: {found.cut}\n  try: `quadctl bag repair {file}` repairs it")
 
 
 def _row(key: KeyFacts) -> tuple[str, str, str, str]:
@@ -54,19 +52,19 @@ def _row(key: KeyFacts) -> tuple[str, str, str, str]:
 
 
 def check(options: Options, file: Recording) -> None:
-    """Read every message against its schema and look for gaps; exit 8 where something is wrong.
+    """Check every message against its schema and look for gaps; exit 8 if there is a fault.
 
     Example: quadctl bag check flight.mcap
     """
     found = look_through(file)
     ok = not found.faults
     if options.json:
-        said = {"ok": ok, "file": str(file), "messages": found.messages, "faults": found.faults}
-        output.document(said)
+        content = {"messages": found.messages, "faults": found.faults}
+        output.document({"ok": ok, "file": str(file), **content})
     else:
         for fault in found.faults:
             output.line(f"FAIL  {fault}")
-        verdict = "whole and right" if ok else "not right; `quadctl bag repair` mends what is cut"
+        verdict = "no faults" if ok else "faulty; `quadctl bag repair` repairs a cut recording"
         output.line(f"{file}: {found.messages} messages, {verdict}")
     output.end(ok=ok)
 
@@ -75,12 +73,12 @@ def repair(
     options: Options,
     file: Recording,
     target: Annotated[
-        Path | None, Option("Write there, and leave FILE as it is.", ("-o", "--output"))
+        Path | None, Option("Output file; FILE stays unchanged.", ("-o", "--output"))
     ] = None,
 ) -> None:
-    """Make a recording whole that was cut: by kill -9, a full disk, or half a copy.
+    """Repair a recording that was cut by kill -9, a full disk or a partial copy.
 
-    All whole chunks are kept; a recorder that was killed has lost at most half a second.
+    All complete chunks are kept; a killed recorder has lost at most half a second.
 
     Example: quadctl bag repair flight.mcap
     """
@@ -93,36 +91,35 @@ def repair(
         raise taken(fresh) from error
     except OSError as error:
         raise QuadctlError(
-            f"{fresh} cannot be written: {error.strerror}", "make room, or name another place: -o"
+            f"{fresh} cannot be written: {error.strerror}", "free space, or name another file: -o"
         ) from error
-    said = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
-    kept = f"{done.messages} messages kept, {done.dropped} bytes of a torn end dropped"
+    result = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
+    kept = f"{done.messages} messages kept, {done.dropped} bytes of an incomplete end dropped"
     text = (
         f"{target or file}: {kept}" if done.why else f"{file} was whole: {done.messages} messages"
     )
-    output.either(options, {**said, "cut": done.why}, text)
+    output.either(options, {**result, "cut": done.why}, text)
 
 
-_TIME = "unix_time"
-"""The first column: when the message came, s."""
+_TIME = "unix_time"  # first column: the time (s) at which the message was received
 
 
 def export(
     options: Options,
     file: Recording,
-    csv: Annotated[bool, Option("As CSV, a file for each key.")] = False,
+    csv: Annotated[bool, Option("Write CSV, one file for each key.")] = False,
     folder: Annotated[
-        Path | None, Option("Where to (default: FILE without its ending).", ("-o", "--output"))
+        Path | None, Option("Output folder (default: FILE without its ending).", ("-o", "--output"))
     ] = None,
 ) -> None:
-    """Write a recording as tables, with a column for each field, as position.x.
+    """Write a recording as tables, with a column for each field, e.g. position.x.
 
-    Numbers are written so that they read back the same.
+    Numbers read back exactly.
 
     Example: quadctl bag export flight.mcap --csv
     """
     if not csv:
-        raise UsageError("as what? CSV is what there is", "quadctl bag export FILE --csv")
+        raise UsageError("no format is given: CSV is the only one", "quadctl bag export FILE --csv")
     where = folder or file.with_suffix("")
     columns = _columns(file)
     counts = _write(file, where, columns)
@@ -135,7 +132,7 @@ def export(
 
 
 def _columns(file: Path) -> dict[str, list[str]]:
-    """The fields of each key, in the order in which they first come."""
+    """Return the fields of each key, in order of their first appearance."""
     found: dict[str, dict[str, None]] = {}
     for message in _messages(Bag(file)):
         found.setdefault(message.key, {}).update(dict.fromkeys(_cells(message)))
@@ -158,7 +155,9 @@ def _write(file: Path, where: Path, columns: dict[str, list[str]]) -> dict[str, 
             for message in _messages(Bag(file)):
                 cells = _cells(message)
                 row = (cells.get(name, "") for name in columns[message.key])
-                tables[message.key].writerow((_seconds(message.at), *row))
+                # All digits: a float has too few for Unix time in ns.
+                at = f"{message.at // 10**9}.{message.at % 10**9:09d}"
+                tables[message.key].writerow((at, *row))
                 counts[message.key] += 1
     except FileExistsError as error:
         raise Invalid(
@@ -166,13 +165,13 @@ def _write(file: Path, where: Path, columns: dict[str, list[str]]) -> dict[str, 
         ) from error
     except OSError as error:
         raise Invalid(
-            f"{where} cannot be written: {error.strerror}", "name a place that you may write to"
+            f"{where} cannot be written: {error.strerror}", "name a writable folder: -o"
         ) from error
     return counts
 
 
 def _messages(bag: Bag) -> Any:
-    """Those that have fields and were on the bus."""
+    """Yield the messages that have fields and were on the bus."""
     for message in bag.messages():
         if not message.derived and isinstance(message.value, dict):
             yield message
@@ -183,17 +182,12 @@ def _cells(message: Recorded) -> dict[str, Any]:
 
 
 def _cell(value: Any) -> Any:
-    """Numbers and texts as they are, what has parts as JSON."""
+    """Return numbers and texts unchanged, anything else as JSON."""
     if isinstance(value, float):
         return repr(value)
     if isinstance(value, dict | list | bool) or value is None:
         return msgspec.json.encode(value).decode()
     return value
-
-
-def _seconds(nanoseconds: int) -> str:
-    """All digits; a float has not enough of them for the time of day."""
-    return f"{nanoseconds // 10**9}.{nanoseconds % 10**9:09d}"
 
 
 def _path(where: Path, key: str) -> Path:

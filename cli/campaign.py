@@ -1,4 +1,4 @@
-"""`campaign`: many flights in a process of its own, and the report of them."""
+"""`campaign`: many flights in a separate process, and their report."""
 
 import os
 import subprocess
@@ -15,19 +15,19 @@ from quadctl.cli.progress import Progress
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 
 _COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign")
-_END = 5.0
+_END = 5.0  # s for the process to end before it is killed
 
 
 class CampaignProcess:
-    """A campaign under way; it ends where this does."""
+    """Process of a campaign; it ends with the `with` block."""
 
     def __init__(self, order: dict[str, Any]) -> None:
         self.report: dict[str, Any] = {}
-        # In a session of its own: Ctrl-C is ours to hear. It ends when its stdin does.
+        # A separate session: only this process gets Ctrl-C. The child ends when its stdin closes.
         self._popen = subprocess.Popen(
             _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
-        assert self._popen.stdin is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._popen.stdin is not None  # noqa: S101 - a pipe, requested above
         self._popen.stdin.write(msgspec.json.encode(order) + b"\n")
         self._popen.stdin.flush()
 
@@ -35,7 +35,7 @@ class CampaignProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._popen.stdin is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._popen.stdin is not None  # noqa: S101 - a pipe, requested above
         self._popen.stdin.close()
         try:
             self._popen.wait(_END)
@@ -43,23 +43,23 @@ class CampaignProcess:
             self._popen.kill()
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """What it says on the way; raises QuadctlError where it fails."""
-        assert self._popen.stdout is not None  # noqa: S101 - a pipe, as asked for above
+        """Yield its progress and notes; raise QuadctlError if it fails."""
+        assert self._popen.stdout is not None  # noqa: S101 - a pipe, requested above
         for line in self._popen.stdout:
-            said: dict[str, Any] = msgspec.json.decode(line)
-            if "error" in said:
-                raise QuadctlError(**said["error"])
-            if "report" in said:
-                self.report = said["report"]
+            message: dict[str, Any] = msgspec.json.decode(line)
+            if "error" in message:
+                raise QuadctlError(**message["error"])
+            if "report" in message:
+                self.report = message["report"]
                 return
-            yield said
+            yield message
         raise QuadctlError(
             f"the campaign's process ended with code {self._popen.wait()}", "see the lines above"
         )
 
 
 def lines(report: dict[str, Any], order: dict[str, Any]) -> Iterator[str]:
-    """The report of an order, a line at a time."""
+    """Yield the lines of the report of an order."""
     yield from report.get("log", ())
     worst = report["worst"]
     yield (
@@ -84,42 +84,43 @@ def lines(report: dict[str, Any], order: dict[str, Any]) -> Iterator[str]:
     yield f"SHA-256      {report['hash']}"
 
 
-_MOST = 1_000_000
-"""Flights: as many seeds as a campaign has to itself."""
-_STRONGEST = 6.0
-"""Wind (m/s): with its gusts, about what the tilt of the vehicle can hold against."""
-_LARGEST = 2**53
-"""Where JSON's readers stop to agree on whole numbers."""
+_MOST = 1_000_000  # flights of a campaign: the number of seeds reserved for each
+_STRONGEST = 6.0  # m/s of wind: with its gusts about the most that the tilt can hold against
+_LARGEST = 2**53  # all JSON readers agree on whole numbers up to this one
 
 
 def campaign(
     options: Options,
     flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
-    seed: Annotated[int, Option("Of all random numbers.", min=0)] = 0,
+    seed: Annotated[int, Option("Seed of all random numbers.", min=0)] = 0,
     seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
-    faults: Annotated[bool, Option("Poses and setpoints get lost, late and false.")] = False,
-    wind: Annotated[float, Option("Mean wind, m/s, from anywhere, with gusts of a quarter.")] = 0.0,
+    faults: Annotated[bool, Option("Lose, delay and falsify poses and setpoints.")] = False,
+    wind: Annotated[
+        float, Option("Mean wind, m/s, in any direction, with gusts of a quarter.")
+    ] = 0.0,
     replay: Annotated[
         int | None, Option("Fly the flight of this seed again, with its log.", min=0)
     ] = None,
     processes: Annotated[
-        int | None, Option("How many to share the work (default: all cores).", min=1)
+        int | None, Option("Number of processes (default: one per core).", min=1)
     ] = None,
 ) -> None:
-    """Fly random missions faster than real time; exit 8 where one breaks a promise.
+    """Fly random missions faster than real time; exit 8 if one breaks a promise.
 
-    They fly on the automaton and the dynamics of the live system, which need not be up.
+    They use the automaton and the dynamics of the live system, which need not be up.
 
     Example: quadctl campaign --flights 10000 --seed 1
     """
     if not 0.05 <= seconds <= 3600:
-        raise UsageError(f"--seconds {seconds:g}: no length of a flight", "from 0.05 to 3600")
+        raise UsageError(f"--seconds {seconds:g}: not a possible length", "give 0.05 to 3600 s")
     if not 0 <= wind <= _STRONGEST:
-        raise UsageError(f"--wind {wind:g}: no wind to fly in", f"from 0 to {_STRONGEST:g} m/s")
+        raise UsageError(
+            f"--wind {wind:g}: too strong or negative", f"give 0 to {_STRONGEST:g} m/s"
+        )
     if flights > _MOST or max(seed * _MOST, replay or 0) > _LARGEST:
         raise UsageError(
-            f"--flights {flights}, --seed {seed}: too many",
-            f"at most {_MOST} flights, and seeds up to {_LARGEST // _MOST}",
+            f"--flights {flights}, --seed {seed}: too large",
+            f"give at most {_MOST} flights, and a seed up to {_LARGEST // _MOST}",
         )
     order = {
         "flights": flights if replay is None else 1,
@@ -141,12 +142,12 @@ def campaign(
 
 def _fly(order: dict[str, Any], *, quiet: bool) -> dict[str, Any]:
     with CampaignProcess(order) as running, Progress("flying", quiet=quiet) as progress:
-        for said in running:
-            if "flown" in said:
-                done = said["flown"]
+        for message in running:
+            if "flown" in message:
+                done = message["flown"]
                 progress.update(done / order["flights"], f"{done} of {order['flights']}")
-            elif "note" in said:
-                output.note(said["note"])
+            elif "note" in message:
+                output.note(message["note"])
         return running.report
 
 

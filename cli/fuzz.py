@@ -35,7 +35,7 @@ _ENCODINGS = (
 
 
 class HostilePayload(NamedTuple):
-    """What is sent: bytes, the encoding that goes with them, and a call's attachment."""
+    """Bytes to send, their encoding, and the attachment of a call."""
 
     data: bytes
     encoding: str
@@ -45,10 +45,7 @@ class HostilePayload(NamedTuple):
 def refused(
     type_: type[Struct], draw: random.Random, *, called: bool = True
 ) -> Iterator[HostilePayload]:
-    """Payloads without end, none of which a reader of the type may take.
-
-    Those of a service that is `called` may have an attachment, too.
-    """
+    """Yield payloads without end that no reader of the type may accept; `called`: of a service."""
     ways = _WAYS if called else _WAYS[:-1]
     example = msgspec.to_builtins(_example(inspect.type_info(type_)))
     while True:
@@ -88,7 +85,7 @@ def _odd_field(type_: type[Struct], example: Any, draw: random.Random) -> Hostil
 
 
 def _with_odd(value: Any, draw: random.Random) -> Any:
-    """The same with something else in one place, or a field too many or too few."""
+    """Return the value with an odd part, or with a field too many or too few."""
     if not isinstance(value, dict) or not value or draw.random() < 0.2:
         return draw.choice(_ODD)
     name = draw.choice(list(value))
@@ -123,7 +120,7 @@ _WAYS: tuple[Callable[[type[Struct], Any, random.Random], HostilePayload], ...] 
 
 
 def _example(type_: inspect.Type) -> Any:
-    """A valid value of a type of the wire."""
+    """Return a valid value of a wire type."""
     match type_:
         case inspect.Metadata():
             return _example(type_.type)
@@ -133,31 +130,21 @@ def _example(type_: inspect.Type) -> Any:
             return type_.values[0]
         case inspect.UnionType():
             return _example(type_.types[0])
-        case inspect.BoolType():
-            return True
-        case inspect.IntType():
-            return 1
-        case inspect.FloatType():
-            return 0.5
-        case inspect.StrType():
-            return "a"
-        case inspect.ListType():
-            return []
-        case inspect.DictType():
-            return {}
-    return None
+    return _SIMPLE.get(type(type_))
 
 
-_MOST = 64
-"""Queries that are under way at a time."""
+_SIMPLE: dict[type[inspect.Type], Any] = {
+    inspect.BoolType: True, inspect.IntType: 1, inspect.FloatType: 0.5, inspect.StrType: "a",
+    inspect.ListType: [], inspect.DictType: {},
+}  # fmt: skip
+_MOST = 64  # queries waiting for a reply at a time
 
 
 class Burst:
-    """Counts the replies: `taken` names the keys of those that are no errors."""
+    """Counter of the replies; `taken` has the key of each reply that is no error."""
 
     def __init__(self, client: Client) -> None:
-        self.codes: Counter[str] = Counter()
-        """How many error replies there were of each code."""
+        self.codes: Counter[str] = Counter()  # error replies by code
         self.taken: list[str] = []
         self.published = self.asked = 0
         self._client = client
@@ -166,16 +153,16 @@ class Burst:
 
     @property
     def answered(self) -> int:
-        """How many queries have had a reply."""
+        """Return the number of queries with a reply."""
         return sum(self.codes.values()) + len(self.taken)
 
     def publish(self, key: str, data: bytes, encoding: str) -> None:
-        """Say it on a key."""
+        """Publish a payload on a key."""
         self.published += 1
         self._client.session.put(key, data, encoding=encoding)
 
     def ask(self, key: str, data: bytes, encoding: str, attachment: bytes | None) -> bool:
-        """Ask a service; False where none of those asked before has answered in time."""
+        """Call a service; return False if none of the earlier calls was answered in time."""
         if not self._room.acquire(timeout=self._client.timeout):
             return False
         self.asked += 1
@@ -190,7 +177,7 @@ class Burst:
         return True
 
     def settle(self) -> None:
-        """Wait for the replies that are yet to come, as long as each may take."""
+        """Wait for the outstanding replies, up to the timeout for each."""
         for _ in range(_MOST):
             if not self._room.acquire(timeout=self._client.timeout):
                 return
@@ -220,41 +207,40 @@ class _Target(NamedTuple):
 
 def fuzz(
     options: Options,
-    payloads: Annotated[int, Option("How many to send, all told.", metavar="N", min=1)] = 2_000,
-    seed: Annotated[int, Option("Of the random numbers that they are made from.", min=0)] = 0,
+    payloads: Annotated[int, Option("How many to send in total.", metavar="N", min=1)] = 2_000,
+    seed: Annotated[int, Option("Seed of the random numbers.", min=0)] = 0,
 ) -> None:
-    """Throw payloads that nobody may take at every topic and service, and see that none is taken.
+    """Send invalid payloads to every topic and service, and check that none is accepted.
 
     Noise, valid ones with bits flipped, cut or mislabelled, NaN and infinity in every field, deep
-    nesting. Exit 8 where one was taken or not answered, a process ended, or afterwards a valid call
-    got no answer. For a vehicle that nobody else is flying.
+    nesting. Exit 8 if one was accepted or not answered, a process ended, or a valid call afterwards
+    got no answer. Only for a vehicle that you alone are flying.
 
     Example: quadctl fuzz --payloads 100000 --seed 1
     """
     if is_secure(options.connect):
-        # What a role keeps out would prove nothing.
+        # Payloads that a role keeps out would prove nothing.
         here(options, "fuzz")
     with context.connect(options) as client:
         before = _look(client, options)
-        volley = Burst(client)
-        with Progress("throwing", quiet=options.json) as progress:
+        burst = Burst(client)
+        with Progress("sending", quiet=options.json) as progress:
             for number, (target, payload) in enumerate(_plan(client.vehicle, payloads, seed)):
-                if not _throw(volley, target, payload):
+                if not _send(burst, target, payload):
                     break
                 if number % 100 == 0:
                     progress.update(number / payloads, f"{number} of {payloads}")
-        volley.settle()
-        faults = [*_faults(volley), *_changes(before, _look(client, options))]
-        faults += _silent(client)
+        burst.settle()
+        faults = list(_faults(client, burst, before, _look(client, options)))
     document = {
-        "ok": not faults, "payloads": volley.asked + volley.published, "seed": seed,
-        "published": volley.published, "asked": volley.asked, "replies": dict(volley.codes),
+        "ok": not faults, "payloads": burst.asked + burst.published, "seed": seed,
+        "published": burst.published, "asked": burst.asked, "replies": dict(burst.codes),
         "faults": faults,
     }  # fmt: skip
     if options.json:
         output.document(document)
     else:
-        _tell(document)
+        _print(document)
     output.end(ok=not faults)
 
 
@@ -271,15 +257,15 @@ def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, Hostil
         yield target, next(stream)
 
 
-def _throw(volley: Burst, target: _Target, payload: HostilePayload) -> bool:
+def _send(burst: Burst, target: _Target, payload: HostilePayload) -> bool:
     if target.is_service:
-        return volley.ask(target.key, payload.data, payload.encoding, payload.attachment)
-    volley.publish(target.key, payload.data, payload.encoding)
+        return burst.ask(target.key, payload.data, payload.encoding, payload.attachment)
+    burst.publish(target.key, payload.data, payload.encoding)
     return True
 
 
 def _look(client: Client, options: Options) -> dict[str, Any]:
-    """What must be the same afterwards."""
+    """Return the values that must be the same afterwards."""
     client.flush()
     state = client.latest(STATE)
     found: dict[str, Any] = {
@@ -289,21 +275,17 @@ def _look(client: Client, options: Options) -> dict[str, Any]:
     return found | {f"process of {node.name}": node.pid for node in (run.nodes if run else ())}
 
 
-def _faults(volley: Burst) -> Iterator[str]:
-    for key in sorted(set(volley.taken)):
-        yield f"{key} took {volley.taken.count(key)}"
-    missing = volley.asked - volley.answered + volley.codes["no answer"]
+def _faults(
+    client: Client, burst: Burst, before: dict[str, Any], after: dict[str, Any]
+) -> Iterator[str]:
+    for key in sorted(set(burst.taken)):
+        yield f"{key} took {burst.taken.count(key)}"
+    missing = burst.asked - burst.answered + burst.codes["no answer"]
     if missing:
         yield f"{missing} calls were not answered"
-
-
-def _changes(before: dict[str, Any], after: dict[str, Any]) -> Iterator[str]:
     for name, value in before.items():
         if after.get(name) != value:
             yield f"{name}: {value} before, {after.get(name)} after"
-
-
-def _silent(client: Client) -> Iterator[str]:
     for node in client.nodes():
         try:
             client.call(get_params(node), GetParamsRequest([]))
@@ -311,7 +293,7 @@ def _silent(client: Client) -> Iterator[str]:
             yield f"{node} does not answer a valid call: {problem.message}"
 
 
-def _tell(document: dict[str, Any]) -> None:
+def _print(document: dict[str, Any]) -> None:
     output.line(
         f"{document['payloads']} payloads, seed {document['seed']}: {document['published']}"
         f" published, {document['asked']} asked"
@@ -321,4 +303,4 @@ def _tell(document: dict[str, Any]) -> None:
     for fault in document["faults"]:
         output.line(f"FAULT: {fault}")
     if document["ok"]:
-        output.line("none was taken, no process ended, and each answers the next valid call")
+        output.line("none was accepted, no process ended, and each answers the next valid call")

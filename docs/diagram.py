@@ -1,5 +1,7 @@
 """Diagram and tables of the automaton for docs/safety.md; a test compares them with the page."""
 
+import re
+
 from quadctl.services.safety.automaton import RULES, Rule
 from quadctl.services.safety.model import State
 
@@ -27,14 +29,19 @@ def table() -> str:
 
 
 def words() -> str:
-    """Return the first docstring line of each event, condition and action."""
+    """Return the first docstring line of each event, condition (without its verb) and action."""
     parts: list[tuple[str, str | None]] = []
     for rule in RULES:
         parts += [(part.__name__, part.__doc__) for part in (rule.on, rule.when, rule.do)]
     return "\n".join(
-        f"- `{name}`: {(text or '').strip().partition(chr(10))[0]}"
+        f"- `{name}`: {_first_line(text or '')}"
         for name, text in sorted(dict(parts).items(), key=lambda part: part[0].lower())
     )
+
+
+def _first_line(text: str) -> str:
+    line = re.sub(r"^Return (whether,? )?", "", text.strip().partition("\n")[0])
+    return line[:1].upper() + line[1:]
 
 
 def _cause(rule: Rule) -> str:

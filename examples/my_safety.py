@@ -1,11 +1,11 @@
-"""Checkpoint 2 as a student writes it: a safety node of one's own, in place of ours.
+"""Checkpoint 2 as a student writes it: your own safety node in place of the built-in one.
 
-Put it there in quad.toml:
+Name it in quad.toml:
 
     [processes]
     safety = "python examples/my_safety.py"
 
-The path counts from the file's folder. Turning the cage off and holding are left to you.
+The path is relative to the file's folder. Turning the cage off and holding are left to you.
 """
 
 from math import dist

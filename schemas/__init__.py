@@ -1,1 +1,1 @@
-"""The wire contract: every message, service, topic and parameter, typed and bounded, once."""
+"""Wire contract: all messages, services, topics and parameters, typed and bounded."""

@@ -1,6 +1,6 @@
 """Check that a vehicle can hold its place with its controller in its wind. SI units.
 
-The spare acceleration is the worst direction's, in closed form. The damping is that of the linear
+The spare acceleration is in closed form, for the worst direction. The damping is that of the linear
 loop from position to thrust: cascaded gains, and the motors' lag plus half a control period.
 """
 
@@ -10,38 +10,36 @@ from quadctl.schemas.params import WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 CONTROL_PERIOD = 0.004
-"""Seconds between two commands to the motors."""
-
+"""Seconds between two motor commands."""
 LEAST_DAMPING = 0.1
-"""Of 1: a loop that is damped less swings for long, and with 0 for ever."""
-
+"""Damping ratio: with less, a loop swings for long, and with 0 for ever."""
 _LIFT = 0.9
-"""Part of the full thrust that the vertical may take."""
+"""Share of the full thrust that the vertical may take."""
 _SINK = 0.8
-"""Part of gravity that the vehicle may fall with."""
+"""Share of gravity that the vehicle may fall with."""
 _GUSTS = 2.0
-"""RMS of the gusts that are counted on top of the mean wind."""
+"""RMS values of the gusts added to the mean wind."""
 _CLOSE = 1e-12
-"""Roots are found to this, relatively; it takes some ten rounds."""
+"""Relative precision of roots; it takes some ten rounds."""
 
 
 def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
-    """Return why these do not fly, empty where they do."""
+    """Return why these do not fly, or an empty string if they do."""
     damped = damping(vehicle, control)
     if damped < LEAST_DAMPING:
         kind = "unstable" if damped <= 0 else "hardly damped"
         return (
             f"{kind}: the gains and motor_lag {vehicle.motor_lag:g} s give a damping of"
-            f" {damped:.2g}, and it takes {LEAST_DAMPING:g}"
+            f" {damped:.2g}, below {LEAST_DAMPING:g}"
         )
-    spare, what = min(_spare(vehicle, control, wind), key=lambda each: each[0])
-    return f"it cannot hold itself: {what}" if spare <= 0 else ""
+    spare, cause = min(_spare(vehicle, control, wind), key=lambda each: each[0])
+    return f"it cannot hold itself: {cause}" if spare <= 0 else ""
 
 
 def _spare(
     vehicle: VehicleParams, control: ControlParams, wind: WindParams
 ) -> tuple[tuple[float, str], ...]:
-    """Return what it can accelerate in every direction while it holds itself, by each cause."""
+    """Return the spare acceleration in every direction while it holds itself, by each cause."""
     g, tilt = vehicle.gravity, control.max_tilt
     full = 4 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2 / vehicle.mass
     hover = sqrt(0.25 * vehicle.mass * g / vehicle.thrust_coefficient)
@@ -50,7 +48,7 @@ def _spare(
     drag = (vehicle.drag * speed + linear) * speed / vehicle.mass
     held = g * tan(tilt)
     return (
-        (_SINK * g, "without gravity it has nothing to sink or tilt with"),
+        (_SINK * g, "without gravity it can neither sink nor accelerate sideways"),
         (
             g * sin(tilt) - drag * cos(tilt),
             f"wind of {speed:.3g} m/s pushes by {drag:.3g} m/s^2, max_tilt holds {held:.3g}",

@@ -16,7 +16,7 @@ Kind = Literal["@pub", "@srv"]
 
 
 class EndpointInfo(Struct, frozen=True):
-    """One topic or service that a live node offers, on a full Zenoh key."""
+    """Topic or service that a live node offers, on a full Zenoh key."""
 
     kind: Kind
     node: str
@@ -27,29 +27,29 @@ class EndpointInfo(Struct, frozen=True):
 
     @property
     def name(self) -> str:
-        """The key without what every key of its vehicle and kind begins with."""
+        """Return the key without the common prefix of its vehicle and kind."""
         return self.key.partition("/")[2].removeprefix("@srv/")
 
 
 def node_key(vehicle: str, node: str) -> str:
-    """The liveliness key of a ready node."""
+    """Return the liveliness key of a ready node."""
     return f"{vehicle}/@node/{node}"
 
 
 def endpoint_key(vehicle: str, offer: EndpointInfo) -> str:
-    """The liveliness key of an offer."""
+    """Return the liveliness key of an endpoint."""
     key = offer.key.replace("/", "%")
     offered = f"{offer.kind}/{offer.type}/{offer.hash}/{offer.hz:g}/{key}"
     return f"{node_key(vehicle, offer.node)}/{offered}"
 
 
 def vehicle_of(key: str) -> str:
-    """The vehicle that a liveliness key is about."""
+    """Return the vehicle of a liveliness key."""
     return key.partition("/")[0]
 
 
 def node_of(key: str) -> str | None:
-    """The node whose readiness a liveliness key tells, None where it tells something else."""
+    """Return the node of a readiness key, None for other liveliness keys."""
     match key.split("/"):
         case [_, "@node", node]:
             return node
@@ -57,10 +57,7 @@ def node_of(key: str) -> str | None:
 
 
 def offer_of(key: str) -> EndpointInfo | None:
-    """The offer that a liveliness key tells, None where it tells something else.
-
-    Strangers may declare what they like, so a key outside the grammar is no error.
-    """
+    """Return a liveliness key's endpoint, None for others: third parties may declare any key."""
     match key.split("/"):
         case [_, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, offered]:
             try:
@@ -71,10 +68,10 @@ def offer_of(key: str) -> EndpointInfo | None:
 
 
 def includes(pattern: str, key: str) -> bool:
-    """Whether every key that `key`, itself perhaps an expression, stands for fits the pattern.
+    """Return whether the pattern matches all keys of `key`, which may be an expression itself.
 
-    `*` is one chunk, `**` any number of them, `$*` any part of one. None of these stands for a chunk
-    that begins with `@`: such a one is matched by itself alone.
+    `*` is one chunk, `**` any number of chunks, `$*` any part of a chunk. None of these matches a
+    chunk that begins with `@`: only the same chunk does.
     """
     return _chunks(tuple(pattern.split("/")), tuple(key.split("/")))
 
@@ -85,7 +82,7 @@ def _chunks(pattern: tuple[str, ...], key: tuple[str, ...]) -> bool:
         return not key
     first, rest = pattern[0], pattern[1:]
     if first == "**":
-        # Of no chunk, or of one more.
+        # No chunk, or one more.
         more = bool(key) and not key[0].startswith("@") and _chunks(pattern, key[1:])
         return more or _chunks(rest, key)
     if not key:
@@ -107,7 +104,7 @@ def _chunk(pattern: str, chunk: str) -> bool:
 
 @cache
 def _parts(pattern: str, chunk: str) -> bool:
-    """Character by character; `$*` stands for any of them, a `$*` of the chunk for itself too."""
+    """Match character by character; `$*` matches any, and a `$*` of the chunk as a unit."""
     if not pattern:
         return not chunk
     if pattern.startswith("$*"):

@@ -19,7 +19,7 @@ from quadctl.schemas.units import (
 
 
 class Position(Struct, frozen=True, forbid_unknown_fields=True):
-    """A point in the world, m, ENU."""
+    """Point in the world, m, ENU."""
 
     x: Metres
     y: Metres
@@ -27,7 +27,7 @@ class Position(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Velocity(Struct, frozen=True, forbid_unknown_fields=True):
-    """A velocity in the world frame, m/s, ENU."""
+    """Velocity in the world frame, m/s, ENU."""
 
     x: MetresPerSecond
     y: MetresPerSecond
@@ -43,7 +43,7 @@ class BodyRates(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Quaternion(Struct, frozen=True, forbid_unknown_fields=True):
-    """A rotation from body to world; unit length."""
+    """Rotation from body to world; unit length."""
 
     w: Unit
     x: Unit
@@ -55,11 +55,11 @@ StateName = Literal["HOVERING", "VERIFYING", "MOVING"]
 
 
 class Pose(Struct, frozen=True):
-    """Where the vehicle truly is.
+    """True pose of the vehicle.
 
-    `boot` names the simulation's boot and `seq` counts its poses from 0; `stamp` is simulated
-    time, s. Position and velocity are ENU, the orientation turns body (FLU) into world, the
-    body rates are in the body frame.
+    `boot` names the simulation's boot and `seq` counts its poses from 0; `stamp` is simulated time,
+    s. Position and velocity are ENU, the orientation is from body (FLU) to world, the body rates
+    are in the body frame.
     """
 
     boot: Boot
@@ -72,7 +72,7 @@ class Pose(Struct, frozen=True):
 
 
 class Waypoint(Struct, frozen=True, forbid_unknown_fields=True):
-    """The lab's fire-and-forget command: fly to this point, m, ENU."""
+    """Request to fly to this point, m, ENU: the lab's fire-and-forget command."""
 
     x: Metres
     y: Metres
@@ -80,10 +80,10 @@ class Waypoint(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Setpoint(Struct, frozen=True):
-    """What safety wants of the vehicle now.
+    """Present command of safety to the vehicle.
 
-    Fly to `position` (m, ENU), or, with `brake`, come to rest at the vehicle's own stopping
-    point. `for_seq` is the pose it answers; a setpoint of another `boot` is not followed.
+    Fly to `position` (m, ENU), or, with `brake`, come to rest at the vehicle's own stopping point.
+    `for_seq` is the pose that it answers; the vehicle ignores a setpoint of another `boot`.
     """
 
     boot: Boot
@@ -93,10 +93,10 @@ class Setpoint(Struct, frozen=True):
 
 
 class Pressure(Struct, frozen=True):
-    """The barometer's reading: hPa, the baseline already subtracted.
+    """Reading of the barometer: hPa, minus the baseline.
 
-    `stamp` is simulated time, s; of a real sensor beside no simulation, seconds since its start.
-    `samples` and `spread` (largest minus smallest, hPa) tell how good the baseline is; all three
+    `stamp` is simulated time, s; for a real sensor without a simulation, seconds since its start.
+    `samples` and `spread` (largest minus smallest, hPa) show the quality of the baseline; all three
     are 0 while the sensor is not zeroed.
     """
 
@@ -108,7 +108,7 @@ class Pressure(Struct, frozen=True):
 
 
 class CageSize(Struct, frozen=True):
-    """The virtual cage: x in [-x, x], y in [-y, y], z in [0, z], m, closed intervals."""
+    """Virtual cage: x in [-x, x], y in [-y, y], z in [0, z], m, closed intervals."""
 
     x: Metres
     y: Metres
@@ -116,15 +116,15 @@ class CageSize(Struct, frozen=True):
 
 
 PAUSED = "paused: "
-"""What `reason` begins with while a flight hovers that goes on by itself when poses come again."""
+"""Prefix of `reason` while a paused flight hovers, which resumes when poses come again."""
 
 
 class SafetyState(Struct, frozen=True):
-    """The automaton as it is.
+    """State of the automaton.
 
-    `request` counts the waypoints asked for, so that two equal refusals differ. `goal` is where
-    the vehicle is sent or holds, m. `reason` says why the last request was refused, or the flight
-    stopped, paused or went on, and is empty otherwise. `stamp` is simulated time, s.
+    `request` counts the requested waypoints, so that two equal refusals differ. `goal` is the point
+    that the vehicle flies to or holds, m. `reason` explains why the last request was refused, or
+    why the flight stopped, paused or went on, and is empty otherwise. `stamp` is simulated time, s.
     """
 
     boot: Boot
@@ -138,17 +138,16 @@ class SafetyState(Struct, frozen=True):
 
 
 def without_wording(state: SafetyState) -> tuple[Any, ...]:
-    """Return the fields that a flight's hash covers: all, the reason as (given, a pause) alone.
+    """Return the fields that a flight's hash covers; of the reason only (given, a pause).
 
-    A reason's wording may change from one version to the next, a verdict may not.
+    The wording of a reason may change from one version to the next, a verdict may not.
     """
     reason = (state.reason != "", state.reason.startswith(PAUSED))
-    fields = structs.asdict(state) | {"reason": reason}
-    return tuple(fields.values())
+    return tuple((structs.asdict(state) | {"reason": reason}).values())
 
 
 class Info(Struct, frozen=True):
-    """Who serves what: service name to node, topic name to node."""
+    """Nodes by service name, and nodes by topic name."""
 
     vehicle: Text
     services: dict[str, str]
@@ -156,11 +155,10 @@ class Info(Struct, frozen=True):
 
 
 class Called(Struct, frozen=True):
-    """A call that a node has executed: what was asked of which service, and what came of it.
+    """Call that a node has executed: its service, request and result.
 
-    `boot` and `stamp` (s) are the simulated time that the node had come to; `held` says that the
-    call was made ahead, for that time. Where it was refused `response` is empty, and `error` says
-    why.
+    `boot` and `stamp` (s) are the simulated time that the node had reached; `held` means that the
+    call was made ahead, for that time. A refused call has an `error` and an empty `response`.
     """
 
     boot: Boot

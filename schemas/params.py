@@ -1,7 +1,7 @@
 """Parameters of safety, dynamics, hub and supervisor: the classes behind the TOML file.
 
 `quadctl init`, `param describe`, the checks at launch and `param set` all read these classes.
-Values that a node reads at its next step change at once with `param set`.
+`param set` changes values at once if a node reads them at its next step.
 """
 
 from typing import Annotated, Literal
@@ -13,43 +13,36 @@ from quadctl.schemas.units import Metres, described
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 PORTS = ("tcp", "tls", "quic", "udp", "ws")
-"""Those on host:port."""
+"""Protocols with an address host:port."""
 SECURE = ("tls", "quic")
-"""Those of them by which both ends show a certificate, and all between is encrypted."""
+"""Those of them with certificates at both ends, and encryption."""
 LOCAL = ("unixsock-stream",)
-"""Those on a path."""
+"""Protocols with a path."""
 
 
 class FlightFaultParams(Struct, forbid_unknown_fields=True):
-    """What is wrong with the vehicle, and with the pose that is told of it."""
+    """Faults of the vehicle, and of its published pose."""
 
     pose: Annotated[
         Literal["none", "frozen", "delayed", "jump"],
-        described(
-            "frozen: the last one again and again; delayed: old ones; jump: off the true place"
-        ),
+        described("frozen: the last pose repeated; delayed: old poses; jump: off the true place"),
     ] = "none"
-    delay: Annotated[float, described("how old a delayed pose is", "s", gt=0, le=10)] = 0.5
-    jump: Annotated[
-        float,
-        described("how far off a pose jumps, in x", "m", ge=-1000, le=1000),
-    ] = 3.0
+    delay: Annotated[float, described("age of a delayed pose", "s", gt=0, le=10)] = 0.5
+    jump: Annotated[float, described("error of a jump, in x", "m", ge=-1000, le=1000)] = 3.0
     motors: Annotated[
         float,
-        described(
-            "share of their thrust that the motors give, unknown to the controller", ge=0.5, le=1
-        ),
+        described("share of the motors' thrust left, unknown to the controller", ge=0.5, le=1),
     ] = 1.0
 
 
 class HubParams(Struct, forbid_unknown_fields=True):
-    """The Zenoh router that everything else is a client of."""
+    """The Zenoh router that all other processes connect to."""
 
     transport: Annotated[
         Literal["auto", "unix", "tcp"],
         described(
             "unix: a socket in the realm's folder; tcp: a loopback port with a password;"
-            " auto: unix where there is such a thing"
+            " auto: unix if available"
         ),
     ] = "auto"
     listen: Annotated[
@@ -60,33 +53,27 @@ class HubParams(Struct, forbid_unknown_fields=True):
     ] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Raises ValueError for what no Zenoh router can listen on, or connect to."""
+        """Raise ValueError for an endpoint that no Zenoh router can use."""
         if self.transport == "tcp" and any(
             endpoint.partition("/")[0] in SECURE for endpoint in (*self.listen, *self.connect)
         ):
-            raise ValueError(
-                "tls and quic need transport unix: they have certificates, no password"
-            )
+            raise ValueError("tls and quic use certificates, no password: they need transport unix")
         for name, endpoints in (("listen", self.listen), ("connect", self.connect)):
             for endpoint in endpoints:
-                _check_endpoint(name, endpoint)
-
-
-def _check_endpoint(name: str, endpoint: str) -> None:
-    protocol, _, address = endpoint.partition("/")
-    if not (address and (protocol in LOCAL or (protocol in PORTS and ":" in address))):
-        known = ", ".join((*PORTS, *LOCAL))
-        raise ValueError(
-            f"{name}: '{endpoint}' is no Zenoh endpoint, which is protocol/address such as "
-            f"tcp/127.0.0.1:7447; the protocols are {known}"
-        )
+                protocol, _, address = endpoint.partition("/")
+                if address and (protocol in LOCAL or (protocol in PORTS and ":" in address)):
+                    continue
+                raise ValueError(
+                    f"{name}: '{endpoint}' is not a Zenoh endpoint, protocol/address such as"
+                    f" tcp/127.0.0.1:7447; the protocols are {', '.join((*PORTS, *LOCAL))}"
+                )
 
 
 WindSpeed = Annotated[float, Meta(ge=-30, le=30)]
 
 
 class MeanWindParams(Struct, forbid_unknown_fields=True):
-    """The steady wind: where the air goes, ENU, m/s."""
+    """Velocity of the steady wind, ENU, m/s."""
 
     x: WindSpeed = 0.0
     y: WindSpeed = 0.0
@@ -94,17 +81,17 @@ class MeanWindParams(Struct, forbid_unknown_fields=True):
 
 
 class WindParams(Struct, forbid_unknown_fields=True):
-    """The air, made the same again at each boot by `dynamics.seed`."""
+    """Wind and gusts, the same at each boot with the same `dynamics.seed`."""
 
-    mean: Annotated[MeanWindParams, described("steady wind, the way that the air goes", "m/s")] = (
-        field(default_factory=MeanWindParams)
+    mean: Annotated[MeanWindParams, described("velocity of the steady wind", "m/s")] = field(
+        default_factory=MeanWindParams
     )
     gust: Annotated[float, described("RMS of gusts on each axis", "m/s", ge=0, le=20)] = 0.0
     gust_length: Annotated[float, described("length scale of gusts", "m", ge=0.1, le=1000)] = 10.0
 
 
 CagePoint = Annotated[float, Meta(ge=0.2, le=10_000)]
-"""A cage smaller than the vehicle would hold nothing, so 0.2 m is the least."""
+"""Bound of the cage, m: at least 0.2, because a smaller cage would not hold the vehicle."""
 
 
 class CageParams(Struct, forbid_unknown_fields=True):
@@ -122,52 +109,37 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
         float, described("a goal nearer than this is reached", "m", gt=0, le=100)
     ] = 0.5
     cage_on: Annotated[
-        bool,
-        described("whether the cage is on at launch; `quadctl cage on` and `off` turn it later"),
+        bool, described("the cage is on at launch; use `quadctl cage on` and `off` later")
     ] = True
     virtual_cage: Annotated[
         CageParams, described("x in [-x, x], y in [-y, y], z in [0, z]", "m")
     ] = field(default_factory=CageParams)
     takeoff: Annotated[
         float,
-        described(
-            "height of the first goal above the start; 0 stays on the ground", "m", ge=0, le=10_000
-        ),
+        described("height of the first goal above the start; 0: no take-off", "m", ge=0, le=10_000),
     ] = 1.0
     pose_timeout: Annotated[
         float,
-        described(
-            "a pose older than this pauses the flight: the vehicle brakes", "s", ge=0.05, le=10
-        ),
+        described("age of a pose that pauses the flight: the vehicle brakes", "s", ge=0.05, le=10),
     ] = 0.2
     max_speed: Annotated[
         float,
-        described(
-            "a pose that would take more speed than this to reach stops the flight",
-            "m/s",
-            gt=0,
-            le=1000,
-        ),
+        described("faster motion from pose to pose stops the flight", "m/s", gt=0, le=1000),
     ] = 10.0
     max_deceleration: Annotated[
         float,
         described(
-            "a flight that even so hard a stop would not end in the cage is stopped",
-            "m/s^2",
-            gt=0,
-            le=1000,
+            "a flight too fast to stop in the cage at this rate is stopped", "m/s^2", gt=0, le=1000
         ),
     ] = 10.0
     margin: Annotated[
         float,
-        described(
-            "how far the vehicle may be off before these stop it; more in wind", "m", ge=0, le=10
-        ),
+        described("tolerance of max_speed and max_deceleration; more in wind", "m", ge=0, le=10),
     ] = 0.01
 
 
 class StartParams(Struct, forbid_unknown_fields=True):
-    """Where the vehicle stands at boot, ENU."""
+    """Place of the vehicle at boot, ENU."""
 
     x: Metres = 0.0
     y: Metres = 0.0
@@ -178,32 +150,27 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
     """The simulated vehicle."""
 
     start: Annotated[
-        StartParams, described("where the vehicle stands at boot, from the next reset", "m")
+        StartParams, described("place of the vehicle at boot, from the next reset on", "m")
     ] = field(default_factory=StartParams)
     rate: Annotated[
         float,
-        described("poses per second, so that a period is whole milliseconds", "Hz", ge=20, le=1000),
+        described("poses per second; 1000 / rate must be whole", "Hz", ge=20, le=1000),
     ] = 100.0
     speed: Annotated[
-        float, described("simulated seconds per second; 0 is as fast as it goes", ge=0, le=1000)
+        float, described("simulated seconds per second; 0 is as fast as possible", ge=0, le=1000)
     ] = 1.0
     seed: Annotated[
-        int,
-        described(
-            "of all random numbers, the gusts and the sensors' noise among them", ge=0, lt=2**31
-        ),
+        int, described("seed of all random numbers, such as gusts and sensor noise", ge=0, lt=2**31)
     ] = 0
     setpoint_timeout: Annotated[
         float,
-        described(
-            "a setpoint older than this makes the vehicle brake to a hover", "s", ge=0.05, le=10
-        ),
+        described("age of a setpoint at which the vehicle brakes to a hover", "s", ge=0.05, le=10),
     ] = 0.15
     grace: Annotated[
         float,
         described(
-            "a flight goes on by itself after poses or setpoints were missing for up to"
-            " this long; after more it is over",
+            "a flight resumes after poses or setpoints were missing for up to this long;"
+            " a longer silence ends it",
             "s",
             ge=0,
             le=10,
@@ -215,7 +182,7 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
     fault: FlightFaultParams = field(default_factory=FlightFaultParams)
 
     def __post_init__(self) -> None:
-        """Poses fall on steps of the 1 ms integration; raises ValueError where they cannot."""
+        """Raise ValueError if poses miss the 1 ms steps, or a fault would stop the clock."""
         if (1000 / self.rate) % 1:
             raise ValueError(f"rate {self.rate} Hz: 1000 / rate must be a whole number")
         if self.speed != 1 and self.fault.pose in {"frozen", "delayed"}:
@@ -226,7 +193,7 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
 
 
 class SuperviseParams(Struct, forbid_unknown_fields=True):
-    """How `quadctl up` looks after its processes."""
+    """Supervision of the processes by `quadctl up`."""
 
     answer_timeout: Annotated[
         float, described("a process silent for longer is restarted", "s", ge=0.5, le=60)
@@ -234,7 +201,7 @@ class SuperviseParams(Struct, forbid_unknown_fields=True):
 
 
 class Params(Struct, forbid_unknown_fields=True):
-    """The whole file. `processes` names commands to run instead of or besides our nodes."""
+    """Whole parameter file. `processes` are commands in place of built-in nodes, or additional."""
 
     pressure: PressureParams = field(default_factory=PressureParams)
     safety: SafetyParams = field(default_factory=SafetyParams)
@@ -243,36 +210,28 @@ class Params(Struct, forbid_unknown_fields=True):
     supervise: SuperviseParams = field(default_factory=SuperviseParams)
     processes: Annotated[
         dict[str, str | list[str]],
-        described("commands to run in place of a node of ours, or besides them"),
+        described("commands to run in place of built-in nodes, or in addition"),
     ] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Rules between tables; raises ValueError where they do not hold."""
+        """Raise ValueError if values of different tables do not fit together."""
         if self.pressure.source == "iio" and self.dynamics.speed != 1:
             raise ValueError(
-                "pressure.source iio reads a real sensor, for which time cannot be simulated: it"
-                f" needs dynamics.speed 1, not {self.dynamics.speed:g}"
+                "pressure.source iio reads a real sensor, in real time: it needs dynamics.speed 1,"
+                f" not {self.dynamics.speed:g}"
             )
 
 
 FIXED_AT_LAUNCH = frozenset(
-    {
-        "safety.cage_on",
-        "pressure.source",
-        "pressure.iio",
-        "dynamics.speed",
-        "dynamics.seed",
-        "dynamics.setpoint_timeout",
-        "dynamics.grace",
-        "hub.transport",
-        "hub.listen",
-        "hub.connect",
-    }
-)
-"""What all processes must agree on, or what cannot be undone: `param set` refuses these."""
+    (
+        "safety.cage_on", "pressure.source", "pressure.iio", "dynamics.speed", "dynamics.seed",
+        "dynamics.setpoint_timeout", "dynamics.grace", "hub.transport", "hub.listen", "hub.connect",
+    )
+)  # fmt: skip
+"""Parameters shared by all processes, or with irreversible effects: `param set` refuses these."""
 
 FROM_STANDSTILL = ("dynamics.vehicle", "dynamics.control")
-"""Tables whose values hold from the vehicle's next standstill when they are set in flight."""
+"""Tables with values that, set in flight, take effect at the vehicle's next standstill."""
 
 LIVE_SWITCHES = {"safety.cage_on": "`quadctl cage on` or `quadctl cage off`"}
-"""Of these, what changes in the running system that of which they say how it is at launch."""
+"""Commands that change in a running system the value that these parameters set at launch."""

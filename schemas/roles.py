@@ -1,11 +1,10 @@
 """Rights of each role: the table behind the hub's access control.
 
-A role is given for named vehicles or for all (`*`). Keys stand without the vehicle, which comes before
-them. Everything not listed is denied; a new topic or service is for operators alone until it is
-listed for others.
+A role is given for named vehicles or for all (`*`). Keys are written without the vehicle, their
+first chunk. Everything not listed is denied; a new topic or service is open to operators only.
 
-A user's own needs no line here: topics below `VEHICLE/own/`, services below `VEHICLE/@srv/own/`,
-nodes named `own-NAME`.
+A user's own endpoints need no line here: topics below `VEHICLE/own/`, services below
+`VEHICLE/@srv/own/`, nodes named `own-NAME`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,29 +27,29 @@ from quadctl.schemas.topics import (
 
 Role = Literal["hub", "vehicle", "safety", "operator", "observer", "student"]
 Right = Literal["publish", "listen", "call", "read", "serve", "announce", "see"]
-"""`read` is to ask for a latched topic's last message, `see` to be told which nodes are there, and
-`announce` to be one of them."""
+"""`read` queries a latched topic's last message, `see` receives the liveliness of nodes, and
+`announce` declares a node."""
 
 EVERY = "*"
 """All vehicles."""
 ROUTERS = ("hub", "gate")
-"""The nodes of a run that are no part of the vehicle itself."""
+"""Nodes of a run that are not part of the vehicle."""
 
 _OFFERS = ("", "/@pub/**", "/@srv/**")
 _OWN = "own/**"
 _OWN_SERVICES = "@srv/own/**"
 _OWN_NODES = (
     "@node/own-$*",
-    # Who says that he offers what is another's would keep that one from starting.
+    # A declaration of another node's endpoint would keep that node from starting.
     "@node/own-$*/@pub/*/*/*/$*%own%$*",
     "@node/own-$*/@srv/*/*/*/$*%@srv%own%$*",
 )
 _RECORDERS = "@node/recorder-$*"
-"""Who records is a node, and offers nothing."""
+"""A recorder is a node without endpoints."""
 _NODES = sorted({entry.node for table in (TOPICS, SERVICES) for entry in table if entry.node})
 _LATCHED = tuple(topic.name for topic in TOPICS if topic.latched)
 _ANYONES = tuple(topic.name for topic in TOPICS if not topic.node)
-"""What is published by whoever wants to: requests."""
+"""Topics that any process publishes: requests."""
 
 Rights = Mapping[Right, tuple[str, ...]]
 
@@ -65,13 +64,13 @@ def _name(service: Service[Any, Any]) -> str:
 
 
 def _runs(*nodes: str) -> Rights:
-    """What the processes of these nodes do."""
+    """Return the rights of the processes of these nodes."""
     services = _services(*nodes)
     topics = [topic.name for topic in TOPICS if topic.node in nodes]
-    told = [called(service).name for service in services if not service.reads]
+    calls = [called(service).name for service in services if not service.reads]
     latched = [topic.name for topic in TOPICS if topic.node in nodes and topic.latched]
     return {
-        "publish": (*topics, *told, _OWN),
+        "publish": (*topics, *calls, _OWN),
         "serve": (*map(_name, services), *latched, _OWN, _OWN_SERVICES),
         **_WATCHES,
         "announce": (*(f"@node/{n}{o}" for n in nodes for o in _OFFERS), *_OWN_NODES, _RECORDERS),
@@ -94,7 +93,7 @@ _ALL = ("**", "@call/**", "@srv/**")
 _ALL_NODES = ("@node/**", *(f"@node/*{offer}" for offer in _OFFERS))
 
 ROLES: dict[Role, Rights] = {
-    # Another hub, with all who are behind it.
+    # Another hub, with all its clients.
     "hub": {
         "publish": _ALL,
         "listen": _ALL,
@@ -104,13 +103,13 @@ ROLES: dict[Role, Rights] = {
         "announce": _ALL_NODES,
         "see": _ALL_NODES,
     },
-    # A machine that runs the vehicle's nodes, but not the one that says where to fly.
+    # A machine with the vehicle's nodes, except safety, which sends the setpoints.
     "vehicle": _runs(*(node for node in _NODES if node != "safety")),
-    # The only one that writes setpoints.
+    # The only role that writes setpoints.
     "safety": _runs("safety"),
     "operator": {"call": ("@srv/**",), **_FLIES},
     "observer": _WATCHES,
-    # Flies, and touches neither the cage nor any parameter.
+    # May fly, but change neither the cage nor any parameter.
     "student": {
         "call": (
             *(_name(service) for service in (GOTO, HOLD, CALIBRATE, RESET)),
@@ -125,22 +124,22 @@ PUBLIC: Rights = {
     "read": (f"*/{INFO.name}",),
     "see": tuple(f"*/@node/{router}" for router in ROUTERS),
 }
-"""What every role may do with every vehicle, in full keys: who is denied something can know that the
-system is there."""
+"""Rights of every role for every vehicle, in full keys: a client without other rights can still see
+that the system is there."""
 
 
 def keys(role: Role, vehicles: Sequence[str], right: Right) -> list[str]:
-    """The key expressions that somebody of a role has a right to, for his vehicles."""
+    """Return the key expressions that a role has a right to, for its vehicles."""
     names = ROLES[role].get(right, ())
-    own = [_full(vehicle, name) for vehicle in vehicles for name in names]
+    # For all vehicles, `**` alone also permits a subscription to everything.
+    own = [
+        name if (vehicle, name) == (EVERY, "**") else f"{vehicle}/{name}"
+        for vehicle in vehicles
+        for name in names
+    ]
     return [*own, *PUBLIC.get(right, ())]
 
 
 def may(role: Role, vehicles: Sequence[str], right: Right, key: str) -> bool:
-    """Whether somebody of a role may do that with a key, or with all that an expression covers."""
+    """Return whether a role has a right to a key, or to all keys of an expression."""
     return any(includes(pattern, key) for pattern in keys(role, vehicles, right))
-
-
-def _full(vehicle: str, name: str) -> str:
-    # Of all vehicles, `**` covers also what somebody asks of everything.
-    return name if (vehicle, name) == (EVERY, "**") else f"{vehicle}/{name}"

@@ -10,7 +10,7 @@ ErrorCode = Literal["invalid", "refused", "not_ready", "expired", "internal"]
 
 
 class Error(Struct, frozen=True):
-    """An error reply: what went wrong, and what to do."""
+    """Error reply: the problem, and a hint."""
 
     code: ErrorCode
     message: str
@@ -18,11 +18,11 @@ class Error(Struct, frozen=True):
 
 
 class Call(Struct, frozen=True):
-    """A query's attachment: executed once by `id`, and never after `deadline` (Unix time, s).
+    """Attachment of a query: executed once by `id`, and never after `deadline` (Unix time, s).
 
-    With `at` (simulated s) the server holds the call, and executes and answers it at the first
-    pose of that time or later that it steps on, of the named `boot` or else of the one that is
-    now. A call whose time or boot is over is not executed. A `reset` begins the boot it names.
+    With `at` (simulated s) the server holds the call, and executes and answers it at the first pose
+    of that time or later that it steps on, of the named `boot`, by default the current one. A call
+    for an earlier time or boot is not executed. A `reset` starts the boot that it names.
     """
 
     id: Annotated[str, Meta(min_length=1, max_length=64)]
@@ -32,13 +32,13 @@ class Call(Struct, frozen=True):
 
 
 class CalibrateRequest(Struct, frozen=True, forbid_unknown_fields=True):
-    """Zero the barometer at the mean of the last second, or with false undo it."""
+    """Zero the barometer at the mean of the last second; with false, undo it."""
 
     zero: bool
 
 
 class CalibrateResponse(Struct, frozen=True):
-    """The baseline now subtracted, hPa; 0 after `zero = false`."""
+    """The present baseline, hPa; 0 after `zero = false`."""
 
     baseline: Hectopascals
 
@@ -50,7 +50,7 @@ class ToggleCageRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ToggleCageResponse(Struct, frozen=True):
-    """Always true once the cage is as asked."""
+    """True once the cage is as requested."""
 
     success: bool
 
@@ -86,21 +86,21 @@ class ResetRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ResetResponse(Struct, frozen=True):
-    """True once the vehicle stands at its start."""
+    """True once the vehicle is at its start."""
 
     success: bool
 
 
 class GetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
-    """Names as `safety.virtual_cage.x` or a whole table; none asks for all of the node's."""
+    """Names, e.g. `safety.virtual_cage.x` or a whole table; none requests all of the node's."""
 
     names: Annotated[list[Text], Meta(max_length=1_000)]
 
 
 class GetParamsResponse(Struct, frozen=True, omit_defaults=True):
-    """Every value asked for, by its full dotted name, as it was set last.
+    """Every requested value, by its full dotted name, as last set.
 
-    Of those that wait for the next standstill, `in_force` has the values that hold until then.
+    For values that wait for the next standstill, `in_force` has the present ones.
     """
 
     values: dict[str, Any]
@@ -114,10 +114,7 @@ class SetParamsRequest(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SetParamsResponse(Struct, frozen=True, omit_defaults=True):
-    """Whether they were taken, else why not; `waits` names those that hold from the next standstill.
-
-    Where some wait, the reason says so.
-    """
+    """Success, or a refusal's or a wait's reason; `waits` names values waiting for a standstill."""
 
     success: bool
     reason: Text

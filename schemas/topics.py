@@ -29,18 +29,15 @@ R = TypeVar("R", bound=Struct)
 
 
 def period(stamp: float, hz: float) -> int:
-    """Which period of a rate a time (s) falls in.
-
-    The slack takes up the rounding of stamps that meet a boundary.
-    """
+    """Return the number of a rate's period at a time (s), despite rounding at its start."""
     return math.floor(stamp * hz + 1e-6)
 
 
 class Topic(Generic[M]):
-    """A key that one process publishes on and any process may listen to.
+    """Key that one process publishes on and any process may subscribe to.
 
-    `hz` is the declared rate, 0 where messages come only when something happens. A latched
-    topic answers `get` on its own key with the last message.
+    `hz` is the declared rate, 0 for messages on events only. A latched topic answers `get` on its
+    own key with the last message.
     """
 
     def __init__(
@@ -50,18 +47,18 @@ class Topic(Generic[M]):
         self.hz, self.doc, self.latched = hz, doc, latched
 
     def key(self, vehicle: str) -> str:
-        """The Zenoh key, as `uav/sensors/pressure`."""
+        """Return the Zenoh key, e.g. `uav/sensors/pressure`."""
         return f"{vehicle}/{self.name}"
 
     def period(self, stamp: float) -> int:
-        """Which period of the declared rate a simulated time (s) falls in."""
+        """Return the number of the declared rate's period at a simulated time (s)."""
         return period(stamp, self.hz)
 
 
 class Service(Generic[Q, R]):
-    """A request and its response, on a key that one process answers.
+    """Request and response, on a key that one process answers.
 
-    One that only `reads` changes nothing, and nobody is told of its calls.
+    With `reads` it changes nothing, and its calls are not published.
     """
 
     def __init__(
@@ -79,11 +76,11 @@ class Service(Generic[Q, R]):
 
     @property
     def type_name(self) -> str:
-        """The pair's name, as `Calibrate` for CalibrateRequest and CalibrateResponse."""
+        """Return the pair's name, e.g. `Calibrate` for CalibrateRequest and CalibrateResponse."""
         return self.request.__name__.removesuffix("Request")
 
     def key(self, vehicle: str) -> str:
-        """The Zenoh key, as `uav/@srv/goto`; `@srv` is a chunk that wildcards do not match."""
+        """Return the Zenoh key, e.g. `uav/@srv/goto`; wildcards do not match the chunk `@srv`."""
         return f"{vehicle}/@srv/{self.name}"
 
 
@@ -95,14 +92,14 @@ STATE = Topic(
     "safety/state", SafetyState, node="safety", hz=1, doc="The automaton's state.", latched=True
 )
 REQUEST = Topic(
-    "input/position_request", Waypoint, node="", hz=0, doc="A waypoint asked for, unanswered."
+    "input/position_request", Waypoint, node="", hz=0, doc="Requested waypoint, without an answer."
 )
 SETPOINT = Topic("input/position", Setpoint, node="safety", hz=20, doc="The verified setpoint.")
 
-INFO = Topic("info", Info, node="safety", hz=0, doc="Who serves what.", latched=True)
+INFO = Topic("info", Info, node="safety", hz=0, doc="Nodes by service and topic.", latched=True)
 
 _CALLS = "@call/"
-"""A chunk that wildcards do not match: who listens to everything is not told of calls as well."""
+"""Chunk that wildcards do not match: a subscriber to `**` does not receive calls."""
 
 TOPICS: tuple[Topic[Any], ...] = (POSE, PRESSURE, STATE, REQUEST, SETPOINT, INFO)
 
@@ -130,7 +127,7 @@ SERVICES: tuple[Service[Any, Any], ...] = (CALIBRATE, TOGGLE_CAGE, GOTO, HOLD, R
 
 
 def get_params(node: str) -> Service[GetParamsRequest, GetParamsResponse]:
-    """The service that reads a node's parameters; every node has one."""
+    """Return the service that reads a node's parameters; every node has one."""
     return Service(
         f"{node}/get_params",
         GetParamsRequest,
@@ -142,7 +139,7 @@ def get_params(node: str) -> Service[GetParamsRequest, GetParamsResponse]:
 
 
 def set_params(node: str) -> Service[SetParamsRequest, SetParamsResponse]:
-    """The service that changes a node's parameters, all or none."""
+    """Return the service that changes a node's parameters, all or none."""
     return Service(
         f"{node}/set_params",
         SetParamsRequest,
@@ -153,19 +150,19 @@ def set_params(node: str) -> Service[SetParamsRequest, SetParamsResponse]:
 
 
 def called(service: Service[Any, Any]) -> Topic[Called]:
-    """What tells of every executed call of a service that may change something."""
+    """Return the topic of executed calls of a service that may change something."""
     return Topic(
         f"{_CALLS}{service.name}",
         Called,
         node=service.node,
         hz=0,
-        doc=f"The calls of {service.name}, as they were executed.",
+        doc=f"Executed calls of {service.name}.",
     )
 
 
 def topic_of(key: str) -> Topic[Any] | None:
-    """The topic that a full key belongs to, whatever the vehicle."""
+    """Return the topic of a full key, for any vehicle."""
     _, _, name = key.partition("/")
     if name.startswith(_CALLS):
-        return Topic(name, Called, node="", hz=0, doc="Calls, as they were executed.")
+        return Topic(name, Called, node="", hz=0, doc="Executed calls.")
     return next((topic for topic in TOPICS if topic.name == name), None)

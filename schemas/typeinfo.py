@@ -10,10 +10,10 @@ from msgspec import Struct, inspect
 
 
 def json_schema(type_: type[Struct]) -> dict[str, Any]:
-    """The schema of a type's JSON, with every type in it written out in its place.
+    """Return the schema of a type's JSON, with all nested types written out in place.
 
-    Viewers follow no references, ask for a `type` beside an `enum`, and for `properties` of every
-    object, of a free table as well.
+    Viewers do not follow references, need a `type` beside an `enum`, and need `properties` for
+    every object, even for a free table.
     """
     (schema,), types = msgspec.json.schema_components([type_], ref_template="{name}")
     whole: dict[str, Any] = _written_out(schema, types)
@@ -37,23 +37,20 @@ def _written_out(part: dict[str, Any], types: dict[str, Any]) -> dict[str, Any]:
     return whole
 
 
-_INDENT = "  "
-
-
 @cache
 def schema_hash(type_: type[Struct]) -> str:
-    """Eight hex digits that change when a field, its type or its bounds change."""
+    """Return eight hex digits that change with a field, its type or its bounds."""
     text = "\n".join(_lines(inspect.type_info(type_), bounds=True))
     return f"{zlib.crc32(text.encode()):08x}"
 
 
 def definition(type_: type[Struct]) -> str:
-    """The fields in the form that `rosmsg show` prints, nested ones indented."""
+    """Return the fields in the format of `rosmsg show`, nested ones indented."""
     return "\n".join(_lines(inspect.type_info(type_), bounds=False))
 
 
 def service_definition(request: type[Struct], response: type[Struct]) -> str:
-    """Request and response in the form that `rossrv show` prints."""
+    """Return request and response in the format of `rossrv show`."""
     return "\n".join(part for part in (definition(request), "---", definition(response)) if part)
 
 
@@ -65,7 +62,7 @@ def fields(type_: type[Struct]) -> tuple[inspect.Field, ...]:
 
 
 def parts(type_: type[Struct]) -> Iterator[type[Struct]]:
-    """The types of a type's fields that have fields themselves, and of theirs."""
+    """Yield the Struct types of a type's fields, recursively."""
     for field in fields(type_):
         if isinstance(field.type, inspect.StructType):
             yield field.type.cls
@@ -73,7 +70,7 @@ def parts(type_: type[Struct]) -> Iterator[type[Struct]]:
 
 
 def type_name(type_: inspect.Type) -> str:
-    """A type's name as a ROS user reads it, as `float64`, `string[]` or `Position`."""
+    """Return a type's name in ROS style, e.g. `float64`, `string[]` or `Position`."""
     match type_:
         case inspect.BoolType():
             return "bool"
@@ -98,7 +95,7 @@ def type_name(type_: inspect.Type) -> str:
 
 
 def bounds_text(type_: inspect.Type) -> str:
-    """The bounds of a type, as `[-5, 5]`, `(0, 200]` or `a|b`; empty where there are none."""
+    """Return the bounds of a type, e.g. `[-5, 5]`, `(0, 200]` or `a|b`; empty without bounds."""
     match type_:
         case inspect.IntType() | inspect.FloatType():
             low, high = _first(type_.gt, type_.ge), _first(type_.lt, type_.le)
@@ -125,4 +122,4 @@ def _lines(type_: inspect.Type, *, bounds: bool, indent: str = "") -> Iterator[s
     for field in type_.fields:
         limits = f" {bounds_text(field.type)}" if bounds else ""
         yield f"{indent}{type_name(field.type)} {field.encode_name}{limits}".rstrip()
-        yield from _lines(field.type, bounds=bounds, indent=indent + _INDENT)
+        yield from _lines(field.type, bounds=bounds, indent=f"{indent}  ")

@@ -1,7 +1,7 @@
 """Bounded number types of the wire, and the description of a parameter.
 
-The bounds refuse NaN and infinity too, because a comparison with NaN never holds.
-Metres end at 10 km: nothing in a lab is further away, and squares stay far from overflow.
+The bounds refuse NaN and infinity too, because a comparison with NaN is always false. Metres end at
+10 km: nothing in a lab is further away, and squares stay far from overflow.
 """
 
 from typing import Annotated, Any
@@ -12,17 +12,17 @@ Metres = Annotated[float, Meta(ge=-10_000, le=10_000)]
 MetresPerSecond = Annotated[float, Meta(ge=-1_000, le=1_000)]
 RadiansPerSecond = Annotated[float, Meta(ge=-1_000, le=1_000)]
 Unit = Annotated[float, Meta(ge=-1.000001, le=1.000001)]
-"""A component of a unit quaternion, with room for rounding."""
+"""Component of a unit quaternion, with room for rounding."""
 Hectopascals = Annotated[float, Meta(ge=-2_000, le=2_000)]
-"""Signed: after calibration the pressure topic shows a difference."""
+"""Signed: after calibration the pressure topic carries a difference."""
 Spread = Annotated[float, Meta(ge=0, le=2_000)]
 Seconds = Annotated[float, Meta(ge=0, le=1e9)]
 Count = Annotated[int, Meta(ge=0, le=2**53)]
-"""Ends where a double stops counting exactly, so that JSON readers agree."""
+"""Up to the last integer that a double counts exactly, so that JSON readers agree."""
 Text = Annotated[str, Meta(max_length=1_000)]
 Boot = Annotated[str, Meta(max_length=64)]
 
 
 def described(description: str, unit: str = "", **bounds: Any) -> Meta:
-    """Return the description, unit (none by default) and bounds (`ge`, `gt`, `le`, `lt`) of a parameter."""
+    """Return a parameter's description, unit and bounds (`ge`, `gt`, `le`, `lt`)."""
     return Meta(description=description, extra={"unit": unit}, **bounds)

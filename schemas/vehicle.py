@@ -1,6 +1,6 @@
-"""Parameters of the vehicle: body, rotors, controller. Defaults are those of the lab's simulator.
+"""Parameters of the vehicle: body, rotors, controller. Defaults are the lab simulator's.
 
-The lower bounds keep divisors away from 0 and motions within what 1 ms steps can follow.
+The lower bounds keep divisors above 0 and motions slow enough for steps of 1 ms.
 """
 
 from typing import Annotated
@@ -19,7 +19,7 @@ class InertiaParams(Struct, forbid_unknown_fields=True):
 
 
 class RotorDragParams(Struct, forbid_unknown_fields=True):
-    """A rotor's force against air that moves across its axis, and along it, N/(rad/s)/(m/s)."""
+    """Drag of a rotor in air that moves across or along its axis, N/(rad/s)/(m/s)."""
 
     across: Annotated[float, Meta(ge=0, le=0.001)] = 0.0
     along: Annotated[float, Meta(ge=0, le=0.001)] = 0.0
@@ -55,7 +55,7 @@ class VehicleParams(Struct, forbid_unknown_fields=True):
 
 
 class ControlParams(Struct, forbid_unknown_fields=True):
-    """Cascade controller and the limits of the setpoint it follows."""
+    """Cascade controller, and the limits of its setpoint."""
 
     position_gain: Annotated[
         float, described("position error to velocity", "1/s", ge=0.01, le=100)

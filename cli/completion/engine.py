@@ -26,14 +26,14 @@ _PARAMETERS = ("GetParams", "SetParams")
 
 
 def topic(key: str, begun: str, vehicle: str) -> Iterator[str]:
-    """By its name where it is a topic of ours: a name of anybody else's would be taken for a key."""
+    """Spell our topics by name or key, others by key: their names would be read as keys."""
     name = key.removeprefix(f"{vehicle}/")
     ours = name != key and any(name == topic.name for topic in TOPICS)
     return _spellings(key, name if ours else "", begun)
 
 
 def service(offer: EndpointInfo, begun: str, vehicle: str) -> Iterator[str]:
-    """By its name, its full key, or one of ours as ROS has it: `/uav/goto`."""
+    """Spell a service by its name, its full key, or, if it is ours, as in ROS: `/uav/goto`."""
     own, _, rest = offer.key.partition("/")
     key, named = offer.key, rest == f"@srv/{offer.name}"
     ours = offer.type in _PARAMETERS or any(offer.name == known.name for known in SERVICES)
@@ -43,25 +43,25 @@ def service(offer: EndpointInfo, begun: str, vehicle: str) -> Iterator[str]:
 
 
 def node(name: str, begun: str, vehicle: str) -> Iterator[str]:
-    """By its name, also behind its vehicle's."""
+    """Spell a node by its name, also behind its vehicle's."""
     return _spellings(f"{vehicle}/{name}", name, begun)
 
 
 def parameter(name: str, begun: str, vehicle: str) -> Iterator[str]:
-    """By its dotted name, or with slashes, also behind its vehicle's name."""
+    """Spell a parameter with dots or slashes, also behind its vehicle's name."""
     between = "/" if "/" in begun else "."
     name = name.replace(".", between)
     return _spellings(f"{vehicle}{between}{name}", name, begun)
 
 
 def setting(name: str, begun: str) -> Iterator[str]:
-    """A parameter of the file, which knows of no vehicle."""
+    """Spell a parameter of the file, which has no vehicle."""
     slash = "/" if begun.startswith("/") else ""
     yield f"{slash}{name.replace('.', '/' if '/' in begun else '.')}"
 
 
 def _spellings(key: str, name: str, begun: str) -> Iterator[str]:
-    """The name, where there is one; the key only once something of it may have been begun."""
+    """Yield the name, if any; the key only without a name, or once a word has been begun."""
     slash = "/" if begun.startswith("/") else ""
     if name:
         yield f"{slash}{name}"
@@ -69,22 +69,20 @@ def _spellings(key: str, name: str, begun: str) -> Iterator[str]:
         yield f"{slash}{key}"
 
 
-SUBJECTS = ("topic", "service")
-"""What has fields."""
+SUBJECTS = ("topic", "service")  # kinds of names that have fields
 _ALL = "*"
-_PATIENCE = 0.1
-"""Seconds that live names may take to come: a shell that waits for longer seems stuck."""
+_PATIENCE = 0.1  # s to wait for live names: a shell that waits longer seems stuck
 
 
 def names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[str]:
-    """The names of a kind; `field` is one of the subject's, a topic or service.
+    """Return the names of a kind, spelled as begun: name or full key, with or without a slash.
 
-    Each is spelled as it was begun: by its name, or by its full key, with or without a slash.
+    The kind `field` takes the fields of the subject, a topic or service.
     """
     try:
         return list(_names(kind, options, begun, subject))
     except (QuadctlError, OSError):
-        # Nobody there, or no such name: a shell has no place for an error.
+        # No hub, or no such name: a shell has no place to show an error.
         return []
 
 
@@ -106,7 +104,7 @@ def _names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[
 
 
 def _vehicle(options: Options) -> str:
-    """The one that is meant; of several the pattern of them all."""
+    """Return the vehicle meant, or the pattern of all if there are several."""
     try:
         return options.vehicle
     except UsageError:
@@ -123,7 +121,7 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
     elif kind == "param":
         for each in nodes_with_params(client):
             client.timeout = max(until - time.monotonic(), 0.001)
-            # One that does not answer must not hide the others' names.
+            # A node that does not answer must not hide the others' names.
             with contextlib.suppress(QuadctlError):
                 for name in client.call(get_params(each), GetParamsRequest([])).values:
                     yield from parameter(name, begun, vehicle)
@@ -137,7 +135,7 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
 
 
 def _topics(client: Client) -> Iterator[str]:
-    """The keys of those that are published, and of those that wait for whoever wants to publish."""
+    """Yield the keys of all published topics, and of those that any client may publish."""
     yield from (offer.key for offer in client.endpoints() if offer.kind == "@pub")
     for vehicle in client.vehicles() if client.vehicle == _ALL else [client.vehicle]:
         yield from (topic.key(vehicle) for topic in TOPICS if not topic.node)
@@ -152,17 +150,14 @@ _FIRST = {
 
 
 class Found(NamedTuple):
-    """A word that fits, and what it means where that is known."""
+    """Word that fits, and its meaning if known."""
 
     word: str
     about: str = ""
 
 
 def candidates(before: list[str], begun: str, *, explain: bool = True) -> list[Found]:
-    """The words that fit after those `before` the one that has been `begun`.
-
-    To `explain` commands, each is loaded, which takes its time.
-    """
+    """Return the completions of `begun` after `before`; to `explain`, load each command (slow)."""
     fitting = _fitting(before, begun, explain=explain)
     found = sorted({fit for fit in fitting if fit.word.startswith(begun)})
     return list({fit.word: fit for fit in found}.values())
@@ -198,18 +193,18 @@ def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) 
         name: word for word in declared if isinstance(word.said, Option) for name in word.names
     }
     placed = [word for word in declared if isinstance(word.said, Arg)]
-    said: list[tuple[Parameter, str]] = []
+    typed: list[tuple[Parameter, str]] = []
     line = iter(rest)
     for text in line:
         option = text.partition("=")[0]
         if option in named:
             if named[option].type is not bool and "=" not in text and next(line, None) is None:
-                return _words(named[option], begun, common, said)
+                return _words(named[option], begun, common, typed)
         elif _takes_value(text):
             if _value(text, line, common) is None:
                 return _of_common(text, begun, common)
         elif not text.startswith("-") or takes_signed(declared):
-            said.append((placed[0], text) if placed else (declared[0], text))
+            typed.append((placed[0], text) if placed else (declared[0], text))
             placed = placed if placed and placed[0].many else placed[1:]
     if begun.startswith("-"):
         option, equals, value = begun.partition("=")
@@ -217,33 +212,33 @@ def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) 
             return _options(declared)
         if option not in named:
             return []
-        found = _words(named[option], value, common, said)
+        found = _words(named[option], value, common, typed)
         return [Found(f"{option}={fit.word}", fit.about) for fit in found]
-    return _words(placed[0], begun, common, said) if placed else []
+    return _words(placed[0], begun, common, typed) if placed else []
 
 
 def _words(
-    word: Parameter, begun: str, common: dict[str, str], said: list[tuple[Parameter, str]]
+    word: Parameter, begun: str, common: dict[str, str], typed: list[tuple[Parameter, str]]
 ) -> Iterable[Found]:
-    """What a declared word can be: a file, or one of the names that it says."""
+    """Return the values of a declared word: files, or names of the kind that it declares."""
     if word.type is Path:
         return map(Found, _files(begun))
-    subject = next((text for other, text in said if other.said.complete in SUBJECTS), "")
+    subject = next((text for other, text in typed if other.said.complete in SUBJECTS), "")
     found = names(word.said.complete, _reach(common), begun, subject)
     if word.said.complete == "field":
-        given = {text.partition("=")[0] for _, text in said}
+        given = {text.partition("=")[0] for _, text in typed}
         found = (name for name in found if name.removesuffix("=") not in given)
     return map(Found, found)
 
 
 def _of_common(option: str, begun: str, common: dict[str, str]) -> Iterable[Found]:
-    """What the value of a common option can be: a live vehicle."""
+    """Return the values of a common option: live vehicles for --vehicle."""
     kind: Names = "vehicle" if option == "--vehicle" else ""
     return map(Found, names(kind, _reach(common), begun, ""))
 
 
 def _reach(common: dict[str, str]) -> Options:
-    """The options that say where to look; a shell's patience is its own."""
+    """Return the options for a connection; --timeout does not apply to a completion."""
     return options_of({k: v for k, v in common.items() if k != "timeout"})
 
 
@@ -276,7 +271,7 @@ def _takes_value(text: str) -> bool:
 
 
 def _value(text: str, line: Iterator[str], common: dict[str, Any]) -> str | None:
-    """The value of a common option, taken from the line; None where the line ends first."""
+    """Take the value of a common option from the line; None if the line ends first."""
     name, equals, value = text.partition("=")
     taken = value if equals else next(line, None)
     if taken is not None:

@@ -1,4 +1,4 @@
-"""The protocol of each shell: the line typed so far, and the words that fit.
+"""Protocol of each shell: the line typed so far, and the words that fit.
 
 The script that a shell runs at TAB calls `quadctl` with `_QUADCTL_COMPLETE=complete_SHELL` and the
 line in its environment. bash splits a word at the characters of COMP_WORDBREAKS, e.g. `=` and `:`,
@@ -16,7 +16,7 @@ _ASKED = "complete_"
 
 
 def answer(environment: Mapping[str, str] = os.environ) -> str | None:
-    """What to print for a shell, None where it did not ask."""
+    """Return the text to print for a shell, None without a request for completions."""
     shell = environment.get(VARIABLE, "").removeprefix(_ASKED)
     write = _WRITERS.get(shell)
     if write is None:
@@ -30,7 +30,7 @@ def answer(environment: Mapping[str, str] = os.environ) -> str | None:
 
 
 def _bash_words(environment: Mapping[str, str]) -> tuple[list[str], str]:
-    """The words up to the cursor: of the line itself, or as bash counts them by COMP_CWORD."""
+    """Return the words up to the cursor: of the line itself, or as COMP_CWORD counts them."""
     line, count = environment.get("COMP_WORDS", ""), environment.get("COMP_CWORD", "")
     if not count.isdigit():
         return _line_words(line)
@@ -44,7 +44,7 @@ def _line_words(line: str) -> tuple[list[str], str]:
 
 
 def _split(line: str) -> list[str]:
-    """As the shell will; an open quote is taken as closed at the end."""
+    """Split a line as the shell will; close an open quote at the end."""
     for close in ("", "'", '"'):
         try:
             return shlex.split(line + close)
@@ -54,19 +54,19 @@ def _split(line: str) -> list[str]:
 
 
 def _last_parts(found: list[Found], begun: str, environment: Mapping[str, str]) -> list[Found]:
-    """What bash replaces: the part of a word after the last character that breaks words."""
+    """Return the part of each word that bash replaces: after the last word-breaking character."""
     breaks = environment.get("COMP_WORDBREAKS", "")
     kept = 1 + max((place for place, char in enumerate(begun) if char in breaks), default=-1)
     return [Found(fit.word[kept:]) for fit in found]
 
 
 def _for_bash(found: list[Found]) -> str:
-    # A file's name may hold a blank.
+    # A file's name may contain a blank.
     return "\n".join(fit.word.replace(" ", r"\ ") for fit in found)
 
 
 def _for_zsh(found: list[Found]) -> str:
-    """Code to be evaluated: after `zero=` the word goes on, after others a blank follows."""
+    """Return code to evaluate: after `zero=` the word goes on, after others a blank follows."""
     calls = []
     for suffix, fits in (
         ("-S ''", [fit for fit in found if _goes_on(fit)]),
@@ -81,10 +81,6 @@ def _for_zsh(found: list[Found]) -> str:
     return "\n".join(calls)
 
 
-def _for_fish(found: list[Found]) -> str:
-    return "\n".join(f"{fit.word}\t{fit.about}".rstrip() for fit in found)
-
-
 def _for_powershell(found: list[Found]) -> str:
     return "\n".join(f"{fit.word}:::{fit.about or ' '}" for fit in found)
 
@@ -96,7 +92,7 @@ def _goes_on(fit: Found) -> bool:
 _WRITERS: dict[str, Callable[[list[Found]], str]] = {
     "bash": _for_bash,
     "zsh": _for_zsh,
-    "fish": _for_fish,
+    "fish": lambda found: "\n".join(f"{fit.word}\t{fit.about}".rstrip() for fit in found),
     "powershell": _for_powershell,
     "pwsh": _for_powershell,
 }
@@ -133,4 +129,4 @@ fi
         ' %(prog_name)s 2>/dev/null)"'
     ),
 }
-"""In place of Typer's, which take words apart at `=`, offer files everywhere, or ask twice."""
+"""Replacements of Typer's, which split words at `=`, offer files everywhere, or ask twice."""

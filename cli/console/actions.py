@@ -1,18 +1,16 @@
-"""The actions of a page: the same calls as the commands of those names."""
+"""Actions of a page: the same calls as the commands of the same names."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
 
-import msgspec
-
 from quadctl.cli.console.bus_link import Link
 from quadctl.cli.console.model import Board
 from quadctl.cli.console.settings import Setting, shown
+from quadctl.cli.vehicle.goto import request_of
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import (
     CalibrateRequest,
     GetParamsRequest,
-    GotoRequest,
     HoldRequest,
     ResetRequest,
     SetParamsRequest,
@@ -23,26 +21,19 @@ from quadctl.services.runtime.errors import Invalid, Refused, Unreachable
 from quadctl.services.runtime.supervisor.control import request_restart, wait_restarted
 
 Act = Callable[[], str]
-"""Blocks until it is done, for no longer than the timeout; returns what to tell, or raises."""
-
-
-_PATIENCE = 5.0
-"""Seconds for a process to be ready again."""
+"""Blocking action, no longer than the timeout; returns the text to show, or raises."""
+_PATIENCE = 5.0  # s for a process to be ready again
 
 
 class Acts:
-    """Everything that changes something, each as a function to be run on a thread."""
+    """Everything that changes something, as functions to run on a thread."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
 
     def goto(self, goal: Position, *, replace: bool) -> str:
-        """Ask safety for a goal; raises Refused with its reason."""
-        asked = {"x": goal.x, "y": goal.y, "z": goal.z, "replace": replace}
-        try:
-            request = msgspec.convert(asked, GotoRequest)
-        except msgspec.ValidationError as error:
-            raise Invalid(f"no place to fly to: {error}") from error
+        """Request a goal; raise Refused with the reason if safety rejects it."""
+        request = request_of(goal.x, goal.y, goal.z, replace=replace)
         reply = self._link.client.call(GOTO, request)
         if not reply.accepted:
             self._link.see(lambda board: board.refuse(goal))
@@ -55,7 +46,7 @@ class Acts:
         return ""
 
     def calibrate(self, *, zero: bool) -> str:
-        """Zero the barometer, or undo it."""
+        """Zero the barometer, or drop its baseline."""
         baseline = self._link.client.call(CALIBRATE, CalibrateRequest(zero)).baseline
         text = f"baseline {baseline:.4f} hPa" if zero else "baseline dropped"
         self._link.see(lambda board: board.note(_now(board), "pressure", text))
@@ -71,15 +62,15 @@ class Acts:
         self._link.client.call(RESET, ResetRequest())
         return ""
 
-    def change(self, setting: Setting, said: Any) -> str:
+    def change(self, setting: Setting, entered: Any) -> str:
         """Set a parameter of the running node."""
-        value = setting.read(said)
+        value = setting.read(entered)
         node = setting.name.partition(".")[0]
         client = self._link.client
         reply = client.call(set_params(node), SetParamsRequest({setting.name: value}))
         if not reply.success:
             raise Invalid(reply.reason, "nothing was changed")
-        # As the node has it: of 4 it makes 4.0.
+        # Show the value that the node has stored: it turns 4 into 4.0.
         now = client.call(get_params(node), GetParamsRequest([setting.name])).values
         text = f"{setting.name} = {shown(now[setting.name])}"
 
@@ -91,15 +82,15 @@ class Acts:
         return text
 
     def restart(self, name: str) -> str:
-        """Have the supervisor start a process anew, and wait until it is ready."""
+        """Have the supervisor restart a process, and wait until it is ready."""
         realm = self._link.realm
         if realm is None:
             raise Unreachable(
                 "processes of another machine cannot be restarted from here",
-                f"there: `quadctl node restart {name}`",
+                f"run `quadctl node restart {name}` there",
             )
         before = request_restart(realm, name)
-        # The hub's takes every connection with it, so that only the folder can be asked.
+        # A restart of the hub cuts every connection, so only the folder can show the result.
         after = wait_restarted(realm, name, before, _PATIENCE)
         text = f"{name}: process {after.pid} in place of {before.pid or 'none'}"
         self._link.see(lambda board: board.note(_now(board), "process", text))
@@ -111,7 +102,7 @@ def _now(board: Board) -> float:
 
 
 class PageContext(Protocol):
-    """A page as its panels see it: the bus behind it, what it may do, and the point chosen on it."""
+    """Page as its panels see it: its link to the bus, its permission, and the chosen point."""
 
     link: Link
     vehicles: list[str]
@@ -120,4 +111,4 @@ class PageContext(Protocol):
     target: Position | None
 
     async def do(self, act: Act) -> bool:
-        """Carry an action out on a thread and show its result; returns whether it succeeded."""
+        """Run an action on a thread and show its result; return whether it succeeded."""

@@ -11,12 +11,11 @@ import msgspec
 from quadctl.cli.console.model import TICK, Board
 from quadctl.cli.context import Options
 from quadctl.cli.param.running import nodes_with_params
-from quadctl.schemas.messages import Pose, Position, Pressure, SafetyState
+from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.params.names import flatten
@@ -25,15 +24,13 @@ from quadctl.services.runtime.run_files import UNSERVED
 
 T = TypeVar("T")
 
-_AGAIN = 0.5
-"""Seconds between two attempts to reach a run that is gone."""
-_LOOK = 1.0
-"""Seconds between two looks at who is there, and at the parameters."""
+_AGAIN = 0.5  # s between two attempts to reach a run that is gone
+_LOOK = 1.0  # s between two looks at the nodes; the parameters are read half as often
 _BACKLOG = 100
 
 
 class Link:
-    """Keeps a board up to date, on a thread of its own, for as long as the process lives."""
+    """Thread that keeps a board up to date for as long as the process lives."""
 
     def __init__(self, options: Options, vehicle: str) -> None:
         self.vehicle, self._options = vehicle, options
@@ -43,26 +40,26 @@ class Link:
         threading.Thread(target=self._run, name=f"link {vehicle}", daemon=True).start()
 
     def see(self, look: Callable[[Board], T]) -> T:
-        """What `look` makes of the board, which does not change meanwhile."""
+        """Return the result of `look` on the board, under its lock."""
         with self._lock:
             return look(self._board)
 
     @property
     def realm(self) -> Realm | None:
-        """The realm of a run on this machine, whose folder is at hand."""
+        """Return the realm of a run on this machine, else None (no access to its folder)."""
         return None if self._options.connect else Realm(self._options.realm)
 
     @property
     def client(self) -> Client:
-        """The connection, for a call; raises Unreachable while there is none."""
+        """Return the connection for a call; raise Unreachable while there is none."""
         if self._client is None:
             raise Unreachable(
-                f"not connected: {self._board.problem}", "the console goes on by itself"
+                f"not connected: {self._board.problem}", "the console reconnects by itself"
             )
         return self._client
 
     def look_around(self) -> None:
-        """Read the processes and parameters now; raises where somebody does not answer."""
+        """Read the parameters of all nodes now; raise if a node does not answer."""
         client = self.client
         values: dict[str, Any] = {}
         problem: QuadctlError | None = None
@@ -78,13 +75,13 @@ class Link:
             raise problem
 
     def _kept(self) -> dict[str, Any]:
-        """The supervisor's own tables, which are in the realm's folder alone."""
+        """Return the supervisor's own tables, which only the realm's folder holds."""
         if self.realm is None:
             return {}
         try:
             kept = msgspec.to_builtins(live.read_values(self.realm, self.vehicle) or {})
         except (FileNotFoundError, Invalid):
-            return {}  # the run is just going, or coming
+            return {}  # the run is just starting or ending
         return dict(flatten({name: kept[name] for name in UNSERVED if name in kept}))
 
     def _run(self) -> None:
@@ -96,17 +93,14 @@ class Link:
                 ) as client:
                     self._listen(client)
             except QuadctlError as problem:
-                self._lose(problem)
+                self._client = None
+                nodes = self._processes()
+                with self._lock:
+                    self._board.problem, self._board.nodes = problem.message, nodes
             time.sleep(_AGAIN)
 
-    def _lose(self, problem: QuadctlError) -> None:
-        self._client = None
-        nodes = self._processes()
-        with self._lock:
-            self._board.problem, self._board.nodes = problem.message, nodes
-
     def _listen(self, client: Client) -> None:
-        """Follow the vehicle; raises once the hub is gone."""
+        """Follow the vehicle; raise once the hub is gone."""
         poses = client.subscribe(POSE, backlog=1)
         readings = client.subscribe(PRESSURE, backlog=1)
         states = client.subscribe(STATE, backlog=_BACKLOG)
@@ -123,29 +117,20 @@ class Link:
                 nodes = self._processes()
                 with self._lock:
                     self._board.nodes = nodes
-            self._hear(poses, readings, states, asked)
+            pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
+            changes = list(iter(lambda: states.next(0), None))
+            with self._lock:
+                if waypoint is not None:
+                    self._board.ask(Position(waypoint.x, waypoint.y, waypoint.z))
+                for state in changes:
+                    self._board.hear_state(state)
+                self._board.tick(pose, reading)
             time.sleep(max(0.0, began + TICK - time.monotonic()))
 
-    def _hear(
-        self,
-        poses: TypedSubscriber[Pose],
-        readings: TypedSubscriber[Pressure],
-        states: TypedSubscriber[SafetyState],
-        asked: TypedSubscriber[Any],
-    ) -> None:
-        pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
-        said = list(iter(lambda: states.next(0), None))
-        with self._lock:
-            if waypoint is not None:
-                self._board.ask(Position(waypoint.x, waypoint.y, waypoint.z))
-            for state in said:
-                self._board.hear_state(state)
-            self._board.tick(pose, reading)
-
     def _keep_looking(self, client: Client) -> None:
-        """Read the parameters again and again, for others change them too."""
+        """Read the parameters repeatedly: other clients change them too."""
         while self._client is client:
-            # Who does not answer is told by the table of processes; his values stay as they were.
+            # The table of processes shows a node that does not answer; its old values stay.
             with contextlib.suppress(QuadctlError):
                 self.look_around()
             time.sleep(2 * _LOOK)

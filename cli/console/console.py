@@ -21,16 +21,16 @@ _MOST = 65_535
 
 
 def bound(host: str, port: int, *, exactly: bool) -> socket.socket:
-    """A socket that listens on a port, or on a free one where that is taken and not `exactly`.
+    """Return a socket that listens on a port; on a free one if it is taken and not `exactly`.
 
-    Raises AlreadyServed for a taken port, UsageError for what is none.
+    Raises AlreadyServed for a taken port, UsageError for an impossible one.
     """
     if not 0 <= port <= _MOST:
         raise UsageError(f"--port {port}: there is no such port", f"0 (any) to {_MOST}")
     family = socket.AF_INET6 if ip_address(host).version == 6 else socket.AF_INET
     made = socket.socket(family, socket.SOCK_STREAM)
     if os.name == "posix":
-        # A port just left is free again; on Windows this would take one that is in use.
+        # Lets a port just closed be reused; on Windows it would take one that is in use.
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         made.bind((host, port))
@@ -48,11 +48,11 @@ def bound(host: str, port: int, *, exactly: bool) -> socket.socket:
 
 
 def urls(listening: socket.socket, token: str) -> tuple[str, str]:
-    """The page's address for who may control, and for who only watches."""
+    """Return the page's address with control, and the one that only watches."""
     host, port = listening.getsockname()[:2]
     address = ip_address(host)
     if address.is_unspecified:
-        # No browser can go to 0.0.0.0; this machine goes by its name there.
+        # Browsers cannot open 0.0.0.0: use the name of this machine.
         name = socket.gethostname().lower()
     else:
         name = f"[{host}]" if address.version == 6 else host
@@ -66,17 +66,17 @@ _PORT = 8470
 def console(
     options: Options,
     port: Annotated[
-        int | None, Option(f"Where to serve (default: {_PORT}, or a free one where that is taken).")
+        int | None, Option(f"Port to listen on (default: {_PORT}, or a free one if that is taken).")
     ] = None,
     browse: Annotated[bool, Option("Open the page in a browser.", ("--open",))] = False,
-    host: Annotated[str, Option("The address to listen on.")] = "127.0.0.1",
+    host: Annotated[str, Option("Address to listen on.")] = "127.0.0.1",
     insecure: Annotated[
-        bool, Option("Let other machines in: what they send and see is not encrypted.")
+        bool, Option("Let other machines connect; their traffic is not encrypted.")
     ] = False,
 ) -> None:
     """Fly from a web page: the vehicle in its cage, its readings, processes and parameters.
 
-    The first address printed may control, by its token; without the token the page only watches.
+    The token in the first address lets the page control; without it a page only watches.
 
     Example: quadctl console --open
     """
@@ -86,7 +86,7 @@ def console(
             "pip install 'quadctl[console]', in the environment of quadctl",
         )
     _check(host, insecure=insecure)
-    # Where nothing runs, or does not answer, that is told now and not on a page.
+    # Fail here, not on a page, if nothing runs or answers.
     with context.connect(structs.replace(options, named=options.named or realm.DEFAULT)):
         there = context.vehicles_of(options.realm, options.connect, options.timeout)
     first = options.named or there[0]
@@ -102,11 +102,11 @@ def console(
     else:
         output.line(f"control: {control}")
         output.line(f"watch:   {watch}")
-        output.note("Ctrl-C ends the console; the vehicle goes on")
+        output.note("Ctrl-C ends the console; the vehicle keeps running")
     if insecure:
         output.note(
-            "warning: other machines may watch, and who sees this address or reads the network's"
-            " traffic, which is not encrypted, may fly"
+            "warning: other machines can watch, and anyone with this address or able to read the"
+            " network's traffic, which is not encrypted, can fly"
         )
     if browse:
         webbrowser.open(control)
@@ -122,7 +122,7 @@ def _check(host: str, *, insecure: bool) -> None:
         ) from error
     if not loopback and not insecure:
         raise UsageError(
-            f"--host {host} lets other machines in: they could watch, and whoever reads the traffic,"
-            " which is not encrypted, could fly",
-            "where that is meant, add --insecure; else tunnel: ssh -L 8470:127.0.0.1:8470 HOST",
+            f"--host {host} lets other machines watch; anyone able to read the traffic, which is"
+            " not encrypted, could fly",
+            "add --insecure to allow this, or use a tunnel: ssh -L 8470:127.0.0.1:8470 HOST",
         )

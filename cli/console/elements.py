@@ -13,7 +13,7 @@ from quadctl.cli.console.model import STEPS
 
 @contextmanager
 def card(title: str, name: str = "") -> Iterator[ui.element]:
-    """What is made within stands on it; `name` is its class."""
+    """Open a card for the elements made in the block; `name` is its CSS class."""
     with ui.element("section").classes(f"card {name}") as made:
         with ui.element("header"):
             ui.html(title, sanitize=False, tag="h2")
@@ -21,29 +21,29 @@ def card(title: str, name: str = "") -> Iterator[ui.element]:
 
 
 def read(name: str, tag: str = "span", classes: str = "") -> ui.html:
-    """A text that each picture brings by this name; see `frame.readouts`."""
+    """Return a text that each frame updates by this name; see `model.readouts`."""
     return ui.html("", sanitize=False, tag=tag).props(f"data-read={name}").classes(classes)
 
 
-# Brings three.js, which the scene below draws with, onto the page.
+# Loads three.js into the page, for the scene below.
 _THREE = ui.scene
 
 
 class Live(ui.element, component="assets/live.js"):
-    """Takes the pictures that the server sends, and hands them to all that shows them."""
+    """Receiver of the frames; passes them to the scene, the plots and the texts."""
 
     def show(self, frame: dict[str, Any], timeout: float) -> AwaitableResponse:
-        """Send one; awaited, it is the number of the sample up to which the browser has it now."""
+        """Send a frame; await the number of the newest sample that the browser has."""
         return self.run_method("show", frame, timeout=timeout)
 
 
 class SceneView(
     ui.element, component="assets/airspace.js", esm={"quadctl-shapes": "assets/shapes"}
 ):
-    """The vehicle in its cage. Events: `floor` with x and y, `step` with a key, `send`."""
+    """Vehicle in its cage. Events: `floor` with x and y, `step` with a key, `send`, `drop`."""
 
     def __init__(self, height: float, *, control: bool) -> None:
-        """`height` (m) is that of the ghost over the floor; without `control` there is none."""
+        """Show a ghost at `height` (m) above the floor under the pointer, only with `control`."""
         super().__init__()
         self._props["control"] = control
         self._props["keys"] = list(STEPS)
@@ -56,12 +56,12 @@ class SceneView(
 
 
 class Plot(ui.element, component="assets/plot.js"):
-    """The last minute of one value: `field` is its place in a sample."""
+    """Plot of the last minute of one value; `field` is its index in a sample."""
 
     def __init__(self, field: int, title: str, read: str, *, least: float, since: int = -1) -> None:
-        """`read` names the text beside the title, `least` is the smallest range that is shown.
+        """Name the text beside the title `read`; show a range of at least `least`.
 
-        What was before a change of the field `since` is left out.
+        Samples from before the last change of the field `since` are left out.
         """
         super().__init__()
         self._props |= {"field": field, "title": title, "read": read}
@@ -69,6 +69,6 @@ class Plot(ui.element, component="assets/plot.js"):
 
 
 def floor_point(event: GenericEventArguments) -> tuple[float, float]:
-    """Where the floor was clicked, m; raises TypeError or ValueError for what is no point."""
+    """Return the clicked point of the floor, m; raise TypeError or ValueError if there is none."""
     x, y = event.args["x"], event.args["y"]
     return float(x), float(y)

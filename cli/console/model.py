@@ -10,7 +10,7 @@ from quadctl.services.runtime.run_files import ProcessRecord
 
 
 class Verdict(NamedTuple):
-    """A line of the log: at a simulated time (s), of a kind that says how it is drawn."""
+    """Line of the log: simulated time (s), kind (its CSS class) and text."""
 
     stamp: float
     kind: str
@@ -18,16 +18,16 @@ class Verdict(NamedTuple):
 
 
 def point(at: Position) -> str:
-    """A place as people write it, m."""
+    """Return a place as text, m."""
     return f"({_metres(at.x)}, {_metres(at.y)}, {_metres(at.z)})"
 
 
 def told(before: SafetyState | None, now: SafetyState) -> Iterator[tuple[str, str]]:
-    """The kind and text of each thing that happened from one state to the next."""
+    """Yield the kind and text of each event between two states."""
     if before is None:
         return
     if now.boot != before.boot:
-        yield "boot", now.reason or "the simulation began anew"
+        yield "boot", now.reason or "the simulation restarted"
         return
     if now.cage_on != before.cage_on:
         yield "cage", f"cage {'on' if now.cage_on else 'off'}"
@@ -44,27 +44,24 @@ def told(before: SafetyState | None, now: SafetyState) -> Iterator[tuple[str, st
 
 
 def bounds(cage: CageSize) -> str:
-    """The cage's three intervals, m."""
+    """Return the cage's three intervals as text, m."""
     return f"x [-{cage.x:g}, {cage.x:g}], y [-{cage.y:g}, {cage.y:g}], z [0, {cage.z:g}]"
 
 
 def _metres(value: float) -> str:
-    # Two digits, without the minus of a negative nought.
+    # Adding 0.0 turns -0 into 0.
     return f"{round(value, 2) + 0.0:g}"
 
 
 TICK = 0.1
-"""Seconds between two samples, and between two pictures that a page is sent."""
+"""Seconds between two samples, and between two frames sent to a page."""
 _KEPT = 600
 _REFUSED_KEPT = 8
 _VERDICTS_KEPT = 60
 
 
 class Sample(NamedTuple):
-    """One point of the trail and the plots: simulated time (s), metres, hPa.
-
-    `pressure` is None where no new reading came.
-    """
+    """Point of trail and plots: simulated s, m, hPa; `pressure` is None without a new reading."""
 
     number: int
     stamp: float
@@ -76,7 +73,7 @@ class Sample(NamedTuple):
 
 
 class Glance(NamedTuple):
-    """What the slower parts of a page show; `noted` counts the log's lines ever written."""
+    """Snapshot for the slower panels of a page; `noted` counts all lines ever logged."""
 
     state: SafetyState | None
     nodes: tuple[ProcessRecord, ...]
@@ -86,7 +83,7 @@ class Glance(NamedTuple):
 
 
 class Board:
-    """All of it; `epoch` counts the simulation's boots seen, with each of which the past goes."""
+    """State of a page; `epoch` counts the simulation's boots seen, each of which clears samples."""
 
     def __init__(self, vehicle: str) -> None:
         self.vehicle = vehicle
@@ -105,7 +102,7 @@ class Board:
         self._asked: Position | None = None
 
     def hear_state(self, now: SafetyState) -> None:
-        """Take the automaton's state, and write down what it tells."""
+        """Take the automaton's state and log its events."""
         if now.state == "VERIFYING":
             self.verified += 1
         for kind, text in told(self.state, now):
@@ -119,22 +116,22 @@ class Board:
         self.state = now
 
     def ask(self, goal: Position) -> None:
-        """Take a waypoint that somebody published, whose verdict the state will tell."""
+        """Take a waypoint from the topic; a later state carries its verdict."""
         self._asked = goal
 
     def refuse(self, goal: Position) -> None:
-        """Take a goal that safety refused."""
+        """Mark a goal that safety refused."""
         if goal in self.refused:
             self.refused.remove(goal)
         self.refused.append(goal)
 
     def note(self, stamp: float, kind: str, text: str) -> None:
-        """Write a line into the log, at a simulated time (s)."""
+        """Log a line at a simulated time (s)."""
         self.noted += 1
         self.verdicts.appendleft(Verdict(stamp, kind, text))
 
     def tick(self, pose: Pose | None, reading: Pressure | None) -> None:
-        """Take the newest pose and reading of the last tenth of a second; None where none came."""
+        """Take the newest pose and reading of the last tenth of a second, None for none."""
         self.silence = 0.0 if pose is not None else self.silence + TICK
         if reading is not None:
             self.reading = reading
@@ -154,7 +151,7 @@ class Board:
         )  # fmt: skip
 
     def glance(self) -> Glance:
-        """A copy that stays as it is."""
+        """Return a copy, which does not change."""
         verdicts = tuple(self.verdicts)
         return Glance(self.state, tuple(self.nodes), dict(self.values), verdicts, self.noted)
 
@@ -167,19 +164,16 @@ STEPS = {
     "PageUp": (0, 0, 1),
     "PageDown": (0, 0, -1),
 }
-"""By the key's name in a browser: metres east, north and up."""
+"""Metres east, north and up, by the key's name in a browser."""
 
 
 def clicked(x: float, y: float, height: float) -> Position:
-    """The goal of a click on the floor: to 10 cm, which is finer than anybody points."""
+    """Return the goal of a click on the floor, rounded to 10 cm, finer than a user can point."""
     return Position(round(x, 1) + 0.0, round(y, 1) + 0.0, height)
 
 
 def stepped(board: Board, target: Position | None, key: str) -> Position | None:
-    """The target a step further: of the one there is, else of the vehicle's goal or place.
-
-    None where nothing is known of either.
-    """
+    """Return the target, else the vehicle's goal, else its place, moved a step; None if unknown."""
     if target is None and board.state is not None:
         target = board.state.goal
     if target is None and board.pose is not None:
@@ -201,13 +195,13 @@ WAYS = {
     ("HOVERING", "MOVING"): "went on",
     ("MOVING", "HOVERING"): "arrived, stopped, paused",
 }
-"""Every way that safety's table has between two states, and what it is taken for."""
+"""Label of each transition between two states in safety's table."""
 
 _W, _H, _GAP, _TOP = 92, 34, 36, 44
 
 
 def drawing() -> str:
-    """An SVG in which the page lights the present state by its class, as `state-MOVING`."""
+    """Return an SVG; the page lights the current state by its class, e.g. `state-MOVING`."""
     width = len(STATES) * _W + (len(STATES) - 1) * _GAP + 2
     parts = [_way(*pair, text) for pair, text in WAYS.items()] + [_box(name) for name in STATES]
     return (
@@ -232,7 +226,7 @@ def _box(state: str) -> str:
 
 
 def _way(start: str, end: str, text: str) -> str:
-    """Forwards above the middle, backwards below it; one that skips a state goes around it."""
+    """Draw an arrow: forwards above the middle, backwards below it, around a skipped state."""
     step = STATES.index(end) - STATES.index(start)
     if abs(step) == 1:
         y = _TOP + _H / 2 + (-6 if step > 0 else 6)
@@ -254,18 +248,13 @@ def _way(start: str, end: str, text: str) -> str:
     return f'<g class="way"><path d="{line}" marker-end="url(#tip)"/>{anchor}</g>'
 
 
-_SILENT = 1.0
-"""Seconds without a pose after which the page says so."""
+_SILENT = 1.0  # s without a pose after which the page reports silence
 
-NOTHING_SEEN = (-1, 0)
-"""What a page that is just opened has seen: no boot, no sample."""
+NOTHING_SEEN = (-1, 0)  # epoch and sample number before the first frame of a page
 
 
 def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[str, Any]:
-    """The picture for a page that has seen samples of an epoch up to a number.
-
-    `target` is where its user aims at.
-    """
+    """Return the frame after `seen` (epoch, sample number); its user aims at the `target`."""
     epoch, number = seen if seen[0] == board.epoch else (board.epoch, 0)
     new = [sample for sample in board.samples if sample.number > number]
     state, pose = board.state, board.pose
@@ -288,34 +277,32 @@ def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[
 
 
 def link(board: Board) -> str:
-    """How it stands with the run: `live`, `silent` (no poses come) or `lost`."""
+    """Return the state of the connection: `live`, `silent` (no poses) or `lost`."""
     if board.problem:
         return "lost"
     return "silent" if board.silence > _SILENT or board.pose is None else "live"
 
 
 def readouts(board: Board, target: Position | None) -> dict[str, str]:
-    """Every text on the page that changes with the vehicle."""
+    """Return every text on the page that changes with the vehicle."""
     state, pose, reading = board.state, board.pose, board.reading
-    said = {"link": _LINKS[link(board)], "problem": board.problem}
+    texts = {"link": _LINKS[link(board)], "problem": board.problem}
     if link(board) == "silent":
-        said["problem"] = "no pose comes: dynamics is down or frozen"
+        texts["problem"] = "no poses arrive: dynamics is down or frozen"
     if pose is not None:
         v = pose.velocity
-        said |= {axis: f"{getattr(pose.position, axis) + 0.0:.2f}" for axis in "xyz"}
-        said["speed"] = f"{math.hypot(v.x, v.y, v.z):.2f} m/s"
-        said["time"] = f"{pose.stamp:.1f} s"
-        said["height"] = f"{pose.position.z:.2f} m"
+        texts |= {axis: f"{getattr(pose.position, axis) + 0.0:.2f}" for axis in "xyz"}
+        texts["speed"] = f"{math.hypot(v.x, v.y, v.z):.2f} m/s"
+        texts["time"] = f"{pose.stamp:.1f} s"
+        texts["height"] = f"{pose.position.z:.2f} m"
     if state is not None:
-        said |= {"state": state.state, "reason": state.reason, "goal": point(state.goal)}
-        said["cage"] = bounds(state.cage)
+        texts |= {"state": state.state, "reason": state.reason, "goal": point(state.goal)}
+        texts["cage"] = bounds(state.cage)
     if reading is not None:
-        said["pressure"] = f"{reading.pressure:.5g} hPa" if reading.baseline else (
-            f"{reading.pressure:.4f} hPa"
-        )  # fmt: skip
-        said["baseline"] = f"{reading.baseline:.4f} hPa" if reading.baseline else "not calibrated"
-    said["target"] = f"{point(target)}: Enter sends" if target else ""
-    return said
+        texts["pressure"] = f"{reading.pressure:{'.5g' if reading.baseline else '.4f'}} hPa"
+        texts["baseline"] = f"{reading.baseline:.4f} hPa" if reading.baseline else "not calibrated"
+    texts["target"] = f"{point(target)}: Enter sends" if target else ""
+    return texts
 
 
 _LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}
@@ -330,11 +317,11 @@ def _xyz(at: Position) -> list[float]:
 
 
 def _fine(part: float) -> float:
-    """To a tenth of a millimetre: a hovering vehicle looks still, and is not drawn again."""
+    """Round to 0.1 mm: a hovering vehicle then looks still and is not redrawn."""
     return round(part, 4)
 
 
 def _turn(pose: Pose) -> list[float]:
-    """As three.js wants a quaternion: x, y, z, w."""
+    """Return the quaternion in the order of three.js: x, y, z, w."""
     q = pose.orientation
     return [_fine(q.x), _fine(q.y), _fine(q.z), _fine(q.w)]

@@ -27,7 +27,7 @@ from quadctl.services.runtime.errors import QuadctlError
 
 
 def top(page: PageContext) -> None:
-    """Make the bar, and the banner below it that shows while something is wrong."""
+    """Make the bar and, below it, the banner for problems."""
     with ui.element("header").classes("top"):
         ui.html("quadctl<b>console</b>", sanitize=False, tag="h1")
         if len(page.vehicles) > 1:
@@ -44,19 +44,18 @@ def top(page: PageContext) -> None:
 
 
 def _go_to(vehicle: str) -> None:
-    asked = dict(ui.context.client.request.query_params) | {"vehicle": vehicle}
-    ui.navigate.to(f"/?{urlencode(asked)}")
+    query = dict(ui.context.client.request.query_params) | {"vehicle": vehicle}
+    ui.navigate.to(f"/?{urlencode(query)}")
 
 
 _CSS = (Path(__file__).parent / "assets" / "console.css").read_text(encoding="utf-8")
-_GONE = 60.0
-"""Seconds without an answer after which a browser that holds its connection is given up."""
+_GONE = 60.0  # s without an answer after which a connected browser is given up
 
 Kind = Literal["positive", "negative", "warning"]
 
 
 class Page:
-    """What is shown to one browser; `control` says whether it may do anything."""
+    """Page of one browser; without `control` it can only watch."""
 
     def __init__(self, link: Link, vehicles: list[str], *, control: bool) -> None:
         self.link, self.vehicles, self.control = link, vehicles, control
@@ -82,7 +81,7 @@ class Page:
         self._panels = (flight, safety, journal, processes, faults, parameters)
 
     async def do(self, act: Act) -> bool:
-        """Carry something out, on a thread, and tell how it went; the only way to do anything."""
+        """Run an action on a thread and show its result; every action goes through here."""
         if not self.control:
             self._tell("this page only watches: the address with the token controls", "warning")
             return False
@@ -96,27 +95,27 @@ class Page:
         return True
 
     def _tell(self, text: str, kind: Kind, hint: str = "") -> None:
-        # What was clicked may be gone from the page meanwhile, and so may the page.
+        # By now the clicked element, or the whole page, may be gone.
         if not self._client.is_deleted:
             with self._client:
                 ui.notify(text, type=kind, caption=hint or None, timeout=6000)
 
     async def feed(self) -> None:
-        """Send pictures for as long as the browser is there.
+        """Send frames until the browser is gone.
 
-        The next is made when it has the last one, of what is newest then: a slow browser sees
-        fewer, and nothing waits for it.
+        The next frame is made from the newest data once the browser has the previous one: a slow
+        browser gets fewer frames and delays nothing else.
         """
         seen = model.NOTHING_SEEN
         while not self._client.is_deleted:
             began = time.monotonic()
-            picture = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
+            frame = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
             try:
-                got = await self._live.show(picture, timeout=_GONE)
+                got = await self._live.show(frame, timeout=_GONE)
             except TimeoutError:
                 return
-            if got == picture["seen"]:
-                seen = (picture["epoch"], picture["seen"])
+            if got == frame["seen"]:
+                seen = (frame["epoch"], frame["seen"])
             now = self.link.see(lambda board: board.glance())
             for panel in self._panels:
                 panel.refresh(now)

@@ -18,7 +18,7 @@ from quadctl.services.runtime.run_files import ProcessRecord
 
 
 class FaultsPanel:
-    """Each is a parameter, as for `quadctl fault`: a click puts it in, or takes it out."""
+    """Switches of the faults, the parameters of `quadctl fault`: a click injects or clears one."""
 
     def __init__(self, page: PageContext) -> None:
         self._page = page
@@ -33,7 +33,7 @@ class FaultsPanel:
                 self._buttons[fault.name] = made
 
     def refresh(self, now: Glance) -> None:
-        """Light those that are in."""
+        """Light the active faults."""
         there = frozenset(active(now.values))
         for name in there ^ self._shown:
             button = self._buttons[name].props(f"aria-pressed={str(name in there).lower()}")
@@ -46,11 +46,11 @@ class FaultsPanel:
         await self._page.do(lambda: self._page.acts.change(setting, value))
 
 
-_NONE = '<li class="none">Nothing asked yet.</li>'
+_NONE = '<li class="none">No requests yet.</li>'
 
 
 class VerdictsPanel:
-    """Written anew when a line has come."""
+    """Log of the verdicts, rewritten after a new line."""
 
     def __init__(self) -> None:
         self._noted = 0
@@ -58,14 +58,14 @@ class VerdictsPanel:
             self._list = ui.html(_NONE, sanitize=False, tag="ol").props("role=log")
 
     def refresh(self, now: Glance) -> None:
-        """Show what was written since."""
+        """Show the lines, if there are new ones."""
         if now.noted != self._noted:
             self._noted = now.noted
             self._list.content = "".join(map(line, now.verdicts))
 
 
 def line(verdict: Verdict) -> str:
-    """A line as HTML; reasons come from a user's own nodes too."""
+    """Return a line as HTML, escaped: reasons come from a user's own nodes too."""
     return (
         f'<li class="{escape(verdict.kind)}"><time>{verdict.stamp:.1f} s</time>'
         f"<b>{escape(verdict.kind)}</b><span>{escape(verdict.text)}</span></li>"
@@ -73,7 +73,7 @@ def line(verdict: Verdict) -> str:
 
 
 class ProcessesPanel:
-    """Written anew when one of them has changed."""
+    """Table of the processes, rewritten after a change."""
 
     def __init__(self, page: PageContext) -> None:
         self._page = page
@@ -84,7 +84,7 @@ class ProcessesPanel:
                 ui.html("They run on another machine.", sanitize=False, tag="p").classes("rows")
 
     def refresh(self, now: Glance) -> None:
-        """Show them as they are."""
+        """Show the processes, if one has changed."""
         if now.nodes == self._shown:
             return
         self._shown = now.nodes
@@ -94,24 +94,22 @@ class ProcessesPanel:
                 self._row(node)
 
     def _row(self, node: ProcessRecord) -> None:
+        page, restart = self._page, partial(self._page.acts.restart, node.name)
         with ui.element("div").classes(f"row-of {node.state}").props(f"data-node={node.name}"):
             ui.html(node.name, sanitize=True, tag="b")
             ui.html(node.state, sanitize=False, tag="span").classes("how")
             ui.html(f"pid {node.pid or '-'}", sanitize=False, tag="span").classes("pid")
             times = f"{node.restarts} restarts" if node.restarts else ""
             ui.html(times, sanitize=False, tag="span").classes("times")
-            again = ui.button("Restart", on_click=partial(self._restart, node.name), color=None)
-            again.props("no-caps flat dense").set_enabled(self._page.control)
-
-    async def _restart(self, name: str) -> None:
-        await self._page.do(lambda: self._page.acts.restart(name))
+            again = ui.button("Restart", on_click=lambda: page.do(restart), color=None)
+            again.props("no-caps flat dense").set_enabled(page.control)
 
 
 _FIELDS = Sample._fields[1:]
 
 
 def readings() -> None:
-    """Two plots, and the baseline."""
+    """Show two plots and the baseline."""
     with card("Readings", "readings"):
         Plot(_FIELDS.index("z"), "height", "height", least=1.0)
         baseline = _FIELDS.index("baseline")
@@ -122,7 +120,7 @@ def readings() -> None:
 
 
 class SafetyPanel:
-    """The first thing to look at beside the vehicle."""
+    """Automaton, reason, goal, cage and the buttons for safety."""
 
     def __init__(self, page: PageContext) -> None:
         self._page, self._busy = page, False
@@ -147,14 +145,14 @@ class SafetyPanel:
                     made.set_enabled(page.control)
 
     def refresh(self, now: Glance) -> None:
-        """Show the switch as the cage is."""
+        """Set the switch to the state of the cage."""
         if now.state is not None and not self._busy:
             self._cage.value = now.state.cage_on
 
     async def _toggle(self, event: ValueChangeEventArguments[Any]) -> None:
         on, state = bool(event.value), self._page.link.see(lambda board: board.state)
         if self._busy or state is None or on == state.cage_on:
-            return  # the switch has followed the cage, not a finger
+            return  # set by `refresh`, not by the user
         self._busy = True
         try:
             await self._page.do(lambda: self._page.acts.cage(on=on))
@@ -163,12 +161,12 @@ class SafetyPanel:
 
 
 _HEIGHT, _CEILING = 1.0, 5.0
-_KEYS = "Click the floor to go there, or arrow keys and <kbd>PgUp</kbd> <kbd>PgDn</kbd> to aim by a metre and <kbd>Enter</kbd> to send."
-_WATCHING = "Drag to turn the view, scroll to come nearer."
+_KEYS = "Click the floor to fly there, or aim in steps of 1 m with the arrow keys, <kbd>PgUp</kbd> and <kbd>PgDn</kbd>, and send with <kbd>Enter</kbd>."
+_WATCHING = "Drag to turn the view, scroll to zoom."
 
 
 class FlightPanel:
-    """The biggest part of the page."""
+    """3-D scene with the position, the aim and its height."""
 
     def __init__(self, page: PageContext) -> None:
         self._page = page
@@ -202,7 +200,7 @@ class FlightPanel:
         self._replace = ui.checkbox("change course in flight").props("dense")
 
     def refresh(self, now: Glance) -> None:
-        """Let the slider reach half as high again as the cage, for the refusal is worth seeing."""
+        """Let the slider reach 1.5 times the cage's height: a refusal is worth seeing."""
         if self._page.control and now.state is not None:
             most = math.ceil(now.state.cage.z * 1.5)
             if self._slider.props["max"] != most:

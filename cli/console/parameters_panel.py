@@ -16,14 +16,14 @@ _FIRST = "safety"
 
 
 class ParametersPanel:
-    """Only the table chosen is on the page; a value changes as soon as it is entered."""
+    """Parameters, one table at a time; a value is set as soon as it is entered."""
 
     def __init__(self, page: PageContext) -> None:
         self._page = page
         every = tables(page.link.see(lambda board: dict(board.values)))
         self._tables = {table.name: table for table in every}
         self._fields: dict[str, tuple[Setting, Field]] = {}
-        self._told: dict[str, Any] = {}
+        self._last: dict[str, Any] = {}  # value of each field as last shown
         self._busy: set[str] = set()
         with card("Parameters", "parameters"):
             choice = ui.tabs().props("no-caps dense align=left outside-arrows")
@@ -36,19 +36,19 @@ class ParametersPanel:
         self._show(_FIRST)
 
     def refresh(self, now: Glance) -> None:
-        """Show values that have changed, whoever has changed them."""
+        """Show values that have changed, from any client."""
         for name, (setting, field) in self._fields.items():
             value = now.values.get(name)
-            if name in now.values and name not in self._busy and self._told.get(name, ...) != value:
-                self._told[name] = value
+            if name in now.values and name not in self._busy and self._last.get(name, ...) != value:
+                self._last[name] = value
                 field.value = value if setting.way != "text" else shown(value)
 
     def _show(self, name: str) -> None:
         table = self._tables.get(name)
         if table is None:
-            return  # no tab of ours: whatever a browser sends
+            return  # not one of the tabs: a browser may send anything
         self._fields.clear()
-        self._told.clear()
+        self._last.clear()
         self._rows.clear()
         with self._rows:
             ui.html(table.about, sanitize=True, tag="p")
@@ -70,10 +70,8 @@ class ParametersPanel:
         if setting.way == "switch":
             return ui.switch().on_value_change(commit)
         if setting.way == "choice":
-            chosen = ui.select(list(setting.choices), value=None).props(
-                "dense outlined options-dense"
-            )
-            return chosen.on_value_change(commit)
+            chosen = ui.select(list(setting.choices), value=None)
+            return chosen.props("dense outlined options-dense").on_value_change(commit)
         field = ui.input().props("dense outlined")
         field.on("keydown.enter", commit)
         field.on("blur", commit)
@@ -83,17 +81,12 @@ class ParametersPanel:
         _, field = self._fields.get(setting.name, (None, None))
         if field is None or setting.name in self._busy:
             return
-        said, before = field.value, self._before(setting)
-        if said == before or (setting.way == "text" and not said):
-            return  # left as it was, or it has followed the parameter, not a finger
+        entered, before = field.value, self._last.get(setting.name)
+        if setting.way == "text" and setting.name in self._last:
+            before = shown(before)
+        if entered == before or (setting.way == "text" and not entered):
+            return  # unchanged, or set by `refresh` and not by the user
         self._busy.add(setting.name)
-        if not await self._page.do(lambda: self._page.acts.change(setting, said)):
+        if not await self._page.do(lambda: self._page.acts.change(setting, entered)):
             field.value = before
         self._busy.discard(setting.name)
-
-    def _before(self, setting: Setting) -> Any:
-        """What the field has shown, None where the value is not known."""
-        if setting.name not in self._told:
-            return None
-        told = self._told[setting.name]
-        return told if setting.way != "text" else shown(told)

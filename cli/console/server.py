@@ -24,7 +24,7 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 _HEADERS = (
-    # The browser itself holds it that nothing is loaded from, or sent to, anywhere else.
+    # The browser itself blocks any traffic of the page with other addresses.
     (
         b"content-security-policy",
         b"default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'none'",
@@ -35,21 +35,21 @@ _HEADERS = (
 
 
 def why_refused(host: str, origin: str, *, beyond: bool) -> str:
-    """Why a request with these headers is not served; empty where it is.
+    """Return the reason to refuse a request with these headers, empty to serve it.
 
-    A name that a stranger's DNS points here (rebinding) is no name of ours, and another site's
-    page has an origin that is not ours. `beyond`: other machines may ask.
+    DNS rebinding shows as a foreign host name, another site's page as a foreign origin. `beyond`:
+    other machines may send requests.
     """
     name = urlsplit(f"//{host}").hostname or ""
     if not _is_ours(name, beyond=beyond):
-        return f"{host or 'nobody'} is not the console's name: open it by 127.0.0.1"
+        return f"{host or 'no host'} is not the console's name: open it as 127.0.0.1"
     if origin and urlsplit(origin).netloc != host:
-        return f"pages of {origin} may not talk to the console"
+        return f"pages of {origin} may not use the console"
     return ""
 
 
 def may_control(token: str, given: str) -> bool:
-    """Whether the token given is the one; takes as long for a wrong one as for the right one."""
+    """Return whether the given token is right, in the same time for right and wrong ones."""
     return secrets.compare_digest(token.encode(), given.encode())
 
 
@@ -58,12 +58,12 @@ def _is_ours(name: str, *, beyond: bool) -> bool:
         address = ipaddress.ip_address(name)
     except ValueError:
         return name == "localhost" or (beyond and name == socket.gethostname().lower())
-    # An address cannot be rebound: whoever writes it means this machine.
+    # An address cannot be rebound by DNS.
     return beyond or address.is_loopback
 
 
 class Guard:
-    """Refuses them before anything else sees them; and tells browsers what the page may do."""
+    """ASGI layer in front of the app: refuses foreign requests and adds the security headers."""
 
     def __init__(self, app: App, *, beyond: bool) -> None:
         self._app, self._beyond = app, beyond
@@ -96,20 +96,20 @@ def _with_headers(send: Send) -> Send:
 
 
 class _Links:
-    """A link for each vehicle that somebody has looked at."""
+    """Link of each vehicle whose page was opened."""
 
     def __init__(self, options: Options, first: str) -> None:
         self._options, self._first = options, first
         self._links = {first: Link(options, first)}
 
     def vehicles(self) -> list[str]:
-        """What there is to choose from; without asking a bus, which may be slow."""
+        """Return the vehicles to choose from, without a query on a bus, which may be slow."""
         options = self._options
         there = [] if options.connect else context.vehicles_of(options.realm, "", options.timeout)
         return sorted({*there, *self._links})
 
     def of(self, vehicle: str) -> Link:
-        """The link of a vehicle; of the first, for one that there is not."""
+        """Return the link of a vehicle, the first vehicle's for an unknown name."""
         if vehicle not in self._links and vehicle in self.vehicles():
             self._links[vehicle] = Link(self._options, vehicle)
         return self._links.get(vehicle, self._links[self._first])
@@ -118,14 +118,14 @@ class _Links:
 def serve(
     options: Options, first: str, listening: socket.socket, token: str, *, beyond: bool
 ) -> None:
-    """Serve pages until the process ends; raises where the server does."""
+    """Serve pages until the process ends; raise if the server fails."""
     links = _Links(options, first)
 
     @ui.page("/")
     async def page(request: Request) -> None:
-        asked = request.query_params
-        control = may_control(token, asked.get("token", ""))
-        shown = Page(links.of(asked.get("vehicle", "")), links.vehicles(), control=control)
+        query = request.query_params
+        control = may_control(token, query.get("token", ""))
+        shown = Page(links.of(query.get("vehicle", "")), links.vehicles(), control=control)
         shown.build()
         await ui.context.client.connected()
         await shown.feed()
@@ -139,7 +139,7 @@ def serve(
         show_welcome_message=False,
         binding_refresh_interval=None,
         message_history_length=20,
-        gzip_middleware_factory=None,  # a page is of this machine, where packing takes longer
+        gzip_middleware_factory=None,  # on one machine packing takes longer than sending
     )
     config = uvicorn.Config(
         Guard(outer, beyond=beyond), log_level="error", access_log=False, server_header=False

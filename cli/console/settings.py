@@ -15,7 +15,7 @@ Way = Literal["switch", "choice", "text"]
 
 
 class Setting(Struct, frozen=True):
-    """One parameter: `way` says how it is edited, `choices` has what there is to choose from."""
+    """One parameter: `way` is its kind of field, `choices` the values to choose from."""
 
     name: str
     label: str
@@ -25,18 +25,18 @@ class Setting(Struct, frozen=True):
     about: str
     fixed: bool
 
-    def read(self, said: Any) -> Any:
-        """The value that a user has typed or chosen; raises Invalid for what is none."""
+    def read(self, entered: Any) -> Any:
+        """Return the value typed or chosen; raise Invalid if it is empty."""
         if self.way != "text":
-            return said
-        text = str(said).strip()
+            return entered
+        text = str(entered).strip()
         if not text:
-            raise Invalid(f"{self.name}: there is no value", self.facts)
+            raise Invalid(f"{self.name}: the value is empty", self.facts)
         return value_of(text)
 
 
 class Table(Struct, frozen=True):
-    """A table of the file."""
+    """Table of the parameter file."""
 
     name: str
     about: str
@@ -44,7 +44,7 @@ class Table(Struct, frozen=True):
 
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
-    """Every table of the file, and those that only a user's own node has."""
+    """Return every table of the file, then those that only a user's own nodes have."""
     leaves = catalogue.leaves()
     found: dict[str, list[Setting]] = {}
     abouts = {section.name: section.about for section in catalogue.sections()}
@@ -68,7 +68,7 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
 
 
 def shown(value: Any) -> str:
-    """A value as it is typed."""
+    """Return a value as a user types it."""
     return value if isinstance(value, str) and value else catalogue.word(value)
 
 
@@ -80,15 +80,8 @@ def _setting(leaf: Entry, table: str) -> Setting:
             way = "switch"
         case inspect.LiteralType():
             way, choices = "choice", tuple(str(value) for value in leaf.type.values)
-    return Setting(
-        leaf.name,
-        leaf.name.removeprefix(f"{table}."),
-        way,
-        choices,
-        " · ".join(_facts(leaf, way)),
-        leaf.about,
-        fixed_at_launch(leaf.name),
-    )
+    label, facts = leaf.name.removeprefix(f"{table}."), " · ".join(_facts(leaf, way))
+    return Setting(leaf.name, label, way, choices, facts, leaf.about, fixed_at_launch(leaf.name))
 
 
 def _facts(leaf: Entry, way: Way) -> Iterator[str]:

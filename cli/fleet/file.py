@@ -1,8 +1,8 @@
-"""The fleet file: vehicles by name, the hub of each, and formations.
+"""Fleet file: vehicles by name, the hub of each, and formations.
 
 [vehicles]
 uav0 = {}                                              # on this realm's hub, or --connect's
-red = { connect = "tls/lab2:7447", vehicle = "uav" }   # on its own, where its keys say uav
+red = { connect = "tls/lab2:7447", vehicle = "uav" }   # on its own hub, where its name is uav
 
 [formations.line]                                      # m, about the X Y Z of `fleet goto`
 uav0 = [-1.0, 0.0, 0.0]
@@ -26,13 +26,13 @@ from quadctl.services.runtime.security import endpoints
 DEFAULT = Path("fleet.toml")
 _EXAMPLE = 'a vehicle is written as uav0 = {} or uav0 = { connect = "tls/host:7447" }'
 _POINT = "a place is written as uav0 = [1.0, 2.0, 0.5], metres, none above 10000"
-_WRITTEN = "it has [vehicles] and below that a line `uav0 = {}` for each, as examples/fleet.toml"
+_WRITTEN = "write [vehicles] and below it a line `uav0 = {}` for each, as examples/fleet.toml does"
 
 T = TypeVar("T")
 
 
 class Member(Struct, frozen=True):
-    """A vehicle of a fleet: its hub's endpoint, empty for the realm's own, and its name there."""
+    """Vehicle of a fleet: its hub's endpoint, empty for the realm's own, and its name there."""
 
     name: str
     connect: str
@@ -40,14 +40,14 @@ class Member(Struct, frozen=True):
 
 
 class FleetFile(Struct, frozen=True):
-    """Who flies, and the places of each in every formation, m, by the file of that name."""
+    """Vehicles, and their places (m) in each formation, as read from the file `source`."""
 
     members: list[Member]
     formations: dict[str, dict[str, Position]]
     source: str = ""
 
 
-class _Said(Struct, frozen=True, forbid_unknown_fields=True):
+class _Entry(Struct, frozen=True, forbid_unknown_fields=True):
     connect: str = ""
     vehicle: str = ""
 
@@ -58,16 +58,16 @@ class _Tables(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read(file: Path, connect: str) -> FleetFile:
-    """A fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
+    """Read a fleet file; `connect` is the endpoint of those that name none. Raises Invalid."""
     return fleet_of(load.read(file, _WRITTEN), str(file), connect)
 
 
 def fleet_of(table: dict[str, Any], source: str, connect: str) -> FleetFile:
-    """The same, from its tables."""
+    """Return the fleet in the tables of a file; see `read`."""
     tables = _checked(table, _Tables, source, "the tables are [vehicles] and [formations.NAME]")
-    members = [_member(name, said, source, connect) for name, said in tables.vehicles.items()]
+    members = [_member(name, value, source, connect) for name, value in tables.vehicles.items()]
     if not members:
-        raise Invalid(f"{source}: no vehicle is in it", _EXAMPLE)
+        raise Invalid(f"{source}: it names no vehicle", _EXAMPLE)
     _check_distinct(members, source)
     names = [member.name for member in members]
     formations = {}
@@ -77,16 +77,16 @@ def fleet_of(table: dict[str, Any], source: str, connect: str) -> FleetFile:
                 hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
                 raise Invalid(f"{source}: formations.{title}: there is no vehicle {name}", hint)
         formations[title] = {
-            name: _place(said, f"{source}: formations.{title}.{name}")
-            for name, said in places.items()
+            name: _place(value, f"{source}: formations.{title}.{name}")
+            for name, value in places.items()
         }
         _check_apart(formations[title], f"{source}: formations.{title}")
     return FleetFile(members, formations, source)
 
 
-def _member(name: str, said: Any, source: str, connect: str) -> Member:
+def _member(name: str, value: Any, source: str, connect: str) -> Member:
     where = f"{source}: vehicles.{name}"
-    found = _checked(said, _Said, where, _EXAMPLE)
+    found = _checked(value, _Entry, where, _EXAMPLE)
     try:
         vehicle = vehicle_name(found.vehicle or name)
     except UsageError as problem:
@@ -106,16 +106,16 @@ def _check_distinct(members: list[Member], source: str) -> None:
         if other != member.name:
             raise Invalid(
                 f"{source}: vehicles.{member.name} is the same vehicle as {other}",
-                "give it another `connect`, or the name that it has there as `vehicle`",
+                "give it another `connect`, or set `vehicle` to its name on that hub",
             )
 
 
-def _place(said: Any, where: str) -> Position:
-    if not isinstance(said, list) or len(said) != 3:
-        raise Invalid(f"{where}: {catalogue.value(said)} is no place", _POINT)
+def _place(value: Any, where: str) -> Position:
+    if not isinstance(value, list) or len(value) != 3:
+        raise Invalid(f"{where}: {catalogue.value(value)} is no place", _POINT)
     x, y, z = (
         _checked(part, Metres, f"{where}: {axis} = {catalogue.value(part)}", _POINT)
-        for axis, part in zip("xyz", said, strict=True)
+        for axis, part in zip("xyz", value, strict=True)
     )
     return Position(x, y, z)
 
@@ -131,9 +131,9 @@ def _check_apart(places: dict[str, Position], where: str) -> None:
             )
 
 
-def _checked(said: Any, type_: type[T], where: str, hint: str) -> T:
+def _checked(value: Any, type_: type[T], where: str, hint: str) -> T:
     try:
-        return msgspec.convert(said, type_)
+        return msgspec.convert(value, type_)
     except msgspec.ValidationError as error:
         text = str(error)
         raise Invalid(f"{where}: {text[:1].lower()}{text[1:]}", hint) from error

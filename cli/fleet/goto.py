@@ -25,7 +25,7 @@ _HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet
 
 
 class FleetGoal(Struct, frozen=True):
-    """Goals of vehicles by name, or a formation and where it is to be, or a centre alone; m."""
+    """Goals of vehicles by name, or a formation and its centre, or a centre alone; m."""
 
     own: dict[str, Position] = {}
     formation: str = ""
@@ -33,57 +33,55 @@ class FleetGoal(Struct, frozen=True):
 
 
 def read(words: Sequence[str]) -> FleetGoal:
-    """`uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raises UsageError, or Invalid for what is no place."""
+    """Read `uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raise UsageError, or Invalid for no place."""
     if all("=" in word for word in words):
-        return FleetGoal(own=_own(words))
+        goals: dict[str, Position] = {}
+        for word in words:
+            name, _, text = word.partition("=")
+            if name in goals:
+                raise UsageError(f"{name} is given two goals", "name each vehicle once")
+            goals[name] = _point(text.split(","))
+        return FleetGoal(own=goals)
     if is_number(words[0]):
         return FleetGoal(at=_point(words))
     title, *rest = words
     return FleetGoal(formation=title, at=_point(rest)) if rest else FleetGoal(formation=title)
 
 
-def _own(words: Sequence[str]) -> dict[str, Position]:
-    goals: dict[str, Position] = {}
-    for word in words:
-        name, _, text = word.partition("=")
-        if name in goals:
-            raise UsageError(f"{name} is given two goals", "name each vehicle once")
-        goals[name] = _point(text.split(","))
-    return goals
-
-
 def _point(words: Sequence[str]) -> Position:
     if len(words) != 3 or not all(map(is_number, words)):
-        raise UsageError(f"'{' '.join(words)}' is no place: three numbers are", _HINT)
+        raise UsageError(f"'{' '.join(words)}' is no place: give three numbers", _HINT)
     x, y, z = map(float, words)
-    # What no vehicle takes need not be asked of any.
+    # Refuses a point that every vehicle would refuse.
     request_of(x, y, z, replace=False)
     return Position(x, y, z)
 
 
-Places = Mapping[str, Position]
-"""A point for each vehicle, m."""
+Places = Mapping[str, Position]  # a point (m) for each vehicle
 
 
-def named_goals(said: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None:
-    """The goals of vehicles by name, or of a formation.
-
-    None for a centre, which depends on where all are. Raises Invalid for a name that there is not.
-    """
+def named_goals(target: FleetGoal, fleet: FleetFile) -> dict[str, Position] | None:
+    """Return the goals by vehicle or formation, None for a centre; raise Invalid if unknown."""
     names = [member.name for member in fleet.members]
-    for name in said.own:
+    for name in target.own:
         if name not in names:
             hint = nearest(name, names) or f"the vehicles are {', '.join(names)}"
             raise Invalid(f"there is no vehicle {name}", hint)
-    if said.own or not said.formation:
-        return said.own or None
-    if said.formation not in fleet.formations:
-        raise _no_formation(said.formation, fleet)
-    return _moved(fleet.formations[said.formation], said.at)
+    if target.own or not target.formation:
+        return target.own or None
+    title = target.formation
+    if title not in fleet.formations:
+        source = fleet.source or "fleet.toml"
+        line = f"{fleet.members[0].name} = [1.0, 2.0, 0.5], metres"
+        hint = f"write in {source}: [formations.{title}], and below it, for each vehicle, {line}"
+        if fleet.formations:
+            hint = nearest(title, fleet.formations) or f"{source} has {', '.join(fleet.formations)}"
+        raise Invalid(f"there is no formation {title}", hint)
+    return _moved(fleet.formations[title], target.at)
 
 
 def about(places: Places, to: Position) -> dict[str, Position]:
-    """The places moved so that their centre is at a point, each as far from it as before."""
+    """Return the places moved to a new centre, each as far from it as before."""
     count = len(places)
     x, y, z = (fsum(getattr(p, axis) for p in places.values()) / count for axis in "xyz")
     offsets = {name: Position(p.x - x, p.y - y, p.z - z) for name, p in places.items()}
@@ -94,25 +92,13 @@ def _moved(places: Places, by: Position) -> dict[str, Position]:
     return {name: Position(by.x + p.x, by.y + p.y, by.z + p.z) for name, p in places.items()}
 
 
-def _no_formation(title: str, fleet: FleetFile) -> Invalid:
-    source = fleet.source or "fleet.toml"
-    table = f"write it in {source}: [formations.{title}], and below it, for each vehicle,"
-    known = nearest(title, fleet.formations)
-    if fleet.formations and not known:
-        known = f"{source} has {', '.join(fleet.formations)}"
-    return Invalid(
-        f"there is no formation {title}",
-        known or f"{table} {fleet.members[0].name} = [1.0, 2.0, 0.5], metres",
-    )
-
-
 _GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."
 _WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show --vehicle`"
 _BUSY = "`--replace` changes course; `quadctl fleet hold` stops all"
 
 
 class _Asked(Struct, frozen=True):
-    """A vehicle that has answered: its verdict, and its flight as heard from before that on."""
+    """Vehicle that has answered: its verdict, and its flight, observed from before the verdict."""
 
     client: Client
     flight: Flight
@@ -121,36 +107,36 @@ class _Asked(Struct, frozen=True):
 
 def goto(
     options: Options,
-    goal: Annotated[list[str], Arg("Where to, m.", _GOAL)],
-    no_wait: Annotated[bool, Option("Return with the verdicts.")] = False,
-    replace: Annotated[bool, Option("Change course while flying to other goals.")] = False,
+    goal: Annotated[list[str], Arg("Goal, m.", _GOAL)],
+    no_wait: Annotated[bool, Option("Return after the verdicts.")] = False,
+    replace: Annotated[bool, Option("Change course of vehicles in flight.")] = False,
     arrive: Annotated[
-        float | None, Option("Seconds to arrive in (default: twice the planned time and 5).")
+        float | None, Option("Seconds to arrive in (default: twice the planned time plus 5).")
     ] = None,
     file: File = None,
 ) -> None:
-    """Fly all vehicles to their goals, if each one's safety permits, and wait for the arrivals.
+    """Fly all vehicles to their goals, if safety permits each goal, and wait for the arrivals.
 
-    X Y Z is the centre of where all are to be: they keep their formation, and with somebody away
-    nobody is sent. A formation of the fleet's file is flown about X Y Z, or the origin, and
-    VEHICLE=X,Y,Z sends those that are named: then who is away delays none of the others. Nobody
-    keeps the vehicles out of one another's way.
+    X Y Z is the new centre of all: they keep their formation, and if one is away none is sent. A
+    formation of the fleet's file is flown about X Y Z, or the origin, and VEHICLE=X,Y,Z sends the
+    vehicles named; then a vehicle that is away delays none of the others. Nothing prevents
+    collisions between the vehicles.
 
     Example: quadctl fleet goto 0 0 2
     """
     check_arrive(arrive)
-    said = read(goal)
+    target = read(goal)
     with Hubs(options) as hubs:
         fleet = fleet_of(options, file, hubs)
         requests = {
-            name: _request(name, place, said, replace=replace)
-            for name, place in _goals(said, fleet, hubs).items()
+            name: _request(name, place, target, replace=replace)
+            for name, place in _goals(target, fleet, hubs).items()
         }
-        if said.formation and not options.json:
-            _tell_who_stays(said.formation, fleet, requests)
+        if target.formation and not options.json:
+            _note_absent(target.formation, fleet, requests)
         members = [member for member in fleet.members if member.name in requests]
         accepted: list[str] = []
-        with _told_of(accepted):
+        with _note_interrupt(accepted):
             asked, problems = _ask(hubs, members, requests, accepted, options)
             flying = [m for m in members if (one := asked.get(m.name)) and one.reply.accepted]
             if flying and not no_wait:
@@ -162,29 +148,29 @@ def goto(
     fail({m.name: problems[m.name] for m in members if m.name in problems})
 
 
-def _goals(said: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Position]:
-    goals = named_goals(said, fleet)
+def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Position]:
+    goals = named_goals(target, fleet)
     if goals is not None:
         return goals
-    # Not where they are: who has arrived within the range would be left behind a little each time.
-    heard = hubs.ask(
+    # Goals, not positions: arriving within the range, a vehicle would fall behind each time.
+    states = hubs.ask(
         fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True, all_or_none=True
     )
-    if heard.problems:
-        # Without one of them nobody knows where the others belong.
-        raise nobody_sent(heard.problems, [member.name for member in fleet.members])
-    return about(heard.answers, said.at)
+    if states.problems:
+        # The centre depends on every vehicle.
+        raise nobody_sent(states.problems, [member.name for member in fleet.members])
+    return about(states.answers, target.at)
 
 
-def _request(name: str, place: Position, said: FleetGoal, *, replace: bool) -> GotoRequest:
+def _request(name: str, place: Position, target: FleetGoal, *, replace: bool) -> GotoRequest:
     try:
         return request_of(place.x, place.y, place.z, replace=replace)
     except Invalid as problem:
-        about_ = f"{said.at.x:g} {said.at.y:g} {said.at.z:g}"
+        about_ = f"{target.at.x:g} {target.at.y:g} {target.at.z:g}"
         raise Invalid(f"about {about_}, {name}'s {problem.message}", problem.hint) from problem
 
 
-def _tell_who_stays(title: str, fleet: FleetFile, sent: Mapping[str, Any]) -> None:
+def _note_absent(title: str, fleet: FleetFile, sent: Mapping[str, Any]) -> None:
     stay = [member.name for member in fleet.members if member.name not in sent]
     if stay:
         have, they = ("has", "it stays") if len(stay) == 1 else ("have", "they stay")
@@ -192,8 +178,8 @@ def _tell_who_stays(title: str, fleet: FleetFile, sent: Mapping[str, Any]) -> No
 
 
 @contextmanager
-def _told_of(accepted: Collection[str]) -> Iterator[None]:
-    """Where Ctrl-C ends the wait, say that those fly on that have accepted a goal by then."""
+def _note_interrupt(accepted: Collection[str]) -> Iterator[None]:
+    """On Ctrl-C, note that the vehicles with an accepted goal fly on."""
     try:
         yield
     except KeyboardInterrupt:
@@ -209,7 +195,7 @@ def _ask(
     accepted: list[str],
     options: Options,
 ) -> tuple[dict[str, _Asked], dict[str, QuadctlError]]:
-    """Bring all their goals; `accepted` names who takes one, while others are still awaited."""
+    """Send all goals; add each vehicle that accepts to `accepted` at once."""
 
     def ask(member: Member, client: Client) -> _Asked:
         request = requests[member.name]
@@ -220,16 +206,16 @@ def _ask(
             accepted.append(member.name)
         return _Asked(client, flight, reply)
 
-    heard = hubs.ask(members, ask, bounded=True)
-    problems = dict(heard.problems)
-    for name, asked in heard.answers.items():
-        said = "accepted" if asked.reply.accepted else f"rejected: {asked.reply.reason}"
+    results = hubs.ask(members, ask, bounded=True)
+    problems = dict(results.problems)
+    for name, asked in results.answers.items():
+        verdict = "accepted" if asked.reply.accepted else f"rejected: {asked.reply.reason}"
         if not options.json:
-            output.line(f"{name}: {said}")
+            output.line(f"{name}: {verdict}")
         if not asked.reply.accepted:
             hint = _BUSY if asked.reply.reason.startswith("busy") else _WHY
             problems[name] = Refused(asked.reply.reason, hint)
-    return heard.answers, problems
+    return results.answers, problems
 
 
 def _watch(
@@ -240,7 +226,7 @@ def _watch(
     *,
     quiet: bool,
 ) -> dict[str, QuadctlError]:
-    """Show the flights until all have ended; returns what kept whom from its goal."""
+    """Show the flights until all have ended; return the problem of each that missed its goal."""
     with FleetProgress("flying", [member.name for member in members], quiet=quiet) as board:
 
         def watch(member: Member, _client: Client) -> None:
@@ -263,5 +249,5 @@ def _watch(
 def _row(
     member: Member, options: Options, asked: _Asked | None, problem: QuadctlError | None
 ) -> Any:
-    said = report(asked.flight, asked.reply) if asked else report(None, GotoResponse(False, ""))
-    return row(member, options, problem, **said)
+    outcome = report(asked.flight, asked.reply) if asked else report(None, GotoResponse(False, ""))
+    return row(member, options, problem, **outcome)

@@ -1,4 +1,4 @@
-"""Connections to several hubs, the members of the fleet, and one verdict for all of them."""
+"""Connections to several hubs, the members of the fleet, and one exit code for all of them."""
 
 import os
 import re
@@ -24,14 +24,12 @@ from quadctl.services.runtime.realm import Realm
 
 T = TypeVar("T")
 
-_SLACK = 0.15
-"""Seconds beyond the timeout in which who is late may still say why."""
-_FAREWELL = 0.1
-"""Seconds for taking leave of the hubs; one that is away is not waited for."""
+_SLACK = 0.15  # s beyond the timeout for a late vehicle to report its own error
+_FAREWELL = 0.1  # s to close the connections; a hub that is away is not waited for
 
 
 class Hubs:
-    """One connection a hub, made by whoever first needs it."""
+    """One connection per hub, made at its first use."""
 
     def __init__(self, options: Options) -> None:
         self._options, self._lock = options, threading.Lock()
@@ -49,7 +47,7 @@ class Hubs:
         ask_each(made, lambda connect: made[connect].__exit__(), within=_FAREWELL)
 
     def client(self, connect: str, vehicle: str, timeout: float) -> Client:
-        """A vehicle's client, with what is left of the timeout (s); raises as bus.connect."""
+        """Return a vehicle's client with the rest of the timeout (s); raise as context.connect."""
         ends = time.monotonic() + timeout
         with self._lock:
             is_first = connect not in self._found
@@ -68,7 +66,7 @@ class Hubs:
         except TimeoutError as error:
             raise TimedOut(
                 f"{connect or 'the hub'} did not answer within {timeout:g} s",
-                "is its machine there, is its process frozen, does the network let you through?",
+                "check that its machine is up, its process not frozen, and the network not blocked",
             ) from error
         return shared.beside(vehicle, max(round(ends - time.monotonic(), 2), 0.01))
 
@@ -80,10 +78,10 @@ class Hubs:
         bounded: bool,
         all_or_none: bool = False,
     ) -> Answers[T]:
-        """Call `do` for all members at once, each on a thread of its own; by name what came of it.
+        """Call `do` for all members at once, each on its own thread; return the results by name.
 
-        A client's timeout is what is left of --timeout. Where `bounded`, who has not answered
-        then is not waited for; with `all_or_none`, nobody is once one has failed.
+        A client's timeout is the rest of --timeout. If `bounded`, nothing is awaited for longer;
+        with `all_or_none`, nothing is awaited after the first failure.
         """
         by_name = {member.name: member for member in members}
         timeout = self._options.timeout
@@ -97,17 +95,18 @@ class Hubs:
 
 
 File = Annotated[
-    Path | None, Option("The fleet's file (default: ./fleet.toml if it is there).", ("--fleet",))
+    Path | None, Option("The fleet's file (default: ./fleet.toml if it exists).", ("--fleet",))
 ]
-"""The option that every command of the fleet has."""
 
 
 def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> FleetFile:
-    """The fleet of a file; where there is none, all vehicles of the hub.
-
-    Raises Invalid for what is wrong with the file, Unreachable where nobody is there.
-    """
-    _check_for_all(options)
+    """Return the fleet of a file, else all vehicles of the hub; raise Invalid or Unreachable."""
+    # QUADCTL_VEHICLE, set for a whole shell, must not limit a fleet command to one vehicle.
+    if options.named and options.named != os.environ.get("QUADCTL_VEHICLE"):
+        raise UsageError(
+            f"--vehicle {options.named}: a fleet command is for the whole fleet",
+            "leave out `fleet` for one vehicle, or name several in a file for --fleet",
+        )
     if file is None and not fleet_file.DEFAULT.exists():
         return FleetFile(_on_the_hub(options, hubs), {})
     fleet = fleet_file.read(file or fleet_file.DEFAULT, options.connect)
@@ -120,7 +119,7 @@ def fleet_of(options: Options, file: Path | None, hubs: Hubs) -> FleetFile:
 
 
 def left_out(options: Options, fleet: FleetFile) -> list[str]:
-    """The vehicles of the realm's run, if it has one, that are not in the fleet."""
+    """Return the vehicles of the realm's run, if there is one, that are not in the fleet."""
     if options.connect:
         return []
     ours = ("", Realm(options.realm).endpoint)
@@ -131,7 +130,7 @@ def left_out(options: Options, fleet: FleetFile) -> list[str]:
 def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:
     names = set(context.vehicles_of(options.realm, options.connect, options.timeout))
     if not options.connect:
-        # The run's record names those too whose processes are away, but nobody that came besides.
+        # The run's record has vehicles with dead processes, but none that joined from elsewhere.
         any_ = next(iter(names), realm.DEFAULT)
         names |= set(hubs.client("", any_, options.timeout).vehicles())
     if not names:
@@ -140,25 +139,16 @@ def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:
 
 
 def _in_order(name: str) -> list[tuple[int, str]]:
-    """`uav10` after `uav9`."""
+    """Return a sort key that puts `uav10` after `uav9`."""
     return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", name)]
 
 
-def _check_for_all(options: Options) -> None:
-    # Set for a whole shell, it is no reason to stop one vehicle alone.
-    if options.named and options.named != os.environ.get("QUADCTL_VEHICLE"):
-        raise UsageError(
-            f"--vehicle {options.named}: a command of the fleet is for all of it",
-            "leave `fleet` out for one vehicle, or name those you mean in a file for --fleet",
-        )
-
-
 _WORST_LAST = (5, 6, 7, 4, 3, 1)
-"""Exit codes: a vehicle that refuses is known to be well, one that does not answer is not."""
+"""Exit codes by gravity: a vehicle that refuses is known to work, a silent one is not."""
 
 
 def fail(problems: Mapping[str, QuadctlError]) -> None:
-    """Raise the worst vehicle's problem, where there is one, and the others' with it."""
+    """Raise the worst vehicle's problem, if any, with the others' attached."""
     if not problems:
         return
     *others, worst = sorted(problems.items(), key=lambda item: _gravity(item[1]))
@@ -169,18 +159,18 @@ def fail(problems: Mapping[str, QuadctlError]) -> None:
 
 
 def nobody_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> QuadctlError:
-    """Why a centre was no goal for any of the vehicles: of some, these, nobody knows the place."""
+    """Return the error for a centre if the places of some vehicles are unknown."""
     worst = max(problems.values(), key=_gravity)
-    said = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
+    reasons = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
     there = next((name for name in names if name not in problems), "")
     return type(worst)(
-        f"nobody was sent: the formation's centre needs all of them; {said}",
-        f"name those you mean: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
+        f"no vehicle was sent: the formation's centre needs all; {reasons}",
+        f"name the vehicles to send: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
     )
 
 
 def row(member: Member, options: Options, problem: QuadctlError | None, **more: Any) -> Any:
-    """A vehicle's part of the document."""
+    """Return a vehicle's part of the JSON document."""
     error = None
     if problem is not None:
         error = {"code": problem.code, "message": problem.message, "hint": problem.hint}
@@ -193,7 +183,7 @@ def tell(
     texts: Mapping[str, str],
     problems: Mapping[str, QuadctlError],
 ) -> None:
-    """Print the rows where --json asks for them, a line for each vehicle otherwise; raise as `fail`."""
+    """Print the rows with --json, else a line for each vehicle; raise as `fail`."""
     if options.json:
         output.document(rows)
     else:
@@ -203,7 +193,7 @@ def tell(
 
 
 def hub_of(member: Member, options: Options) -> str:
-    """Its hub's endpoint, or the realm."""
+    """Return the endpoint of a member's hub, or the realm."""
     return member.connect or f"realm {options.realm}"
 
 

@@ -20,46 +20,44 @@ from quadctl.services.runtime.errors import Refused
 def hold(options: Options, file: File = None) -> None:
     """Stop all vehicles at once, each hovering at its stopping point.
 
-    A hub that is away delays none of the others. 0 only where all have stopped, else the code of
-    the worst: nobody answers (3) before a timeout (4) before a refusal (5).
+    A hub that is away delays none of the others. Exit 0 if all have stopped, else the worst code:
+    no answer (3) before a timeout (4) before a refusal (5).
 
     Example: quadctl fleet hold --fleet fleet.toml
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()), bounded=True)
+        found = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()), bounded=True)
     rows = [
-        row(m, options, heard.problems.get(m.name), stopped=m.name in heard.answers)
+        row(m, options, found.problems.get(m.name), stopped=m.name in found.answers)
         for m in members
     ]
-    stopped = dict.fromkeys(heard.answers, "stopping: hovering at the stopping point")
-    tell(options, rows, stopped, heard.problems)
+    stopped = dict.fromkeys(found.answers, "stopping: hovering at the stopping point")
+    tell(options, rows, stopped, found.problems)
 
 
-_STOPPING = 5.0
-"""Seconds to come to rest in; in gusts it never does, and lands from where it is."""
-_SLOW = 0.05
-"""A vehicle slower than this (m/s) may be sent elsewhere."""
+_STOPPING = 5.0  # s to come to rest; in gusts a vehicle never does, and lands from where it is
+_SLOW = 0.05  # m/s: a slower vehicle may get a new goal
 _IDLE = 3.0
-"""Simulated s for which one stands, its motors idle by now, that safety does not hold for arrived:
-it was blown farther off its goal than the acceptance range."""
+"""Simulated s on the ground after which a vehicle has landed although safety does not report its
+arrival: wind blew it farther off its goal than the acceptance range. Its motors idle by then."""
 _DOWN, _STILL, _AT_REST = 0.05, 0.01, 0.2
-"""Lower than this (m) and slower than this (m/s) for so long (simulated s), it stands: in gusts a
-hovering vehicle is never as still."""
+"""Height (m), speed (m/s) and simulated s: a vehicle below both for that long is on the ground. In
+gusts a hovering vehicle is never that still."""
 
 
 def land_all(
     options: Options,
     arrive: Annotated[
-        float | None, Option("Seconds to land in (default: twice the planned time and 5).")
+        float | None, Option("Seconds to land in (default: twice the planned time plus 5).")
     ] = None,
     file: File = None,
 ) -> None:
-    """Stop all vehicles and land each straight below; one outside its cage, at the cage's edge.
+    """Stop all vehicles and land each straight down; one outside its cage, at the cage's edge.
 
-    A hub that is away delays none of the others. 0 only where all have landed, else the code of the
-    worst: nobody answers (3) before a timeout (4) before a refusal (5). Nobody keeps the vehicles
-    out of one another's way.
+    A hub that is away delays none of the others. Exit 0 if all have landed, else the worst code:
+    no answer (3) before a timeout (4) before a refusal (5). Nothing prevents collisions between
+    the vehicles.
 
     Example: quadctl fleet land-all
     """
@@ -72,23 +70,23 @@ def land_all(
 
             def land(member: Member, client: Client) -> Position:
                 left, client.timeout = client.timeout, options.timeout
-                return _Landing(client, board, member.name).run(left, arrive)
+                return _land(client, board, member.name, left, arrive)
 
             try:
-                heard = hubs.ask(members, land, bounded=False)
+                found = hubs.ask(members, land, bounded=False)
             except KeyboardInterrupt:
                 output.note("stopped waiting: the landings go on; `quadctl fleet hold` stops them")
                 raise
     rows = []
     for m in members:
-        at, problem = heard.answers.get(m.name), heard.problems.get(m.name)
+        at, problem = found.answers.get(m.name), found.problems.get(m.name)
         rows.append(row(m, options, problem, landed=at is not None, position=at))
-    landed = {name: f"landed at {at.x:.2f} {at.y:.2f}" for name, at in heard.answers.items()}
-    tell(options, rows, landed, heard.problems)
+    landed = {name: f"landed at {at.x:.2f} {at.y:.2f}" for name, at in found.answers.items()}
+    tell(options, rows, landed, found.problems)
 
 
 class _Descent(Flight):
-    """A flight to the ground: over when the vehicle stands there, however far off the goal."""
+    """Flight to the ground: over when the vehicle rests there, however far off the goal."""
 
     pose: Pose | None = None
     _still_since, _reached = 0.0, False
@@ -105,43 +103,40 @@ class _Descent(Flight):
         self.arrived = self.pose is not None and self.pose.stamp - self._still_since > long
 
 
-class _Landing:
-    """One vehicle's way down, through the services that any other command calls."""
+def _land(
+    client: Client, board: FleetProgress, name: str, left: float, arrive: float | None
+) -> Position:
+    """Stop within `left` s, and land; return the position on the ground, or raise the obstacle."""
+    client.call(HOLD, HoldRequest(), left)
+    at = _at_rest(client)
+    goal = ground_below(at, client.latest(STATE))
+    flight = _Descent(client, goal)
+    reply = client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z, replace=True))
+    if not reply.accepted:
+        raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
+    whole = max(distance(at, goal), 1e-6)
+    limit = arrive or patience(client, whole) + _IDLE
+    flight.watch(limit, lambda to_go: board.fly(name, to_go, whole))
+    if client.latest(STATE).state == "MOVING":
+        # Without a hold it would stay busy for ever.
+        client.call(HOLD, HoldRequest())
+    board.fly(name, 0.0, whole)
+    return flight.pose.position if flight.pose else goal
 
-    def __init__(self, client: Client, board: FleetProgress, name: str) -> None:
-        self._client, self._board, self._name = client, board, name
 
-    def run(self, left: float, arrive: float | None) -> Position:
-        """Stop within `left` s, and land; returns where it stands. Raises what kept it from that."""
-        self._client.call(HOLD, HoldRequest(), left)
-        at = self._at_rest()
-        goal = ground_below(at, self._client.latest(STATE))
-        flight = _Descent(self._client, goal)
-        reply = self._client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z, replace=True))
-        if not reply.accepted:
-            raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
-        whole = max(distance(at, goal), 1e-6)
-        limit = arrive or patience(self._client, whole) + _IDLE
-        flight.watch(limit, lambda to_go: self._board.fly(self._name, to_go, whole))
-        if self._client.latest(STATE).state == "MOVING":
-            # It would be busy for ever.
-            self._client.call(HOLD, HoldRequest())
-        self._board.fly(self._name, 0.0, whole)
-        return flight.pose.position if flight.pose else goal
-
-    def _at_rest(self) -> Position:
-        poses = self._client.subscribe(POSE)
-        ends = time.monotonic() + _STOPPING
-        while True:
-            pose = poses.next(self._client.timeout)
-            if pose is None:
-                raise self._client.silent(POSE.key(self._client.vehicle), poses.unread)
-            if _speed(pose) < _SLOW or time.monotonic() > ends:
-                return pose.position
+def _at_rest(client: Client) -> Position:
+    poses = client.subscribe(POSE)
+    ends = time.monotonic() + _STOPPING
+    while True:
+        pose = poses.next(client.timeout)
+        if pose is None:
+            raise client.silent(POSE.key(client.vehicle), poses.unread)
+        if _speed(pose) < _SLOW or time.monotonic() > ends:
+            return pose.position
 
 
 def ground_below(place: Position, state: SafetyState) -> Position:
-    """The point of the ground straight below; of a vehicle outside its cage the nearest inside."""
+    """Return the ground point straight below; outside the cage, the nearest one inside."""
     if not state.cage_on:
         return Position(place.x, place.y, 0.0)
     x, y = state.cage.x, state.cage.y

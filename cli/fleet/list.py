@@ -1,4 +1,4 @@
-"""`fleet list`: the place and state of every vehicle."""
+"""`fleet list`: the position and state of every vehicle."""
 
 import time
 
@@ -16,8 +16,8 @@ from quadctl.services.runtime.bus.streams import Message, RawSubscriber
 from quadctl.services.runtime.errors import QuadctlError
 
 
-class _Heard(Struct, frozen=True):
-    """What a vehicle's thread has heard of it; poses go on coming."""
+class _Subscribed(Struct, frozen=True):
+    """State of a vehicle, and the subscription to its poses, which goes on."""
 
     state: SafetyState
     poses: RawSubscriber
@@ -25,8 +25,8 @@ class _Heard(Struct, frozen=True):
     problem: QuadctlError | None
 
 
-class _Seen(Struct, frozen=True):
-    """A vehicle as it was seen, its pose of so many seconds ago."""
+class _View(Struct, frozen=True):
+    """State of a vehicle, and its latest pose, `age` s old."""
 
     state: SafetyState
     pose: Pose | None = None
@@ -37,17 +37,17 @@ class _Seen(Struct, frozen=True):
 def list_(options: Options, file: File = None) -> None:
     """Show each vehicle: its hub, its state, goal and position (m), the cage, the pose's age (s).
 
-    The age is told by the sender's clock, which on another machine may go otherwise.
+    The age uses the sender's clock, which may differ on another machine.
 
     Example: quadctl fleet list --json
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        heard = hubs.ask(members, _hear, bounded=True)
-        # Of now, however long somebody else was waited for.
-        seen = {name: _see(answer) for name, answer in heard.answers.items()}
+        results = hubs.ask(members, _subscribe, bounded=True)
+        # Read the poses now, after the wait for the slowest vehicle.
+        seen = {name: _view(answer) for name, answer in results.answers.items()}
     partly = {name: one.problem for name, one in seen.items() if one.problem}
-    problems = heard.problems | partly
+    problems = results.problems | partly
     if options.json:
         output.document([_row(m, options, seen.get(m.name), problems.get(m.name)) for m in members])
     else:
@@ -61,29 +61,29 @@ def list_(options: Options, file: File = None) -> None:
     fail(problems)
 
 
-def _hear(_member: Member, client: Client) -> _Heard:
+def _subscribe(_member: Member, client: Client) -> _Subscribed:
     ends = time.monotonic() + client.timeout
     key = POSE.key(client.vehicle)
     poses = client.listen(key, backlog=1)
     state = client.latest(STATE)
     first = poses.next(ends - time.monotonic())
-    return _Heard(state, poses, first, None if first else client.silent(key))
+    return _Subscribed(state, poses, first, None if first else client.silent(key))
 
 
-def _see(heard: _Heard) -> _Seen:
-    message = heard.poses.next(0) or heard.first
+def _view(subscribed: _Subscribed) -> _View:
+    message = subscribed.poses.next(0) or subscribed.first
     if message is None:
-        return _Seen(heard.state, problem=heard.problem)
+        return _View(subscribed.state, problem=subscribed.problem)
     try:
         pose = codec.decode(Pose, message.payload, message.encoding)
     except QuadctlError as problem:
-        return _Seen(heard.state, problem=problem)
+        return _View(subscribed.state, problem=problem)
     age = time.monotonic() - message.received + (message.age or 0.0)
-    return _Seen(heard.state, pose, age)
+    return _View(subscribed.state, pose, age)
 
 
-def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError | None) -> object:
-    state, pose = (seen.state, seen.pose) if seen else (None, None)
+def _row(m: Member, options: Options, view: _View | None, problem: QuadctlError | None) -> object:
+    state, pose = (view.state, view.pose) if view else (None, None)
     return row(
         m,
         options,
@@ -92,18 +92,18 @@ def _row(m: Member, options: Options, seen: _Seen | None, problem: QuadctlError 
         goal=state.goal if state else None,
         position=pose.position if pose else None,
         cage_on=state.cage_on if state else None,
-        age=seen.age if seen and pose else None,
+        age=view.age if view and pose else None,
     )
 
 
-def _cells(seen: _Seen | None, problem: QuadctlError | None) -> tuple[str, ...]:
-    said = f"{problem.code}: {problem.message}" if problem else ""
-    if seen is None:
-        return ("-", "-", "-", "-", "-", said)
-    age = f"{seen.age:.2f}" if seen.pose else "-"
-    at = _point(seen.pose.position) if seen.pose else "-"
-    cage = "on" if seen.state.cage_on else "off"
-    return (seen.state.state, _point(seen.state.goal), at, cage, age, said)
+def _cells(view: _View | None, problem: QuadctlError | None) -> tuple[str, ...]:
+    trouble = f"{problem.code}: {problem.message}" if problem else ""
+    if view is None:
+        return ("-", "-", "-", "-", "-", trouble)
+    age = f"{view.age:.2f}" if view.pose else "-"
+    at = _point(view.pose.position) if view.pose else "-"
+    cage = "on" if view.state.cage_on else "off"
+    return (view.state.state, _point(view.state.goal), at, cage, age, trouble)
 
 
 def _point(place: Position) -> str:

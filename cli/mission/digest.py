@@ -1,7 +1,7 @@
-"""The record of a flight and its digests, equal for equal flights. Pure.
+"""Record of a flight and its digests, equal for equal flights. Pure.
 
-Excluded is all that differs from run to run or from version to version: the boot's name, the count
-of requests before it, and the wording of reasons.
+Left out is what differs between runs or versions: the boot's name, the count of requests before
+it, and the wording of reasons.
 """
 
 import hashlib
@@ -16,15 +16,16 @@ from quadctl.services.runtime.errors import QuadctlError
 
 _POSE = struct.Struct("<Q14d")
 _PRESSURE = struct.Struct("<3dQd")
+_BUSY = "other programs keep this machine too busy; close some and fly again"
 
 
 class Record:
     """Every pose, every transition of safety and every reading of one boot, up to a time."""
 
     def __init__(self, boot: str, end: float, pressure_rate: float) -> None:
-        """Of the boot of that name until `end` (s), with so many readings per second."""
+        """Record the named boot until `end` (s), with `pressure_rate` readings per second."""
         self.stamp = -1.0
-        """Simulated time, s, that the flight has come to; before its first pose -1."""
+        """Simulated time (s) of the latest pose; -1 before the first."""
         self._boot, self._end, self._rate = boot, end, pressure_rate
         self._poses: list[bytes] = []
         self._states: list[SafetyState] = []
@@ -32,29 +33,25 @@ class Record:
         self._due: list[float] = []
 
     def add(self, message: Pose | SafetyState | Pressure) -> None:
-        """Take a message where it belongs to the flight.
-
-        Raises QuadctlError where a pose was lost, or another boot has begun.
-        """
+        """Take a message of the flight; raise QuadctlError if a pose was lost or a boot began."""
         if isinstance(message, Pressure):
-            self._read(message)
+            self._add_reading(message)
         elif isinstance(message, SafetyState):
-            self._tell(message)
+            self._add_state(message)
         else:
-            self._fly(message)
+            self._add_pose(message)
 
     def check(self) -> None:
-        """Raise QuadctlError where the record is not whole."""
+        """Raise QuadctlError if the record is incomplete."""
         read = [reading.stamp for reading in self._readings]
         if self.stamp < self._end or read != self._due:
             raise QuadctlError(
-                f"of {len(self._due)} readings of the barometer {len(read)} came: the record is"
-                " not whole",
-                "too much else runs on this machine; fly again",
+                f"{len(read)} of {len(self._due)} barometer readings arrived: incomplete record",
+                _BUSY,
             )
 
     def document(self) -> dict[str, Any]:
-        """The SHA-256 of each log, of all three in `hash`, and how long they are."""
+        """Return the SHA-256 of each log, of all three in `hash`, and the lengths of the logs."""
         poses = _digest(self._poses)
         states = [without_wording(self._timeless(state)) for state in self._states]
         transitions = _digest([msgspec.msgpack.encode(state) for state in states])
@@ -71,23 +68,21 @@ class Record:
             },
         }
 
-    def _fly(self, pose: Pose) -> None:
-        seen = len(self._poses)
+    def _add_pose(self, pose: Pose) -> None:
+        count = len(self._poses)
         if pose.boot != self._boot:
-            if not seen:
+            if not count:
                 return
             raise QuadctlError(
-                f"the simulation began anew after {self.stamp:g} s",
-                "who called reset, or did dynamics die? `quadctl status`",
+                f"the simulation restarted after {self.stamp:g} s",
+                "a reset was called, or dynamics died: `quadctl status`",
             )
-        # In lock-step a pose that is not answered is published again.
-        if self.stamp >= self._end or pose.seq == seen - 1:
+        # In lock-step an unanswered pose is published again.
+        if self.stamp >= self._end or pose.seq == count - 1:
             return
-        if pose.seq != seen:
+        if pose.seq != count:
             raise QuadctlError(
-                f"the poses {seen} to {pose.seq - 1} were lost on their way here: the record is"
-                " not whole",
-                "too much else runs on this machine; fly again",
+                f"the poses {count} to {pose.seq - 1} were lost: incomplete record", _BUSY
             )
         p, v, q, w = pose.position, pose.velocity, pose.orientation, pose.body_rates
         self._poses.append(
@@ -100,15 +95,15 @@ class Record:
             self._due.append(pose.stamp)
         self.stamp = pose.stamp
 
-    def _tell(self, state: SafetyState) -> None:
-        """Keep a transition; a state that differs in stamp or wording alone is none."""
+    def _add_state(self, state: SafetyState) -> None:
+        """Keep a transition; a state that differs only in stamp or wording is none."""
         if state.boot == self._boot and state.stamp <= self._end:
             last = self._states[-1] if self._states else None
             if last is None or _verdict(last) != _verdict(state):
                 self._states.append(state)
 
-    def _read(self, reading: Pressure) -> None:
-        """A reading; those before the boot's first are of another time."""
+    def _add_reading(self, reading: Pressure) -> None:
+        """Keep a reading; those before the first of the boot belong to another one."""
         expected = reading.stamp > self._readings[-1].stamp if self._readings else not reading.stamp
         if expected and reading.stamp <= self._end:
             self._readings.append(reading)

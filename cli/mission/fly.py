@@ -40,22 +40,22 @@ from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut
 from quadctl.services.runtime.params.load import read
 
 NODES = ("dynamics", "pressure", "safety")
-_BACKLOG = 200_000
-"""Messages that may wait while this process does not get its turn; none must be lost."""
-_LOOK = 0.02
-"""Seconds between looks at what has come: a wake for each message would slow down the flight."""
+_BACKLOG = 200_000  # messages that may wait while this process is not scheduled; none may be lost
+_LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
 _PATIENCE = 60.0
 _SLOWER = 20.0
-"""A mission may take a minute and this many times as long as at the speed that is asked for."""
+"""A mission may take _PATIENCE s plus this many times its length at the requested speed."""
 
 
 class MissionFlight:
-    """One flight of a mission, from a new boot on."""
+    """One flight of a mission, in a new boot."""
 
     def __init__(self, client: Client, mission: MissionFile) -> None:
-        """Raises Unreachable or TimedOut where a node does not answer."""
+        """Read the parameters; raise Unreachable or TimedOut if a node does not answer."""
         self._client, self._mission = client, mission
-        self.parameters = self._parameters()
+        self.parameters: dict[str, Any] = {}
+        for node in NODES:
+            self.parameters |= client.call(get_params(node), GetParamsRequest([])).values
         self._boot = os.urandom(4).hex()
         speed = self.parameters["dynamics.speed"] or 1.0
         self._patience = _PATIENCE + _SLOWER * mission.end / speed
@@ -67,16 +67,16 @@ class MissionFlight:
         self._ends: list[FutureCall[Any, Any]] = []
 
     def fly(self, on_progress: Callable[[float], None]) -> None:
-        """Fly it to its end, telling `on_progress` the simulated time (s).
+        """Fly to the end, reporting the simulated time (s) to `on_progress`.
 
-        Raises what keeps the record from being whole; the vehicle is then back at its start, and
-        what was left of the mission is dropped.
+        Raises if the record is incomplete. After any error the vehicle is back at its start and
+        the rest of the mission is dropped.
         """
         self._call_ahead()
-        # A known beginning. Each answer also says that the calls before it have arrived.
+        # Start from a known state. Each answer also confirms that the earlier calls have arrived.
         cage_on = bool(self.parameters["safety.cage_on"])
         if self._client.latest(STATE).cage_on is not cage_on:
-            # Not said in vain: a student may fly, and not say it.
+            # Only if needed: the role of a student may fly, but not toggle the cage.
             self._client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on))
         self._client.call(CALIBRATE, CalibrateRequest(zero=False))
         try:
@@ -93,9 +93,9 @@ class MissionFlight:
         for service in {service.name: service for _, service, _ in calls}.values():
             self._client.wait_for_server(service)
         for row, service, request in calls:
-            # The outcome of a row is looked at when the flight is over.
+            # The outcome of a row is read after the flight.
             self.rows.append((row, self._ahead(service, request, row.at, lambda: None)))
-        # While a node holds a call it is in lock-step: its last one is for the end.
+        # A node runs in lock-step while it holds a call: so each gets one for the end.
         for node in NODES:
             asked = GetParamsRequest([node])
             end = self._ahead(get_params(node), asked, self._mission.end, self._settle)
@@ -120,7 +120,7 @@ class MissionFlight:
             self._ended.set()
 
     def _follow(self, on_progress: Callable[[float], None]) -> None:
-        """Hear all that is said until the three nodes have come to the end."""
+        """Record all messages until the three nodes have reached the end."""
         patience, record = self._client.timeout, self.record
         moved = time.monotonic()
         while not self._ended.wait(_LOOK):
@@ -129,14 +129,14 @@ class MissionFlight:
                 on_progress(record.stamp)
             elif time.monotonic() > moved + patience and record.stamp < self._mission.end:
                 raise TimedOut(
-                    f"no new pose for {patience:g} s: the clock stands at {max(record.stamp, 0):g} s",
+                    f"no new pose for {patience:g} s: time stopped at {max(record.stamp, 0):g} s",
                     "`quadctl status` shows whether dynamics and safety are up",
                 )
-        # Whoever has come to the end has said before what it had to say.
+        # A node that has reached the end has published everything before it.
         self._take_in()
 
     def _take_in(self) -> bool:
-        """Record what has come by now; whether that brought the flight on."""
+        """Record the messages received so far; return whether they advanced the flight."""
         before = self.record.stamp
         for _ in range(self._readings.waiting):
             if (message := self._readings.next(0)) is not None:
@@ -145,16 +145,10 @@ class MissionFlight:
 
     def _check(self) -> None:
         for call in (*self._ends, *(call for _, call in self.rows)):
-            # A refusal is an outcome like any other; a call that was not made at its time is not.
+            # A refusal is a valid outcome; a call that was not made at its time is not.
             if call.problem is not None and not isinstance(call.problem, Refused):
                 raise call.problem
         self.record.check()
-
-    def _parameters(self) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for node in NODES:
-            values |= self._client.call(get_params(node), GetParamsRequest([])).values
-        return values
 
 
 def fly(
@@ -163,7 +157,7 @@ def fly(
     """Fly a mission from the vehicle's start, each row at its simulated time.
 
     Prints the SHA-256 of every pose, of safety's transitions and of the barometer's readings: the
-    same for every flight of the mission with these parameters, whatever the speed and the load.
+    same for every flight of the mission with these parameters, at any speed and load.
 
     Example: quadctl fly examples/mission.toml
     """
@@ -181,20 +175,13 @@ def fly(
     digests = flight.record.document()
     rows = [msgspec.to_builtins(row) | _outcome(call) for row, call in flight.rows]
     if options.json:
-        output.document(
-            digests
-            | {
-                "rows": rows,
-                "simulated_seconds": plan.end,
-                "wall_seconds": wall,
-                "speed": flight.parameters["dynamics.speed"],
-                "seed": flight.parameters["dynamics.seed"],
-            }
-        )
+        more = {"rows": rows, "simulated_seconds": plan.end, "wall_seconds": wall}
+        more |= {name: flight.parameters[f"dynamics.{name}"] for name in ("speed", "seed")}
+        output.document(digests | more)
         return
     output.table(
-        (f"{row.at:.2f} s", row, _told(said))
-        for (row, _), said in zip(flight.rows, rows, strict=True)
+        (f"{row.at:.2f} s", row, _text(outcome))
+        for (row, _), outcome in zip(flight.rows, rows, strict=True)
     )
     output.line(f"{plan.end:g} s of flight in {wall:.1f} s; SHA-256 of the logs:")
     counts = digests["counts"]
@@ -203,7 +190,7 @@ def fly(
 
 
 def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:
-    """Whether a row was done, and why not."""
+    """Return whether a row was accepted, and the reason if not."""
     if call.problem is not None:
         return {"accepted": False, "reason": call.problem.message, "code": call.problem.code}
     if isinstance(call.reply, GotoResponse):
@@ -212,7 +199,7 @@ def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:
     return {"accepted": True, "reason": ""} | more
 
 
-def _told(said: dict[str, Any]) -> str:
-    if not said["accepted"]:
-        return f"rejected: {said['reason']}"
-    return f"baseline {said['baseline']:.4f} hPa" if "baseline" in said else "accepted"
+def _text(outcome: dict[str, Any]) -> str:
+    if not outcome["accepted"]:
+        return f"rejected: {outcome['reason']}"
+    return f"baseline {outcome['baseline']:.4f} hPa" if "baseline" in outcome else "accepted"

@@ -20,16 +20,15 @@ from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
 AFTER = 5.0
-"""A mission that does not say when it ends does so this long (simulated s) after its last row."""
-_MOST = 5_000
-"""Rows of a mission: fewer than the calls that a node holds."""
+"""Simulated s from the last row to the end of a mission without an `end`."""
+_MOST = 5_000  # rows of a mission: fewer than the calls that a node holds
 
 Time = Annotated[float, Meta(ge=0, le=86_400)]
-"""Simulated s since the vehicle stood at its start."""
+"""Simulated s since the start of the boot."""
 
 
 class GotoStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="goto"):
-    """Ask for a goal, m; with `replace` also in the middle of a flight."""
+    """Request for a goal, m; with `replace` also in flight."""
 
     at: Time
     x: Metres
@@ -38,7 +37,7 @@ class GotoStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", 
     replace: bool = False
 
     def call(self) -> tuple[Service[Any, Any], Struct]:
-        """What is asked of whom."""
+        """Return the service and its request."""
         return GOTO, GotoRequest(self.x, self.y, self.z, self.replace)
 
     def __str__(self) -> str:
@@ -46,13 +45,13 @@ class GotoStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", 
 
 
 class CageStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="cage"):
-    """Turn the cage on or off."""
+    """Switch of the cage, on or off."""
 
     at: Time
     on: bool
 
     def call(self) -> tuple[Service[Any, Any], Struct]:
-        """What is asked of whom."""
+        """Return the service and its request."""
         return TOGGLE_CAGE, ToggleCageRequest(self.on)
 
     def __str__(self) -> str:
@@ -60,12 +59,12 @@ class CageStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", 
 
 
 class HoldStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="hold"):
-    """Stop at the stopping point."""
+    """Stop, to hover at the stopping point."""
 
     at: Time
 
     def call(self) -> tuple[Service[Any, Any], Struct]:
-        """What is asked of whom."""
+        """Return the service and its request."""
         return HOLD, HoldRequest()
 
     def __str__(self) -> str:
@@ -73,13 +72,13 @@ class HoldStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", 
 
 
 class Calibrate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="calibrate"):
-    """Zero the barometer, or with `unset` drop its baseline."""
+    """Zeroing of the barometer; with `unset`, loss of its baseline."""
 
     at: Time
     unset: bool = False
 
     def call(self) -> tuple[Service[Any, Any], Struct]:
-        """What is asked of whom."""
+        """Return the service and its request."""
         return CALIBRATE, CalibrateRequest(not self.unset)
 
     def __str__(self) -> str:
@@ -103,7 +102,7 @@ class _File(Struct, forbid_unknown_fields=True):
 
 
 def mission(tables: dict[str, Any], source: str) -> MissionFile:
-    """The mission that a file's tables describe; raises Invalid, which names the row."""
+    """Return the mission in a file's tables; raise Invalid, which names the row."""
     try:
         file = msgspec.convert(tables, _File)
     except msgspec.ValidationError as error:
@@ -111,25 +110,27 @@ def mission(tables: dict[str, Any], source: str) -> MissionFile:
             f"{source}: {_plain(error)}",
             'a mission is `end = 12.0` and `rows = [{ at = 2.5, do = "goto", x = 1.0, ... }]`',
         ) from error
-    rows = [_row(said, f"{source}: row {number}") for number, said in enumerate(file.rows, 1)]
+    rows = [_row(table, f"{source}: row {number}") for number, table in enumerate(file.rows, 1)]
     last = max(row.at for row in rows)
     if file.end is not None and file.end < last:
-        raise Invalid(f"{source}: end = {file.end:g}: the last row is for {last:g} s", "end later")
+        raise Invalid(
+            f"{source}: end = {file.end:g}: the last row is at {last:g} s", "set a later `end`"
+        )
     end = last + AFTER if file.end is None else file.end
     return MissionFile(sorted(rows, key=lambda row: row.at), end)
 
 
-def _row(said: dict[str, Any], place: str) -> Row:
-    do = said.get("do", "")
+def _row(table: dict[str, Any], place: str) -> Row:
+    do = table.get("do", "")
     if str(do) not in _KINDS:
-        what = f"do = {do!r} is no command" if "do" in said else "it does not say what to do"
-        known = f"there are {', '.join(_KINDS)}"
+        what = f"do = {do!r} is no command" if "do" in table else "`do` is missing"
+        known = f"use one of {', '.join(_KINDS)}"
         raise Invalid(f"{place}: {what}", nearest(str(do), _KINDS) or known)
     kind = _KINDS[do]
     try:
-        row: Row = msgspec.convert(said, kind)
+        row: Row = msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
-        unknown = next((name for name in said if name not in {"do", *kind.__struct_fields__}), "")
+        unknown = next((name for name in table if name not in {"do", *kind.__struct_fields__}), "")
         hint = nearest(unknown, kind.__struct_fields__) if unknown else ""
         fields = ", ".join(kind.__struct_fields__)
         raise Invalid(f"{place}: {_plain(error)}", hint or f"{do} takes {fields}") from error
@@ -137,7 +138,7 @@ def _row(said: dict[str, Any], place: str) -> Row:
 
 
 def _plain(error: msgspec.ValidationError) -> str:
-    """`x: expected float, got str`, from msgspec's own words."""
+    """Return `x: expected float, got str` from msgspec's own words."""
     what, _, where = str(error).partition(" - at `$")
     name = re.sub(r"\[\.{3}\]", "", where.rstrip("`")).lstrip(".")
     text = (what[:1].lower() + what[1:]).replace("`", "")

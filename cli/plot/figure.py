@@ -1,4 +1,4 @@
-"""The picture of a flight as a matplotlib figure."""
+"""Picture of a flight as a matplotlib figure."""
 
 import math
 from collections.abc import Iterable
@@ -16,16 +16,15 @@ _PATHS = ("#1f6feb", "#bf5af2", "#e36209", "#0a7f8c", "#8a6d00", "#c2185b", "#2f
 
 
 def of_vehicles(names: Iterable[str]) -> dict[str, str]:
-    """A colour for each vehicle, again from the first where there are more than that."""
+    """Return a colour for each vehicle; colours repeat from the first if there are too few."""
     return {name: _PATHS[number % len(_PATHS)] for number, name in enumerate(names)}
 
 
-_BAR = 0.32
-"""Half the height of a vehicle's bar, of its row."""
+_BAR = 0.32  # half the height of a vehicle's bar, in rows
 
 
 def height(axes: Any, tracks: dict[str, Track]) -> None:
-    """The height, and the top of the cage while it was on."""
+    """Draw the height, and the top of the cage while it was on."""
     shades = of_vehicles(tracks)
     highest = 0.0
     for name, track in tracks.items():
@@ -48,7 +47,7 @@ def height(axes: Any, tracks: dict[str, Track]) -> None:
 
 
 def pressure(axes: Any, tracks: dict[str, Track]) -> None:
-    """The raw pressure above its first value, and what the topic shows once it is zeroed."""
+    """Draw the raw pressure above its first value, and the topic's value once it is zeroed."""
     shades = of_vehicles(tracks)
     alone = len(tracks) == 1
     for name, track in tracks.items():
@@ -64,7 +63,7 @@ def pressure(axes: Any, tracks: dict[str, Track]) -> None:
         )
         began = next((at for at, _, baseline in track.air if baseline), None)
         if alone and began is not None:
-            # Not a number before a calibration: a gap in the line.
+            # NaN before a calibration leaves a gap in the line.
             zeroed = [shown if baseline else math.nan for _, shown, baseline in track.air]
             times = [at for at, _ in raw]
             axes.plot(times, zeroed, color=AIR, label="sensors/pressure, zeroed")
@@ -78,12 +77,12 @@ def pressure(axes: Any, tracks: dict[str, Track]) -> None:
 
 
 def states(axes: Any, tracks: dict[str, Track]) -> None:
-    """Safety's states as bars, a vehicle a row, the cage as a line under them."""
+    """Draw safety's states as bars, one row per vehicle, the cage as a line under each."""
     from matplotlib.patches import Patch
 
     for row, track in enumerate(tracks.values()):
         for phase, end in _spans(track):
-            # VERIFYING lasts one step: as wide as a line, or it would not be seen.
+            # VERIFYING lasts one step: a bar of its true width would be invisible.
             width = max(end - phase.at, track.end / 400)
             if phase.state == "VERIFYING":
                 axes.axvline(phase.at, color=STATES[phase.state], linewidth=1.2, zorder=3)
@@ -106,25 +105,21 @@ def states(axes: Any, tracks: dict[str, Track]) -> None:
 
 
 def _spans(track: Track) -> list[tuple[Phase, float]]:
-    """Each phase with the time (s) at which the next one began."""
+    """Return each phase with the time (s) at which the next one began."""
     pairs = [(phase, after.at) for phase, after in pairwise(track.phases)]
     return [*pairs, (track.phases[-1], track.end)] if track.phases else []
 
 
-_TIME = "simulated time, s"
 _LAST: dict[str, Any] = {"marker": "D", "markersize": 5, "markevery": [-1]}
-"""The mark where a vehicle was at the end, of each boot."""
+"""Mark of the last position in each boot."""
 
 
 def draw(file: Path, flight: RecordedFlight, title: str) -> None:
-    """Write the picture; the ending says whether PNG or SVG.
-
-    Raises Invalid for another ending, or where nothing was flown.
-    """
+    """Write the picture, PNG or SVG by its ending; raise Invalid for others, or without poses."""
     if file.suffix.lower() not in {".png", ".svg"}:
-        raise Invalid(f"{file}: no picture is written so", "end it in .png or .svg")
+        raise Invalid(f"{file}: no such picture format", "use a name ending in .png or .svg")
     if not flight.flown():
-        raise Invalid("there is nothing to draw: no pose came", "`quadctl topic hz pose`")
+        raise Invalid("nothing to draw: no pose arrived", "`quadctl topic hz pose`")
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -140,14 +135,14 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
         figure.savefig(file, dpi=120)
     except OSError as error:
         raise QuadctlError(
-            f"{file} cannot be written: {error.strerror}", "name a place that you may write to: -o"
+            f"{file} cannot be written: {error.strerror}", "name a writable file: -o"
         ) from error
     finally:
         plt.close(figure)
 
 
 def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
-    """The paths against x, y from above and z from the side, on one scale."""
+    """Draw the paths over x, with y from above and z from the side, on one scale."""
     cages = list(dict.fromkeys(p.cage for track in tracks.values() for p in track.phases))
     spots = [s for t in tracks.values() for s in (*t.taken, *t.refused)]
     points = [point for track in tracks.values() for point in track.path] + spots
@@ -162,7 +157,7 @@ def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
             label = "path" if len(tracks) == 1 else vehicle
             for leg in tracks[vehicle].legs:
                 across, ups = [point[1] for point in leg], [point[up] for point in leg]
-                # Of one that stood still there would be no line; its last place has a mark.
+                # A vehicle at rest has no line, only the mark of its last position.
                 axes.plot(across, ups, color=shade, linewidth=1.5, label=label, **_LAST)
         _spots(axes, [s for t in tracks.values() for s in t.taken], up, "o", TAKEN, "accepted")
         _spots(axes, [s for t in tracks.values() for s in t.refused], up, "x", REFUSED, "rejected")
@@ -180,7 +175,7 @@ def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
 
 
 def _courses(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
-    """What there was over time, on one axis of time."""
+    """Draw height, pressure and states over one axis of time."""
     grid = place.subgridspec(3, 1, height_ratios=(1.45, 1, 0.85))
     begin = min(track.legs[0][0][0] for track in tracks.values())
     end = max(begin + 0.1, *(track.end for track in tracks.values()))
@@ -189,11 +184,11 @@ def _courses(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
         show(axes, tracks)
         axes.set_xlim(begin, end)
         axes.grid(alpha=0.3)
-        axes.set_xlabel(_TIME if show is states else "")
+        axes.set_xlabel("simulated time, s" if show is states else "")
 
 
 def _span(values: list[float], axis: int, cages: list[CageSize]) -> tuple[float, float]:
-    """From the lowest to the highest of the values and the cages' walls, with some room."""
+    """Return the range of the values and the cages' walls, with some room."""
     walls = [(-c.x, c.x, -c.y, c.y, 0.0, c.z)[2 * axis - 2 : 2 * axis] for c in cages]
     low = min(*values, *(wall[0] for wall in walls), 0.0)
     high = max(*values, *(wall[1] for wall in walls), 0.1)

@@ -17,7 +17,7 @@ def plot(
     options: Options,
     file: Annotated[Path | None, Arg("A recording, MCAP.", "FILE")] = None,
     live: Annotated[
-        bool, Option("Draw what is flown from now on, until Ctrl-C or --duration.")
+        bool, Option("Draw the flight from now on, until Ctrl-C or --duration.")
     ] = False,
     picture: Annotated[
         Path | None, Option("PNG or SVG (default: FILE.png, or live.png).", ("-o", "--output"))
@@ -31,7 +31,7 @@ def plot(
     Example: quadctl plot flight.mcap -o flight.png
     """
     if live is (file is not None):
-        raise UsageError("what is to be drawn?", "name a recording, or give --live")
+        raise UsageError("plot draws a recording or a live flight", "give either FILE or --live")
     if not 0 < duration <= LONGEST_TIMEOUT:
         raise Invalid(f"--duration {duration:g}: not a time", "give seconds, more than 0")
     from quadctl.cli.plot.figure import draw
@@ -40,7 +40,7 @@ def plot(
     flight = _recorded(file) if file else _live(options, duration)
     draw(target, flight, file.name if file else f"realm {options.realm}, live")
     flown = flight.flown()
-    # It may have flown long before it was recorded.
+    # The flight may have begun long before the recording.
     began = min(track.path[0][0] for track in flown.values())
     document = {
         "file": str(target),
@@ -69,19 +69,19 @@ def _live(options: Options, duration: float) -> RecordedFlight:
         stream = client.listen(*wanted(["*"]), backlog=1_000_000)
         if not options.json:
             output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")
-        began = heard = time.monotonic()
+        began = received = time.monotonic()
         try:
             while (now := time.monotonic()) < began + duration:
-                # A pose at least comes at any time; where none does, there will be no picture.
+                # Poses always come while a vehicle is up; without them there is no picture.
                 message = stream.next(min(began + duration - now, client.timeout))
                 if message is not None:
-                    heard = time.monotonic()
+                    received = time.monotonic()
                     flight.add(message.key, message.payload, message.encoding)
                     progress.update((now - began) / duration, f"{now - began:.1f} s")
-                elif time.monotonic() - heard >= client.timeout:
+                elif time.monotonic() - received >= client.timeout:
                     break
         except KeyboardInterrupt:
-            output.note("stopped listening: drawing what came")
+            output.note("stopped listening: drawing what has arrived")
         if not flight.flown():
             raise client.silent(POSE.key(client.vehicle))
     return flight

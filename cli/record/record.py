@@ -23,22 +23,21 @@ ENDING = ".mcap"
 
 
 def default_file() -> Path:
-    """As rosbag names its own: by the time of day, in the working directory."""
+    """Return a file in the working directory, named by date and time as rosbag does."""
     return Path(time.strftime(f"quadctl_%Y-%m-%d_%H-%M-%S{ENDING}"))
 
 
 def free(path: Path) -> None:
-    """Raise Invalid where the file is there already: no recording is written over."""
+    """Raise Invalid if the file exists: no recording is overwritten."""
     if path.exists():
         raise taken(path)
 
 
-_PATIENCE = 10.0
-"""Seconds that it may take to make its file whole."""
+_PATIENCE = 10.0  # s for the recorder to complete its file
 
 
 class Recorder:
-    """Runs for as long as a `with` block lasts, and ends its file whole however that is left."""
+    """Recorder process of a `with` block; its file is complete however the block ends."""
 
     def __init__(
         self, options: Options, file: Path, keys: list[str], duration: float | None
@@ -49,12 +48,11 @@ class Recorder:
         command += [word for key in keys for word in ("--key", key)]
         command += ["--duration", repr(duration)] if duration is not None else []
         self._file = file
-        # In a session of its own: Ctrl-C is this command's to hear, and to pass on. With our end of
-        # its stdin it also ends when we are killed.
+        # A separate session: Ctrl-C reaches only this command, which passes it on. When this
+        # process is killed, its end of stdin closes and the recorder ends too.
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
-
         self._limit = threading.Timer(_PATIENCE, self._process.kill)
         self._limit.daemon = True
 
@@ -63,7 +61,7 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self._limit.cancel()
-        assert self._process.stdin is not None  # noqa: S101 - a pipe, as asked for above
+        assert self._process.stdin is not None  # noqa: S101 - a pipe, requested above
         self._process.stdin.close()
         try:
             self._process.wait(_PATIENCE)
@@ -72,8 +70,8 @@ class Recorder:
             self._process.wait()
 
     def reports(self) -> Iterator[dict[str, Any]]:
-        """What it tells, until it has ended; raises why it ended where that was not asked for."""
-        assert self._process.stdout is not None  # noqa: S101 - a pipe, as asked for above
+        """Yield its reports until it ends; raise the reason if it ended by itself."""
+        assert self._process.stdout is not None  # noqa: S101 - a pipe, requested above
         for line in self._process.stdout:
             facts = msgspec.json.decode(line)
             if facts["state"] == "failed":
@@ -84,13 +82,13 @@ class Recorder:
             if facts["state"] == "done":
                 return
         code = self._process.wait(_PATIENCE)
-        hint = "its lines above say why"
+        hint = "see its lines above"
         if self._file.exists():
-            hint = f"`quadctl bag repair {self._file}` makes what there is of it whole"
-        raise QuadctlError(f"the recorder ended before its file was whole (exit {code})", hint)
+            hint = f"`quadctl bag repair {self._file}` recovers what it has recorded"
+        raise QuadctlError(f"the recorder ended before its file was complete (exit {code})", hint)
 
     def stop(self) -> None:
-        """Ask it to make its file whole, and to end."""
+        """Signal it to complete its file and end; kill it after _PATIENCE."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
         self._limit.start()
@@ -103,16 +101,16 @@ def record(
         Arg("Topics, Zenoh keys or expressions (default: everything).", complete="topic"),
     ] = None,
     file: Annotated[
-        Path | None, Option("Where to (default: quadctl_DATE_TIME.mcap).", ("-o", "--output"))
+        Path | None, Option("Output file (default: quadctl_DATE_TIME.mcap).", ("-o", "--output"))
     ] = None,
     duration: Annotated[
-        float | None, Option("End after so many seconds.", ("-d", "--duration"))
+        float | None, Option("End after this many seconds.", ("-d", "--duration"))
     ] = None,
 ) -> None:
-    """Record what is said on the bus, until Ctrl-C: exit 0, and the file is whole.
+    """Record messages from the bus until Ctrl-C, which ends with exit 0 and a complete file.
 
-    The file is MCAP, which Foxglove, Lichtblick and PlotJuggler open. The recorder is a process of
-    its own, and ends with this command, however that ends.
+    The file is MCAP, which Foxglove, Lichtblick and PlotJuggler open. The recorder is a separate
+    process, which ends with this command, however the command ends.
 
     Example: quadctl record -o flight.mcap
     """
@@ -125,18 +123,22 @@ def record(
     from quadctl.services.runtime.security import permissions
 
     with context.connect(options) as client:
-        # Whether there is anything to record is known here, and said better.
+        # Fail here, with a better message than the recorder's, without a hub or permission.
         client.flush()
         wanted = wanted or permissions.everything(options.connect)
         client.permit("listen", *wanted)
     with Recorder(options, path, wanted, duration) as recorder:
         facts = _follow(options, recorder)
     if not options.json:
-        output.line(_summary(facts))
+        lost = f", {facts['lost']} lost" if facts["lost"] else ""
+        output.line(
+            f"{facts['file']}: {facts['messages']} messages of {facts['keys']} keys in"
+            f" {facts['seconds']:.1f} s, {_size(facts['bytes'])}{lost}"
+        )
 
 
 def _follow(options: Options, recorder: Recorder) -> dict[str, Any]:
-    """Show how far it is until it has ended; the first Ctrl-C ends it well."""
+    """Show the progress until the recorder ends; the first Ctrl-C lets it complete the file."""
     stopped, connected = False, True
     reports = recorder.reports()
     while True:
@@ -144,7 +146,7 @@ def _follow(options: Options, recorder: Recorder) -> dict[str, Any]:
             for number, facts in enumerate(reports):
                 _show(options, facts, first=number == 0 and not stopped)
                 if facts["connected"] is not connected and not options.json:
-                    _tell_of_the_hub(back=not connected)
+                    _note_hub(back=not connected)
                 connected = facts["connected"]
                 if facts["state"] == "done":
                     return facts
@@ -168,19 +170,11 @@ def _show(options: Options, facts: dict[str, Any], *, first: bool) -> None:
         sys.stderr.flush()
 
 
-def _tell_of_the_hub(*, back: bool) -> None:
-    """In the place of the live line, which comes again below."""
+def _note_hub(*, back: bool) -> None:
+    """Print over the live line, which the next report prints again below."""
     start = "\r\033[K" if sys.stderr.isatty() else ""
     text = "the hub is back" if back else "the hub is gone: recording goes on when it is back"
     output.note(f"{start}{text}")
-
-
-def _summary(facts: dict[str, Any]) -> str:
-    lost = f", {facts['lost']} lost" if facts["lost"] else ""
-    return (
-        f"{facts['file']}: {facts['messages']} messages of {facts['keys']} keys in"
-        f" {facts['seconds']:.1f} s, {_size(facts['bytes'])}{lost}"
-    )
 
 
 def _size(count: int) -> str:

@@ -23,22 +23,22 @@ from quadctl.services.runtime.recording.reader import Bag, Recorded
 from quadctl.services.runtime.run_files import is_live
 from quadctl.services.runtime.supervisor.launch import Launch
 
-_SHOWN_EVERY = 0.1
+_SHOWN_EVERY = 0.1  # s between two updates of the progress
 
 
 def replay(
     options: Options,
     file: Annotated[Path, Arg("A recording, MCAP.", "FILE")],
     keys: Annotated[list[str] | None, Arg("Only these keys or expressions.")] = None,
-    speed: Annotated[float, Option("Recorded seconds per second; 0 as fast as it goes.")] = 1.0,
+    speed: Annotated[float, Option("Recorded seconds per second; 0: as fast as possible.")] = 1.0,
     start: Annotated[
-        float, Option("Begin so many seconds after the recording did.", ("--from",))
+        float, Option("Begin this many seconds into the recording.", ("--from",))
     ] = 0.0,
 ) -> None:
-    """Say on the bus again what was recorded there, with the same bytes, in the same rhythm.
+    """Publish a recording on the bus again, with the same bytes at the same intervals.
 
-    Where nothing runs in the realm, a hub does for as long as the replay. Where the vehicle itself
-    is live it is refused (exit 7): nobody could tell the two apart.
+    If nothing runs in the realm, a hub runs for the replay. If the vehicle itself is live, the
+    replay is refused (exit 7): subscribers could not distinguish the two.
 
     Example: quadctl replay flight.mcap --speed 2 --realm replay
     """
@@ -49,20 +49,18 @@ def replay(
     wanted = [checked_key(key, about_topic(options, key).vehicle) for key in keys or ()]
     options = anyone(options)
     plan = _Plan(file, wanted, start)
-    with _somewhere(options) as client:
-        said, wall = _say(client, plan, speed, quiet=options.json)
-    document = {"file": str(file), "messages": said, "keys": len(plan.keys)}
+    with _connection(options) as client:
+        count, wall = _publish(client, plan, speed, quiet=options.json)
+    document = {"file": str(file), "messages": count, "keys": len(plan.keys)}
     document |= {"seconds": plan.seconds, "wall_seconds": wall, "cut": plan.cut}
     if plan.cut:
         output.note(f"the recording is cut: {plan.cut}")
-    text = (
-        f"replayed {said} messages of {len(plan.keys)} keys, {plan.seconds:.1f} s, in {wall:.1f} s"
-    )
-    output.either(options, document, text)
+    text = f"replayed {count} messages of {len(plan.keys)} keys, {plan.seconds:.1f} s"
+    output.either(options, document, f"{text}, in {wall:.1f} s")
 
 
 class _Plan:
-    """What of a recording is to be said: `keys` with their encodings, and how long it takes (s)."""
+    """Selected messages of a recording: `keys` with their encodings, and the duration (s)."""
 
     def __init__(self, file: Path, wanted: list[str], start: float) -> None:
         self._file, self._wanted = file, wanted
@@ -76,19 +74,19 @@ class _Plan:
             raise Invalid(f"{file} has nothing to replay", "`quadctl bag info` shows what is in it")
 
     def messages(self) -> Iterator[Recorded]:
-        """The messages to be said, in order."""
+        """Return the selected messages, in order."""
         return (message for message in self._chosen(Bag(self._file)) if message.at >= self.begin)
 
     def _chosen(self, bag: Bag) -> Iterator[Recorded]:
         for message in bag.messages():
-            asked = not self._wanted or any(covers(key, message.key) for key in self._wanted)
-            if asked and not message.derived:
+            chosen = not self._wanted or any(covers(key, message.key) for key in self._wanted)
+            if chosen and not message.derived:
                 yield message
 
 
 @contextmanager
-def _somewhere(options: Options) -> Iterator[Client]:
-    """A connection to the realm's hub; to one of our own where nothing runs there."""
+def _connection(options: Options) -> Iterator[Client]:
+    """Connect to the realm's hub, or to a temporary one if nothing runs there."""
     realm = Realm(options.realm)
     if options.connect or is_live(realm) or realm.socket.exists():
         with context.connect(options) as client:
@@ -100,9 +98,9 @@ def _somewhere(options: Options) -> Iterator[Client]:
         yield client
 
 
-def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int, float]:
-    """Say it all; returns how many messages, and in how many seconds."""
-    stage, said = client.stage(plan.keys), 0
+def _publish(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int, float]:
+    """Publish all messages; return their number and the time taken (s)."""
+    stage, count = client.stage(plan.keys), 0
     began = shown = time.monotonic()
     pace = Pace(client)
     with Progress("replaying", quiet=quiet) as progress:
@@ -111,9 +109,9 @@ def _say(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple[int
             if speed:
                 pace.rest(began + at / speed)
             stage.put(message.key, message.payload, message.encoding)
-            said += 1
+            count += 1
             if (now := time.monotonic()) - shown > _SHOWN_EVERY:
                 shown = now
                 progress.update(at / max(plan.seconds, 1e-9), f"{at:.1f} of {plan.seconds:.1f} s")
     client.flush()
-    return said, time.monotonic() - began
+    return count, time.monotonic() - began

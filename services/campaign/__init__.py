@@ -1,1 +1,1 @@
-"""Random flights by the thousand, on the automaton and the dynamics that fly live, and their score."""
+"""Thousands of random flights on the live automaton and dynamics, and their score."""

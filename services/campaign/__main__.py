@@ -1,7 +1,6 @@
 """Process of a campaign: an order on stdin, progress and report on stdout.
 
-`quadctl campaign` starts it: the command itself imports neither safety nor dynamics. It ends when its
-stdin is closed.
+`quadctl campaign` starts it, and imports neither safety nor dynamics. It exits with its stdin.
 """
 
 import os
@@ -17,15 +16,15 @@ from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, ba
 from quadctl.services.runtime.errors import QuadctlError
 
 BATCH = 500
-"""Flights that a worker flies at once: enough for its arrays, few enough to share out evenly."""
+"""Flights per job of a worker: enough for its arrays, few enough to share out evenly."""
 FEW = 8
-"""The same in plain Python, where it makes no difference but to the progress that is seen."""
+"""The same in plain Python, where it only affects the steps of the progress."""
 _PATIENCE = 5.0
-"""A worker that is not ready after this (s) has something to compile."""
+"""Time (s) after which a worker that is not ready must be compiling."""
 
 
 def main() -> None:
-    """Carry out one order; exit 1 with an error document where it cannot be."""
+    """Carry out one order; if that fails, write an error document."""
     order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
     threading.Thread(target=_watch_stdin, daemon=True).start()
     try:
@@ -40,7 +39,7 @@ def _campaign(order: Order) -> None:
     every = seeds(order.seed, order.flights)
     is_fast = find_spec("numba") is not None
     if not is_fast:
-        say({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes far longer"})
+        say({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"})
     size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
     jobs = [
         Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)
@@ -52,10 +51,10 @@ def _campaign(order: Order) -> None:
         flown.extend(more)
         say({"flown": len(flown)})
 
-    # The first one compiles the vehicle, where that must be; the others find it compiled.
+    # The first worker compiles the vehicle if needed; the others find it compiled.
     first = Worker()
-    said = {"note": "compiling the vehicle, once for this machine"}
-    note = threading.Timer(_PATIENCE, say, [said])
+    compiling = {"note": "compiling the vehicle, once for this machine"}
+    note = threading.Timer(_PATIENCE, say, [compiling])
     note.start()
     first.fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()
@@ -68,8 +67,8 @@ def _replay(order: Order) -> None:
     flight = batch(Job(order.seed, 1, order.seconds, order.faults, order.wind), Plain, log=True)
     flown = flight.fly()
     mission, diary = flight.missions[0], flight.lanes[0].diary
-    said = {"start": mission.start, "safety": mission.safety, "log": diary.lines}
-    say({"report": document(order.seed, flown) | said})
+    details = {"start": mission.start, "safety": mission.safety, "log": diary.lines}
+    say({"report": document(order.seed, flown) | details})
 
 
 def _watch_stdin() -> None:

@@ -1,8 +1,8 @@
-"""Batch of flights, flown period by period, and the filter for the monitors worth asking.
+"""Batch of flights, flown period by period, and a filter that skips idle monitors.
 
-A pose moves the automaton only if one of the conditions of its rules for `Seen` may hold. The filter
-tests these for all vehicles at once, with slack on the side of asking; the decision is left to the
-monitor. The tests fly with and without the filter, to the same states.
+A pose moves the automaton only if a condition of its rules for `Seen` may hold. The filter tests
+these for all vehicles at once, with slack in favour of calling the monitor, which decides. The
+tests fly with and without the filter, to the same states.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,24 +23,25 @@ from quadctl.services.safety.model import State
 
 _SLACK = 1e-9
 _NOTES = 17
-"""What is noted of each monitor: when it is wanted, in periods, whether it is moving, standing,
-settling and returning, its range, how far it takes to stop, how far it comes in a period, and these."""
+"""Rows of notes on each monitor: the period in which it is due; flags for moving, at a standstill,
+settling and returning; its acceptance range; half over its deceleration (s^2/m); its way in a
+period (m); and the three vectors below."""
 _GOAL, _LOW, _HIGH = slice(8, 11), slice(11, 14), slice(14, 17)
 
 
 class MonitorFilter:
-    """What the monitors of a batch wait for."""
+    """Conditions that the monitors of a batch wait for."""
 
     def __init__(self, count: int) -> None:
-        """All are wanted in the first period."""
+        """Make all due in the first period."""
         self._notes = np.zeros((_NOTES, count))
         self._notes[_LOW], self._notes[_HIGH] = -np.inf, np.inf
 
     def note(self, number: int, lane: SimulatedFlight) -> None:
-        """What one monitor waits for from now on."""
+        """Note the conditions that one monitor waits for from now on."""
         s, params = lane.monitor.situation, lane.params
         goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on and s.beyond < inf else inf
-        # One row of numbers: to write them one by one would take ten times as long.
+        # One assignment: writing them one by one would take ten times as long.
         self._notes[:, number] = (
             lane.wanted, s.state is State.MOVING, lane.stands, s.settling,
             s.cage_on and 0.0 < s.beyond < inf,
@@ -52,7 +53,7 @@ class MonitorFilter:
         )  # fmt: skip
 
     def awake(self, period: int, motion: Floats, last: Floats) -> list[int]:
-        """The monitors that are to see this pose, of (6, vehicles)."""
+        """Return the monitors that must see this pose, of (6, vehicles)."""
         place, velocity = motion[:3], motion[3:]
         wanted, moving, stands, settling, returning, reach, half, fastest = self._notes[:8]
         arrives = _within(place - self._notes[_GOAL], reach)
@@ -61,15 +62,8 @@ class MonitorFilter:
         stop = place + half * velocity * np.abs(velocity)
         leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
         leaps = ~_within(place - last[:3], fastest)
-        found = (
-            (wanted <= period)
-            | ((moving > 0.0) & arrives)
-            | leaves
-            | (returning > 0.0)
-            | rests
-            | starts
-            | leaps
-        )
+        arrives &= moving > 0.0
+        found = (wanted <= period) | (returning > 0.0) | arrives | leaves | rests | starts | leaps
         numbers: list[int] = np.flatnonzero(found).tolist()
         return numbers
 
@@ -81,25 +75,25 @@ def _within(vectors: Floats, length: Floats | float) -> npt.NDArray[np.bool_]:
 
 
 _STEPS = round(1000 / SETPOINT.hz)
-"""Of 1 ms, in a period."""
+"""Steps of 1 ms in a period."""
 _SAMPLES = 5
-"""How often in a period it is looked how far beyond the cage a vehicle is."""
+"""Samples of the excursion in a period."""
 _RATCHET = 10
-"""Periods after which it is looked how much nearer a vehicle outside has come."""
+"""Periods between checks of how much nearer a vehicle outside has come."""
 _SLOW = 0.3
-"""Speed on an axis, m/s."""
+"""Speed (m/s) on an axis below which a vehicle outside is checked."""
 
 GUST = 0.25
-"""RMS of the gusts on each axis, in mean winds."""
+"""Ratio of the gusts' RMS on each axis to the mean wind."""
 
 MakeFleet = Callable[[Sequence[DynamicsParams]], VehicleBatch]
 
 
 class Batch:
-    """Flights of one length, each for itself."""
+    """Independent flights of one length."""
 
     def __init__(self, missions: Sequence[Mission], make: MakeFleet, *, log: bool = False) -> None:
-        """Each vehicle at rest on its start; with `log` the diaries keep their lines."""
+        """Put each vehicle at rest on its start; keep log lines only with `log`."""
         self.missions = missions
         params = [_params(mission) for mission in missions]
         self._silence, self._grace = DynamicsParams().setpoint_timeout, DynamicsParams().grace
@@ -114,14 +108,14 @@ class Batch:
         self._track = np.empty((self._periods + 1, 6, count))
 
     def fly(self) -> list[Flown]:
-        """Fly them to their end."""
+        """Fly all to their end."""
         motion = self._fleet.motion()
         for period in range(self._periods + 1):
             self._track[period] = motion
             for number in self.awake(period, motion):
                 self._step(number, period, motion)
             if period % _RATCHET == 0:
-                # In full flight its stop is far away; it is looked at where it comes to rest.
+                # In full flight its stop is far away, so it is checked when slow.
                 slow = np.abs(motion[3:]).max(axis=0) < _SLOW
                 for number in self._score.returning():
                     if slow[number]:
@@ -131,11 +125,11 @@ class Batch:
         return [self._flown(number) for number in range(len(self.lanes))]
 
     def awake(self, period: int, motion: Floats) -> list[int]:
-        """The flights whose monitors have something to do."""
+        """Return the flights with a monitor that must run."""
         return self._watch.awake(period, motion, self._track[max(period - 1, 0)])
 
     def _advance(self, period: int) -> Floats:
-        """Fly one period, keep the score, and say how they move then."""
+        """Fly one period, keep the score, and return the motions at its end."""
         motions = []
         for _ in range(_SAMPLES):
             self._fleet.advance(_STEPS // _SAMPLES)
@@ -147,12 +141,12 @@ class Batch:
     def _step(self, number: int, period: int, motion: Floats) -> None:
         lane = self.lanes[number]
         if lane.seen < period - 1:
-            # Nothing came of it, but the next pose is looked at beside it.
+            # The previous pose changed nothing, but the next one is compared with it.
             lane.see(period - 1, self._track[period - 1, :, number].tolist())
         here = motion[:, number].tolist()
         lane.see(period, here)
         if lane.act(period, here):
-            # What a vehicle does about it that hears nothing is counted from when it hears again.
+            # While no setpoint reaches a vehicle, its excursion does not count.
             self._unscored[number] = True
             self._score.free(number)
         self._tell(number, lane)
@@ -163,7 +157,7 @@ class Batch:
         self._watch.note(number, lane)
 
     def _tell(self, number: int, lane: SimulatedFlight) -> None:
-        """The setpoint reaches the vehicle, or it brakes where none does for too long."""
+        """Send the setpoint to the vehicle, or brake it after too long without one."""
         setpoint, now = lane.setpoint(), lane.diary.now
         if now < lane.mute_until:
             if now - lane.last_told > self._silence:
@@ -185,7 +179,7 @@ class Batch:
             self._fleet.goto(number, place.x, place.y, place.z)
 
     def _farthest(self, number: int, motion: Floats) -> float:
-        """How far beyond its cage (m) one vehicle gets that brakes now."""
+        """Return how far beyond its cage (m) one vehicle would get if it braked now."""
         here = motion[:3, number].tolist()
         return farthest([here, *self._fleet.room(number)], self.lanes[number].size)
 
@@ -208,5 +202,5 @@ def _params(mission: Mission) -> DynamicsParams:
     east, north = mission.wind
     gust = GUST * sqrt(east * east + north * north)
     wind = WindParams(mean=MeanWindParams(east, north), gust=gust)
-    # The gusts of neighbouring flights have nothing in common all the same.
+    # Neighbouring seeds still give unrelated gusts.
     return DynamicsParams(start=StartParams(*mission.start), wind=wind, seed=mission.seed % 2**31)

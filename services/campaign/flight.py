@@ -1,4 +1,4 @@
-"""Safety of one simulated flight: the live monitor, fed with poses and the rows of a mission."""
+"""Safety of one simulated flight: the live monitor, fed with poses and a mission's events."""
 
 from math import inf, isfinite
 
@@ -34,7 +34,7 @@ from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
 
 REACTION = 0.3
-"""A flight of which no pose is seen must have been stopped after this, s."""
+"""Time (s) without a pose after which a flight must have been stopped."""
 _BOOT = "campaign"
 _LEVEL, _STILL = Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
 
@@ -46,13 +46,13 @@ class SimulatedFlight:
     """Safety's side of a flight, in periods of the setpoint."""
 
     def __init__(self, mission: Mission, *, log: bool = False) -> None:
-        """Before the first pose; with `log` the diary keeps its lines."""
+        """Start before the first pose; keep log lines only with `log`."""
         self.diary = FlightLog(log=log)
         size = mission.safety.virtual_cage
         self.cage_on, self.size = mission.safety.cage_on, (size.x, size.y, size.z)
-        """The cage as it was commanded."""
+        """The cage as commanded."""
         self.mute_until = self.last_told = 0.0
-        """Until when (s) the vehicle hears nothing, and when it last did."""
+        """End of the vehicle's silence of setpoints (s), and time of the last one before."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(
             self.params, self._told, restarted=False, grace=DynamicsParams().grace
@@ -65,28 +65,28 @@ class SimulatedFlight:
 
     @property
     def wanted(self) -> float:
-        """The period in which there is something to do, whatever the vehicle does."""
+        """Return the period in which the monitor must run whatever the vehicle does."""
         lied_to = self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to)
         if lied_to or self.monitor.situation.paused:
             return 0
         row = self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
-        # One early, lest it be one late by rounding.
+        # One period early, against rounding.
         return min(row, self._following.due * SETPOINT.hz - 1)
 
     @property
     def stands(self) -> bool:
-        """Whether the vehicle stood still on its way when it was last looked at."""
+        """Return whether the vehicle was at a standstill on its way when last observed."""
         return self._following.due < inf
 
     def see(self, period: int, motion: Motion) -> None:
-        """Show a pose, unless it does not get through."""
+        """Show a pose to safety, unless poses are lost."""
         self.seen = period
         self.diary.now = period / SETPOINT.hz
         if self.diary.now >= self._deaf_until:
             self._show(_pose(period, motion))
 
     def act(self, period: int, motion: Motion) -> bool:
-        """Carry out the rows that are due; whether the cage in force is another one now."""
+        """Carry out the events that are due; return whether the cage in force has changed."""
         changed = False
         while self._next < len(self._rows) and self._rows[self._next].at * SETPOINT.hz <= period:
             row = self._rows[self._next]
@@ -96,7 +96,11 @@ class SimulatedFlight:
             before = self.cage_on, self.size
             self._do(row, period, motion)
             changed |= before != (self.cage_on, self.size)
-        self._expect_to_be_followed()
+        # A sleeping monitor has seen no poses, so a gap means nothing here.
+        moving = self.monitor.situation.state is State.MOVING
+        goal = self.monitor.situation.goal
+        if self._following.observe(self.monitor.pose, goal, moving=moving)[1]:
+            self.monitor.halted(STANDS)
         age = self.diary.now - self._heard
         if age > self.params.pose_timeout:
             self.monitor.lose()
@@ -106,7 +110,7 @@ class SimulatedFlight:
         return changed
 
     def setpoint(self) -> Setpoint:
-        """What the vehicle is told now."""
+        """Return the present setpoint."""
         setpoint = self.monitor.setpoint()
         if not setpoint.brake:
             self._expect_permitted(setpoint.position, "sent")
@@ -153,18 +157,11 @@ class SimulatedFlight:
                 late = _pose(max(period - round(age * SETPOINT.hz), 0), motion)
                 self._show(late)
                 if self.monitor.pose.stamp < before.stamp:
-                    self.diary.violated("a pose of the past was taken")
-
-    def _expect_to_be_followed(self) -> None:
-        # A monitor that was let sleep has seen no pose meanwhile: here a gap says nothing.
-        s = self.monitor.situation
-        moving = s.state is State.MOVING
-        if self._following.observe(self.monitor.pose, s.goal, moving=moving)[1]:
-            self.monitor.halted(STANDS)
+                    self.diary.violated("an old pose was taken")
 
     def _show(self, pose: Pose) -> None:
         if not self.monitor.ignores(pose):
-            # A monitor that was let sleep has not been deaf.
+            # A sleeping monitor has missed no pose.
             if self._deaf_until > self._heard:
                 self.monitor.silent(self.diary.now - self._heard)
             self._heard = self.diary.now
@@ -181,11 +178,11 @@ class SimulatedFlight:
             if not inside(place, self.size):
                 self.diary.violated(f"{how} to a goal outside with the cage on")
         elif not (all(map(isfinite, place)) and goal.z >= 0.0):
-            self.diary.violated(f"{how} to a goal that is no place")
+            self.diary.violated(f"{how} to an invalid goal")
 
 
 def _pose(period: int, motion: Motion) -> Pose:
-    # The automaton looks at neither attitude nor body rates.
+    # The automaton uses neither attitude nor body rates.
     x, y, z, vx, vy, vz = motion
     stamp = period / SETPOINT.hz
     return Pose(_BOOT, period, stamp, Position(x, y, z), Velocity(vx, vy, vz), _LEVEL, _STILL)

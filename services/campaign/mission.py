@@ -1,4 +1,4 @@
-"""Random missions: the events of a flight and their draw."""
+"""Random missions: the events of a flight and their generation."""
 
 from collections.abc import Iterator, Sequence
 from math import inf, nan, nextafter
@@ -10,13 +10,13 @@ from quadctl.schemas.params import CageParams, SafetyParams
 
 
 class _Event(Struct, frozen=True, tag=True):
-    """One thing that happens in a mission, at a simulated time, s."""
+    """Event of a mission, at a simulated time, s."""
 
     at: float
 
 
 class GotoEvent(_Event, frozen=True):
-    """A goal is asked for, m; it may be no place at all."""
+    """Request for a goal, m, which may be invalid."""
 
     x: float
     y: float
@@ -25,17 +25,17 @@ class GotoEvent(_Event, frozen=True):
 
 
 class HoldEvent(_Event, frozen=True):
-    """A stop is asked for."""
+    """Request to stop."""
 
 
 class CageEvent(_Event, frozen=True):
-    """The cage is turned on or off."""
+    """Request to turn the cage on or off."""
 
     on: bool
 
 
 class Resize(_Event, frozen=True):
-    """The cage gets other bounds, m."""
+    """Change of the cage's bounds, m."""
 
     x: float
     y: float
@@ -43,25 +43,25 @@ class Resize(_Event, frozen=True):
 
 
 class Range(_Event, frozen=True):
-    """The acceptance range gets another value, m."""
+    """Change of the acceptance range, m."""
 
     metres: float
 
 
 class Deaf(_Event, frozen=True):
-    """For so long (s) no pose reaches safety."""
+    """Time (s) in which no pose reaches safety."""
 
     seconds: float
 
 
 class Mute(_Event, frozen=True):
-    """For so long (s) no setpoint reaches the vehicle."""
+    """Time (s) in which no setpoint reaches the vehicle."""
 
     seconds: float
 
 
 class Jump(_Event, frozen=True):
-    """One pose says that the vehicle is elsewhere, by so much, m."""
+    """One pose that is off by this much, m."""
 
     x: float
     y: float
@@ -69,7 +69,7 @@ class Jump(_Event, frozen=True):
 
 
 class Late(_Event, frozen=True):
-    """A pose of some time ago (s) comes again, after newer ones."""
+    """Repetition of a pose of this age (s), after newer ones."""
 
     age: float
 
@@ -78,7 +78,7 @@ Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Deaf | Mute | Jump | 
 
 
 class Mission(Struct, frozen=True):
-    """One flight: its seed, parameters at launch, start (m), mean wind (m/s, ENU) and rows in time."""
+    """One flight: seed, parameters at launch, start (m), mean wind (m/s, ENU), events in order."""
 
     seed: int
     seconds: float
@@ -89,44 +89,41 @@ class Mission(Struct, frozen=True):
 
 
 def text(row: Row) -> str:
-    """A row as a line of a log shows it."""
+    """Return an event as a line of a log."""
     values: dict[str, Any] = structs.asdict(row)
     del values["at"]
-    said = " ".join(
+    fields = " ".join(
         f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
         for name, value in values.items()
     )
-    return f"{type(row).__name__.removesuffix('Event').lower()} {said}".rstrip()
+    return f"{type(row).__name__.removesuffix('Event').lower()} {fields}".rstrip()
 
 
 T = TypeVar("T")
 Point = tuple[float, float, float]
 
 MARGIN, MARGIN_IN_WIND = 0.01, 0.05
-"""What a vehicle may be beyond the cage, m: in still air, and more by the square of the wind, m/s."""
+"""Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
-"""Of the wind, east and north: few, for vehicles that are flown together share their weather."""
+"""Directions of the wind, east and north: few, so that vehicles of a batch share weather."""
 FAR = 10_000.0
-"""The farthest coordinate that a message may have, m."""
+"""Limit of a coordinate in a message, m."""
 
 
 class RandomSource(Protocol):
-    """A stream of random numbers, such as a seeded `random.Random`."""
+    """Stream of random numbers, such as a seeded `random.Random`."""
 
     def random(self) -> float:
-        """A number in [0, 1), all equally likely."""
+        """Return a uniformly distributed number in [0, 1)."""
 
     def uniform(self, a: float, b: float, /) -> float:
-        """A number in [a, b], all equally likely."""
+        """Return a uniformly distributed number in [a, b]."""
 
 
 def mission(
     seed: int, draws: RandomSource, seconds: float, *, wind: float = 0.0, faults: bool = False
 ) -> Mission:
-    """A mission of so many simulated seconds, in wind of a speed, m/s, from anywhere.
-
-    With `faults` messages get lost and poses lie.
-    """
+    """Return a random mission in wind (m/s); `faults` lose messages and falsify poses."""
     size = _size(draws)
     safety = SafetyParams(
         acceptance_range=_range(draws),
@@ -175,7 +172,7 @@ def _fault(draws: RandomSource, at: float) -> Row:
 
 
 def _gap(draws: RandomSource) -> float:
-    """Time to the next row: often so short that the flight is still under way, or no time."""
+    """Return the time to the next event: often within the present flight, or 0."""
     return _one(draws, (0.0, draws.uniform(0.0, 0.5), draws.uniform(0.5, 3.0), draws.uniform(2, 8)))
 
 
@@ -190,7 +187,7 @@ def _size(draws: RandomSource) -> Point:
 
 
 def _point(draws: RandomSource, size: Point) -> Point:
-    """A goal: inside, on a wall, a hair's breadth beyond, outside, far away, or no place."""
+    """Return a goal: inside, on a wall, barely beyond it, outside, far away, or invalid."""
     cx, cy, cz = size
     place = [draws.uniform(-cx, cx), draws.uniform(-cy, cy), draws.uniform(0.0, cz)]
     walls = ((-cx, cx), (-cy, cy), (0.0, cz))

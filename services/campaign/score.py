@@ -1,10 +1,10 @@
 """Log, excursion and report of simulated flights.
 
-The digest covers no wording: neither a reason's nor a log line's.
+The digest covers no wording, neither of reasons nor of log lines.
 
-The excursion is how far the true position goes beyond the cage in force. A vehicle that was inside
-when the cage came on or got its bounds must not go beyond it. A vehicle that was put outside by that,
-or could no longer stop inside, may go as far as its stopping point at that instant, and never out
+The excursion is the distance of the true position beyond the cage in force. A vehicle that was
+inside when the cage came on or changed must not go beyond it. A vehicle that was outside then, or
+could no longer stop inside, may go as far as its stopping point at that instant, and never out
 again once it has come nearer.
 """
 
@@ -23,7 +23,7 @@ from quadctl.schemas.messages import SafetyState, without_wording
 
 
 class Flown(Struct, frozen=True):
-    """One flight's figures: the worst excursion (m) and when (s), counts, arrival times (s)."""
+    """Figures of one flight: worst excursion (m) and its time (s), counts, arrival times (s)."""
 
     seed: int
     worst: float
@@ -37,10 +37,10 @@ class Flown(Struct, frozen=True):
 
 
 class FlightLog:
-    """Written while a flight goes on; `now` (s) is set by who writes."""
+    """Record of a flight in progress; the writer sets `now` (s)."""
 
     def __init__(self, *, log: bool) -> None:
-        """With `log` the lines are kept as well."""
+        """Start empty; keep lines only with `log`."""
         self.now = 0.0
         self.lines: list[str] = []
         self.violations: list[str] = []
@@ -52,25 +52,29 @@ class FlightLog:
         self._verdict: tuple[Any, ...] = ()
 
     def say(self, line: str) -> None:
-        """A line for who reads the flight."""
+        """Add a line to the log."""
         if self.log and line:
             self.lines.append(f"{self.now:.2f} s  {line}")
 
     def violated(self, what: str) -> None:
-        """Something happened that must not; the same thing is told once."""
+        """Record a violation; the same one only once."""
         if what not in self.violations:
             self.violations.append(what)
             self.say(f"VIOLATION: {what}")
 
     def asked(self, goal: tuple[float, float, float], reason: str) -> None:
-        """Keep a goal that was asked for (m) and its verdict: a reason is a refusal."""
+        """Record a requested goal (m) and its verdict: a reason is a refusal."""
         self.digest.update(msgpack.encode((goal, reason != "")))
         if reason:
             self.refusals[_kind(reason)] += 1
 
     def told(self, state: SafetyState, line: str) -> None:
-        """Safety published a state."""
-        self._hash(state)
+        """Record a state that safety published."""
+        # Unless it differs from the last in stamp or wording alone, the digest covers the state.
+        verdict = without_wording(replace(state, stamp=0.0))
+        if verdict != self._verdict:
+            self._verdict = verdict
+            self.digest.update(msgpack.encode((state.stamp, verdict)))
         self.say(line)
         before, self._state = self._state, state.state
         if state.state != before:
@@ -83,34 +87,27 @@ class FlightLog:
             self._stopped(state.reason)
         self._reason = state.reason
 
-    def _hash(self, state: SafetyState) -> None:
-        """Add a state to the digest, unless it differs from the last in stamp or wording alone."""
-        verdict = without_wording(replace(state, stamp=0.0))
-        if verdict != self._verdict:
-            self._verdict = verdict
-            self.digest.update(msgpack.encode((state.stamp, verdict)))
-
     def _stopped(self, reason: str) -> None:
         if reason.startswith(("stopped", "hold", "hovering")) or reason.endswith(": stopped"):
             self.stops[_kind(reason)] += 1
 
 
 def _kind(reason: str) -> str:
-    """What a reason says before it comes to numbers."""
+    """Return a reason up to its numbers."""
     return reason.partition(":")[0].partition(" by ")[0].partition(" for ")[0]
 
 
 APART = 1_000_000
-"""The flights of a campaign have the seeds from its own times this on, so that none meet."""
+"""Distance of the first seeds of neighbouring campaigns, so that flights never share one."""
 
 
 def seeds(seed: int, flights: int) -> range:
-    """The seed of each flight."""
+    """Return the seeds of all flights."""
     return range(seed * APART, seed * APART + flights)
 
 
 def document(seed: int, flown: Sequence[Flown]) -> dict[str, Any]:
-    """The campaign's figures, m and s."""
+    """Return the campaign's figures, m and s."""
     flown = sorted(flown, key=lambda flight: flight.seed)
     worst = max(flown, key=lambda flight: flight.worst)
     whole = hashlib.sha256("".join(flight.hash for flight in flown).encode())
@@ -124,16 +121,14 @@ def document(seed: int, flown: Sequence[Flown]) -> dict[str, Any]:
         "stops": _sum(flight.stops for flight in flown),
         "arrivals": arrivals([time for flight in flown for time in flight.arrivals]),
         "violations": [
-            {"seed": flight.seed, "what": flight.violations}
-            for flight in flown
-            if flight.violations
+            {"seed": each.seed, "what": each.violations} for each in flown if each.violations
         ],
         "hash": whole.hexdigest(),
     }
 
 
 def arrivals(times: list[float]) -> dict[str, float]:
-    """How long the flights to a goal took that arrived, s."""
+    """Return statistics of the times (s) of the flights that reached their goal."""
     times = sorted(times)
     parts = {"median": 0.5, "p90": 0.9, "p99": 0.99, "most": 1.0}
     found = {name: times[round(part * (len(times) - 1))] for name, part in parts.items() if times}
@@ -152,13 +147,13 @@ Point = tuple[float, float, float]
 
 
 def inside(point: Point, size: Point) -> bool:
-    """Whether a point is in the cage, walls included; what is no place is not."""
+    """Return whether a point is in the cage, walls included; NaN is outside."""
     (x, y, z), (cx, cy, cz) = point, size
     return -cx <= x <= cx and -cy <= y <= cy and 0.0 <= z <= cz
 
 
 def farthest(corners: Sequence[Sequence[float]], size: Point) -> float:
-    """How far beyond the cage (m) a vehicle can get that stays in the box around some points."""
+    """Return the farthest distance beyond the cage (m) of the box around some points."""
     outs = [
         max(max(low - value, value - high, 0.0) for value in values)
         for values, (low, high) in zip(zip(*corners, strict=True), _walls(size), strict=True)
@@ -172,37 +167,37 @@ def _walls(size: Point) -> tuple[tuple[float, float], ...]:
 
 
 class Score:
-    """The worst excursion of each vehicle of a batch, m."""
+    """Worst excursion of each vehicle of a batch, m."""
 
     def __init__(self, count: int) -> None:
-        """No cage is in force yet."""
+        """Start without a cage in force."""
         self.worst = np.zeros(count)
         self.at = np.zeros(count)
-        """When it was, s."""
+        """Its time, s."""
         self.allowed = np.full(count, np.inf)
-        """How far beyond the cage each may be, m."""
+        """Permitted distance of each beyond the cage, m."""
         self._low, self._high = np.full((3, count), -np.inf), np.full((3, count), np.inf)
 
     def free(self, number: int) -> None:
-        """The cage of one vehicle is off."""
+        """Turn the cage of one vehicle off."""
         self.allowed[number] = np.inf
 
     def confine(self, number: int, size: Point, allowed: float) -> None:
-        """The cage of one vehicle is on from now, and lets it be so far beyond it, m."""
+        """Turn the cage of one vehicle on, and permit a distance beyond it, m."""
         self._low[:, number], self._high[:, number] = zip(*_walls(size), strict=True)
         self.allowed[number] = allowed
 
     def returning(self) -> Sequence[int]:
-        """Which vehicles are allowed to be outside, and so may come nearer."""
+        """Return the vehicles that are allowed outside, and so may come nearer."""
         found: list[int] = np.flatnonzero((self.allowed > 0.0) & (self.allowed < np.inf)).tolist()
         return found
 
     def nearer(self, number: int, allowed: float) -> None:
-        """One vehicle can stop nearer now than it could: farther out it has not to go again."""
+        """Lower the permitted distance of a vehicle that can now stop nearer."""
         self.allowed[number] = min(self.allowed[number], allowed)
 
     def sample(self, positions: Floats, times: Sequence[float]) -> None:
-        """Count where all were at some times (s): (times, 3, vehicles), m."""
+        """Record the positions of all at some times (s): (times, 3, vehicles), m."""
         low, high = self._low - positions, positions - self._high
         outs = np.maximum(np.maximum(low, high), 0.0)
         squares = outs * outs

@@ -1,6 +1,6 @@
-"""Worker processes of a campaign, and the JSON lines between them.
+"""Worker processes of a campaign, and their JSON lines.
 
-A worker ends at once when its stdin is closed, even in the middle of a batch: its parent is gone.
+A worker exits at once when its stdin is closed, even in the middle of a batch: its parent has died.
 """
 
 import gc
@@ -26,7 +26,7 @@ from quadctl.services.runtime.errors import QuadctlError
 
 
 class Order(Struct, frozen=True):
-    """A campaign to fly, or with `replay` the flight of that seed alone, and its log."""
+    """Campaign to fly, or with `replay` only the flight of that seed, with its log."""
 
     flights: int
     seed: int
@@ -38,7 +38,7 @@ class Order(Struct, frozen=True):
 
 
 class Job(Struct, frozen=True):
-    """Flights with these seeds, for a worker; none means no more than to be ready."""
+    """Flights with these seeds, for a worker; with none it only gets ready."""
 
     first: int
     count: int
@@ -47,14 +47,8 @@ class Job(Struct, frozen=True):
     wind: float
 
 
-class Done(Struct, frozen=True):
-    """A worker's answer."""
-
-    flown: list[Flown]
-
-
 def say(value: Any) -> None:
-    """Write one document, at once."""
+    """Write one document, and flush."""
     sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
     sys.stdout.flush()
 
@@ -63,43 +57,43 @@ _COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign.workers")
 
 
 class Worker:
-    """One process that flies a job at a time."""
+    """Process that flies one job at a time."""
 
     def __init__(self) -> None:
         self._popen = subprocess.Popen(_COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     def fly(self, job: Job) -> list[Flown]:
-        """Raises QuadctlError where the worker ends instead."""
-        assert self._popen.stdin is not None  # noqa: S101 - pipes, as asked for above
+        """Return the results of a job; raise QuadctlError if the worker exits instead."""
+        assert self._popen.stdin is not None  # noqa: S101 - a pipe, see above
         assert self._popen.stdout is not None  # noqa: S101
         try:
             self._popen.stdin.write(msgspec.json.encode(job) + b"\n")
             self._popen.stdin.flush()
         except BrokenPipeError:
-            pass  # what it was is told below
+            pass  # reported below, by the missing line
         line = self._popen.stdout.readline()
         if not line:
             code = self._popen.wait()
-            raise QuadctlError(f"a worker of the campaign ended with code {code}", "see above")
-        return msgspec.json.decode(line, type=Done).flown
+            raise QuadctlError(f"a campaign worker ended with code {code}", "see its error above")
+        return msgspec.json.decode(line, type=list[Flown])
 
     def end(self) -> None:
-        """It ends where its stdin does."""
+        """Close the worker's stdin, which ends it, and wait."""
         self._popen.communicate()
 
 
 class WorkerPool:
-    """Workers that take the next job as soon as they are done with one."""
+    """Workers that each take the next job when they finish one."""
 
     def __init__(self, jobs: list[Job], on_flown: Callable[[list[Flown]], None]) -> None:
-        """`on_flown` is called with what came of each job, one after the other."""
+        """Call `on_flown` with the results of each job, one job at a time."""
         self._jobs: Iterator[Job] = iter(jobs)
         self._on_flown = on_flown
         self._lock = threading.Lock()
         self.problem: QuadctlError | None = None
 
     def fly(self, workers: list[Worker]) -> None:
-        """Fly all jobs; raises QuadctlError where a worker ends."""
+        """Fly all jobs; raise QuadctlError if a worker exits."""
         threads = [threading.Thread(target=self._serve, args=(each,)) for each in workers]
         for thread in threads:
             thread.start()
@@ -124,11 +118,11 @@ class WorkerPool:
 
 
 _GARBAGE = 50_000
-"""Objects after which it is looked for garbage."""
+"""Allocated objects between garbage collections."""
 
 
 def compiled() -> MakeFleet | None:
-    """How to make vehicles compiled by numba; None where there is none."""
+    """Return the maker of vehicles compiled by numba, None without numba."""
     try:
         module = source.load_module("kernel", kernel.kernel_source())
     except ImportError:
@@ -141,7 +135,7 @@ def compiled() -> MakeFleet | None:
 
 
 def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
-    """The flights of a job."""
+    """Return the flights of a job."""
     seeds = range(job.first, job.first + job.count)
     missions = [
         mission(seed, Random(seed), job.seconds, wind=job.wind, faults=job.faults) for seed in seeds
@@ -150,21 +144,21 @@ def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
 
 
 def main() -> None:
-    """Fly what is asked for, line by line."""
+    """Fly each job from stdin."""
     jobs: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_read, args=(jobs.put,), daemon=True).start()
     make = compiled() or Plain
     _warm(make([DynamicsParams()]))
-    # What numba has loaded stays, and flights leave next to nothing that is not freed at once.
+    # Numba's objects stay, and flights leave almost nothing that is not freed at once.
     gc.freeze()
     gc.set_threshold(_GARBAGE)
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
-        say(Done(batch(job, make).fly() if job.count else []))
+        say(batch(job, make).fly() if job.count else [])
 
 
 def _warm(fleet: VehicleBatch) -> None:
-    """Where it must be compiled first, now."""
+    """Compile all functions now, if needed."""
     fleet.goto(0, 1.0, 0.0, 1.0)
     fleet.advance(1)
     fleet.room(0)

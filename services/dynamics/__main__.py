@@ -12,7 +12,7 @@ from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.load import launch_lines
 
 _compiler = BackgroundCompiler()
-"""For all vehicles of the process."""
+"""Shared by all vehicles of the process."""
 
 
 def run(node: Node, params: Params) -> None:
@@ -21,7 +21,7 @@ def run(node: Node, params: Params) -> None:
         params.dynamics, node.reference_params and node.reference_params.dynamics
     ):
         node.log.info(line)
-    # One vehicle in real time is no work, and the code would take more memory than all the rest.
+    # For one vehicle in real time, plain Python is fast enough and needs far less memory.
     if many := not node.single or params.dynamics.speed != 1:
         _compiler.start()
     simulation = Simulation(node, params, _compiler.single if many else None)
@@ -38,7 +38,7 @@ def run(node: Node, params: Params) -> None:
     for now in node.ticks(lambda: dynamics.rate * (dynamics.speed or math.inf)):
         if dynamics.speed != 1 or node.in_mission:
             simulation.wait_for_safety()
-        # A loop that was itself held up has not yet heard the setpoints that wait for it.
+        # After a delay of this loop itself, the setpoints in its queue count first.
         elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick or (
             last_tick and now - last_tick > max(dynamics.grace, dynamics.setpoint_timeout)
         ):

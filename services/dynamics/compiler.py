@@ -1,8 +1,8 @@
 """Compilation of one vehicle in the background, and the cache of its machine code.
 
-Loading takes llvmlite alone, and 0.1 s; numba, which makes the code, would take many times that: it
-runs in a process of its own, which gives way to all others and ends when its stdin is closed. Of
-several such processes one compiles, the others wait.
+Loading takes only llvmlite, and 0.1 s. Compiling takes numba and many times as long, so it runs in
+a separate process with low priority, which ends when its stdin is closed. Of several such processes
+one compiles, the others wait.
 """
 
 import ctypes
@@ -32,16 +32,16 @@ _MAKING = (sys.executable, "-P", "-m", "quadctl.services.dynamics.compiler")
 _Function = ctypes.PYFUNCTYPE(
     ctypes.c_int32, *[ctypes.c_void_p] * 4, ctypes.c_int64, ctypes.c_int64
 )
-"""As numba calls: where to put a result and an error, of which there is neither, then arguments.
-The interpreter is kept meanwhile: other threads have no use for a few microseconds of it."""
+"""Signature of numba's code: pointers for a result and an error, both unused, then arguments. It
+keeps the GIL: other threads have no use for a few microseconds of it."""
 _POLITE = 10
-"""How far it gives way to others (of 19): the vehicles fly meanwhile."""
+"""Nice level of the compiler (of 19): the vehicles keep flying."""
 _A_LOOK = 0.5
-"""Seconds after which another, who makes it, is looked after."""
+"""Seconds between checks for the result of another process that compiles."""
 
 
 class Code(Struct, frozen=True):
-    """What a file holds: code of one kind of processor, and the name of its function."""
+    """Content of a cache file: code for one kind of processor, and the name of its function."""
 
     processor: str
     function: str
@@ -50,15 +50,15 @@ class Code(Struct, frozen=True):
 
     @staticmethod
     def sealed(processor: str, function: str, machine: bytes) -> "Code":
-        """With the digest by which a damaged file is told."""
+        """Return code with its digest, which reveals a damaged file."""
         return Code(processor, function, machine, hashlib.sha256(machine).hexdigest())
 
 
 class MachineCode:
-    """Loaded code."""
+    """Loaded machine code."""
 
     def __init__(self, code: Code) -> None:
-        """Make it ready to be called."""
+        """Load the code."""
         import llvmlite.binding as llvm
 
         llvm.initialize_native_target()
@@ -67,19 +67,19 @@ class MachineCode:
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code.machine))
         self._engine.finalize_object()
         self._function = _Function(self._engine.get_function_address(code.function))
-        self._nowhere = ctypes.create_string_buffer(8)
+        self._unused = ctypes.create_string_buffer(8)
 
     def single(self) -> "Single":
-        """Return one vehicle's flight through the compiled text."""
+        """Return a compiled flight function for one vehicle."""
         from quadctl.services.dynamics.compiled.single import FIXED, NUMBERS, Single
 
         numbers, fixed = (ctypes.create_string_buffer(of.size) for of in (NUMBERS, FIXED))
-        places = (ctypes.addressof(each) for each in (self._nowhere, self._nowhere, numbers, fixed))
+        places = (ctypes.addressof(each) for each in (self._unused, self._unused, numbers, fixed))
         return Single(partial(self._function, *places), numbers, fixed)
 
 
 def stored() -> Code | None:
-    """The code for this processor, where it has been made."""
+    """Return the code for this processor, None if there is none."""
     try:
         code = msgspec.msgpack.decode(_path().read_bytes(), type=Code)
     except (FileNotFoundError, msgspec.DecodeError):
@@ -89,20 +89,20 @@ def stored() -> Code | None:
 
 
 def store(code: Code) -> None:
-    """Keep it for the next time."""
+    """Write the code to the cache."""
     _path().parent.mkdir(parents=True, exist_ok=True)
     write_atomically(_path(), msgspec.msgpack.encode(code))
 
 
 def processor() -> str:
-    """This one, as LLVM knows it."""
+    """Return LLVM's name and features of this processor."""
     import llvmlite.binding as llvm
 
     return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
 
 
 def target() -> Any:
-    """What LLVM is to write code for: this processor, as a TargetMachine of llvmlite."""
+    """Return llvmlite's TargetMachine of this processor."""
     import llvmlite.binding as llvm
 
     name, features = processor().split(maxsplit=1)
@@ -112,7 +112,7 @@ def target() -> Any:
 
 
 def _path() -> Path:
-    # Imported here: a process whose one vehicle flies as plain Python needs none of it.
+    # Imported here: a process with one vehicle in plain Python does not need it.
     from quadctl.services.dynamics.compiled.single import single_source
     from quadctl.services.dynamics.compiled.source import cache_folder
 
@@ -141,7 +141,7 @@ def main() -> None:
 
 
 def made() -> Code:
-    """Compile the text, and translate it for this processor."""
+    """Compile the model for this processor."""
     import llvmlite.binding as llvm
 
     from quadctl.services.dynamics.compiled.single import single_source
@@ -149,7 +149,7 @@ def made() -> Code:
 
     (text,) = load_module("vehicle", single_source()).fly.inspect_llvm().values()
     module, machine = llvm.parse_assembly(text), target()
-    # Left are the function that can be called and what it calls: nothing of numba's own.
+    # Keep the exported function and its callees; drop numba's own.
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
@@ -167,16 +167,16 @@ def _watch_stdin() -> None:
 
 
 def have_made() -> None:
-    """Have the machine code made where there is none; returns when that is done, or has failed."""
+    """Run the compiler process, if needed, and wait until it has ended or failed."""
     import subprocess
 
-    # It ends when its stdin does, which is at the latest when we do.
+    # The process ends with its stdin, at the latest when this process ends.
     with subprocess.Popen(_MAKING, stdin=subprocess.PIPE) as making:
         making.wait()
 
 
 class BackgroundCompiler:
-    """Loads the machine code in the background, and has it made where it has not been yet.
+    """Loader of the machine code in the background; compiles it first if needed.
 
     Without the extra `fleet` there is none, and vehicles fly as plain Python: the same flight.
     """
@@ -186,16 +186,16 @@ class BackgroundCompiler:
         self._asking = threading.Lock()
 
     def start(self) -> None:
-        """Begin, unless somebody has; safe to call from any thread."""
+        """Begin, unless begun already; safe to call from any thread."""
         if self._asking.acquire(blocking=False):
             threading.Thread(target=self._fetch, name="compiler", daemon=True).start()
 
     def single(self) -> "Single | None":
-        """What flies one vehicle; None while there is nothing yet."""
+        """Return a flight function for one vehicle, None until there is one."""
         return self._machine.single() if self._machine else None
 
     def _fetch(self) -> None:
-        # Loaded here, in the background: one vehicle in real time needs none of it.
+        # Imported here, in the background: one vehicle in real time does not need it.
         from importlib.util import find_spec
 
         if find_spec("numba") is None:
@@ -203,11 +203,11 @@ class BackgroundCompiler:
 
         code = stored()
         if code is None:
-            _log.info("compiling the vehicle, once for this machine; it flies meanwhile")
+            _log.info("compiling the vehicle, once for this machine; until then it flies slower")
             have_made()
             code = stored()
         if code is None:
-            _log.warning("the vehicle could not be compiled: it flies on as plain Python")
+            _log.warning("the vehicle could not be compiled: it keeps flying as plain Python")
             return
         self._machine = MachineCode(code)
         _log.info("the vehicle flies compiled")

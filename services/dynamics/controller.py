@@ -1,11 +1,11 @@
 """Cascade control: position, velocity, attitude, body rates; yaw is held at 0.
 
-Every error is taken against a setpoint that is smooth up to its snap, and the setpoint's demand
-is fed forward at each level: acceleration and drag as force, jerk as body rates, snap as
-torque. The mean wind counts as known, as if estimated: without it the vehicle would hover beside
-its setpoint, downwind. Feedback is then left with gusts and other disturbances.
+Every error is taken against a setpoint that is smooth up to its snap. The setpoint's demand is fed
+forward at each level: acceleration and drag as force, jerk as body rates, snap as torque. Feedback
+only corrects gusts and other disturbances. The mean wind counts as known, as if estimated:
+otherwise the vehicle would hover downwind of its setpoint.
 
-World frame ENU, body frame FLU, SI units. Straight-line text, as in rigidbody.py.
+World frame ENU, body frame FLU, SI units. Straight-line code, as in rigidbody.py.
 """
 
 from math import sqrt, tan
@@ -15,19 +15,15 @@ from quadctl.services.dynamics.rigidbody import STEP, State
 from quadctl.services.dynamics.rotor import hover_speed
 
 STEPS = 4
-"""Integration steps in one control period: 250 Hz."""
-
+"""Integration steps per control period: 250 Hz."""
 PERIOD = STEPS * STEP
 """Control period, s."""
-
 LEAST_LIFT = 0.2
-"""Vertical specific force that is always asked for, in g: with none there is nothing to tilt."""
-
+"""Least vertical specific force, g: with none there is no force to tilt."""
 MOST_LIFT = 0.9
-"""Part of the full thrust that the vertical may take; the rest is for roll and pitch."""
-
+"""Share of the full thrust that the vertical may take; the rest is for roll and pitch."""
 TINY = 1e-12
-"""Added under a root whose value is divided by; far below anything that matters, above 0."""
+"""Added under a root that is a divisor: above 0, and far below any value that matters."""
 
 Gains = tuple[float, ...]
 """23 floats made by `control_constants`."""
@@ -37,17 +33,17 @@ Setpoint = tuple[float, ...]
 
 
 def lead(params: DynamicsParams) -> float:
-    """Delay from a command to its effect, s: the motors' lag and half a control period."""
+    """Return the delay (s) from a command to its effect: the motors' lag and half a period."""
     return params.vehicle.motor_lag + 0.5 * PERIOD
 
 
 def control_constants(params: DynamicsParams) -> Gains:
-    """What `control` needs of the parameters, in the order of use."""
+    """Return the parameters that `control` uses, in the order of use."""
     vehicle = params.vehicle
     gains = params.control
     inertia = vehicle.inertia
     wind = params.wind.mean
-    # Of rotor drag what there is in hover: across the rotors to the sides, along them upwards.
+    # Rotor drag in hover: across the rotors for horizontal motion, along them for vertical.
     turning = 4.0 * hover_speed(vehicle) / vehicle.mass
     full = 4.0 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2
     return (
@@ -81,16 +77,16 @@ def control_constants(params: DynamicsParams) -> Gains:
 def specific_force(
     state: State, setpoint: Setpoint, gains: Gains
 ) -> tuple[float, float, float, float]:
-    """Thrust per mass that is wanted (m/s^2, world), and 1, or 0 where its tilt is clamped.
+    """Return the wanted thrust per mass (m/s^2, world), and 1, or 0 if its tilt is clamped.
 
-    Position to velocity to acceleration; drag is fed forward at the setpoint's velocity, not the
+    Position to velocity to acceleration. Drag is fed forward at the setpoint's velocity, not the
     vehicle's, so that it cannot feed on itself.
     """
     px, py, pz, vx, vy, vz, _, _, _, _, _, _, _, _, _, _, _ = state
     rx, ry, rz, sx, sy, sz, ax, ay, az, _, _, _, _, _, _ = setpoint
     (kp, fastest, kv, drag, g, least, most, tilt, _, _, _, _, _, _, _, _, _, _,
      linear, upward, ux, uy, uz) = gains
-    # The correction is what is limited: the setpoint keeps its own limit of speed.
+    # Only the correction is limited: the setpoint keeps its own speed limit.
     ex = kp * (rx - px)
     ey = kp * (ry - py)
     ez = kp * (rz - pz)
@@ -113,7 +109,7 @@ def specific_force(
 def control(
     state: State, setpoint: Setpoint, gains: Gains
 ) -> tuple[float, float, float, float]:
-    """Thrust (N, along body z) and torques (N m, body frame) that follow the setpoint.
+    """Return thrust (N, along body z) and torques (N m, body frame) to follow the setpoint.
 
     The attitude error is Lee, Leok and McClamroch's on SO(3) (CDC 2010), 0.5 (Rd^T R - R^T Rd);
     body rates and angular acceleration from jerk and snap follow Mellinger and Kumar (ICRA 2011).
@@ -127,7 +123,7 @@ def control(
     zx = fx * f
     zy = fy * f
     zz = fz * f
-    # Snap and jerk of the specific force: the setpoint's and, without its lesser terms, drag's.
+    # Snap and jerk of the specific force: the setpoint's plus drag's, without drag's minor terms.
     ux = sx - ux
     uy = sy - uy
     uz = sz - uz
@@ -142,7 +138,7 @@ def control(
     jx = jx + d * ax + e * ux
     jy = jy + d * ay + e * uy
     jz = jz + d * az + e * uz
-    # First and second rate of the thrust's direction, across it; a clamped tilt is not led on.
+    # First and second rate of the thrust's direction, across it; 0 while the tilt is clamped.
     k = f * free
     along = jx * zx + jy * zy + jz * zz
     ox = (jx - along * zx) * k

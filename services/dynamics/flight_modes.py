@@ -1,10 +1,10 @@
-"""Modes of a flight: standing, spin-up, flying, hopping, landing, at rest; the room a stop takes.
+"""Modes of a flight: standing, spin-up, flying, hopping, landing, at rest; the room for a stop.
 
 Over the floor the vehicle hops, and it lands from straight above: a path along the floor, or
-diagonally down to it, would scrape it, and touching it takes away all speed. A vehicle at rest stands
-still to the bit until its next command: further steps would only stir the last digits.
+diagonally down to it, would scrape it, and contact removes all speed. A vehicle at rest does not
+change a bit until its next command: further steps would only change the last digits.
 
-World frame ENU, SI units. Straight-line text, as in rigidbody.py.
+World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 """
 
 from math import nan
@@ -17,46 +17,38 @@ from quadctl.services.dynamics.trajectory import Limits, Plan
 from quadctl.services.dynamics.wind import Air, Weather
 
 HOP = 0.1
-"""Height of a hop, m: less than any cage is high."""
-
+"""Height of a hop, m: less than the height of any cage."""
 NEAR = 0.01
-"""A place on the floor this near (m) needs no hop: the vehicle is there."""
-
+"""Distance (m) of a place on the floor that needs no hop: the vehicle is there."""
 FLAT = 0.05
-"""Height over way of a climb that is flown as a hop first."""
-
+"""Slope (height over way) below which a climb begins with a hop."""
 CLOSE = 0.05
-"""A leg is left for the next one this far (m) before its end."""
-
+"""Distance (m) to the end of a leg at which the next one begins."""
 TOUCHDOWN = 0.01
-"""Height under which a vehicle whose setpoint rests on the floor may drop, m."""
-
+"""Height (m) under which a vehicle with its setpoint on the floor may drop."""
 REST = 1e-9
-"""What a vehicle at rest may be off its setpoint or level, or move: m, rad, m/s and rad/s."""
-
+"""Tolerance of a vehicle at rest in place, attitude and motion: m, rad, m/s and rad/s."""
 MOTORS_AT_REST = 1e-6
-"""What its motors may be off their command, rad/s."""
-
+"""Tolerance of its motors against their command, rad/s."""
 PERIODS_TO_REST = 25.0
-"""Control periods that it must have been at rest, 0.1 s: with any force on it, it would not be."""
+"""Control periods of rest, 0.1 s, after which no force can be acting on the vehicle."""
 
 FlightMode = tuple[float, float, float, float, float, float, float, float]
 """1 while standing; periods left to spin up; periods at rest; 1 while braking; legs of a hop still
-to come after this one, 2 to 0; and the point that it was told of last, nan before the first."""
-
+to come after this one, 2 to 0; and the last goal, nan before the first."""
 
 Constants = tuple[Body, Gains, Mixer, Limits, float, float, Weather]
-"""What a vehicle's parameters come to: of the body, the controller, the mixer and the setpoint, its
-weight (N), the control periods that its motors take to spin up, and the weather."""
+"""Constants of a vehicle: for the body, the controller, the mixer and the setpoint, its weight (N),
+the control periods of its spin-up, and the weather."""
 
 
 def fresh(*, standing: bool) -> FlightMode:
-    """The mode of a vehicle that stands or hovers, and has been told of nothing."""
+    """Return the mode of a vehicle without a goal, on the floor or hovering."""
     return (1.0 if standing else 0.0, 0.0, 0.0, 0.0, 0.0, nan, nan, nan)
 
 
 def woken(mode: FlightMode) -> FlightMode:
-    """The mode of a vehicle that something new has come to: it may be at rest no more."""
+    """Return the mode with the count of periods at rest set to 0, after any change."""
     standing, spin, _, braking, hop, tx, ty, tz = mode
     return (standing, spin, 0.0, braking, hop, tx, ty, tz)
 
@@ -64,9 +56,9 @@ def woken(mode: FlightMode) -> FlightMode:
 def goto(
     plan: Plan, mode: FlightMode, x: float, y: float, z: float, spin_up: float, limits: Limits
 ) -> tuple[Plan, FlightMode]:
-    """Fly to a point, m; with the one that it already has, nothing changes.
+    """Fly to a point, m; a repeated goal changes nothing.
 
-    From the floor the motors first take `spin_up` periods. A goal below the floor is one on it.
+    From the floor the motors first spin up for `spin_up` periods. A goal below it is one on it.
     """
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     z = z if z > 0.0 else 0.0
@@ -78,11 +70,11 @@ def goto(
         braking = 0.0
         if (standing == 0.0) | (z > 0.0) | (here == 0.0):
             low = (z < HOP) & (here == 0.0)
-            # A climb that is flat, or begun in motion over the floor, would scrape it, too.
+            # A flat climb, or one begun in motion over the floor, would scrape it, too.
             moves = (here == 0.0) & (plan[6] == 0.0)
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
             hops = (sz < HOP) & (low | moves | flat)
-            # A hop in motion begins where that can end, not back where it was asked for.
+            # A hop begun in motion starts where that motion can end, not at the place of request.
             ex, ey = trajectory.stopping_place(plan, limits)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
@@ -94,7 +86,7 @@ def goto(
 
 
 def brake(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Plan, FlightMode]:
-    """Come to rest where the setpoint soonest can; while braking, nothing changes."""
+    """Come to rest as soon as the setpoint can; while braking, change nothing."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     if braking == 0.0:
         plan = trajectory.brake(plan, limits)
@@ -104,7 +96,7 @@ def brake(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Plan, FlightMod
 
 
 def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
-    """Where the setpoint is, m."""
+    """Return the setpoint's position, m."""
     x, _, _, _, _ = trajectory.filtered(plan[0], limits)
     y, _, _, _, _ = trajectory.filtered(plan[1], limits)
     z, _, _, _, _ = trajectory.filtered(plan[2], limits)
@@ -112,7 +104,7 @@ def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
 
 
 def ends_leg(plan: Plan, limits: Limits) -> bool:
-    """Whether the setpoint is near enough to the end of its leg to leave it for the next one."""
+    """Return whether the setpoint is near enough to the end of its leg to begin the next."""
     x, y, z = place(plan, limits)
     dx = x - plan[0][3]
     dy = y - plan[1][3]
@@ -123,7 +115,7 @@ def ends_leg(plan: Plan, limits: Limits) -> bool:
 def select_mode(
     state: State, plan: Plan, mode: FlightMode, limits: Limits
 ) -> tuple[FlightMode, float]:
-    """The mode of this period, and how motors are commanded: 0 idle, 1 spinning up, 2 in flight."""
+    """Return this period's mode, and the motors' command: 0 idle, 1 spin-up, 2 in flight."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     spins = (standing == 0.0) & (spin > 0.0)
     down = trajectory.at_rest(plan, limits) & (plan[2][3] <= 0.0) & (state[2] < TOUCHDOWN)
@@ -137,7 +129,7 @@ def select_mode(
 def motor_commands(
     state: State, wanted: Setpoint, kind: float, weight: float, gains: Gains, mixer: Mixer
 ) -> Motors:
-    """Motor speed commands of this period, rad/s; `weight` is the thrust to spin up to, N."""
+    """Return this period's motor commands, rad/s; `weight` is the spin-up thrust, N."""
     thrust, tx, ty, tz = control(state, wanted, gains)
     flies = kind == 2.0
     c0, c1, c2, c3 = mix(
@@ -149,16 +141,11 @@ def motor_commands(
         mixer,
     )
     idle = kind == 0.0
-    return (
-        0.0 if idle else c0,
-        0.0 if idle else c1,
-        0.0 if idle else c2,
-        0.0 if idle else c3,
-    )
+    return (0.0 if idle else c0, 0.0 if idle else c1, 0.0 if idle else c2, 0.0 if idle else c3)
 
 
 def next_leg(plan: Plan, mode: FlightMode, kind: float, limits: Limits) -> tuple[Plan, FlightMode]:
-    """The plan one period on, where the vehicle flies, and its next leg where one is due."""
+    """Return the plan one period later if the vehicle flies, with its next leg if one is due."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     if kind == 2.0:
         plan = trajectory.advance(plan, limits)
@@ -171,7 +158,7 @@ def next_leg(plan: Plan, mode: FlightMode, kind: float, limits: Limits) -> tuple
 
 
 def rest(state: State, command: Motors, plan: Plan, mode: FlightMode, limits: Limits) -> FlightMode:
-    """The mode, with the periods counted that the vehicle has been without any motion."""
+    """Return the mode with the periods counted in which the vehicle has been motionless."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     stands = standing > 0.0
     if stands | trajectory.at_rest(plan, limits):
@@ -197,7 +184,7 @@ def rest(state: State, command: Motors, plan: Plan, mode: FlightMode, limits: Li
 def control_period(
     state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air, constants: Constants
 ) -> tuple[Motors, Plan, FlightMode, Air]:
-    """Motors' command and air for one control period, and plan and mode at its end."""
+    """Return the period's motor command and air, and plan and mode at its end."""
     _, gains, mixer, limits, weight, _, weather = constants
     if mode[2] < PERIODS_TO_REST:
         if weather[4] > 0.0:
@@ -213,23 +200,17 @@ def control_period(
 def move(
     state: State, command: Motors, mode: FlightMode, flow: tuple[float, float, float], body: Body
 ) -> State:
-    """The state one step later, in air that moves with `flow`; of a vehicle at rest, the same."""
+    """Return the state one step later in air that moves with `flow`; at rest, the same."""
     if mode[2] < PERIODS_TO_REST:
         state = step(state, command, flow, body)
     return state
 
 
 def fly(
-    state: State,
-    command: Motors,
-    plan: Plan,
-    mode: FlightMode,
-    air: Air,
-    constants: Constants,
-    start: int,
-    steps: int,
-) -> tuple[State, Motors, Plan, FlightMode, Air]:
-    """All that a vehicle is, so many steps of 1 ms later; every fourth since boot is a control step.
+    state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air,
+    constants: Constants, start: int, steps: int,
+) -> tuple[State, Motors, Plan, FlightMode, Air]:  # fmt: skip
+    """Return the vehicle after this many steps of 1 ms; every fourth is a control step.
 
     `start` counts the steps since boot. At rest a vehicle stays as it is.
     """
@@ -247,21 +228,20 @@ def fly(
 
 
 LAGS = 6.0
-"""Lags of the setpoint after which it is on its path's last stretch."""
-
+"""Lags of the setpoint after which it is on the last stretch of its path."""
 EVERY = 4
-"""Control periods between the points of a stop that are looked at."""
+"""Control periods between the sampled points of a stop."""
 
 Point = tuple[float, float, float]
 
 
 def periods_of(limits: Limits) -> int:
-    """Control periods that a stop is looked at for."""
+    """Return the control periods for which a stop is sampled."""
     return round(LAGS * limits[3] / PERIOD)
 
 
 def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:
-    """The box that holds another point too, by its lowest and its highest corner."""
+    """Return a box, by its lowest and highest corner, extended to another point."""
     x, y, z = place
     lx, ly, lz = low
     hx, hy, hz = high
@@ -272,15 +252,12 @@ def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:
 
 
 def room(plan: Plan, mode: FlightMode, limits: Limits, periods: int) -> tuple[Point, Point]:
-    """The box, m, that the setpoint stays in up to its stopping point, were it to brake now.
-
-    It lags behind its own path, which may have turned.
-    """
+    """Return the box, m, that the setpoint would stay in, with its lag, if it braked now."""
     low = place(plan, limits)
     high = low
     if plan[6] < limits[7]:
         plan, _ = brake(plan, mode, limits)
-        # Where it gets more of the limits on its way it stops nearer.
+        # An axis that gains share on its way stops nearer.
         low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))
         for count in range(periods):
             plan = trajectory.advance(plan, limits)

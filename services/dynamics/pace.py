@@ -1,7 +1,7 @@
 """Speed of the model in plain Python: `python -P -m quadctl.services.dynamics.pace`.
 
-Prints the seconds that one integration step takes on this machine, in flight. Takes some 30 ms
-besides the start of Python.
+Prints the seconds that one integration step takes on this machine, in flight. Takes about 30 ms in
+addition to the start of Python.
 """
 
 import statistics
@@ -11,15 +11,15 @@ from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics.vehicle import Vehicle
 
 _BURST = 100
-"""Steps timed at once."""
+"""Steps timed together."""
 _PATIENCE = 0.03
-"""Seconds after which no further burst is begun."""
+"""Seconds after which no new burst begins."""
 _FAR = 1000.0
-"""Metres to the goal: none of the bursts gets there."""
+"""Metres to the goal: too far to reach during the bursts."""
 
 
 def step_seconds() -> float:
-    """Return the median time of a step over some bursts of a take-off and a flight."""
+    """Return the median time of a step over several bursts of a take-off and a flight."""
     vehicle = Vehicle(DynamicsParams())
     vehicle.goto(_FAR, _FAR, _FAR)
     vehicle.advance(_BURST)

@@ -2,12 +2,11 @@
 
 World frame ENU, body frame FLU, SI units. The state is one flat tuple of 17 floats, in order:
 position (m, world), velocity (m/s, world), quaternion w, x, y, z (body to world), body rates
-(rad/s, body) and motor speeds (rad/s). Rotors, seen from above: front left, rear left, rear
-right, front right; the first and third push the body to yaw left, the others right.
+(rad/s, body) and motor speeds (rad/s). Rotors, seen from above: front left, rear left, rear right,
+front right; the first and third push the body to yaw left, the others right.
 
-The functions are straight-line text over floats: a branch is a conditional expression, or where it
-saves work an `if` on its own, so the same text can be compiled. Loops over steps
-belong to the caller.
+The functions are straight-line code over floats, so that the same source can be compiled: a branch
+is a conditional expression, or a single `if` that saves work. Callers loop over steps.
 """
 
 from math import exp, sqrt
@@ -28,7 +27,7 @@ Body = tuple[float, ...]
 
 
 def body_constants(vehicle: VehicleParams, step: float = STEP) -> Body:
-    """What one step needs of the parameters and of the step size (s), in the order of use."""
+    """Return the parameters and the step size (s) that one step uses, in the order of use."""
     inertia = vehicle.inertia
     return (
         vehicle.thrust_coefficient,
@@ -58,11 +57,11 @@ def derivative(
     wx: float, wy: float, wz: float, m0: float, m1: float, m2: float, m3: float,
     ux: float, uy: float, uz: float, body: Body,
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
-    """Rates of velocity, quaternion and body rates, in this order; position's is the velocity.
+    """Return the rates of velocity, quaternion and body rates; position's is the velocity.
 
-    Newton and Euler's equations with the gyroscopic term. Thrust k w^2 acts along body z. The
-    motion through air that moves with u (m/s, world) is resisted by the body, with |v - u| (v - u)
-    and v - u, and by the rotors, with the sum of their speeds times v - u, across and along body z.
+    Newton and Euler's equations with the gyroscopic term. Thrust k w^2 acts along body z. The air
+    moves with u (m/s, world). Drag on the body goes with |v - u| (v - u) and v - u; drag on the
+    rotors with the sum of their speeds times v - u, across and along body z.
     """
     kf, km, kl, drag, linear, across, along, im, g, gx, gy, gz, ix, iy, iz, _, _, _ = body
     s0 = m0 * m0
@@ -100,12 +99,12 @@ def derivative(
 def step(
     state: State, command: Motors, wind: tuple[float, float, float], body: Body
 ) -> State:
-    """The state one step later, by the classical Runge-Kutta method of order four.
+    """Return the state one step later, by the classical Runge-Kutta method of order four.
 
-    The motors follow `command` by the exact first-order lag, m = c + (m - c) exp(-t / lag),
-    which gives their speeds at the midpoint and the end; `wind` is the air's velocity, m/s,
-    world. The quaternion comes back at unit length. Below the floor, z = 0, the vehicle is put
-    on it, with no body rates and no velocity but upwards.
+    The motors follow `command` by the exact first-order lag, m = c + (m - c) exp(-t / lag), which
+    gives their speeds at the midpoint and the end. `wind` is the air's velocity, m/s, world. The
+    quaternion is normalised. A vehicle below the floor, z = 0, is put on it, with no body rates and
+    no velocity but upwards.
     """
     px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
     c0, c1, c2, c3 = command

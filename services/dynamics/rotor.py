@@ -1,6 +1,6 @@
 """Mixer: collective thrust and body torques to four motor speed commands.
 
-Straight-line text, as in rigidbody.py. SI units, body frame FLU.
+Straight-line code, as in rigidbody.py. SI units, body frame FLU.
 """
 
 from math import exp, sqrt
@@ -13,12 +13,9 @@ Mixer = tuple[float, ...]
 
 
 def mixer_constants(vehicle: VehicleParams, period: float) -> Mixer:
-    """What `mix` needs of the parameters and of the control period (s), in the order of use.
-
-    The lever of a rotor about body x and y is arm / sqrt(2), because the arms stand at 45 degrees.
-    """
+    """Return the parameters and the control period (s) that `mix` uses, in the order of use."""
     return (
-        0.25 * sqrt(2.0) / vehicle.arm,
+        0.25 * sqrt(2.0) / vehicle.arm,  # the lever about x and y: arms at 45 degrees
         0.25 * vehicle.thrust_coefficient / vehicle.torque_coefficient,
         vehicle.thrust_coefficient * vehicle.max_motor_speed**2,
         1.0 / vehicle.thrust_coefficient,
@@ -28,7 +25,7 @@ def mixer_constants(vehicle: VehicleParams, period: float) -> Mixer:
 
 
 def hover_speed(vehicle: VehicleParams) -> float:
-    """Motor speed at which four rotors carry the weight, at most the limit, rad/s."""
+    """Return the motor speed (rad/s) at which four rotors carry the weight, at most the limit."""
     speed = sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_coefficient)
     return min(speed, vehicle.max_motor_speed)
 
@@ -37,14 +34,14 @@ def hover_speed(vehicle: VehicleParams) -> float:
 def mix(
     thrust: float, tx: float, ty: float, tz: float, state: State, mixer: Mixer
 ) -> Motors:
-    """Motor speed commands (rad/s) for a thrust (N, along body z) and torques (N m).
+    """Return motor speed commands (rad/s) for a thrust (N, along body z) and torques (N m).
 
-    Where a rotor would pass its limits, roll and pitch are kept, thrust moves to make room for
-    them and yaw gets what is left: a quadrotor that loses tilt falls, one that loses yaw turns.
+    If a rotor would pass its limits, roll and pitch are kept, thrust moves to make room for them,
+    and yaw gets the rest: a quadrotor that loses tilt falls, but one that loses yaw only turns.
 
-    Each command takes the rotor's thrust, rather than its speed, through one period of a
-    first-order lag: thrust goes with the square of the speed, so that with the speeds lagging
-    freely, the four together would lose lift whenever they part.
+    Each command takes the rotor's thrust, not its speed, through one period of a first-order lag.
+    Thrust goes with the square of the speed: if the speeds lagged freely, the four together would
+    lose lift whenever they differ.
     """
     _, _, _, _, _, _, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
     per_lever, per_yaw, most, per_thrust, fastest, decay = mixer

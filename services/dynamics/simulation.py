@@ -1,4 +1,4 @@
-"""Simulation of the vehicle's process: its boots, the setpoints that each follows, its poses."""
+"""Simulation of the vehicle's process: boots, the setpoints that each follows, poses."""
 
 import math
 import os
@@ -19,10 +19,11 @@ from quadctl.services.runtime.params.names import flatten
 
 
 class GoalLatch:
-    """After a brake of its own the vehicle goes on to the goal that it had within a grace alone.
+    """Memory of a goal that is void because the vehicle has braked by itself.
 
-    After a longer silence somebody may have come near. Then it goes on for what was asked of safety
-    since: for another goal, or after a setpoint to brake, which says that safety knows of the stop.
+    After a silence within the grace, the vehicle resumes its goal. After a longer one it must not:
+    a person who saw it stop may be standing there. Then it follows only a new request to safety:
+    another goal, or any goal after a setpoint to brake, which shows that safety knows of the stop.
     """
 
     def __init__(self) -> None:
@@ -30,15 +31,15 @@ class GoalLatch:
         self._void: Position | None = None
 
     def stopped(self) -> None:
-        """The vehicle brakes because it hears nothing."""
+        """Void the goal: the vehicle brakes because no setpoint comes."""
         self._void = self._goal
 
     def resumed(self) -> None:
-        """Go on with the goal: setpoints were missing for no longer than the grace."""
+        """Restore the goal: setpoints were missing for no longer than the grace."""
         self._void = None
 
     def accepts(self, goal: Position, *, brake: bool) -> bool:
-        """Whether a setpoint is followed."""
+        """Return whether the vehicle follows a setpoint."""
         if not brake and goal == self._void:
             return False
         self._goal, self._void = None if brake else goal, None
@@ -46,33 +47,37 @@ class GoalLatch:
 
 
 _LONGEST = 10.0
-"""Seconds of poses that are kept; `dynamics.fault.delay` asks for no more."""
+"""Seconds of poses that are kept: the most that `dynamics.fault.delay` can need."""
 _SLACK = 1e-6
-"""What times that are multiples of a period may be off by rounding, s."""
+"""Rounding error (s) of times that are multiples of a period."""
 
 
 class FaultyPose:
-    """Hands poses on as the fault in force leaves them; a changed one counts at once."""
+    """Poses as the fault in force changes them; a new fault counts at once."""
 
     def __init__(self, params: FlightFaultParams) -> None:
         self._params = params
         self._past: deque[Pose] = deque()
-        self._told: Pose | None = None
+        self._given: Pose | None = None
 
     def through(self, pose: Pose) -> Pose:
-        """What is told in place of the true pose."""
+        """Return the pose to publish for a true pose."""
         if self._params.pose == "none":
             self._past.clear()
         else:
-            self._keep(pose)
+            if self._past and self._past[-1].boot != pose.boot:
+                self._past.clear()
+            self._past.append(pose)
+            while self._past[0].stamp < pose.stamp - _LONGEST:
+                self._past.popleft()
             pose = self._faulty(pose)
-        self._told = pose
+        self._given = pose
         return pose
 
     def _faulty(self, pose: Pose) -> Pose:
         match self._params.pose:
             case "frozen":
-                return self._told or pose
+                return self._given or pose
             case "delayed":
                 then = pose.stamp - self._params.delay + _SLACK
                 return next(
@@ -81,28 +86,21 @@ class FaultyPose:
         place = structs.replace(pose.position, x=pose.position.x + self._params.jump)
         return structs.replace(pose, position=place)
 
-    def _keep(self, pose: Pose) -> None:
-        if self._past and self._past[-1].boot != pose.boot:
-            self._past.clear()
-        self._past.append(pose)
-        while self._past[0].stamp < pose.stamp - _LONGEST:
-            self._past.popleft()
-
 
 _STEPS_PER_SECOND = 1000
 _ASK_AGAIN = 0.25
-"""In lock-step, a pose that is not answered is published again after this (s)."""
+"""Time (s) after which, in lock-step, an unanswered pose is published again."""
 _SILENCE = 5.0
-"""In lock-step, a safety silent for longer (s) is complained of."""
+"""Silence of safety (s) after which, in lock-step, a warning is logged."""
 
 
 class Simulation:
-    """One boot after another of the vehicle, and the setpoint that each follows."""
+    """Boots of the vehicle, one after another, and the setpoints that each follows."""
 
     def __init__(
         self, node: Node, params: Params, faster: Callable[[], Fly | None] | None = None
     ) -> None:
-        """`faster` is asked before each flight of a pose's time, until it has something faster."""
+        """Start the first boot; ask `faster` before each pose until it returns a function."""
         self._node, self._params = node, params.dynamics
         self._faster = faster
         self._reported = FaultyPose(params.dynamics.fault)
@@ -113,19 +111,19 @@ class Simulation:
             POSE, lambda: params.dynamics.rate, waits=params.dynamics.speed != 1
         )
         self._setpoints = node.listen(SETPOINT, self._follow)
-        # They are followed from the next tick on, so they need not wake us before it.
+        # Setpoints take effect at the next tick, so they need not wake the node before it.
         self._setpoints.defer_wakeups(math.inf)
 
     def reset(self, name: str) -> None:
-        """Begin anew, by a given name or one of its own, and show it."""
+        """Start a new boot, by a given or a random name, and publish it."""
         if name in self._boots:
-            raise Refused(f"a boot was named {name} already", "name another, or none")
+            raise Refused(f"there was a boot named {name} already", "choose another name, or none")
         self.boot(name)
         self.publish()
         self.tell_time()
 
     def boot(self, name: str = "") -> None:
-        """Stand at the start, as a new boot that no old setpoint moves."""
+        """Put the vehicle on its start, as a new boot that ignores old setpoints."""
         self._vehicle, self._is_fast = Vehicle(self._params), False
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
@@ -134,11 +132,11 @@ class Simulation:
         self._node.log.info("boot %s", self._boot)
 
     def configure(self) -> None:
-        """The parameters have new values; the start counts from the next boot."""
+        """Take the parameters' new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
 
     def in_force(self) -> dict[str, Any]:
-        """Return the values that the vehicle still flies by, by name, of those that wait."""
+        """Return the values still in force, by name, of parameters that wait for a standstill."""
         flown, wanted = (
             dict(flatten(msgspec.to_builtins(each), "dynamics"))
             for each in (self._vehicle.in_force, self._params)
@@ -159,25 +157,20 @@ class Simulation:
         self.tell_time()
 
     def tell_time(self) -> None:
-        """Have the calls executed that were held for this pose."""
+        """Execute the calls that were held for this pose."""
         self._node.advance_sim_time(self._boot, self._stamp)
 
     def publish(self) -> None:
-        """Publish the pose as it is.
+        """Publish the current pose.
 
-        As fast as it goes, those that nobody answers go out with the next one that is answered:
-        sent together they cost each process on their way one wake, where they would cost five.
+        At full speed, poses that need no answer go out with the next one that does: together they
+        wake each process on their way once, not five times.
         """
-        px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = self._vehicle.state
+        state = self._vehicle.state
         pose = Pose(
-            self._boot,
-            self._seq,
-            self._stamp,
-            Position(px, py, pz),
-            Velocity(vx, vy, vz),
-            Quaternion(qw, qx, qy, qz),
-            BodyRates(wx, wy, wz),
-        )
+            self._boot, self._seq, self._stamp, Position(*state[:3]), Velocity(*state[3:6]),
+            Quaternion(*state[6:10]), BodyRates(*state[10:13]),
+        )  # fmt: skip
         self._unsent.append(self._reported.through(pose))
         if self._params.speed != 0 or self._answer_is_due:
             for pose in self._unsent:
@@ -196,10 +189,7 @@ class Simulation:
             self._alone = True
 
     def wait_for_safety(self) -> None:
-        """In lock-step: stop the clock until the last pose is answered, where an answer is due.
-
-        What safety says to a pose then takes effect at that pose, whatever the speed.
-        """
+        """In lock-step, stop the clock until a due answer comes; it takes effect at its pose."""
         if not self._answer_is_due:
             return
         silence = 0.0
@@ -208,15 +198,15 @@ class Simulation:
                 return
             silence += _ASK_AGAIN
             if _SILENCE <= silence < _SILENCE + _ASK_AGAIN:
-                self._node.log.warning("no setpoint for %g s: the clock stands still", _SILENCE)
-            # The pose or its answer was lost with a hub or a safety that has been restarted.
+                self._node.log.warning("no setpoint for %g s: the clock is stopped", _SILENCE)
+            # The pose or its answer was lost with a hub or a safety that restarted.
             self.publish()
         if silence >= _SILENCE:
-            self._node.log.warning("setpoints again: the clock goes on")
+            self._node.log.warning("setpoints are back: the clock runs again")
 
     @property
     def _answer_is_due(self) -> bool:
-        """Whether safety answers this pose: the first of a period of its own."""
+        """Return whether safety answers this pose: the first in a period of the setpoint."""
         period = 1 / self._params.rate
         return SETPOINT.period(self._stamp) != SETPOINT.period(self._stamp - period)
 
@@ -229,14 +219,14 @@ class Simulation:
             return
         silence = self._setpoints.received - self.heard
         self._answered, self.heard = setpoint.for_seq, self._setpoints.received
-        # Safety, which sees the silence only by its poses, may find it a little shorter.
+        # Safety sees the silence only by its poses, and may measure a little less.
         if self._alone and silence <= self._params.grace + self._params.setpoint_timeout:
             self._latch.resumed()
-            self._node.log.info("setpoints again after %.2g s: going on", silence)
+            self._node.log.info("setpoints are back after %.2g s: flying on", silence)
         self._alone = False
         accepts = self._latch.accepts(setpoint.position, brake=setpoint.brake)
         if not (accepts or self._ignores):
-            self._node.log.warning("setpoints again: hovering until another goal is asked for")
+            self._node.log.warning("setpoints are back: hovering until a new goal is requested")
         self._ignores = not accepts
         if setpoint.brake:
             self._vehicle.brake()

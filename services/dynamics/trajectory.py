@@ -1,19 +1,19 @@
 """Trajectory generator: from goals to a jerk-limited setpoint, smooth enough to be flown exactly.
 
 Each axis is a triple integrator (position, velocity, acceleration) with limits of speed,
-acceleration and jerk. Each period it takes the highest acceleration that the limits permit, for as
-long as the time-minimal stop would still end short of the goal; from then on it follows that
-stop, whose three pieces are integrated in closed form. There is no plan to throw away: with a goal
-moved in flight, or a new share, only the side of the goal on which the stop ends is computed again.
+acceleration and jerk. In each period it takes the highest acceleration that the limits permit, as
+long as the time-minimal stop still ends short of the goal. From then on it follows that stop; its
+three pieces are integrated in closed form. There is no plan to discard: when the goal is moved in
+flight, or the share changes, only the side of the goal on which the stop ends is computed again.
 
-The three axes share the limits so that their vector sums keep them, and so that a path from rest
-is a straight line. Three equal first-order lags then round the steps of the jerk: a vehicle whose
-torque lags cannot follow those, and would pass the goal by centimetres. A lagged path stays between
-the goal and its start, because a lag is a weighted mean.
+The three axes share the limits so that their vector sums keep them, and so that a path from rest is
+a straight line. Three equal first-order lags then round the steps of the jerk: a vehicle with
+torque lags cannot follow such steps, and would pass the goal by centimetres. The lagged path stays
+between the goal and its start, because a lag is a weighted mean.
 
-World frame ENU, SI units; all limits are positive. Straight-line text, as in rigidbody.py.
+World frame ENU, SI units; all limits are positive. Straight-line code, as in rigidbody.py.
 
-Over 500 lines: axes, shares and lags are one computation, and each is checked only through all.
+Over 500 lines: axes, shares and lags are one computation, and each can only be checked with all.
 """
 
 from math import exp, sqrt
@@ -22,24 +22,24 @@ from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics.controller import PERIOD, Setpoint, lead
 
 SWITCH_HALVINGS = 40
-"""Steps of bisection for the moment to brake: to 4e-15 s."""
+"""Bisection steps for the moment to brake: to 4e-15 s."""
 
 Motion = tuple[float, float, float]
 """Position (m), velocity (m/s) and acceleration (m/s^2)."""
 
 
 def ramp(p: float, v: float, a: float, jerk: float, t: float) -> Motion:
-    """The motion after `t` seconds of constant jerk, m/s^3."""
+    """Return the motion after `t` seconds of constant jerk, m/s^3."""
     half = 0.5 * jerk * t
     return p + t * (v + t * (0.5 * a + half / 3.0)), v + t * (a + half), a + jerk * t
 
 
 def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, float]:
-    """Side, peak deceleration (m/s^2) and time at the peak (s) of the time-minimal stop.
+    """Return side, peak deceleration (m/s^2) and time at the peak (s) of the time-minimal stop.
 
-    It goes to the peak at full jerk, holds it where that is the limit, for the speed that two
-    ramps do not take away, and goes back to 0 at full jerk. The side is that of the speed once
-    the acceleration is taken away; a stop on side -1 is the mirror image of one on side 1.
+    The stop goes to the peak at full jerk and back to 0 at full jerk. If the limit caps the peak,
+    the stop holds it until the speed that the two ramps do not remove is gone. The side is the sign
+    of the speed once the acceleration is removed; a stop on side -1 mirrors one on side 1.
     """
     side = 1.0 if v + a * abs(a) / (2.0 * j) >= 0.0 else -1.0
     square = side * j * v + 0.5 * a * a
@@ -51,7 +51,7 @@ def peak(v: float, a: float, most_a: float, j: float) -> tuple[float, float, flo
 
 
 def stop(v: float, a: float, most_a: float, j: float) -> float:
-    """Displacement of the time-minimal stop, m: its three pieces integrated, terms collected."""
+    """Return the displacement of the time-minimal stop, m: its three pieces integrated."""
     side, b, hold = peak(v, a, most_a, j)
     a = side * a
     return side * (
@@ -62,7 +62,7 @@ def stop(v: float, a: float, most_a: float, j: float) -> float:
 def decelerate(
     p: float, v: float, a: float, goal: float, most_a: float, j: float, t: float
 ) -> Motion:
-    """The motion after `t` seconds of the time-minimal stop, which ends on `goal`, m."""
+    """Return the motion after `t` seconds of the time-minimal stop, which ends on `goal`, m."""
     side, b, t2 = peak(v, a, most_a, j)
     t1 = (side * a + b) / j
     t3 = b / j
@@ -77,20 +77,13 @@ def decelerate(
 
 
 def advance_axis(
-    p: float,
-    v: float,
-    a: float,
-    goal: float,
-    heading: float,
-    most_v: float,
-    most_a: float,
-    j: float,
-) -> tuple[float, float, float, float]:
-    """The motion one period on, and the heading from then.
+    p: float, v: float, a: float, goal: float,
+    heading: float, most_v: float, most_a: float, j: float,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """Return the motion one period later, and the new heading.
 
-    `heading` is the side of the stop's end that the goal is on, +1 or -1, or 0 while following
-    the stop that ends on the goal. Limits that are kept stay kept; speed beyond its limit comes
-    back within it.
+    `heading` is the side of the stop's end that the goal is on, +1 or -1, or 0 while following the
+    stop that ends on the goal. Kept limits stay kept; a speed above its limit returns to it.
     """
     if heading == 0.0:
         p, v, a = decelerate(p, v, a, goal, most_a, j, PERIOD)
@@ -106,24 +99,18 @@ def advance_axis(
 
 
 def accelerate(
-    p: float,
-    v: float,
-    a: float,
-    goal: float,
-    heading: float,
-    most_v: float,
-    most_a: float,
-    j: float,
-) -> tuple[float, float, float, float, float]:
-    """The motion one period on under the highest acceleration permitted towards the heading.
+    p: float, v: float, a: float, goal: float,
+    heading: float, most_v: float, most_a: float, j: float,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """Return the motion one period later at the highest acceleration permitted towards the heading.
 
-    Then the jerk that this takes, m/s^3, and how far past the goal a stop from there would end, m.
+    Also the jerk for it, m/s^3, and how far a stop from there would pass the goal, m.
     """
     h = PERIOD
     v0 = heading * v
     a0 = heading * a
-    # With the acceleration then taken away at full jerk, though in whole periods (which may
-    # take half a period more), the speed must not pass its limit: v + a^2 / 2j + a h / 2.
+    # The speed must not pass its limit while the acceleration is then removed at full jerk, in
+    # whole periods (which may take half a period more): v + a^2 / 2j + a h / 2.
     over = v0 + 0.5 * h * a0 - most_v
     cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
     high = -cap if over > 0.0 else cap
@@ -141,7 +128,7 @@ def accelerate(
 def switch(
     p: float, v: float, a: float, jerk: float, goal: float, heading: float, most_a: float, j: float
 ) -> float:
-    """The moment within a period (s) from which the stop ends on the goal, by bisection."""
+    """Return the moment within a period (s) from which the stop ends on the goal, by bisection."""
     early = 0.0
     late = PERIOD
     for _ in range(SWITCH_HALVINGS):
@@ -154,35 +141,31 @@ def switch(
 
 
 LEAST_SHARE = 1e-5
-"""Least share of the limits of an axis, so that none is zero."""
-
+"""Smallest share of the limits of an axis, so that none is zero."""
 TIGHT = 1e-9
-"""A stop that passes the goal by less than this, relatively, does so by rounding."""
-
+"""Relative overshoot of the goal below which a stop overshoots only by rounding."""
 SHARE_HALVINGS = 12
-"""Steps of bisection for a share of the limits: to 1 in 4000."""
-
+"""Bisection steps for a share of the limits: to 1 in 4000."""
 LONG = 2.0
-"""Seconds of braking after which it is looked whether there is more to brake with."""
+"""Seconds of braking after which an axis may claim a larger share."""
 
 Limits = tuple[float, ...]
 """8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
-the period in lags, the snap's lead in lags, and the periods after which an image is at rest."""
+the period in lags, the snap's lead in lags, and the periods until the lagged path is at rest."""
 
 Axis = tuple[float, ...]
-"""9 floats: position, velocity and acceleration of the path, the goal, the side of it that a stop
-ends on (see `peak`), the share of the limits (0 to 1), and the jerk after one, two and three lags.
-"""
+"""9 floats: position, velocity and acceleration of the path, the goal, the heading (see
+`advance_axis`), the share of the limits (0 to 1), and the jerk after one, two and three lags."""
 
 
 def needed(axis: Axis, limits: Limits) -> float:
-    """Return the least share of the limits that an axis can do with in its present motion.
+    """Return the least share of the limits that the present motion of an axis needs.
 
-    Where a stop can end short of the goal, one that does. Where none can, or where the axis
-    moves away from the goal, the present one: with less, the stop would end beyond where it
-    was bound to when the goal was moved, and that could be outside the cage. Never less than the
-    share that its present acceleration takes: the axis goes on with that acceleration whatever
-    its share, so a smaller one would give the difference away twice.
+    If a stop can end short of the goal, the share for that stop. If none can, or if the axis moves
+    away from the goal, the present share: with less, the stop would end beyond the one that was
+    possible when the goal was moved, perhaps outside the cage. Never less than the share of the
+    present acceleration: the axis continues with it whatever its share, so a smaller one would give
+    the difference away twice.
     """
     p, v, a, goal, _, share, _, _, _ = axis
     most_a = limits[1]
@@ -206,7 +189,7 @@ def needed(axis: Axis, limits: Limits) -> float:
 
 
 def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
-    """The share of the limits that an axis must have, and the way that it still has to go, m."""
+    """Return the share of the limits that an axis must have, and its remaining way, m."""
     p, v, a, goal, heading, share, _, _, _ = axis
     need = share
     if heading != 0.0:
@@ -221,9 +204,9 @@ def within(
 ) -> tuple[float, float, float]:
     """Return the needs of the axes, met as far as the squares of the shares add up to 1.
 
-    No axis gets less than it has, if it needs that much. Where the rest is too little for what is
-    needed on top, an axis passes a goal that was moved nearer, but never the one before, which it
-    could stop at with the share that it has.
+    No axis that needs its present share loses any of it. If the rest cannot cover the additional
+    needs, an axis passes a goal that was moved nearer, but never the previous goal: its present
+    share is enough to stop there.
     """
     hx = nx if nx < x[5] else x[5]
     hy = ny if ny < y[5] else y[5]
@@ -240,16 +223,16 @@ def within(
 
 
 def urgent(axis: Axis, way: float, part: float) -> float:
-    """Return the square of what a stop would give an axis on top, where it has to turn round.
+    """Return the square of the share that a stop would add to an axis that has to turn round.
 
-    That is where its stop ends beyond its goal: it may be bound out of the cage, and is to get no
-    farther than if it were told to stop. `way` is from its stop's end to the goal, m.
+    Such an axis stops beyond its goal, possibly outside the cage, and must get no farther than if
+    it were braking. `way` is from its stop's end to the goal, m.
     """
     return part * axis[1] * axis[1] if axis[1] * way < 0.0 else 0.0
 
 
 def assign_share(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
-    """An axis with its new share of the limits."""
+    """Return an axis with its new share of the limits."""
     p, v, a, goal, heading, _, j1, j2, j3 = axis
     share = sqrt(need * need + left * cosine * cosine)
     share = LEAST_SHARE if share < LEAST_SHARE else share
@@ -260,10 +243,9 @@ def assign_share(axis: Axis, need: float, cosine: float, left: float, limits: Li
 
 
 def release_slow_axis(axis: Axis, limits: Limits) -> Axis:
-    """An axis that would brake for long is on its way again, and may get a larger share.
+    """Return the axis, no longer braking if its stop takes long, so that its share can grow.
 
-    One that got next to nothing, while others needed all, stops on its goal from wherever it is:
-    at a walking pace, for minutes.
+    An axis left with almost no share would otherwise brake at walking pace, for minutes.
     """
     p, v, a, goal, heading, share, j1, j2, j3 = axis
     j = share * limits[2]
@@ -273,12 +255,12 @@ def release_slow_axis(axis: Axis, limits: Limits) -> Axis:
 
 
 def kept(axis: Axis) -> float:
-    """Return the share that an axis keeps in a stop: what it has, and none where it has stopped."""
+    """Return the share that an axis keeps in a stop: its present one, or 0 if it has stopped."""
     return axis[5] if (axis[1] != 0.0) | (axis[2] != 0.0) else 0.0
 
 
 def lent(axis: Axis, need: float, left: float) -> Axis:
-    """Return an axis with its need and a part of what is left, given as a square."""
+    """Return an axis with its need and a part of the rest, given as a square."""
     p, v, a, goal, heading, _, j1, j2, j3 = axis
     share = sqrt(need * need + left)
     return (p, v, a, goal, heading, LEAST_SHARE if share < LEAST_SHARE else share, j1, j2, j3)
@@ -287,8 +269,8 @@ def lent(axis: Axis, need: float, left: float) -> Axis:
 def share_leftover(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
     """Return the axes with the limits shared for a stop.
 
-    Each that still moves keeps its share. The rest goes by the squares of the speeds: a stop with
-    more ends sooner, and nearer.
+    Each axis that still moves keeps its share. The rest is divided by the squares of the speeds: a
+    stop with a larger share ends sooner, and nearer.
     """
     nx = kept(x)
     ny = kept(y)
@@ -307,10 +289,10 @@ def share_leftover(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
 def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     """Share the limits among the axes, so that the squares of the shares add up to 1.
 
-    An axis that is stopping keeps its share, one on its way gets what it needs if there is as much.
-    So the vector of acceleration is within its limit whatever goals are replaced. An axis that has
-    to turn round gets as much as in a stop. What is left then goes by the squares of the ways still
-    to go, which from rest makes all three profiles alike but for scale: a straight line.
+    An axis that is stopping keeps its share; an axis on its way gets the share that it needs, if
+    available. So the vector of acceleration keeps its limit whatever goals are replaced. An axis
+    that has to turn round gets as much as in a stop. The rest is divided by the squares of the
+    remaining ways: from rest, the profiles then differ only in scale, and the path is straight.
     """
     x = release_slow_axis(x, limits)
     y = release_slow_axis(y, limits)
@@ -341,25 +323,22 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
 
 
 LEAST_LAG = 0.05
-"""Shortest lag, s: with 0.03 short climbs aslant, and goals replaced to and fro in a descent, take
-torques for which there is not the thrust: a campaign found one flight in 200 up to 6 cm off."""
-
+"""Shortest lag, s: with 0.03, short diagonal climbs, and goals replaced back and forth in a
+descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm off."""
 LAGS_TO_SETTLE = 40.0
-"""Lags after which a decay is below the rounding of what it decays to: e^-40 is 4e-18."""
-
+"""Lags after which a decay is below the rounding of its start value: e^-40 is 4e-18."""
 REDIVIDE = 25.0
-"""Control periods after which axes that were sent elsewhere in flight share the limits anew."""
-
+"""Control periods after which axes with goals moved in flight share the limits again."""
 BRAKES = 2.0
-"""In a plan that comes to rest wherever it soonest can."""
+"""Mark of a plan that comes to rest as soon as it can, wherever that is."""
 
 Plan = tuple[Axis, Axis, Axis, float, float, float, float]
-"""The axes x, y and z; how many of them moved; 1 after a goal that was moved in flight, or BRAKES;
-periods since the limits were shared, up to REDIVIDE; periods at rest."""
+"""The axes x, y and z; the number of them that moved; 1 after a goal was moved in flight, or
+BRAKES; periods since the limits were shared, up to REDIVIDE; periods at rest."""
 
 
 def limits_of(params: DynamicsParams) -> Limits:
-    """What the setpoint needs of the parameters, in the order of use."""
+    """Return the parameters that the setpoint uses, in the order of use."""
     limits = params.control
     lag = max(lead(params), LEAST_LAG)
     ratio = PERIOD / lag
@@ -376,24 +355,24 @@ def limits_of(params: DynamicsParams) -> Limits:
 
 
 def standing_at(position: float) -> Axis:
-    """An axis at rest, m."""
+    """Return an axis at rest at a position, m."""
     return (position, 0.0, 0.0, position, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def resting(x: float, y: float, z: float, limits: Limits) -> Plan:
-    """A plan at rest, m."""
+    """Return a plan at rest at a point, m."""
     return (standing_at(x), standing_at(y), standing_at(z), 0.0, 0.0, 0.0, limits[7])
 
 
 def at_rest(plan: Plan, limits: Limits) -> bool:
-    """Whether the setpoint stands on the goal, for good."""
+    """Return whether the setpoint rests on the goal, for good."""
     return plan[6] >= limits[7]
 
 
 def filtered(axis: Axis, limits: Limits) -> tuple[float, float, float, float, float]:
-    """Position, velocity, acceleration, jerk and led snap of the path after three lags.
+    """Return position, velocity, acceleration, jerk and led snap of the path after three lags.
 
-    Each lag's output lies behind its input by the lag times its own rate.
+    The output of each lag is behind its input by the lag times its own rate.
     """
     p, v, a, _, _, _, j1, j2, j3 = axis
     _, _, _, lag, _, _, led, _ = limits
@@ -409,7 +388,7 @@ def filtered(axis: Axis, limits: Limits) -> tuple[float, float, float, float, fl
 
 
 def setpoint_of(plan: Plan, limits: Limits) -> Setpoint:
-    """What to follow now, as `controller.control` takes it."""
+    """Return the present setpoint, in the order that `controller.control` takes."""
     px, vx, ax, jx, sx = filtered(plan[0], limits)
     py, vy, ay, jy, sy = filtered(plan[1], limits)
     pz, vz, az, jz, sz = filtered(plan[2], limits)
@@ -417,7 +396,7 @@ def setpoint_of(plan: Plan, limits: Limits) -> Setpoint:
 
 
 def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
-    """An axis one period on, and 1 if it moved, else 0."""
+    """Return an axis one period later, and 1 if it moved, else 0."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
     most_v, most_a, most_j, _, decay, ratio, _, _ = limits
     moves = (v != 0.0) | (a != 0.0) | (p != goal)
@@ -435,7 +414,7 @@ def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
 def lagged(
     j1: float, j2: float, j3: float, jerk: float, decay: float, ratio: float
 ) -> tuple[float, float, float]:
-    """The jerk after one, two and three lags, m/s^3: the exact response to a constant one."""
+    """Return the jerk after one, two and three lags, m/s^3: the exact response to a constant."""
     c1 = j1 - jerk
     c2 = j2 - jerk
     c3 = j3 - jerk
@@ -447,13 +426,13 @@ def lagged(
 
 
 def settle(axis: Axis) -> Axis:
-    """The image put at rest where the path is."""
+    """Return the axis with its lagged path put at rest on the path."""
     p, v, a, goal, heading, share, _, _, _ = axis
     return (p, v, a, goal, heading, share, 0.0, 0.0, 0.0)
 
 
 def advance(plan: Plan, limits: Limits) -> Plan:
-    """The plan one control period on."""
+    """Return the plan one control period later."""
     x, y, z, moving, crowded, periods, still = plan
     if still < limits[7]:
         x, mx = follow(x, limits)
@@ -476,40 +455,40 @@ def advance(plan: Plan, limits: Limits) -> Plan:
 
 
 def aim(axis: Axis, point: float) -> Axis:
-    """An axis sent to a point, m."""
+    """Return an axis with a point, m, as its goal."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
     return (p, v, a, point, heading if goal == point else 1.0, share, j1, j2, j3)
 
 
 def goto(plan: Plan, gx: float, gy: float, gz: float, limits: Limits) -> Plan:
-    """Come to rest at this point, m."""
+    """Return a plan that comes to rest at this point, m."""
     x, y, z, moving, _, periods, _ = plan
     x, y, z = divide(aim(x, gx), aim(y, gy), aim(z, gz), limits)
     return (x, y, z, moving, 1.0 if moving > 0.0 else 0.0, periods, 0.0)
 
 
 def end(axis: Axis, limits: Limits) -> Axis:
-    """An axis that stops where it soonest does with its present share of the limits."""
+    """Return an axis that stops as soon as it can with its present share of the limits."""
     p, v, a, _, _, share, j1, j2, j3 = axis
     goal = p + stop(v, a, share * limits[1], share * limits[2])
     return (p, v, a, goal, 0.0, share, j1, j2, j3)
 
 
 def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float]:
-    """Where x and y soonest come to rest, m."""
+    """Return the soonest stopping place of x and y, m."""
     x = end(plan[0], limits)
     y = end(plan[1], limits)
     return x[3], y[3]
 
 
 def halt(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
-    """Return axes that stop where they soonest do, with the limits shared anew."""
+    """Return axes that stop as soon as they can, with the limits shared again."""
     x, y, z = share_leftover(x, y, z)
     return end(x, limits), end(y, limits), end(z, limits)
 
 
 def brake(plan: Plan, limits: Limits) -> Plan:
-    """Come to rest as soon as can be; axes that get more of the limits later stop nearer."""
+    """Return a plan that stops as soon as it can; axes that gain share later stop nearer."""
     x, y, z, moving, _, periods, _ = plan
     x, y, z = halt(x, y, z, limits)
     return (x, y, z, moving, BRAKES, periods, 0.0)

@@ -1,7 +1,7 @@
 """Simulated vehicle: rigid body, rotors, controller and setpoint, stepped together.
 
-World frame ENU, body frame FLU, SI units; quaternions w, x, y, z, body to world. Time is the
-count of integration steps, so equal calls give equal bits.
+World frame ENU, body frame FLU, SI units; quaternions w, x, y, z, body to world. Time is the count
+of integration steps, so equal calls give equal bits.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,6 @@ from math import ceil
 from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams
-from quadctl.schemas.vehicle import VehicleParams
 from quadctl.services.dynamics import flight_modes, trajectory, wind
 from quadctl.services.dynamics.controller import PERIOD, control_constants
 from quadctl.services.dynamics.flight_modes import Constants, FlightMode, fresh
@@ -21,23 +20,24 @@ from quadctl.services.dynamics.trajectory import Plan, limits_of
 from quadctl.services.dynamics.wind import Air, initial_air, weather_of
 
 LAGS_TO_SPIN_UP = 5.0
-"""Motor lags to wait at hover command before take-off: then 1.3 % of the weight is missing."""
+"""Motor lags to wait at hover command before take-off: 1.3 % of the weight is missing then."""
 
 Vector = tuple[float, float, float]
-"""x, y, z."""
 
 Lane = tuple[State, Motors, Plan, FlightMode, Air]
-"""All that a vehicle is at one moment: state, motors' command, plan and mode, and its air."""
+"""The full state of a vehicle: body state, motors' command, plan, mode and air."""
 
 Fly = Callable[[State, Motors, Plan, FlightMode, Air, Constants, int, int], Lane]
-"""`flight_modes.fly`, or what does the same to the bit."""
+"""`flight_modes.fly`, or its bit-identical compiled form."""
 
 
 def constants_of(params: DynamicsParams) -> Constants:
-    """What the model needs of the parameters."""
+    """Return the constants of the model."""
     vehicle = params.vehicle
+    # The controller does not know of a motor fault.
+    thrust = params.fault.motors * vehicle.thrust_coefficient
     return (
-        body_constants(_true(params)),
+        body_constants(replace(vehicle, thrust_coefficient=thrust)),
         control_constants(params),
         mixer_constants(vehicle, PERIOD),
         limits_of(params),
@@ -47,16 +47,8 @@ def constants_of(params: DynamicsParams) -> Constants:
     )
 
 
-def _true(params: DynamicsParams) -> VehicleParams:
-    """The vehicle as it is, where the controller takes it for sound."""
-    share = params.fault.motors
-    if share == 1:
-        return params.vehicle
-    return replace(params.vehicle, thrust_coefficient=share * params.vehicle.thrust_coefficient)
-
-
 def initial(params: DynamicsParams) -> Lane:
-    """A vehicle at rest on its start: on the floor with idle motors, in the air hovering."""
+    """Return a vehicle at rest on its start: on the floor with idle motors, in the air hovering."""
     start = (params.start.x, params.start.y, params.start.z)
     stands = start[2] <= 0.0
     speed = 0.0 if stands else hover_speed(params.vehicle)
@@ -69,23 +61,22 @@ def initial(params: DynamicsParams) -> Lane:
 
 
 class Vehicle:
-    """A quadrotor that flies to where it is told.
+    """Quadrotor that flies to its goal.
 
-    It starts at rest on `params.start`: in the air it hovers, on the floor its motors idle until
-    it is told of a goal above it. A goal below the floor is one on the floor: a landing, which
-    ends with idle motors. Once it is at rest its state stands still until it is told of something
-    new.
+    It starts at rest on `params.start`. In the air it hovers; on the floor its motors idle until it
+    gets a goal above it. A goal below the floor is one on the floor: a landing, which ends with
+    idle motors. At rest its state does not change until the next command.
 
-    Its body, gains and limits change at a standstill alone, all together: in flight, new ones could
-    make the goal one that it can no longer stop at.
+    Body, gains and limits change only at a standstill, all together: in flight, new ones could make
+    the goal one that it can no longer stop at.
     """
 
     def __init__(self, params: DynamicsParams) -> None:
-        """At rest on `params.start`, at time 0."""
+        """Put the vehicle at rest on `params.start`, at time 0."""
         self.steps = 0
         """Integration steps since boot."""
         self.fly: Fly = flight_modes.fly
-        """What takes it through the steps: the text itself, or the same compiled."""
+        """Runs the steps: `flight_modes.fly`, or the same compiled."""
         self.in_force = deepcopy(params)
         """The parameters that it flies by."""
         self._wanted: DynamicsParams | None = None
@@ -95,8 +86,8 @@ class Vehicle:
     def configure(self, params: DynamicsParams) -> None:
         """Take new parameters, all but `start`.
 
-        Wind and faults take effect at once, body, gains and limits at the next standstill. A later
-        call replaces what still waits.
+        Wind and faults take effect at once; body, gains and limits at the next standstill. A later
+        call replaces values that still wait.
         """
         now = self.in_force
         wanted = deepcopy(params)
@@ -111,7 +102,7 @@ class Vehicle:
         self._air = wind.changed(self._air, self._constants[6])
 
     def _settle(self) -> None:
-        """Adopt what waits, if the vehicle stands or its setpoint is at rest."""
+        """Adopt waiting parameters if the vehicle is on the floor or its setpoint at rest."""
         wanted, limits = self._wanted, self._constants[3]
         if wanted is None or not (self.standing or trajectory.at_rest(self._plan, limits)):
             return
@@ -121,69 +112,61 @@ class Vehicle:
         x, y, z = (axis[3] for axis in self._plan[:3])
         self._plan = trajectory.resting(x, y, z, self._constants[3])
         if not self.standing and before > 0:
-            # A body that changes in the air stays at rest: its motors turn as its weight asks.
-            self._turn_motors(hover_speed(wanted.vehicle) / before)
-
-    def _turn_motors(self, factor: float) -> None:
-        m0, m1, m2, m3 = self.motors
-        c0, c1, c2, c3 = self._command
-        self._state = (*self._state[:13], factor * m0, factor * m1, factor * m2, factor * m3)
-        self._command = (factor * c0, factor * c1, factor * c2, factor * c3)
+            # A body that changes in the air stays at rest: its motors turn as its weight requires.
+            factor = hover_speed(wanted.vehicle) / before
+            m0, m1, m2, m3 = self.motors
+            c0, c1, c2, c3 = self._command
+            self._state = (*self._state[:13], factor * m0, factor * m1, factor * m2, factor * m3)
+            self._command = (factor * c0, factor * c1, factor * c2, factor * c3)
 
     @property
     def time(self) -> float:
-        """Simulated time since boot, s."""
+        """Return the simulated time since boot, s."""
         return self.steps * STEP
 
     @property
     def state(self) -> State:
-        """The 17 numbers of rigidbody.py."""
+        """Return the 17 numbers of rigidbody.py."""
         return self._state
 
     @property
     def position(self) -> Vector:
-        """Position, m, world."""
-        x, y, z = self._state[0:3]
-        return x, y, z
+        """Return the position, m, world."""
+        return self._state[0], self._state[1], self._state[2]
 
     @property
     def velocity(self) -> Vector:
-        """Velocity, m/s, world."""
-        x, y, z = self._state[3:6]
-        return x, y, z
+        """Return the velocity, m/s, world."""
+        return self._state[3], self._state[4], self._state[5]
 
     @property
     def orientation(self) -> tuple[float, float, float, float]:
-        """Unit quaternion w, x, y, z, body to world."""
-        w, x, y, z = self._state[6:10]
-        return w, x, y, z
+        """Return the unit quaternion w, x, y, z, body to world."""
+        return self._state[6], self._state[7], self._state[8], self._state[9]
 
     @property
     def body_rates(self) -> Vector:
-        """Angular velocity, rad/s, body."""
-        x, y, z = self._state[10:13]
-        return x, y, z
+        """Return the angular velocity, rad/s, body."""
+        return self._state[10], self._state[11], self._state[12]
 
     @property
     def motors(self) -> Motors:
-        """Motor speeds, rad/s; the order of the rotors is that of rigidbody.py."""
-        m0, m1, m2, m3 = self._state[13:17]
-        return m0, m1, m2, m3
+        """Return the motor speeds, rad/s, in the order of rigidbody.py."""
+        return self._state[13], self._state[14], self._state[15], self._state[16]
 
     @property
     def wind(self) -> Vector:
-        """Velocity of the air, m/s, world."""
-        x, y, z, _, _, _ = self._air
-        return x, y, z
+        """Return the velocity of the air, m/s, world."""
+        return self._air[:3]
 
     @property
     def setpoint(self) -> Vector:
-        """Where the controller wants the vehicle now, m, world."""
+        """Return the present setpoint's position, m, world."""
         return flight_modes.place(self._plan, self._constants[3])
 
     @property
     def goal(self) -> Vector:
-        """Where the setpoint comes to rest, m, world."""
+        """Return the point where the setpoint comes to rest, m, world."""
         _, _, _, _, hop, x, y, z = self._mode
         if hop > 0.0:
             return x, y, z
@@ -191,17 +174,17 @@ class Vehicle:
 
     @property
     def standing(self) -> bool:
-        """Whether it stands on the floor with idle motors."""
+        """Return whether it is on the floor with idle motors."""
         return self._mode[0] > 0.0
 
     def goto(self, x: float, y: float, z: float) -> None:
-        """Fly to this point, m, world; with the goal it already has, nothing changes."""
+        """Fly to this point, m, world; a repeated goal changes nothing."""
         self._plan, self._mode = flight_modes.goto(
             self._plan, self._mode, x, y, z, self._constants[5], self._constants[3]
         )
 
     def brake(self) -> None:
-        """Come to rest where the setpoint soonest can; while braking, nothing changes."""
+        """Come to rest as soon as the setpoint can; while braking, change nothing."""
         self._plan, self._mode = flight_modes.brake(self._plan, self._mode, self._constants[3])
 
     def advance(self, steps: int) -> None:

@@ -1,15 +1,15 @@
 """Moving air: a steady wind, and gusts that are the same in every flight with the same seed.
 
-A gust is Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes: white noise
-through a first-order lag. The mean wind and its own turbulence carry it past the vehicle, so its
-time constant is the length scale over the speed of both.
+Gusts follow Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes: white noise
+through a first-order lag. The mean wind and its own turbulence carry a gust past the vehicle, so
+its time constant is the length scale over the speed of both.
 
-The noise must be the same to the bit in plain Python and compiled. Three multiplicative
-generators with different moduli run in whole numbers below 2^53, which floats hold exactly; a draw
-is the sum of their three uniform numbers (Irwin and Hall's distribution), which the lag turns into
-a normal one. Their periods together are far beyond any fleet's need.
+The noise must be bit-identical in plain Python and compiled. Three multiplicative generators with
+different moduli use whole numbers below 2^53, which floats hold exactly. A draw is the sum of their
+three uniform numbers (Irwin and Hall's distribution); the lag turns it into a normal one. Their
+combined period is far beyond any fleet's need.
 
-World frame ENU, SI units. Straight-line text, as in rigidbody.py.
+World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 """
 
 from math import exp, sqrt
@@ -21,8 +21,8 @@ Air = tuple[float, float, float, float, float, float]
 """The air's velocity (m/s, world) and the three generators' states, whole numbers."""
 
 Weather = tuple[float, float, float, float, float]
-"""The mean wind (m/s, world), what a gust keeps of itself in a control period, and the RMS of what
-is added (m/s); 0 without gusts."""
+"""Mean wind (m/s, world), share of a gust that is left after a control period, and RMS of the noise
+added then (m/s, 0 without gusts)."""
 
 A1, M1 = 48271.0, 2147483647.0
 """Park, Miller and Stockmeyer's generator (CACM 1993)."""
@@ -31,13 +31,13 @@ A3, M3 = 40692.0, 2147483399.0
 """L'Ecuyer's two (CACM 1988)."""
 
 WHOLE = 6755399441055744.0
-"""1.5 * 2^52: added and taken away again, it leaves the nearest whole number."""
+"""1.5 * 2^52: adding and subtracting it rounds to the nearest whole number."""
 
 _MASK = 2**64 - 1
 
 
 def weather_of(params: DynamicsParams) -> Weather:
-    """What `blow` needs of the parameters."""
+    """Return the parameters that `blow` uses."""
     wind = params.wind
     mean = wind.mean
     speed = sqrt(mean.x**2 + mean.y**2 + mean.z**2 + wind.gust**2)
@@ -46,7 +46,7 @@ def weather_of(params: DynamicsParams) -> Weather:
 
 
 def initial_air(params: DynamicsParams) -> Air:
-    """The air at boot, in the midst of a gust; another for each seed."""
+    """Return the air at boot, in the middle of a gust that differs from seed to seed."""
     mean, gust = params.wind.mean, params.wind.gust
     s1, s2, s3 = (
         1.0 + _scattered(3 * params.seed + i) % int(m - 1.0) for i, m in enumerate((M1, M2, M3))
@@ -58,21 +58,21 @@ def initial_air(params: DynamicsParams) -> Air:
 
 
 def changed(air: Air, weather: Weather) -> Air:
-    """The air under new parameters: gusts go on from what they are, a steady wind is at once."""
+    """Return the air under new parameters: gusts continue, a steady wind changes at once."""
     _, _, _, s1, s2, s3 = air
     wx, wy, wz, _, stir = weather
     return air if stir > 0.0 else (wx, wy, wz, s1, s2, s3)
 
 
 def follower(s: float, a: float, m: float) -> float:
-    """The state after `s` of a generator: a s mod m, between 1 and m - 1."""
+    """Return a generator's state after `s`: a s mod m, between 1 and m - 1."""
     s = a * s
     s = s - m * ((s / m + WHOLE) - WHOLE)
     return s if s > 0.0 else s + m
 
 
 def noise(s1: float, s2: float, s3: float) -> tuple[float, float, float, float]:
-    """A number of mean 0 and variance 1, between -3 and 3, and the generators' next states."""
+    """Return a number of mean 0 and variance 1, between -3 and 3, and the generators' states."""
     s1 = follower(s1, A1, M1)
     s2 = follower(s2, A2, M2)
     s3 = follower(s3, A3, M3)
@@ -80,7 +80,7 @@ def noise(s1: float, s2: float, s3: float) -> tuple[float, float, float, float]:
 
 
 def blow(air: Air, weather: Weather) -> Air:
-    """The air one control period on."""
+    """Return the air one control period later."""
     ux, uy, uz, s1, s2, s3 = air
     wx, wy, wz, keep, stir = weather
     nx, s1, s2, s3 = noise(s1, s2, s3)
@@ -97,7 +97,7 @@ def blow(air: Air, weather: Weather) -> Air:
 
 
 def _scattered(seed: int) -> int:
-    """64 bits in which neighbouring seeds have nothing in common (SplitMix64)."""
+    """Return 64 bits that are unrelated for neighbouring seeds (SplitMix64)."""
     x = (seed + 1) * 0x9E3779B97F4A7C15 & _MASK
     x = (x ^ x >> 30) * 0xBF58476D1CE4E5B9 & _MASK
     x = (x ^ x >> 27) * 0x94D049BB133111EB & _MASK

@@ -1,1 +1,1 @@
-"""The barometer: standard atmosphere, noise, calibration."""
+"""Barometer: standard atmosphere, noise, calibration."""

@@ -1,4 +1,4 @@
-"""Process of the barometer: the times of its readings, their publication, and calibration."""
+"""Process of the barometer: timing and publication of its readings, and calibration."""
 
 import logging
 import math
@@ -24,33 +24,35 @@ from quadctl.services.runtime.params.load import launch_lines
 _log = logging.getLogger(__name__)
 
 Sense = Callable[[Pose | None], float | None]
-"""The raw pressure now, hPa, None where there is none yet."""
-
-
-def switched_on(params: Params) -> Sense:
-    """The sensor as the file names it; QuadctlError where a real one is not there."""
-    return _real(params) if params.pressure.source == "iio" else _simulated(params)
+"""Returns the raw pressure now, hPa, None if there is none yet."""
 
 
 def stream(params: Params, name: str) -> random.Random:
-    """A stream of random numbers of its own, the same in every run with the same seed."""
+    """Return a separate stream of random numbers, the same in every run with the same seed."""
     return random.Random(f"{params.dynamics.seed} pressure {name}")
 
 
 def device(named: str, root: Path = iio.DEVICES) -> Path:
-    """The sensor's folder: the one named, else the first under the root that has pressure."""
+    """Return the sensor's folder: the named one, else the first under the root with pressure."""
     if named:
         return Path(named)
     for folder in iio.devices(root):
         if has_pressure(partial(iio.read, folder)):
             return folder
     raise QuadctlError(
-        f"no device under {root} has pressure",
-        "plug a barometer in, load its driver, or name its folder in pressure.iio",
+        f"no device under {root} measures pressure",
+        "plug in a barometer, load its driver, or set pressure.iio to its folder",
     )
 
 
-def _simulated(params: Params) -> Sense:
+def switched_on(params: Params) -> Sense:
+    """Return the sensor that the parameters name; raise QuadctlError if a real one is missing."""
+    if params.pressure.source == "iio":
+        folder = device(params.pressure.iio)
+        read = partial(iio.read, folder)
+        # Read once before the node is ready, so that a launch without its sensor fails.
+        _log.info("%s reads %.4f hPa", folder, hectopascals(str(folder), read))
+        return lambda _pose: hectopascals(str(folder), read)
     lab = random.Random(params.dynamics.seed)
     sensor = Simulated(params.pressure, lab, partial(stream, params))
     return lambda pose: (
@@ -58,48 +60,40 @@ def _simulated(params: Params) -> Sense:
     )
 
 
-def _real(params: Params) -> Sense:
-    folder = device(params.pressure.iio)
-    read = partial(iio.read, folder)
-    # Read once before the node is ready, so that a launch without its sensor fails.
-    _log.info("%s shows %.4f hPa", folder, hectopascals(str(folder), read))
-    return lambda _pose: hectopascals(str(folder), read)
-
-
 class Output:
-    """What the process publishes, and the service that calibrates it."""
+    """Published readings of the process, and the service that calibrates them."""
 
     def __init__(self, node: Node, params: Params, clock: Callable[[], float]) -> None:
-        """`clock` is the time of `read`, now. QuadctlError where a real sensor is not there."""
+        """Switch the sensor on, or raise QuadctlError if missing; `clock` is the time of `read`."""
         self._params, self._log, self._clock = params, node.log, clock
-        self._barometer, self._told = Barometer(params.pressure), "none"
+        self._barometer, self._logged = Barometer(params.pressure), "none"
         self.begin()
         self._readings = node.publisher(
             PRESSURE, lambda: params.pressure.rate, waits=params.dynamics.speed != 1
         )
         self._begun = time.monotonic()
-        node.on_params = self.tell_fault
+        node.on_params = self.log_fault
         node.serve(CALIBRATE, self._calibrate, inline=True)
 
     def begin(self) -> None:
-        """Begin anew with all that is random, and with no reading yet; the baseline stays."""
+        """Restart all that is random, and forget all readings; the baseline stays."""
         self._sense = switched_on(self._params)
         self._faults = SensorFaults(self._params.pressure.fault, stream(self._params, "faults"))
         self._barometer.forget()
 
-    def tell_fault(self) -> None:
-        """Say in the log that a fault has been put in, or taken out."""
+    def log_fault(self) -> None:
+        """Log that a fault was injected or removed."""
         kind = self._params.pressure.fault.kind
-        if kind != self._told:
-            self._told = kind
-            self._log.warning("fault: %s", self._told)
+        if kind != self._logged:
+            self._logged = kind
+            self._log.warning("fault: %s", self._logged)
 
     def read(self, now: float, pose: Pose | None) -> None:
         """Take a reading and publish it. `pose` is the newest; `now` the clock's time, s."""
         raw = self._sense(pose)
         if raw is None:
             return
-        # A real sensor works without a simulation too, and then with a time of its own.
+        # A real sensor also works without a simulation, and then counts its own time.
         stamp = now - self._begun if pose is None else pose.stamp
         given = self._faults.through(stamp, raw)
         if given is not None:
@@ -110,21 +104,21 @@ class Output:
             baseline = self._barometer.calibrate(self._clock(), zero=request.zero)
         except NoSample:
             raise NotReady(
-                "the barometer has had no sample in the last second",
-                "is dynamics up? `quadctl status`; is a fault put in? `quadctl param get pressure`",
+                "the barometer had no reading in the last second",
+                "is dynamics up? `quadctl status`; is a fault set? `quadctl param get pressure`",
             ) from None
         self._log.info("baseline: %.4f hPa", baseline)
         return CalibrateResponse(baseline)
 
 
 _DEPTH = 100_000
-"""Poses that may wait: in lock-step nobody waits for the sensor, and none must be lost to it."""
+"""Poses in the queue: in lock-step no process waits for the sensor, and it must lose none."""
 _FIRST_POSE = 1.0
-"""How long (s) readiness waits for a first pose, so that who sees us ready can calibrate."""
+"""Time (s) that readiness waits for a first pose, so that a client can calibrate at once."""
 
 
 class Rhythm:
-    """When a reading is taken: in real time at a rate of its own, in lock-step by the poses'."""
+    """Timing of the readings: in real time at their own rate, in lock-step by the poses'."""
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params
@@ -133,12 +127,12 @@ class Rhythm:
         self._boot, self._last = "", -1
         self._poses = node.listen(POSE, self._on_pose, _DEPTH)
         if self._in_real_time:
-            # The poses that come between two readings need wake nobody.
+            # Poses between two readings need wake no process.
             self._poses.defer_wakeups(math.inf)
-        self._output.tell_fault()
+        self._output.log_fault()
 
     def run(self) -> None:
-        """Read until stopped."""
+        """Take readings until stopped."""
         self._node.wait_for(lambda: self._poses.value is not None, _FIRST_POSE)
         for now in self._node.ticks(lambda: self._params.pressure.rate):
             if self._in_real_time:
@@ -150,7 +144,7 @@ class Rhythm:
         return self._params.dynamics.speed == 1 and not self._node.in_mission
 
     def _now(self) -> float:
-        """The time of the clock that the last reading was taken by, s."""
+        """Return the time (s) of the last reading's clock."""
         pose = self._poses.value
         return pose.stamp if self._by_poses and pose else time.monotonic()
 
@@ -159,7 +153,7 @@ class Rhythm:
             self._boot, self._last = pose.boot, -1
             self._node.advance_sim_time(pose.boot, 0.0)
             if not self._in_real_time:
-                # Equal flights read alike.
+                # Equal flights give equal readings.
                 self._output.begin()
         now = period(pose.stamp, self._params.pressure.rate)
         if now != self._last and not self._in_real_time:
@@ -169,7 +163,7 @@ class Rhythm:
 
 
 def run(node: Node, params: Params) -> None:
-    """Publish readings: at the vehicle's height from the first pose on, or of a real sensor."""
+    """Publish readings at the vehicle's height from the first pose on, or of a real sensor."""
     for line in launch_lines(
         params.pressure, node.reference_params and node.reference_params.pressure
     ):

@@ -11,13 +11,13 @@ from quadctl.schemas.messages import Pressure
 from quadctl.services.pressure.simulated import NoiseSource
 
 _LONGEST = 10.0
-"""Seconds of readings that are kept; `pressure.fault.delay` asks for no more."""
+"""Seconds of readings that are kept: the most that `pressure.fault.delay` can need."""
 _SLACK = 1e-6
-"""What times that are multiples of a period may be off by rounding, s."""
+"""Rounding error (s) of times that are multiples of a period."""
 
 
 class SensorFaults:
-    """Hands readings on as the fault in force leaves them; a changed one counts at once."""
+    """Readings as the fault in force changes them; a new fault counts at once."""
 
     def __init__(self, params: FaultParams, draws: NoiseSource) -> None:
         self._params, self._draws = params, draws
@@ -25,7 +25,7 @@ class SensorFaults:
         self._given: float | None = None
 
     def through(self, stamp: float, raw: float) -> float | None:
-        """What comes of a raw reading (hPa) taken at a time (s); None where nothing does."""
+        """Return the output for a raw reading (hPa) taken at a time (s), None if there is none."""
         before = self._keep(stamp, raw)
         given = self._faulty(before, stamp, raw)
         if given is not None:
@@ -46,26 +46,26 @@ class SensorFaults:
                 return self._old(stamp - self._params.delay)
 
     def _keep(self, stamp: float, raw: float) -> float:
-        """Remember the reading; returns the time of the one before it, its own if there is none."""
-        # Simulated time starts anew with a boot: what is dated later is of the old one.
+        """Store the reading; return the time of the previous one, its own if there is none."""
+        # Simulated time restarts with a boot: later times are of the old one.
         if self._past and self._past[-1][0] > stamp:
             self._past.clear()
         before = self._past[-1][0] if self._past else stamp
         self._past.append((stamp, raw))
-        # Of those older than is ever asked for the newest stays, as the value of that time.
+        # Beyond the longest delay the newest reading stays, as the value of that time.
         while len(self._past) > 1 and self._past[1][0] <= stamp - _LONGEST:
             self._past.popleft()
         return before
 
     def _spike(self, passed: float) -> float:
-        """A glitch, hPa, or 0: they come at random, like drops of rain, at the mean interval."""
+        """Return a glitch, hPa, or 0: glitches come at random (Poisson), at the mean interval."""
         chance = -math.expm1(-passed / self._params.interval)
         if self._draws.uniform(0, 1) >= chance:
             return 0.0
         return math.copysign(self._params.magnitude, self._draws.uniform(-1, 1))
 
     def _old(self, stamp: float) -> float | None:
-        """The newest value of then or before, None where it was not yet switched on then."""
+        """Return the newest value of that time or before, None from before it was switched on."""
         count = bisect_right(self._past, stamp + _SLACK, key=itemgetter(0))
         return self._past[count - 1][1] if count else None
 
@@ -75,7 +75,7 @@ AVERAGED = 1.0
 
 
 class Baseline(NamedTuple):
-    """What is subtracted, hPa, and how many samples with which spread (hPa) it came from."""
+    """Value to subtract, hPa, with the number and the spread (hPa) of its samples."""
 
     value: float = 0.0
     samples: int = 0
@@ -83,11 +83,11 @@ class Baseline(NamedTuple):
 
 
 class NoSample(Exception):
-    """There is nothing to calibrate with: no reading yet, or none of late."""
+    """Lack of readings for a calibration: none yet, or none of late."""
 
 
 class Barometer:
-    """Shows raw readings less the baseline."""
+    """Raw readings less the baseline."""
 
     def __init__(self, params: PressureParams) -> None:
         self._params = params
@@ -95,38 +95,31 @@ class Barometer:
         self.baseline = Baseline()
 
     def take(self, now: float, stamp: float, raw: float) -> Pressure:
-        """Show a raw reading, hPa.
-
-        `now` is the clock by which the last second is judged, s; `stamp` the simulated time to
-        report, s.
-        """
+        """Return the message for a raw reading (hPa) at a clock's and a simulated time (s)."""
         self._recent.append((now, raw))
-        # Simulated time starts anew with a boot: what is dated later is of the old one.
+        # Simulated time restarts with a boot: later times are of the old one.
         while not now - AVERAGED < self._recent[0][0] <= now:
             self._recent.popleft()
         value, samples, spread = self.baseline
         return Pressure(stamp, raw - value, value, samples, spread)
 
     def forget(self) -> None:
-        """Drop the last second's readings."""
+        """Drop the readings of the last second."""
         self._recent.clear()
 
     def calibrate(self, now: float, *, zero: bool) -> float:
-        """Take the mean of the last second as baseline, or drop it; returns the baseline, hPa.
+        """Take the mean of the last second as baseline, or drop it; return the baseline, hPa.
 
-        Raises NoSample, with the baseline unchanged, where the last second (of readings that are
-        rarer than that, the last two periods) brought no reading.
+        Raises NoSample, with the baseline unchanged, if the last second brought no reading; at
+        rates under 2 Hz, if the last two periods did.
         """
+        longest = max(AVERAGED, 2 / self._params.rate)
         if not zero:
             self.baseline = Baseline()
-        elif not self._recent or not self._is_fresh(now):
+        elif not self._recent or not now - longest < self._recent[-1][0] <= now:
             raise NoSample
         else:
             raw = [value for _, value in self._recent]
             mean = sum(raw) / len(raw)
             self.baseline = Baseline(mean, len(raw), max(raw) - min(raw))
         return self.baseline.value
-
-    def _is_fresh(self, now: float) -> bool:
-        longest = max(AVERAGED, 2 / self._params.rate)
-        return now - longest < self._recent[-1][0] <= now

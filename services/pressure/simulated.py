@@ -1,8 +1,8 @@
 """Simulated sensor: standard atmosphere, noise, drift, real parts. Pure.
 
-The readings per second of each part bound a parameter, and stand in `schemas/barometer.py`.
-Temperature coefficients are left out, since nothing here has a temperature that they could act on,
-and so is the lag of a part's own filter; what the filter does to the noise is in the noise.
+The maximum rate of each part limits a parameter, and is in `schemas/barometer.py`. Temperature
+coefficients are left out, because nothing here has a temperature, and so is the lag of a part's own
+filter; the noise includes the effect of the filter.
 """
 
 import math
@@ -22,7 +22,7 @@ _EXPONENT = 5.255876
 
 
 def pressure_at(height: float) -> float:
-    """Static pressure (hPa) at a geometric height (m) in the troposphere, up to 11 km.
+    """Return the static pressure (hPa) at a geometric height (m), up to 11 km (troposphere).
 
     p = 1013.25 (1 - 0.0065 h / 288.15)^5.255876: U.S. Standard Atmosphere 1976, eq. 33a.
     """
@@ -30,33 +30,33 @@ def pressure_at(height: float) -> float:
 
 
 class NoiseSource(Protocol):
-    """A stream of random numbers, such as a seeded `random.Random`."""
+    """Stream of random numbers, such as a seeded `random.Random`."""
 
     def uniform(self, a: float, b: float, /) -> float:
-        """A number in [a, b], all equally likely."""
+        """Return a uniformly distributed number in [a, b]."""
 
     def gauss(self, mu: float, sigma: float, /) -> float:
-        """A number of the normal distribution."""
+        """Return a normally distributed number."""
 
 
 class Drift:
-    """Wanders about 0 with a standard deviation of 1, at any times and just as likely at all.
+    """Stationary random drift about 0 with a standard deviation of 1, for any times.
 
     x(t + dt) = a x(t) + sqrt(1 - a^2) n, a = exp(-dt / time), n standard normal: exact for every
-    dt, so that neither the rate of readings nor a missed one changes what it is like.
+    dt, so neither the rate of readings nor a missed one changes its statistics.
     """
 
     def __init__(self, time: float) -> None:
-        """`time` is the time constant, s: after it, 1/e of the correlation is left."""
+        """Use a time constant (s), after which 1/e of the correlation is left."""
         self._time = time
         self._stamp = self._value = 0.0
 
     def begin(self, stamp: float, draws: NoiseSource) -> None:
-        """Start at a time (s) as if it had wandered for ever."""
+        """Start at a time (s) in the stationary distribution."""
         self._stamp, self._value = stamp, draws.gauss(0, 1)
 
     def at(self, stamp: float, draws: NoiseSource) -> float:
-        """Where it is at a later time, s."""
+        """Return the value at a later time, s."""
         passed = (stamp - self._stamp) / self._time
         kept, new = math.exp(-passed), math.sqrt(-math.expm1(-2 * passed))
         self._stamp, self._value = stamp, kept * self._value + new * draws.gauss(0, 1)
@@ -64,21 +64,21 @@ class Drift:
 
 
 DRIFT = 10.0
-"""How far the zero wanders, Pa, one sigma, in all parts: no data sheet says it for hours, only for
-years (MS5611: 100 Pa a year); tens of pascals are what indoor air and a warming sensor do."""
+"""Drift of the zero, Pa, one sigma, in all parts. Data sheets give it only for years (MS5611: 100
+Pa a year), not for hours; indoor air and a warming sensor cause tens of pascals."""
 DRIFT_TIME = 1000.0
-"""Time constant of that wandering, s: steady over a calibration, not over a long flight."""
+"""Time constant of the drift, s: steady over a calibration, not over a long flight."""
 
 
 class Part(NamedTuple):
-    """A barometer as its data sheet has it."""
+    """Properties of a barometer from its data sheet."""
 
     noise: float
-    """Of a single reading, Pa, RMS; Gaussian and white."""
+    """Noise of a single reading, Pa, RMS; Gaussian and white."""
     resolution: float
-    """Readings are whole multiples of this, Pa."""
+    """Step of the readings, Pa."""
     accuracy: float
-    """How far off a sensor may be, Pa, either way: the bias of a boot is uniform within it."""
+    """Greatest error, Pa, either way: the bias of a boot is uniform within it."""
 
 
 PARTS: dict[Profile, Part] = {
@@ -96,7 +96,7 @@ PARTS: dict[Profile, Part] = {
 
 
 _PASCALS = 100.0
-"""In one hPa."""
+"""Pascals in one hPa."""
 
 
 class Simulated:
@@ -105,17 +105,16 @@ class Simulated:
     def __init__(
         self, params: PressureParams, lab: NoiseSource, stream: Callable[[str], NoiseSource]
     ) -> None:
-        """`lab` is the noise of the profile lab; `stream` makes further streams, one by one name."""
+        """Use `lab` for the noise of the profile lab, and `stream` for further streams by name."""
         self._params, self._lab = params, lab
-        # What a boot brings has a stream of its own: it does not hang on how long the last one was.
+        # Boots have their own stream: a boot's bias does not depend on the length of the last one.
         self._boots, self._noise = stream("boots"), stream("noise")
         self._boot, self._bias, self._drift = "", 0.0, Drift(DRIFT_TIME)
 
     def read(self, boot: str, stamp: float, height: float) -> float:
-        """The pressure (hPa) that the sensor shows at a height (m).
+        """Return the pressure (hPa) that the sensor measures at a height (m).
 
-        `boot` names the simulation's boot, with which the sensor is switched on anew, and `stamp`
-        is its time, s. The profile may change at any time, and counts from the next reading.
+        A new `boot` switches the sensor on again; `stamp` is its time, s. Profiles change at once.
         """
         air = pressure_at(height)
         part = PARTS.get(self._params.profile)

@@ -1,4 +1,4 @@
-"""Process of safety: verifies every goal, and alone publishes setpoints."""
+"""Process of safety: verifies every goal; the only process that publishes setpoints."""
 
 import time
 
@@ -35,16 +35,17 @@ from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
 
 _FIRST_POSE = 1.0
-"""How long (s) readiness waits for a first pose, so that who sees us ready can fly."""
+"""Time (s) that readiness waits for a first pose, so that a client can fly at once."""
 _REST = 0.85
-"""Of a period: in real time the poses that come within it need wake nobody."""
+"""Share of a period, in real time, in which new poses need wake no process."""
 
 _LOST_AFTER = 1.5 / SETPOINT.hz
-"""Who asks again sooner after an answer (s) has not lost it: it stands still, and says so at 100 Hz."""
+"""Time (s) after our answer: a pose repeated later than this means that the answer was lost. A
+vehicle at rest repeats its pose too, but at 100 Hz."""
 
 
 class Safety:
-    """What the process does on each message, call and tick."""
+    """Handlers of messages, calls and ticks."""
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params
@@ -64,19 +65,19 @@ class Safety:
         self.publish()
 
     def serve(self) -> None:
-        """Offer the services."""
+        """Declare the services."""
         self._node.serve(GOTO, self._goto)
         self._node.serve(HOLD, self._hold, inline=True)
         self._node.serve(TOGGLE_CAGE, self._toggle_cage, inline=True)
 
     def publish(self) -> None:
-        """Publish the state as it is."""
+        """Publish the current state."""
         self._states.put(self.monitor.state())
 
     def watch(self, *, held_up: bool) -> None:
-        """Stop the flight where poses or setpoints did not come; in lock-step the clock waits.
+        """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
 
-        A loop that was `held_up` has not yet seen the poses that wait for it.
+        After a delay of this loop itself (`held_up`), the poses in its queue count first.
         """
         now = time.monotonic()
         self._stall, self._ticked = now - self._ticked, now
@@ -93,17 +94,13 @@ class Safety:
         if stands:
             self.monitor.halted(STANDS)
         elif gap > limit:
-            self.monitor.lagged(f"the vehicle heard nothing for {gap:.2g} s", gap)
+            self.monitor.lagged(f"the vehicle received no setpoint for {gap:.2g} s", gap)
         if stands or gap > limit:
             self._send_setpoint()
 
-    def _own_stall(self) -> float:
-        """Return for how long (s) this loop has not run, up to now or to its last tick."""
-        return max(time.monotonic() - self._ticked, self._stall)
-
     @property
     def _is_stepped(self) -> bool:
-        """Whether the run is in lock-step, in which silence stops the clock and no flight."""
+        """Return whether the run is in lock-step: silence then stops the clock, not the flight."""
         return self._params.dynamics.speed != 1 or self._node.in_mission
 
     def _tell(self, state: SafetyState, line: str) -> None:
@@ -117,8 +114,8 @@ class Safety:
             self._sent = time.monotonic()
 
     def _wait_for_pose(self) -> None:
-        # A hub or a vehicle that is just being restarted is no reason to refuse a goal. Only
-        # the first of several waits: those that come meanwhile are answered from within.
+        # A restart of the hub or the vehicle is no reason to refuse a goal. Only the first of
+        # several calls waits: calls that come during the wait are answered from within it.
         if not self.monitor.fresh and not self._waiting:
             self._waiting = True
             self._node.wait_for(lambda: self.monitor.fresh, self._params.dynamics.grace)
@@ -128,20 +125,22 @@ class Safety:
         if self.monitor.ignores(pose):
             return
         if (pose.boot, pose.stamp) != (self._newest.boot, self._newest.stamp):
-            # The same one again and again is no news of the vehicle.
+            # A repeated pose is no news of the vehicle.
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
             if before and not self._is_stepped:
-                self.monitor.silent(self._seen - before, self._own_stall())
+                # This loop's own delay: up to now, or up to its last tick.
+                own = max(time.monotonic() - self._ticked, self._stall)
+                self.monitor.silent(self._seen - before, own)
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > _LOST_AFTER:
-                # Asked again: the answer was lost on its way.
+                # Repeated, so the answer was lost.
                 self._send_setpoint()
             return
         self._answered = period
         self.monitor.see(pose)
-        # The flight goes on with the first answer: it must say what all that was held decided.
+        # The flight goes on with the first answer, which must include all held calls.
         self._deciding = True
         self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
@@ -157,7 +156,7 @@ class Safety:
         before = self.monitor.setpoint()
         reason = self.monitor.ask(goal, replace=request.replace)
         if not reason and not before.brake and before.position == goal:
-            # A vehicle that stopped by itself unseen takes the same goal for the old one otherwise.
+            # A vehicle that stopped by itself, unseen, would take the goal for the old one.
             self._setpoints.put(replace(before, brake=True))
         self._send_setpoint()
         return GotoResponse(not reason, reason)
@@ -176,7 +175,7 @@ class Safety:
 
 
 def run(node: Node, params: Params) -> None:
-    """Step on the poses at 20 Hz; a clock of our own watches that they keep coming."""
+    """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
@@ -193,7 +192,7 @@ def run(node: Node, params: Params) -> None:
 
 
 def _log_launch(node: Node, params: Params) -> None:
-    """The lab's lines: the cage as intervals, the rest as it is."""
+    """Log the lab's lines: the cage as intervals, the rest unchanged."""
     size = params.safety.virtual_cage
     intervals = bounds(CageSize(size.x, size.y, size.z))
     for line in launch_lines(params.safety, node.reference_params and node.reference_params.safety):

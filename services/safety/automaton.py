@@ -1,8 +1,8 @@
-"""Safety automaton: RULES, conditions, actions and step(). Everything that moves it is in this file.
+"""Safety automaton: RULES, conditions, actions and step(). All state changes are in this file.
 
     HOVERING -> VERIFYING -> MOVING -> HOVERING
 
-`step` is pure: the pose, the cage and the clock's verdicts come in with the event and the world.
+`step` is pure: the pose, the cage and the results of timeouts come in with the event and the world.
 """
 
 from collections.abc import Callable, Iterable
@@ -41,26 +41,26 @@ from quadctl.services.safety.model import (
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
-    """Nothing changes."""
+    """Change nothing."""
     return s
 
 
 def consider(s: Situation, e: Event, _w: World) -> Situation:
-    """Take the request up for verification."""
+    """Take a request up for verification."""
     assert isinstance(e, Ask)  # noqa: S101 - RULES pairs this action with Ask alone
-    # Until it is accepted, the flight under way is still the one it was.
+    # The present flight continues until the request is accepted.
     return replace(s, request=s.request + 1, candidate=e, back=s.state, paused=None, reason="")
 
 
 def take(s: Situation, _e: Event, w: World) -> Situation:
-    """Fly to the candidate, from outside no farther out than cannot be helped."""
+    """Fly to the candidate; from outside, go no farther out than necessary."""
     goal, takeoff = s.candidate.goal, s.candidate.takeoff
     s = s if s.beyond < inf else caged(s, w)
     return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
 
 
 def follow(s: Situation, _e: Event, w: World) -> Situation:
-    """Fly or hover on; what has been left behind of the way back is not to be gone out again."""
+    """Fly or hover on; a vehicle that comes nearer from outside must not go back out."""
     if not s.cage_on or not 0 < s.beyond < inf or w.pose.stamp < s.since + REACTION:
         return s
     out = leeway(w)
@@ -68,24 +68,24 @@ def follow(s: Situation, _e: Event, w: World) -> Situation:
 
 
 def refuse(s: Situation, _e: Event, w: World) -> Situation:
-    """Outside the cage or below the floor: what was, stays."""
+    """Refuse a goal outside the cage or below the floor; change nothing else."""
     goal = s.candidate.goal
     below = "" if s.cage_on else why_below(goal)
     return replace(s, reason=below or why_outside(goal, w.cage))
 
 
 def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
-    """Another goal is being flown."""
+    """Refuse a goal while another one is being flown."""
     x, y, z = astuple(s.goal)
     reason = f"busy: flying to ({x:g}, {y:g}, {z:g}); ask with replace to change course"
     return replace(s, request=s.request + 1, reason=reason)
 
 
 def refuse_blind(s: Situation, _e: Event, _w: World) -> Situation:
-    """No goal is taken without a pose."""
+    """Refuse a goal without a pose."""
     reason = "no pose: dynamics is silent"
     if s.paused:
-        reason = f"{PAUSED}{reason}; no goal is taken meanwhile"
+        reason = f"{PAUSED}{reason}; no goal is taken during a pause"
     return replace(s, request=s.request + 1, reason=reason)
 
 
@@ -97,7 +97,7 @@ def pause(s: Situation, e: Event, w: World) -> Situation:
 
 
 def resume(s: Situation, _e: Event, _w: World) -> Situation:
-    """Fly on to the goal of the flight that paused."""
+    """Fly on to the goal of the paused flight."""
     assert s.paused is not None  # noqa: S101 - RULES pairs this action with `paused`
     reason = f"went on after a pause: {s.reason.removeprefix(PAUSED)}"
     goal, takeoff = s.paused.goal, s.paused.takeoff
@@ -107,18 +107,18 @@ def resume(s: Situation, _e: Event, _w: World) -> Situation:
 
 
 def note(s: Situation, e: Event, _w: World) -> Situation:
-    """Say that the flight paused: it goes on already."""
+    """Report that the flight paused; it has resumed already."""
     assert isinstance(e, Lagged)  # noqa: S101 - RULES pairs this action with Lagged alone
     return replace(s, reason=f"went on after a pause: {e.reason}")
 
 
 def arrive(s: Situation, _e: Event, _w: World) -> Situation:
-    """Hold the goal; ready for the next one."""
+    """Hold the goal, ready for the next one."""
     return replace(s, takeoff=False, reason="")
 
 
 def stop(s: Situation, e: Event, w: World) -> Situation:
-    """Brake to the stopping point, and say why."""
+    """Brake to the stopping point, with the reason."""
     match e:
         case Lost(seconds):
             reason = f"no pose for {seconds:g} s: stopped"
@@ -129,17 +129,17 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
         case Hold():
             reason = "hold: stopped on request"
         case Seen():
-            reason = f"stopped, the way led out of the cage by {stopping_excess(w):.2g} m"
+            reason = f"stopped, the path led out of the cage by {stopping_excess(w):.2g} m"
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
             reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
     after = _stopped(s, w, reason)
-    # A guard tells once of a vehicle that leaves: it can do no more about it.
+    # A guard reports once that a vehicle leaves; it can do nothing more.
     return replace(after, beyond=inf) if isinstance(e, Seen) else after
 
 
 def stop_pose_jump(s: Situation, _e: Event, w: World) -> Situation:
-    """Brake to the stopping point: the vehicle is not where it can be."""
+    """Brake to the stopping point, because the vehicle cannot be at its pose."""
     way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
     reason = f"stopped, the pose jumped by {way:.3g} m in {seconds:.3g} s"
@@ -147,7 +147,7 @@ def stop_pose_jump(s: Situation, _e: Event, w: World) -> Situation:
 
 
 def settle(s: Situation, _e: Event, w: World) -> Situation:
-    """The stop is over: this is where it ended."""
+    """End a stop: the goal is the place where it ended."""
     return replace(s, goal=w.pose.position, settling=False)
 
 
@@ -158,44 +158,30 @@ def toggle(s: Situation, e: Event, w: World) -> Situation:
 
 
 def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
-    """Turn the cage on, and stop, because the goal now lies outside."""
+    """Turn the cage on, and stop, because the goal is now outside."""
     return stop(toggle(s, e, w), e, w)
 
 
 def resize(s: Situation, _e: Event, w: World) -> Situation:
-    """Fly or hover on in other bounds."""
+    """Fly or hover on within new bounds."""
     return caged(_unpaused(s), w)
 
 
 def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
-    """Stop, because the goal lies outside of the other bounds."""
+    """Stop, because the goal is outside the new bounds."""
     return stop(resize(s, e, w), e, w)
 
 
 def reboot(s: Situation, e: Event, w: World) -> Situation:
-    """Drop the goal: stay where the new boot stands."""
+    """Drop the goal, and stay where the new boot is."""
     assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
-    return replace(
-        caged(s, w),
-        boot=w.pose.boot,
-        goal=w.pose.position,
-        brake=True,
-        settling=False,
-        takeoff=False,
-        paused=None,
-        reason=e.reason,
-    )
+    return replace(_stopped(caged(s, w), w, e.reason), boot=w.pose.boot, settling=False)
 
 
 def _stopped(s: Situation, w: World, reason: str) -> Situation:
+    here = w.pose.position
     return replace(
-        s,
-        goal=w.pose.position,
-        brake=True,
-        settling=True,
-        takeoff=False,
-        paused=None,
-        reason=reason,
+        s, goal=here, brake=True, settling=True, takeoff=False, paused=None, reason=reason
     )
 
 
@@ -205,25 +191,24 @@ def _unpaused(s: Situation) -> Situation:
 
 
 def always(_s: Situation, _e: Event, _w: World) -> bool:
-    """True."""
+    """Return True."""
     return True
 
 
 def blind(_s: Situation, _e: Event, w: World) -> bool:
-    """No pose to rely on."""
+    """Return whether there is no pose to rely on."""
     return not w.fresh
 
 
 def may_replace(s: Situation, e: Event, _w: World) -> bool:
-    """The flight under way gives way: it is the take-off, or the request says so."""
+    """Return whether the present flight may be replaced: a take-off, or on request."""
     return s.takeoff or (isinstance(e, Ask) and e.replace)
 
 
 def permitted(s: Situation, _e: Event, w: World) -> bool:
-    """The candidate may be flown to: a place above the floor, and the cage is off or holds it.
+    """Return whether the candidate is a place above the floor, and inside if the cage is on.
 
-    The cage is convex, so the straight way there stays inside from inside, and comes nearer
-    at every step from outside.
+    The cage is convex: the straight way there stays inside, or comes nearer at every step.
     """
     goal = s.candidate.goal
     is_place = all(map(isfinite, astuple(goal))) and not why_below(goal)
@@ -231,53 +216,53 @@ def permitted(s: Situation, _e: Event, w: World) -> bool:
 
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:
-    """The request came while another goal was being flown."""
+    """Return whether the request came while another goal was being flown."""
     return s.back is State.MOVING
 
 
 def stranded(s: Situation, e: Event, w: World) -> bool:
-    """The request came in flight, and the goal of that flight now lies outside."""
+    """Return whether the request came in flight, and that flight's goal is now outside."""
     return s.back is State.MOVING and barred(s, e, w)
 
 
 def arrived(s: Situation, _e: Event, w: World) -> bool:
-    """The vehicle is nearer to the goal than the acceptance range."""
+    """Return whether the vehicle is within the acceptance range of its goal."""
     return dist(astuple(w.pose.position), astuple(s.goal)) < w.acceptance_range
 
 
 def barred(s: Situation, e: Event, w: World) -> bool:
-    """With the cage as it now is, the goal being flown to lies outside.
+    """Return whether the present cage excludes the vehicle's present goal.
 
-    A vehicle that has arrived within the range still flies on to its goal; one that stops does not.
+    A vehicle within the acceptance range still flies on to its goal, but not one that stops.
     """
     cage_on = e.cage_on if isinstance(e, Toggle) else s.cage_on
     return cage_on and not s.brake and bool(why_outside(s.goal, w.cage))
 
 
 def settled(s: Situation, _e: Event, w: World) -> bool:
-    """A stop was commanded and the vehicle has come to rest."""
+    """Return whether a stop was commanded and the vehicle has come to rest."""
     return s.settling and at_rest(w.pose)
 
 
 def paused(s: Situation, _e: Event, _w: World) -> bool:
-    """A flight waits for poses."""
+    """Return whether a flight waits for poses."""
     return s.paused is not None
 
 
 def jumped(_s: Situation, _e: Event, w: World) -> bool:
-    """From the pose before to this one it would have been faster than the vehicle is."""
+    """Return whether this pose is too far from the previous one for the vehicle's speed."""
     way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
     return way > w.envelope.speed * seconds + w.envelope.margin
 
 
 def straying(s: Situation, _e: Event, w: World) -> bool:
-    """With the cage on, it can no longer stop inside, or where it may if it was put outside."""
+    """Return whether, with the cage on, the vehicle can no longer stop inside or in `beyond`."""
     return s.cage_on and stopping_excess(w) > s.beyond + w.envelope.margin
 
 
 class Rule(NamedTuple):
-    """At a state, on an event, when a condition holds: to a state, by an action."""
+    """Transition: in a state, on an event, if a condition holds, to a state, by an action."""
 
     at: State
     on: type[Event]
@@ -288,7 +273,7 @@ class Rule(NamedTuple):
 
 HOVERING, VERIFYING, MOVING = State
 
-# The first rule that fits is taken. Every (state, event) has one that always does.
+# The first rule that fits is taken. Every (state, event) has one that always fits (tested).
 # fmt: off
 RULES = (
     #    at         on       when         to         do
@@ -351,7 +336,7 @@ Table = dict[tuple[State, type[Event]], tuple[Rule, ...]]
 
 
 def by_place(rules: Iterable[Rule]) -> Table:
-    """The rules for each state and event, in their order: what a step has to look through."""
+    """Return the rules for each state and event, in their order."""
     table: Table = {}
     for rule in rules:
         table[rule.at, rule.on] = (*table.get((rule.at, rule.on), ()), rule)
@@ -364,10 +349,7 @@ _TABLE = by_place(RULES)
 def step(
     situation: Situation, event: Event, world: World, rules: tuple[Rule, ...] = RULES
 ) -> Situation:
-    """The situation after an event; pure.
-
-    Raises LookupError where no rule fits, which the tests show never to be.
-    """
+    """Return the situation after an event; pure. Raise LookupError if no rule fits."""
     table = _TABLE if rules is RULES else by_place(rules)
     for rule in table.get((situation.state, type(event)), ()):
         if rule.when(situation, event, world):

@@ -8,7 +8,7 @@ from quadctl.schemas.messages import CageSize, Pose, Position
 
 
 class State(Enum):
-    """The lab's three states, and its numbers for them."""
+    """The lab's three states, with its numbers."""
 
     HOVERING = 1
     VERIFYING = 2
@@ -16,7 +16,7 @@ class State(Enum):
 
 
 class Ask(Struct, frozen=True):
-    """Someone asks for a goal (m, ENU); the take-off is asked for like any other."""
+    """Request for a goal (m, ENU), or for the take-off, which is treated alike."""
 
     goal: Position
     replace: bool = False
@@ -24,65 +24,62 @@ class Ask(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True):
-    """Verify the candidate now."""
+    """Order to verify the candidate now."""
 
 
 class Seen(Struct, frozen=True):
-    """A pose came."""
+    """Arrival of a pose."""
 
 
 class Lost(Struct, frozen=True):
-    """No pose came for so long (s) that the vehicle is to brake."""
+    """Silence of poses for so long (s) that the vehicle has to brake."""
 
     limit: float
 
 
 class Gone(Struct, frozen=True):
-    """No pose came for longer than the grace: the flight is over, also where one comes now."""
+    """Silence of poses beyond the grace: the flight is over, even if a pose comes now."""
 
     reason: str
 
 
 class Lagged(Struct, frozen=True):
-    """The vehicle heard no setpoint for a while, braked by itself, and hears again."""
+    """End of a short silence of setpoints, in which the vehicle braked by itself."""
 
     reason: str
 
 
 class Halted(Struct, frozen=True):
-    """The vehicle heard no setpoint for too long, or follows none: it has stopped by itself."""
+    """Stop of the vehicle by itself: it lacked setpoints for too long, or follows none."""
 
     reason: str
 
 
 class Booted(Struct, frozen=True):
-    """A pose of another boot came: what was asked of the old one is void."""
+    """Pose of another boot: requests to the old one are void."""
 
     reason: str
 
 
 class Hold(Struct, frozen=True):
-    """Someone asks to stop."""
+    """Request to stop."""
 
 
 class Toggle(Struct, frozen=True):
-    """Someone turns the cage on or off."""
+    """Request to turn the cage on or off."""
 
     cage_on: bool
 
 
 class Resized(Struct, frozen=True):
-    """The cage has other bounds now."""
+    """Change of the cage's bounds."""
 
 
 Event = Ask | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | Toggle | Resized
 
 
 class Envelope(Struct, frozen=True):
-    """What the vehicle can do at the most; what is seen to do more is not to be relied on.
-
-    `speed` in m/s, `deceleration` in m/s^2; `margin` is how far (m) it may be off.
-    """
+    """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable."""
 
     speed: float
     deceleration: float
@@ -90,9 +87,9 @@ class Envelope(Struct, frozen=True):
 
 
 class World(Struct, frozen=True):
-    """What the automaton looks at. `fresh` says that the pose may be relied on.
+    """Input of the automaton. `fresh` means that the pose may be relied on.
 
-    `last` is the pose before this one, of the same boot; the first one of a boot is its own.
+    `last` is the previous pose of the same boot, or for the first one of a boot the same pose.
     """
 
     pose: Pose
@@ -104,14 +101,14 @@ class World(Struct, frozen=True):
 
 
 class Situation(Struct, frozen=True):
-    """What the automaton remembers.
+    """Memory of the automaton.
 
-    `goal` is flown to or held, with `brake` the vehicle's own stopping point is; `candidate`
-    is being verified, and a refusal leads back to `back`. `settling` while a stop goes on.
-    `beyond` is how far (m) out of the cage the vehicle may come to a stop: 0 but for one that was
-    put outside, of which it falls as the vehicle comes nearer; infinite once a guard has stopped it.
-    `paused` is the flight that goes on when poses come again.
-    `since` (s) is when the cage became what it is.
+    The vehicle flies to `goal` or holds it; with `brake` it holds its own stopping point.
+    `candidate` is being verified, and a refusal leads back to `back`. `settling` is true during a
+    stop. `beyond` is how far (m) outside the cage the vehicle may come to a stop: 0, except for a
+    vehicle that was put outside; then it falls as the vehicle comes nearer. It is infinite once a
+    guard has stopped the vehicle. `paused` is the flight to resume when poses come again. `since`
+    (s) is the time of the last change of the cage.
     """
 
     state: State

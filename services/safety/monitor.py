@@ -40,16 +40,15 @@ from quadctl.services.safety.model import (
 )
 
 PATIENCE = 1.0
-"""A vehicle that stands still for so long (s) on its way to a goal does not follow."""
+"""Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
 STANDS = f"the vehicle stood still for {PATIENCE:g} s on its way"
 
 
 class TrackingMonitor:
-    """Looks at the newest pose at least once in a period of the setpoint.
+    """Check of the newest pose, at least once in a period of the setpoint.
 
-    A setpoint answers a pose. Poses that come only after a while, because this process or the bus
-    was held up, show a vehicle that meanwhile heard nothing; one that was held up itself has not
-    flown on either.
+    A setpoint answers a pose. Poses that come late, because this process or the bus was held up,
+    mean that the vehicle had no setpoints. A vehicle that was held up itself did not fly on.
     """
 
     def __init__(self) -> None:
@@ -59,14 +58,14 @@ class TrackingMonitor:
 
     @property
     def due(self) -> float:
-        """The stamp (s) beyond which a vehicle that now stands still on its way is in trouble, else inf."""
+        """Return the stamp (s) after which a vehicle at a standstill is at fault, else inf."""
         return inf if self._still_since is None else self._still_since + PATIENCE
 
     def observe(self, pose: Pose, goal: Position | None, *, moving: bool) -> tuple[float, bool]:
-        """Return for how long (s) the vehicle has heard nothing, and whether it does not follow.
+        """Return how long (s) the vehicle had no setpoint, and whether it does not follow.
 
-        `goal` is what it is told, None to brake; `moving` says that it is on its way. A goal that is
-        new since the last look is heard now.
+        `goal` is its present goal, None to brake; `moving` means that it is on its way. A goal that
+        is new since the previous call reaches the vehicle now.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
         gap = pose.stamp - self._stamp if same else 0.0
@@ -80,7 +79,7 @@ class TrackingMonitor:
 
 
 ON_THE_GROUND = 0.05
-"""A vehicle lower than this (m) stands on the ground."""
+"""Height (m) below which a vehicle is on the ground."""
 _ORIGIN = Position(0.0, 0.0, 0.0)
 _NO_POSE = Pose(
     "", 0, 0.0, _ORIGIN, Velocity(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0),
@@ -89,7 +88,7 @@ _NO_POSE = Pose(
 
 
 class Monitor:
-    """Safety's decisions. `tell` hears of every new state, with a line for the log."""
+    """Decisions of safety. `tell` is called with every new state and a line for the log."""
 
     def __init__(
         self,
@@ -99,9 +98,9 @@ class Monitor:
         restarted: bool,
         grace: float,
     ) -> None:
-        """After a restart the cage is on, and the vehicle is left where it hovers.
+        """Start; after a restart turn the cage on, and leave the vehicle where it hovers.
 
-        A silence that is over within the grace (s) pauses a flight, a longer one ends it.
+        A silence within the grace (s) pauses a flight, a longer one ends it.
         """
         self._params, self._tell, self._restarted = params, tell, restarted
         self._grace = grace
@@ -116,7 +115,7 @@ class Monitor:
         )
 
     def see(self, pose: Pose) -> None:
-        """Take a new pose; one of another boot voids the goal and takes off anew."""
+        """Take a new pose; one of another boot drops the goal and takes off again."""
         if self.ignores(pose):
             return
         same = pose.boot == self.situation.boot
@@ -126,36 +125,36 @@ class Monitor:
         self._feed(Seen())
 
     def ignores(self, pose: Pose) -> bool:
-        """Whether a pose is of the past: older than the last one, or of a boot that is over."""
+        """Return whether a pose is older than the last one, or of an earlier boot."""
         late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
         return late or pose.boot in self._void
 
     def lose(self) -> None:
-        """Poses are older than allowed."""
+        """Record that poses are older than allowed."""
         if self.fresh:
             self._feed(Lost(self._params.pose_timeout))
             self.fresh = False
 
     def silent(self, seconds: float, own: float = 0.0) -> None:
-        """No pose has come for this long (s), or none had before one that comes now.
+        """Record that no pose came for this long (s), up to now or up to the pose that comes now.
 
         Beyond the grace the flight is over. For `own` of these seconds this process did not run.
         """
         grace = max(self._grace, self._params.pose_timeout)
         if seconds > grace:
-            ours = f"safety itself stood still for {own:.2g} s"
+            ours = f"safety itself was held up for {own:.2g} s"
             self._feed(Gone(ours if own > grace else f"no pose for {grace:g} s"))
 
     def lagged(self, reason: str, seconds: float) -> None:
-        """The vehicle has heard no setpoint for this long (s); beyond the grace its flight is over."""
+        """Record how long (s) the vehicle had no setpoint; beyond the grace its flight is over."""
         self._feed(Lagged(reason) if seconds <= self._grace else Halted(reason))
 
     def halted(self, reason: str) -> None:
-        """The vehicle has stopped by itself: it goes on only where somebody asks anew."""
+        """Record that the vehicle stopped by itself: it flies on only after a new request."""
         self._feed(Halted(reason))
 
     def ask(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
-        """Request a goal; returns why it is refused, empty when it is taken."""
+        """Request a goal; return the reason of a refusal, or an empty string."""
         self._feed(Ask(goal, replace, takeoff))
         if self.situation.state is State.VERIFYING:
             self._feed(Check())
@@ -170,16 +169,16 @@ class Monitor:
         self._feed(Toggle(cage_on))
 
     def resize(self) -> None:
-        """The cage's parameters have changed."""
+        """Take a change of the cage's parameters."""
         self._feed(Resized())
 
     def setpoint(self) -> Setpoint:
-        """What the vehicle is to do now."""
+        """Return the present command to the vehicle."""
         s = self.situation
         return Setpoint(s.boot, self.pose.seq, s.goal, s.brake)
 
     def state(self) -> SafetyState:
-        """The automaton as others may know it."""
+        """Return the automaton's state for publication."""
         s, cage = self.situation, self._cage()
         return SafetyState(
             s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.goal, s.cage_on, cage, s.reason
@@ -196,7 +195,7 @@ class Monitor:
 
     def _greeting(self, *, first: bool) -> str:
         if not first:
-            return "the simulation started anew: the goal is dropped"
+            return "the simulation restarted: the goal is dropped"
         if self._restarted:
             return "safety restarted: hovering here, cage on"
         outside = why_outside(self.pose.position, self._cage())
@@ -209,12 +208,9 @@ class Monitor:
             self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
         )
         self.situation = after = step(before, event, world)
-        if after is before and not isinstance(event, Resized):
-            return
-        # How far from outside it has come is nobody else's concern.
-        if replace(after, beyond=before.beyond, since=before.since) != before or isinstance(
-            event, Resized
-        ):
+        # A change of `beyond` and `since` alone is not published.
+        same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
+        if not same or isinstance(event, Resized):
             self._tell(self.state(), _line(before, after, event))
 
     def _cage(self) -> CageSize:

@@ -126,7 +126,7 @@ def test_a_reset_is_a_new_boot_and_drops_the_goal(shared_lab: Lab, hover: Bare):
     assert gap(fresh["position"], {"x": 0, "y": 0, "z": 1}) < 0.01
     dropped = states.until(lambda s: s["boot"] == fresh["boot"])
     assert dropped["state"] == "HOVERING"
-    assert "anew" in dropped["reason"]
+    assert "restarted" in dropped["reason"]
     assert gap(dropped["goal"], {"x": 0, "y": 0, "z": 1}) < 0.1
 
 

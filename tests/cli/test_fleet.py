@@ -181,7 +181,7 @@ def test_an_unreachable_hub_is_reported_and_the_others_obey(fleet: tuple[Lab, La
         words = ("fleet", "goto", 0, 0, 2, "--fleet", file, "--timeout", 60, "--json")
         done = two.quadctl(*words)
         assert (done.code, done.out) == (3, "")
-        said = "nobody was sent: the formation's centre needs all of them; dead: nothing answers"
+        said = "no vehicle was sent: the formation's centre needs all; dead: nothing answers"
         assert done.error["message"].startswith(said)
         assert "fleet goto uav0=1,2,1" in done.error["hint"]
         assert {n: r["goal"] for n, r in listed(two).items()} == {

@@ -17,7 +17,7 @@ def test_no_service_accepts_five_hundred_fuzzed_payloads(shared_lab: Lab):
     assert found["replies"] == {"invalid": found["asked"]}
     told = shared_lab.quadctl("fuzz", "--payloads", 50)
     assert told.code == 0
-    assert "none was taken, no process ended, and each answers the next valid call" in told.out
+    assert "none was accepted, no process ended, and each answers the next valid call" in told.out
 
 
 def test_fuzz_reports_a_service_that_accepts_every_payload(lab: Lab):

@@ -76,7 +76,9 @@ def test_a_garbled_file_ends_the_node_and_a_repaired_one_revives_it(
         seen = len(readings.messages)
         old = lab.nodes()["pressure"]["pid"]
         device.write("garbage\n")
-        said = f"error: {device.folder}/in_pressure_input holds 'garbage\\n': not one whole number"
+        said = (
+            f"error: {device.folder}/in_pressure_input holds 'garbage\\n': not one complete number"
+        )
         eventually(lambda: said in log(lab))
         device.write("90.000000000\n")
         lab.revived("pressure", old)
@@ -92,7 +94,7 @@ def test_a_bad_or_missing_file_stops_publishing_until_a_restart(
     lab, device = real_sensor
     spoilt = {
         "101.3": "holds '101.3': not one",
-        "101325\n": "says 101325 kPa: the air has 25 to 125",
+        "101325\n": "reads 101325 kPa: air has 25 to 125",
     }
     with lab.bare() as bare:
         readings = bare.watch("uav/sensors/pressure")

@@ -114,7 +114,7 @@ def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Pr
             f" in {took:.0f} s",
             f"{1000 * most:.0f} mm",
         )
-        alarms = done.json["stops"].get("stopped, the way led out of the cage", 0)
+        alarms = done.json["stops"].get("stopped, the path led out of the cage", 0)
         if not more:
             proofs.add("false alarms of the guard of the way in 10 000 flights", f"{alarms}", "0")
             assert alarms == 0

@@ -172,7 +172,9 @@ def braked_or_arrived(lab: Lab, logged: tuple[int, int]) -> str:
     safety, dynamics = lab.log("safety")[logged[1] :], lab.log("dynamics")[logged[0] :]
     if "braking to a hover" in dynamics:
         return "braked"
-    outages = [float(seconds) for seconds in re.findall(r"heard nothing for ([\d.]+) s", safety)]
+    outages = [
+        float(seconds) for seconds in re.findall(r"received no setpoint for ([\d.]+) s", safety)
+    ]
     assert all(outage <= SETPOINT_AGE + SETPOINT_PERIOD for outage in outages), (outages, dynamics)
     return "arrived" if "State: HOVERING\n" in safety else ""
 

@@ -57,7 +57,7 @@ def test_a_stall_of_safety_itself_stops_the_flight_with_a_reason(lab: Lab):
         eventually(lambda: time.monotonic() > held + 1.0)
         lab.signal("safety", signal.SIGCONT)
         stopped = states.until(lambda s: s["state"] == "HOVERING")
-        assert "safety itself stood still for" in stopped["reason"]
+        assert "safety itself was held up for" in stopped["reason"]
         assert all(gap(p["position"], place) < 0.05 for p in poses.next(100))
         assert gap(place, FAR) > 1
     assert lab.quadctl("goto", 4.5, 0, 1).code == 0
@@ -74,7 +74,7 @@ def test_setpoints_to_an_abandoned_goal_are_ignored(lab: Lab):
         assert gap(place, FAR) > 1
         publish_setpoints(bare, poses, BACK, lambda p: gap(p["position"], BACK) < 0.1)
         publish_setpoints(bare, poses, FAR, lambda p: gap(p["position"], FAR) < 0.1)
-    assert "hovering until another goal is asked for" in lab.log("dynamics")
+    assert "hovering until a new goal is requested" in lab.log("dynamics")
 
 
 def publish_setpoints(

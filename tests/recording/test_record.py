@@ -154,7 +154,7 @@ def test_a_recording_cut_by_sigkill_can_be_repaired(module_lab: Lab):
     eventually(partial(has_grown, file))
     os.kill(recorder_of(run), signal.SIGKILL)
     assert run.wait() == 1
-    assert f"`quadctl bag repair {file}` makes what there is of it whole" in run.log
+    assert f"`quadctl bag repair {file}` recovers what it has recorded" in run.log
     info = module_lab.quadctl("bag", "info", file)
     assert info.code == 0
     assert "it is cut" in info.err

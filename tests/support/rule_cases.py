@@ -65,7 +65,7 @@ HELD = "hold: stopped on request"
 ALONE = "stopped, by itself"
 BARRED = "stopped, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
 IN_PLACE = "hovering in place, the goal is now outside the cage: x = 9 is beyond [-5, 5]"
-ASTRAY = "stopped, the way led out of the cage by 0.25 m"
+ASTRAY = "stopped, the path led out of the cage by 0.25 m"
 JUMPED = "stopped, the pose jumped by 0.511 m in 0.05 s"
 
 
@@ -133,14 +133,14 @@ TAKEN = {
 }  # fmt: skip
 INSIDE_AGAIN, TOLD, STRICT = {"beyond": 0.0}, {"beyond": inf}, {"beyond": 0.0}
 CAGED, FAR_OUT = {"beyond": SLACK, "since": 4.0}, caged(FASTER)
-BESIDE = "stopped, the way led out of the cage by 0.05 m"
+BESIDE = "stopped, the path led out of the cage by 0.05 m"
 NOTHING: dict[str, Any] = {}
 STOPPING = {"brake": True, "settling": True}
 TAKING_OFF = {"takeoff": True}
 OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
 FROM_FLIGHT = {"back": MOVING}
 FOR_INSIDE, FOR_BELOW = {"candidate": Ask(INSIDE)}, {"candidate": Ask(BELOW)}
-SILENT, LAGGED = Gone("no pose for 1 s"), Lagged("the vehicle heard nothing for 0.3 s")
+SILENT, LAGGED = Gone("no pose for 1 s"), Lagged("the vehicle received no setpoint for 0.3 s")
 PAUSE = "paused: no pose for 0.2 s"
 PAUSED = {"paused": Ask(GOAL), "brake": True, "settling": True, "reason": PAUSE}
 WENT_ON = "went on after a pause: "
@@ -158,7 +158,7 @@ HALTED = Halted("by itself")
 CASES = (
     Case(HOVERING, "blind", ASK, refused(HOVERING, NO_POSE), BLIND),
     Case(HOVERING, "blind", REPLACE, refused(HOVERING, NO_POSE), BLIND),
-    Case(HOVERING, "blind", ASK, refused(HOVERING, f"paused: {NO_POSE}; no goal is taken meanwhile"),
+    Case(HOVERING, "blind", ASK, refused(HOVERING, f"paused: {NO_POSE}; no goal is taken during a pause"),
          BLIND, PAUSED),
     Case(HOVERING, "always", ASK, considered(ASK, HOVERING)),
     Case(HOVERING, "always", Ask(OUTSIDE), considered(Ask(OUTSIDE), HOVERING)),

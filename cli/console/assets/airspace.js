@@ -1,13 +1,13 @@
-// The vehicle in its cage. It is drawn when something has changed, and not otherwise.
+// The vehicle in its cage, redrawn only after a change.
 import { CSS2DRenderer, OrbitControls, THREE } from "nicegui-scene";
 import { COLOURS, cross, mark, place, room, vehicle } from "quadctl-shapes";
 
 const KEPT = 600;
-const STILL = 5; // a pointer that moves by fewer pixels has clicked
+const STILL = 5; // px; a pointer that moves less between down and up has clicked
 
 export default {
   template: `<div class="scene" tabindex="0" role="application" aria-label="The vehicle in its cage, from the south">
-    <canvas></canvas><div class="labels"></div><p class="without" hidden>No 3-D here: this browser has no WebGL.</p></div>`,
+    <canvas></canvas><div class="labels"></div><p class="without" hidden>No 3-D view: this browser has no WebGL.</p></div>`,
   props: { height: Number, control: Boolean, keys: Array },
   emits: ["floor", "step", "send", "drop"],
   watch: { height: "hover" },
@@ -107,7 +107,7 @@ export default {
         child.userData.foot.scale.z = Math.max(Math.abs(refused[index][2]), 0.001);
       });
     },
-    // The floor and the cage; made anew when the cage is another.
+    // Rebuilds the floor and the cage after a change of the cage.
     build(cage, on) {
       const said = `${cage} ${on}`;
       if (said === this.built) return;
@@ -122,7 +122,7 @@ export default {
       this.cage = [x, y, z];
       this.controls.target.set(0, 0, z * 0.3);
       const from = new THREE.Vector3(0.3, -1, 0.62).normalize();
-      // As near as all corners can be seen from, with some room for what is outside.
+      // Moves the camera back until all corners are in view, with some room around them.
       for (let far = Math.max(x, y, z); far < 1e5; far *= 1.04) {
         this.camera.position.copy(this.controls.target).addScaledVector(from, far);
         this.controls.update();
@@ -142,7 +142,7 @@ export default {
       this.texts.setSize(width, height);
       this.camera.aspect = width / height;
       this.camera.updateProjectionMatrix();
-      // Until somebody has turned it, the view is ours to choose.
+      // Keep the user's view once it has been turned.
       if (this.cage && !this.turned) this.look(this.cage);
       this.changed = true;
     },
@@ -176,7 +176,7 @@ export default {
       else return;
       event.preventDefault();
     },
-    // Where a point (m) is on the page, pixels.
+    // Returns the pixels of a point (m) on the page.
     where(x, y, z) {
       const box = this.$el.getBoundingClientRect();
       const at = new THREE.Vector3(x, y, z).project(this.camera);

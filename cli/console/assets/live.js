@@ -1,5 +1,5 @@
-// Takes a picture from the server and hands it to the scene, the plots and the texts. What it
-// returns tells the server that this browser is ready for the next one.
+// Receives a frame from the server and passes it to the scene, the plots and the texts. The return
+// value reports to the server that this browser is ready for the next one.
 export default {
   template: `<div hidden class="live"></div>`,
   mounted() {
@@ -25,12 +25,12 @@ export default {
       window.dispatchEvent(new CustomEvent("quadctl", { detail: frame }));
       return frame.seen;
     },
-    // VERIFYING lasts one step of 50 ms: shown for as long as an eye needs.
+    // VERIFYING lasts one step of 50 ms: show it long enough to be seen.
     flash(verified) {
       if (this.verified !== null && verified !== this.verified) {
         const box = document.querySelector(".state-VERIFYING");
         box?.classList.remove("flash");
-        void box?.getBoundingClientRect(); // lets the animation begin again
+        void box?.getBoundingClientRect(); // restarts the animation
         box?.classList.add("flash");
       }
       this.verified = verified;

@@ -1,6 +1,6 @@
 // The last minute of one value, on a canvas.
 const MINUTE = 60;
-const AGAIN = 400; // ms; in a quarter of that the line moves by less than a pixel
+const AGAIN = 400; // ms between two redraws; in 100 ms the line moves by less than a pixel
 const LEFT = 62;
 const BOTTOM = 18;
 const TOP = 10;
@@ -65,7 +65,7 @@ export default {
       let last = 0;
       for (const sample of this.samples) {
         const value = sample[this.field];
-        // A reading that is due comes within half a second, or it is missing.
+        // Readings more than 0.5 s apart mean that some are missing: leave a gap.
         if (value === null) gap ||= sample[0] - last > 0.5;
         else {
           pen[gap ? "moveTo" : "lineTo"](x(sample[0]), y(value));
@@ -97,7 +97,7 @@ export default {
         pen.fillText(text, LEFT + at * (width - LEFT - 4), height - 4);
       }
     },
-    // 1, 2 or 5 times a power of ten.
+    // Rounds up to 1, 2 or 5 times a power of ten.
     step(rough) {
       const power = 10 ** Math.floor(Math.log10(rough));
       return power * [1, 2, 5, 10].find((factor) => factor * power >= rough * 0.999);

@@ -1,1 +1,1 @@
-"""The model's one text compiled by numba: many vehicles at once, or one."""
+"""The model compiled by numba from the same source: many vehicles at once, or one."""

@@ -1,8 +1,8 @@
-"""Everyday period of the setpoint without branches, for processors that take vehicles by the dozen.
+"""Usual period of the setpoint without branches, for SIMD over several vehicles.
 
-`trajectory.advance` has loops for what is rare: finding the moment from which an axis brakes, and
-sharing the limits anew. Such a period is only detected here, and then computed as there, to the bit.
-Straight-line text, as in rigidbody.py; SI units.
+`trajectory.advance` has loops for rare cases: finding the moment from which an axis brakes, and
+sharing the limits again. Such a period is only detected here; `trajectory.advance` computes it,
+with bit-identical results. Straight-line code, as in rigidbody.py; SI units.
 """
 
 from quadctl.services.dynamics.controller import PERIOD
@@ -21,11 +21,11 @@ NOTHING = 0.0
 PLAIN = 1.0
 """The new plan is `trajectory.advance`'s."""
 RARE = 2.0
-"""The new plan is not: ask `trajectory.advance`."""
+"""The new plan is not: call `trajectory.advance`."""
 
 
 def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
-    """An axis one period on; 1 if it moved, else 0; and 1 if it should have begun to brake."""
+    """Return an axis one period later, 1 if it moved, and 1 if it should have begun to brake."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
     most_v, most_a, most_j, _, decay, ratio, _, _ = limits
     most_v = share * most_v
@@ -59,7 +59,7 @@ def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
 
 
 def glide(plan: Plan, limits: Limits) -> tuple[Plan, float]:
-    """The plan one control period on, and which of NOTHING, PLAIN and RARE it is."""
+    """Return the plan one control period later, and its kind: NOTHING, PLAIN or RARE."""
     x, y, z, moving, crowded, periods, still = plan
     x, mx, tx = axis_on(x, limits)
     y, my, ty = axis_on(y, limits)

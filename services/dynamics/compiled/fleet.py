@@ -16,7 +16,7 @@ LINE = 8
 
 
 def aligned(rows: int, columns: int) -> npt.NDArray[np.float64]:
-    """Rows that each begin where a cache line does: a vector then is one line, never part of two."""
+    """Return an array with each row at the start of a cache line, for unsplit vectors."""
     width = -(-columns // LINE) * LINE
     room = np.empty(rows * width + LINE)
     first = -room.ctypes.data // room.itemsize % LINE
@@ -28,17 +28,17 @@ Tree = Any
 
 
 def flat(tree: Tree) -> list[Any]:
-    """The leaves, in order."""
+    """Return the leaves, in order."""
     if isinstance(tree, tuple):
         return [leaf for part in tree for leaf in flat(part)]
     return [tree]
 
 
 class CompiledFleet:
-    """Vehicles that each do, to the bit, what a `Vehicle` with these parameters does."""
+    """Vehicles that are bit-identical to a `Vehicle` with the same parameters."""
 
     def __init__(self, params: Sequence[DynamicsParams], kernel: ModuleType) -> None:
-        """Each at rest on its start, at time 0; `kernel` is the module that kernel.py writes."""
+        """Put each at rest on its start, at time 0; `kernel` is the module from kernel.py."""
         self.steps = 0
         """Integration steps since boot."""
         self._kernel = kernel
@@ -46,7 +46,7 @@ class CompiledFleet:
         for number, each in enumerate(params):
             kinds.setdefault(tuple(flat(constants_of(each))), []).append(number)
         self._places = np.empty((len(params), 2), dtype=np.intp)
-        """Block and lane of each vehicle: those of a block have their constants in common."""
+        """Block and lane of each vehicle; vehicles in a block share their constants."""
         rows: list[tuple[float, ...]] = []
         for constants, numbers in kinds.items():
             for place, number in enumerate(numbers):
@@ -54,12 +54,12 @@ class CompiledFleet:
                 self._places[number] = len(rows) + block, lane
             rows += [constants] * -(-len(numbers) // WIDTH)
         self._homes: list[tuple[int, int]] = [(b, n) for b, n in self._places.tolist()]
-        """The same, as a command takes them."""
+        """The same as tuples, for commands."""
         self.constants = np.array(rows)
         """A row for each block, see kernel.py."""
         self.blocks = aligned(len(rows), ROWS * WIDTH)
         """The vehicles' numbers, see kernel.py."""
-        # Lanes without a vehicle stand on the floor.
+        # A lane without a vehicle holds one at rest on the floor.
         still = initial(DynamicsParams())
         self._rows[:, :STORED, :] = np.array(flat(still))[None, :, None]
         self._rows[self._places[:, 0], :STORED, self._places[:, 1]] = [
@@ -75,7 +75,7 @@ class CompiledFleet:
         self._kernel.goto(self.blocks, self.constants, *self._homes[number], x, y, z)
 
     def brake(self, number: int) -> None:
-        """Let one vehicle come to rest."""
+        """Bring one vehicle to rest."""
         self._kernel.brake(self.blocks, self.constants, *self._homes[number])
 
     def advance(self, steps: int) -> None:
@@ -84,5 +84,5 @@ class CompiledFleet:
         self.steps += steps
 
     def states(self) -> npt.NDArray[np.float64]:
-        """The states, (vehicles, 17), in the order of rigidbody.py."""
+        """Return the states, (vehicles, 17), in the order of rigidbody.py."""
         return self._rows[self._places[:, 0], :17, self._places[:, 1]]

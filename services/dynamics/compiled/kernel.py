@@ -1,9 +1,9 @@
 """Generated numba kernel over blocks of vehicles.
 
-A block holds WIDTH vehicles, a row of each number, so that the processor takes several vehicles
-at once through what has no branches: the controller, the mixer, the integration step, and the
-setpoint except for its rare periods, which are computed one vehicle after another.
-Floating point stays strict: fast arithmetic would gain nothing and cost the equality to the bit.
+A block holds WIDTH vehicles, with a row for each number, so that the processor computes several
+vehicles at once in branch-free code: the controller, the mixer, the integration step, and the
+setpoint except for its rare periods, which are computed one vehicle after another. Floating point
+stays strict: fast arithmetic would gain nothing and lose the bit-identical results.
 """
 
 import ast
@@ -24,7 +24,6 @@ def goto(blocks, constants, b, lane, x, y, z):
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
 
-
 @njit(error_model='numpy', cache=True)
 def brake(blocks, constants, b, lane):
     q, c, n = blocks[b], constants[b], np.uint64(lane)
@@ -32,13 +31,11 @@ def brake(blocks, constants, b, lane):
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
 
-
 @njit(error_model='numpy', cache=True)
 def room(blocks, constants, b, lane, periods):
     q, n = blocks[b], np.uint64(lane)
     return flight_modes__room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]), periods)
 """
-
 
 WIDTH = 64
 """Vehicles in a block."""
@@ -46,7 +43,7 @@ WIDTH = 64
 LAYOUT = {
     "state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 15, "kind": 1, "rare": 1,
 }  # fmt: skip
-"""Rows of a block; the last three are left by one loop for the next."""
+"""Rows of a block; the last three pass values from one loop to the next."""
 
 CONSTANTS = {
     "body": 18, "gains": 23, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 5,
@@ -57,33 +54,27 @@ STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode", "air"
 ROWS = sum(LAYOUT.values())
 
 _TOGETHER = (
-    "wind__blow", "flight_modes__select_mode", "trajectory__setpoint_of", "flight_modes__motor_commands", "branchless__glide", "flight_modes__rest",
-    "rigidbody__step",
+    "wind__blow", "flight_modes__select_mode", "trajectory__setpoint_of",
+    "flight_modes__motor_commands", "branchless__glide", "flight_modes__rest", "rigidbody__step",
 )  # fmt: skip
-"""What has no loops, so that all of a block's vehicles take it side by side."""
-_ALONE = (
-    "flight_modes__next_leg",
-    "flight_modes__goto",
-    "flight_modes__brake",
-    "flight_modes__room",
-)
-"""What a vehicle does by itself, now and then."""
+"""Functions without loops, which run side by side for all vehicles of a block."""
+_ALONE = tuple(f"flight_modes__{name}" for name in ("next_leg", "goto", "brake", "room"))
+"""Functions that run for one vehicle, now and then."""
 
 
 def span(rows: Mapping[str, int], first: str, last: str = "") -> slice:
-    """Where the rows from one name to another stand."""
+    """Return the slice of the rows from one name to another."""
     names = list(rows)
     start, end = names.index(first), names.index(last or first) + 1
     return slice(sum(rows[n] for n in names[:start]), sum(rows[n] for n in names[:end]))
 
 
 def kernel_source() -> str:
-    """A module whose `advance(blocks, constants, start, steps)` runs integration steps of 1 ms.
+    """Return a module whose `advance(blocks, constants, start, steps)` runs steps of 1 ms.
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
-    each. `goto` and `brake` tell one vehicle, by its block and its lane, where to go; `room` says
-    what room it needs to stop. Each is compiled at its first call; numba keeps what it compiled
-    beside the module.
+    each. `goto` and `brake` command one vehicle, by its block and its lane; `room` returns the room
+    for its stop. Each is compiled at its first call; numba caches it beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
     parts = [_HEAD]
@@ -95,14 +86,14 @@ def kernel_source() -> str:
 
 
 def _move(weather: str, steps: int) -> str:
-    # Two steps at once are faster than one by one: what is between them stays in registers.
+    # Two steps at once are faster than one by one: values between them stay in registers.
     step = f"rigidbody__step({{before}}, _command(q, n), {_FLOW[weather]}, body)"
     moved = reduce(lambda text, _: step.format(before=text), range(steps), "s")
     return _MOVE.format(name=f"_{weather}{steps}", moved=moved)
 
 
 def _rows() -> list[str]:
-    """Reading and writing what stands in the rows, each row's place a constant without sign."""
+    """Return functions to read and write each row, its place an unsigned constant."""
     lines, first = [], 0
     for name, count in LAYOUT.items():
         places = [f"_{name}{i}" for i in range(count)]
@@ -127,20 +118,20 @@ from math import sqrt
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-# LLVM takes half of a vector of 512 bits, lest the processor slow down for a moment; code that is
-# nothing but vectors is faster with all of it. Numba asks once, before it compiles anything.
+# By default LLVM uses half of a 512-bit vector, because the full width may lower the clock for a
+# moment; pure vector code is faster at full width. Numba reads this once, before it compiles anything.
 _features = llvmlite.binding.get_host_cpu_features()
 if config.CPU_FEATURES is None and _features.get("avx512f"):
     config.CPU_FEATURES = _features.flatten() + ",-prefer-256-bit"
 
 
-# A loop has more numbers at hand than registers. What is put on the stack meanwhile is a vector of
-# one cache line, and LLVM puts it across two unless it is told to begin the stack with one.
+# A loop has more values than registers. Each value spilled to the stack is a vector of one cache
+# line, and LLVM puts it across two lines unless the stack is aligned to one.
 @intrinsic
 def _align(_context):
     def generate(context, builder, _signature, _arguments):
         builder.function.attributes.alignstack = 64
-        builder.function.attributes.add("nounwind")  # by itself the other is not written
+        builder.function.attributes.add("nounwind")  # without it, the other is not written
         return context.get_dummy_value()
 
     return types.void(), generate
@@ -158,26 +149,24 @@ def {{name}}(q, c):
         _put_state(q, n, (
             {", ".join(f"t[{i}] if live else s[{i}]" for i in range(LAYOUT["state"]))}))
 """
-"""Integration steps without a control step among them."""
+"""Integration steps with no control step between them."""
 
 _FLOW = {"calm": "(0.0, 0.0, 0.0)", "wind": "_air(q, n)[0:3]"}
-"""Still air, which is common, goes without its row."""
+"""Still air is common, and needs no row."""
 
 _PUT_PLAN = "\n".join(
     f"        q[_plan{i} + n] = after[{i}] if plain else before[{i}]" for i in range(LAYOUT["plan"])
 )
-"""One by one: numba knows no tuple of so many conditional expressions."""
+"""One by one: numba cannot type a tuple of so many conditional expressions."""
 
 _KERNEL = f"""
 @njit(forceinline=True)
 def _plan_of(v):
     return (v[0:9], v[9:18], v[18:27], v[27], v[28], v[29], v[30])
 
-
 @njit(forceinline=True)
 def _flat(p):
     return (*p[0], *p[1], *p[2], p[3], p[4], p[5], p[6])
-
 
 @njit(error_model='numpy', inline='never')
 def _decide(q, c):
@@ -191,7 +180,6 @@ def _decide(q, c):
         _put_mode(q, n, ({", ".join(f"mode[{i}] if live else old[{i}]" for i in range(8))}))
         _put_kind(q, n, (kind,))
         _put_wanted(q, n, trajectory__setpoint_of(plan, limits))
-
 
 @njit(error_model='numpy', inline='never')
 def _glide(q, c):
@@ -212,14 +200,12 @@ def _glide(q, c):
         q[_mode2 + n] = calm if rests else mode[2]
         _put_rare(q, n, (1.0 if rare else 0.0,))
 
-
 @njit(error_model='numpy', inline='never')
 def _lead_on(q, n, limits):
     plan, mode = flight_modes__next_leg(_plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
     mode = flight_modes__rest(_state(q, n), _command(q, n), plan, mode, limits)
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
-
 
 @njit(error_model='numpy', inline='never')
 def _act(q, c):
@@ -235,7 +221,6 @@ def _act(q, c):
         _put_command(q, n, (
             m0 if live else c0, m1 if live else c1, m2 if live else c2, m3 if live else c3))
 
-
 @njit(error_model='numpy', inline='never')
 def _blow(q, c):
     _align()
@@ -245,7 +230,6 @@ def _blow(q, c):
         new = wind__blow(old, weather)
         live = q[_mode2 + n] < {PERIODS_TO_REST}
         _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
-
 
 @njit(error_model='numpy', nogil=True, cache=True)
 def advance(blocks, constants, start, steps):

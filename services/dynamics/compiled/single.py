@@ -1,4 +1,4 @@
-"""One vehicle, compiled: the model's text as it stands, over one array of the vehicle's numbers."""
+"""One vehicle, compiled: the model's unchanged source over one array of the vehicle's numbers."""
 
 import ast
 from collections.abc import Callable
@@ -14,34 +14,27 @@ from quadctl.services.dynamics.vehicle import Lane
 from quadctl.services.dynamics.wind import Air
 
 Step = Callable[[int, int], object]
-"""Runs the compiled text on the numbers: from this step since boot on, so many."""
+"""Runs the compiled code on the numbers: the first step since boot, and the number of steps."""
 
 NUMBERS = Struct(f"{STORED}d")
-"""All of a vehicle that changes: state, command, plan, mode and air."""
+"""The changing numbers of a vehicle: state, command, plan, mode and air."""
 FIXED = Struct(f"{sum(CONSTANTS.values())}d")
-"""Its constants, in their order."""
+"""Its constants, in the order of CONSTANTS."""
 
 
 class Single:
-    """What `flight_modes.fly` does, to the bit, in compiled code; each vehicle needs one of its own."""
+    """`flight_modes.fly`, bit-identical, in compiled code; each vehicle needs its own instance."""
 
     def __init__(self, step: Step, numbers: Any, fixed: Any) -> None:
-        """`step` works on these two buffers, of the sizes of NUMBERS and FIXED."""
+        """Use `step`, which works on these two buffers, of the sizes of NUMBERS and FIXED."""
         self._step, self._numbers, self._fixed = step, numbers, fixed
         self._packed: Constants | None = None
 
     def __call__(
-        self,
-        state: State,
-        command: Motors,
-        plan: Plan,
-        mode: FlightMode,
-        air: Air,
-        constants: Constants,
-        start: int,
-        steps: int,
-    ) -> Lane:
-        """As `flight_modes.fly`."""
+        self, state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air,
+        constants: Constants, start: int, steps: int,
+    ) -> Lane:  # fmt: skip
+        """Do the same as `flight_modes.fly`."""
         if mode[2] >= PERIODS_TO_REST:
             return state, command, plan, mode, air
         if constants is not self._packed:
@@ -62,7 +55,7 @@ def _lane(v: Any) -> Lane:
 
 
 def single_source() -> str:
-    """A module whose `fly(numbers, fixed, start, steps)` takes pointers to two such arrays."""
+    """Return a module whose `fly(numbers, fixed, start, steps)` takes pointers to the arrays."""
     text = [
         f"@njit(error_model='numpy')\n{ast.unparse(each)}" for each in merged(["flight_modes__fly"])
     ]
@@ -70,7 +63,7 @@ def single_source() -> str:
 
 
 def _items(array: str, first: int, *counts: int) -> str:
-    """A tuple for each count, of an array's items one after the other; a count of 0 is one alone."""
+    """Return a tuple of consecutive array items for each count; a count of 0 is a bare item."""
     parts = []
     for count in counts:
         items = [f"{array}[{i}]" for i in range(first, first + (count or 1))]

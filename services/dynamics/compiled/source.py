@@ -1,8 +1,7 @@
-"""The model's functions as one flat syntax tree, and a cache of generated modules.
+"""Functions of the model as one flat syntax tree, and a cache of generated modules.
 
-The model is straight-line text in several modules. The requested functions are read with everything
-that they call, and merged into one tree for a backend. Annotations and docstrings are dropped,
-constants become their values.
+The model is straight-line code in several modules. The requested functions and all that they call
+are merged into one tree for a backend, without annotations and docstrings, constants by value.
 """
 
 import ast
@@ -21,10 +20,7 @@ from quadctl.services.runtime.realm import write_atomically
 
 
 def load_module(name: str, source: str) -> ModuleType:
-    """Import a module with this text, and its digest in its name: another text is another module.
-
-    It is a file, and stays: what a compiler makes of it is kept beside it for the next time.
-    """
+    """Import this source from a file with its digest in its name; the compiler caches beside it."""
     digest = hashlib.sha256(source.encode()).hexdigest()[:12]
     path = cache_folder() / f"{name}_{digest}.py"
     if not path.exists():
@@ -34,28 +30,28 @@ def load_module(name: str, source: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} cannot be imported")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # where a compiler looks it up again
+    sys.modules[path.stem] = module  # the compiler looks it up here
     spec.loader.exec_module(module)
     return module
 
 
 def cache_folder() -> Path:
-    """Where they are kept."""
+    """Return the folder of the generated modules."""
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "quadctl"
 
 
 MODULES = (rigidbody, rotor, controller, trajectory, branchless, wind, flight_modes)
-"""Where the model's text stands, each after those that it imports."""
+"""The model's modules, each after those that it imports."""
 
 BUILTINS = {"abs", "range", "sqrt"}
-"""What the text calls that is not its own; a backend brings them along."""
+"""Functions that the model calls and a backend provides."""
 
 
 def merged(roots: Iterable[str]) -> list[ast.FunctionDef]:
-    """The functions with these names (`flight_modes__move` is `flight_modes.move`) and all that they call.
+    """Return the functions with these names and all that they call, callees first.
 
-    Each comes after those that it calls. Raises NameError for a name that is not the text's.
+    `flight_modes__move` is `flight_modes.move`. Raises NameError for a name outside the model.
     """
     found: dict[str, ast.FunctionDef] = {}
     sources = {_short(module): _Source(module) for module in MODULES}
@@ -75,7 +71,7 @@ def merged(roots: Iterable[str]) -> list[ast.FunctionDef]:
 
 
 class _Source:
-    """One module's functions, and what its names stand for."""
+    """One module's functions, and the flat names of its names."""
 
     def __init__(self, module: ModuleType) -> None:
         self._module = module
@@ -93,13 +89,13 @@ class _Source:
                 self._names[name] = f"{origin}__{own}"
 
     def flat(self, name: str) -> tuple[ast.FunctionDef, list[str]]:
-        """A function with the flat module's names, and the functions that it calls."""
+        """Return a function with flat names, and the functions that it calls."""
         flat = _Flat(self._module, self._names, self._modules)
         return flat.function(self._functions[name]), flat.calls
 
 
 class _Flat(ast.NodeTransformer):
-    """Renames what a function uses of its module and of others."""
+    """Renamer of the module's and other modules' names in a function."""
 
     def __init__(self, module: ModuleType, names: dict[str, str], modules: dict[str, str]) -> None:
         self._module, self._names, self._modules = module, names, modules
@@ -107,12 +103,12 @@ class _Flat(ast.NodeTransformer):
         self.calls: list[str] = []
 
     def function(self, node: ast.FunctionDef) -> ast.FunctionDef:
-        """A function of the module, under its flat name."""
+        """Return a function of the module, under its flat name."""
         arguments = [argument.arg for argument in node.args.args]
         names = [n for n in ast.walk(node) if isinstance(n, ast.Name)]
         self._locals = {*arguments, *(n.id for n in names if isinstance(n.ctx, ast.Store))}
         made = ast.parse(f"def {self._names[node.name]}({', '.join(arguments)}): pass").body[0]
-        assert isinstance(made, ast.FunctionDef)  # noqa: S101 - the text is one
+        assert isinstance(made, ast.FunctionDef)  # noqa: S101 - the source is one
         made.body = [self.visit(statement) for statement in node.body[1:]]  # after its docstring
         return made
 
@@ -125,13 +121,13 @@ class _Flat(ast.NodeTransformer):
         value = getattr(self._module, name)
         if not isinstance(value, (int, float)):
             raise TypeError(
-                f"the model's text uses {value!r}, which is neither its own nor a number"
+                f"the model's source uses {value!r}, which is neither part of it nor a number"
             )
         return ast.Constant(value)
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         if not isinstance(node.value, ast.Name):
-            raise TypeError(f"{ast.unparse(node)} is no function of another module")
+            raise TypeError(f"{ast.unparse(node)} is not a function of another module")
         return self._called(f"{self._modules[node.value.id]}__{node.attr}")
 
     def _called(self, name: str) -> ast.AST:
@@ -140,7 +136,7 @@ class _Flat(ast.NodeTransformer):
 
 
 def _imported(tree: ast.Module) -> Iterator[tuple[str, str, str | None]]:
-    """Names that a module imports of the model: its own name, the module, and the name there."""
+    """Yield names that a module imports from the model: its own name, module, name there."""
     package = flight_modes.__name__.rpartition(".")[0]
     for node in tree.body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(package):

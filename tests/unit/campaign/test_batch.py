@@ -79,7 +79,7 @@ def test_enabling_or_shrinking_the_cage_raises_no_alarm():
     flights = Batch(some, lambda params: Compiled(params, module)).fly()
     assert {row for each in some for row in map(type, each.rows)} > {CageEvent, Resize}
     assert sum(each.stops.get("stopped, the goal is now outside the cage", 0) for each in flights)
-    assert sum(each.stops.get("stopped, the way led out of the cage", 0) for each in flights) == 0
+    assert sum(each.stops.get("stopped, the path led out of the cage", 0) for each in flights) == 0
 
 
 def test_a_flight_does_not_depend_on_the_rest_of_its_batch(flown: list[Flown]):

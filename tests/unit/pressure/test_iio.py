@@ -113,14 +113,14 @@ def test_malformed_or_torn_number_is_refused_with_the_text(text: bytes):
 )
 def test_an_impossible_air_pressure_is_refused(text: bytes):
     """Cover drivers that report Pa or hPa, and broken sensors."""
-    assert "in_pressure_input says " in refused({INPUT: text})
-    assert "in_pressure_raw with in_pressure_scale says " in refused({RAW: text, SCALE: b"1\n"})
+    assert "in_pressure_input reads " in refused({INPUT: text})
+    assert "in_pressure_raw with in_pressure_scale reads " in refused({RAW: text, SCALE: b"1\n"})
 
 
 def test_a_device_without_pressure_is_refused():
     assert (
         refused({})
-        == "/dev7 has neither in_pressure_input nor in_pressure_raw: no barometer, or one that is gone"
+        == "/dev7 has neither in_pressure_input nor in_pressure_raw: no barometer, or unplugged"
     )
     assert "no in_pressure_scale" in refused({RAW: b"900\n"})
 

@@ -28,6 +28,8 @@ def test_otherwise_the_first_device_with_pressure_is_used(tmp_path: Path):
 
 
 def test_without_a_device_the_error_names_the_searched_folder(tmp_path: Path):
-    with pytest.raises(QuadctlError, match=f"no device under {tmp_path} has pressure") as caught:
+    with pytest.raises(
+        QuadctlError, match=f"no device under {tmp_path} measures pressure"
+    ) as caught:
         device("", tmp_path)
     assert "pressure.iio" in caught.value.hint

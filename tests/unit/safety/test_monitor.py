@@ -35,7 +35,7 @@ def test_lost_poses_pause_the_flight_and_goals_are_refused():
     rig.monitor.lose()
     rig.monitor.silent(0.9)
     assert len(rig.published) == published
-    refused = "paused: no pose: dynamics is silent; no goal is taken meanwhile"
+    refused = "paused: no pose: dynamics is silent; no goal is taken during a pause"
     assert rig.monitor.ask(OTHER) == refused
     assert rig.at(ONE_UP).state == "MOVING"
     assert rig.state.reason.startswith("went on after a pause: no pose")
@@ -79,10 +79,10 @@ def test_a_change_during_a_pause_ends_the_flight(what: str):
 
 def test_a_lagging_vehicle_continues_only_within_the_grace():
     rig = Rig().moving()
-    rig.monitor.lagged("the vehicle heard nothing for 0.4 s", 0.4)
+    rig.monitor.lagged("the vehicle received no setpoint for 0.4 s", 0.4)
     assert rig.state.state == "MOVING"
-    assert rig.state.reason == "went on after a pause: the vehicle heard nothing for 0.4 s"
-    rig.monitor.lagged("the vehicle heard nothing for 1.4 s", 1.4)
+    assert rig.state.reason == "went on after a pause: the vehicle received no setpoint for 0.4 s"
+    rig.monitor.lagged("the vehicle received no setpoint for 1.4 s", 1.4)
     assert (rig.state.state, rig.monitor.setpoint().brake) == ("HOVERING", True)
 
 
@@ -110,11 +110,11 @@ def test_a_new_boot_drops_the_goal_and_takes_off_again():
     rig.monitor.see(rig.pose(0.0, Position(0.0, 0.0, 0.5), boot="b2"))
     state = rig.state
     assert (state.boot, state.state, state.goal.z) == ("b2", "HOVERING", 0.5)
-    assert state.reason == "the simulation started anew: the goal is dropped"
+    assert state.reason == "the simulation restarted: the goal is dropped"
     assert rig.monitor.setpoint().brake
     rig.monitor.see(rig.pose(0.0, GROUND, boot="b3"))
     assert (rig.state.boot, rig.state.state, rig.state.goal) == ("b3", "MOVING", ONE_UP)
-    assert any(state.reason.startswith("the simulation started anew") for state, _ in rig.published)
+    assert any(state.reason.startswith("the simulation restarted") for state, _ in rig.published)
 
 
 @pytest.mark.parametrize("z", [0.0, 1.0])

@@ -48,7 +48,7 @@ def test_a_pose_that_jumps_stops_the_vehicle(start: str):
 
 def test_a_new_boot_at_another_place_is_no_jump():
     rig = Rig().hovering()
-    assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation started")
+    assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation restarted")
 
 
 def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
@@ -57,7 +57,7 @@ def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
     # Stopping from 6.5 m/s takes at least 2.1 m.
     state = rig.at(along(3.0), going(6.5))
     assert (state.state, state.goal.x) == ("HOVERING", 3.0)
-    assert state.reason == "stopped, the way led out of the cage by 0.11 m"
+    assert state.reason == "stopped, the path led out of the cage by 0.11 m"
 
 
 def test_with_the_cage_off_a_vehicle_is_not_stopped():
@@ -81,7 +81,7 @@ def test_a_return_from_outside_may_not_move_outwards():
         assert rig.at(along(x), going(-0.5)).state == "MOVING"
     state = rig.at(along(5.5), going(0.1))
     assert state.state == "HOVERING"
-    assert state.reason == "stopped, the way led out of the cage by 0.5 m"
+    assert state.reason == "stopped, the path led out of the cage by 0.5 m"
     # The vehicle hovers there, and may be sent inside again.
     rig.at(along(5.5))
     assert rig.monitor.ask(OUTSIDE) != ""

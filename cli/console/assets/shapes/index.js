@@ -1,11 +1,11 @@
-// What stands in the scene.
+// The objects of the scene.
 import { CSS2DObject, THREE } from "nicegui-scene";
 
 const COLOURS = {
   floor: "#f4f6f8", grid: "#c9d1d9", cage: "#1f5fbf", trail: "#d1480c", body: "#24292f", nose: "#d1480c",
   rotor: "#57606a", goal: "#1a7f37", refused: "#b42318", aim: "#8250df",
 };
-const SIZE = 0.35; // m from the centre to a rotor, as drawn: larger than life, to be seen
+const SIZE = 0.35; // m from the centre to a rotor as drawn, larger than the real vehicle to be visible
 
 const lines = (points, colour, more = {}) =>
   new THREE.LineSegments(
@@ -30,7 +30,7 @@ function vehicle() {
   return group;
 }
 
-// A point in the air with its foot on the floor, so that one sees where it is.
+// A point in the air with a pole to the floor, which shows its position.
 function mark(colour, radius, opacity = 0.9) {
   const group = new THREE.Group();
   const ball = new THREE.Mesh(new THREE.SphereGeometry(radius, 20, 14), new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity }));
@@ -65,14 +65,14 @@ function label(text) {
   return new CSS2DObject(element);
 }
 
-// The floor and the cage, which is faint while it is off.
+// The floor and the cage, which is drawn faint while it is off.
 function room(cage, on) {
   const made = new THREE.Group();
   const [x, y, z] = cage;
   const wide = Math.ceil(Math.max(x, y) * 1.6);
   const floor = new THREE.Mesh(new THREE.PlaneGeometry(2 * wide, 2 * wide), new THREE.MeshBasicMaterial({ color: COLOURS.floor, depthWrite: false }));
   floor.position.z = -0.02;
-  floor.renderOrder = -1; // before all that lies on it
+  floor.renderOrder = -1; // before everything on it
   const grid = new THREE.GridHelper(2 * wide, 2 * wide, COLOURS.grid, COLOURS.grid);
   grid.rotation.x = Math.PI / 2;
   grid.material.transparent = true;

@@ -39,7 +39,7 @@ def test_the_file_gives_each_vehicles_hub_and_formation():
     ("text", "message", "hint"),
     [
         ("", "f.toml: object missing required field `vehicles`", "[vehicles]"),
-        ("[vehicles]", "f.toml: no vehicle is in it", "uav0 = {}"),
+        ("[vehicles]", "f.toml: it names no vehicle", "uav0 = {}"),
         ("[vehicles]\na = 3", "f.toml: vehicles.a: expected `object`", "a vehicle is written as"),
         ('[vehicles]\na = { conect = "x" }', "vehicles.a: object contains unknown field `conect`",
          "connect ="),

@@ -97,7 +97,7 @@ def test_an_incomplete_formation_sends_no_vehicle():
     error = nobody_sent(problems, ["uav0", "uav1", "red"])
     assert error.exit_code == 3
     assert error.message == (
-        "nobody was sent: the formation's centre needs all of them; red: not ready; uav0: gone"
+        "no vehicle was sent: the formation's centre needs all; red: not ready; uav0: gone"
     )
     assert "fleet goto uav1=1,2,1" in error.hint
     assert nobody_sent(problems, ["uav0", "red"]).hint == "start it"

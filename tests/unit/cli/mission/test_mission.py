@@ -68,7 +68,7 @@ def test_rows_are_sorted_by_time_and_ties_keep_the_file_order(given_rows):
 @pytest.mark.parametrize(
     ("row", "message", "hint"),
     [
-        ({"at": 1}, "row 2: it does not say what to do", "goto"),
+        ({"at": 1}, "row 2: `do` is missing", "goto"),
         ({"at": 1, "do": "gotoo"}, "row 2: do = 'gotoo' is no command", "did you mean goto?"),
         ({"at": 1, "do": ["goto"]}, "row 2: do = ['goto'] is no command", "goto"),
         ({"do": "hold"}, "row 2: object missing required field at", "hold takes at"),
@@ -109,7 +109,7 @@ def test_an_error_in_a_row_names_its_number(row: dict, message: str, hint: str):
         ({"rows": {"at": 1}}, "rows: expected array, got object"),
         ({"row": [HOLD_AT_1], "rows": [HOLD_AT_1]}, "unknown field row"),
         ({"rows": [HOLD_AT_1], "end": "late"}, "end: expected float"),
-        ({"rows": [HOLD_AT_1], "end": 0.5}, "end = 0.5: the last row is for 1 s"),
+        ({"rows": [HOLD_AT_1], "end": 0.5}, "end = 0.5: the last row is at 1 s"),
     ],
 )
 def test_an_error_in_the_file_names_the_field(tables: dict, message: str):

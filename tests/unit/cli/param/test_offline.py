@@ -87,7 +87,7 @@ def test_a_parameter_is_described_without_a_value(quadctl: Quadctl):
     lines = quadctl("param", "describe", "dynamics.speed").out.splitlines()
     assert "Change:   at launch" in lines
     assert "Value:    -" in lines
-    assert next(line for line in lines if line.startswith("Meaning:")).endswith("as it goes")
+    assert next(line for line in lines if line.startswith("Meaning:")).endswith("as possible")
 
 
 def test_tables_are_described_leaf_by_leaf(quadctl: Quadctl):

@@ -63,12 +63,12 @@ FILES = [
     ("[supervise]\nanswer_timeout = 0.1", "supervise.answer_timeout: expected `float` >= 0.5", ""),
     # Contradicting values.
     ("[pressure]\nprofile = 'bmp280'\nrate = 27", "rate 27 Hz: a bmp280 gives at most 26.3", ""),
-    ("[pressure]\nprofile = 'ms5611'\nnoise = 0.1", "a ms5611 has noise of its own", ""),
+    ("[pressure]\nprofile = 'ms5611'\nnoise = 0.1", "a ms5611 has its own", ""),
     ("[pressure]\nprofile = 'bmp581'", "pressure.profile: invalid enum value", ""),
     ("[pressure.fault]\nkind = 'broken'", "pressure.fault.kind: invalid enum value", ""),
     (
         "[pressure]\niio = 'iio:device0'",
-        "pressure: iio: 'iio:device0' is no folder's full path",
+        "pressure: iio: 'iio:device0' is not a full path",
         "",
     ),
     ("[pressure]\nsource = 'iio'\n[dynamics]\nspeed = 0", "needs dynamics.speed 1, not 0", ""),

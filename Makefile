@@ -37,7 +37,7 @@ prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md
 	$(RUN) -m pytest -m prove
 	$(RUN) -m benchmarks.measure --write --check
 
-check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types.
+check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.
 	$(RUN) tests/checks/house.py
 
 $(READY): requirements-dev.lock pyproject.toml $(RUN)

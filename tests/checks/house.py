@@ -1,4 +1,4 @@
-"""House checks: file lengths, layers, lint, format and types.
+"""House checks: file lengths, layers, lint, format, types and headless clauses.
 
     python tests/checks/house.py [--root FOLDER] [CHECK...]
 
@@ -7,7 +7,9 @@ Without CHECK it runs all. It prints each failure with its reason, and exits wit
 """
 
 import argparse
+import ast
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -16,6 +18,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("schemas", "services", "cli", "tests", "benchmarks")
+DOCUMENTED = ("schemas", "services", "cli", "src/quadctl", "benchmarks", "docs")
+"""Folders of modules whose docstrings are checked for headless clauses."""
+HEADLESS = re.compile(
+    r"\W*(who|whose|whom|what|whether|that of|those of|one that|one who)\b", re.IGNORECASE
+)
+"""Start of a docstring that has a clause in the place of a noun or a verb."""
 LONGEST = 500
 REASON = f"Over {LONGEST} lines: "
 """Start of the docstring paragraph that gives the reason for a longer module."""
@@ -52,6 +60,27 @@ def types(root: Path) -> str:
     return run(root, sys.executable, "-m", "mypy", "--no-error-summary")
 
 
+def clauses(root: Path) -> str:
+    return "\n".join(
+        f"{file.relative_to(root).as_posix()}:{line}: begins with a headless clause: {text}"
+        for folder in DOCUMENTED
+        for file in sorted((root / folder).rglob("*.py"))
+        for line, text in docstrings(file)
+        if HEADLESS.match(text)
+    )
+
+
+def docstrings(file: Path) -> list[tuple[int, str]]:
+    """Return line and text of every docstring, including attributes."""
+    return [
+        (node.lineno, " ".join(node.value.value.split()))
+        for node in ast.walk(ast.parse(file.read_bytes()))
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    ]
+
+
 def run(root: Path, *command: str) -> str:
     """Return the output of a command if it failed; the root's packages precede installed ones.
 
@@ -70,7 +99,7 @@ def run(root: Path, *command: str) -> str:
 
 
 CHECKS: dict[str, Callable[[Path], str]] = {
-    check.__name__: check for check in (length, imports, lint, style, types)
+    check.__name__: check for check in (length, imports, lint, style, types, clauses)
 }
 
 

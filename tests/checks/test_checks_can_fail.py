@@ -32,6 +32,23 @@ LONG = "X = 0\n" * 501
 UNDOCUMENTED = "def double(x: int) -> int:\n    return 2 * x\n"
 UNFORMATTED = '"""A table."""\n\nX = {  }\n'
 UNTYPED = '"""Twice."""\n\n\ndef double(x):\n    """Twice x."""\n    return 2 * x\n'
+HEADLESS = '''"""What one sends."""
+
+LIMIT = 1
+"""Whether it\'s long."""
+
+
+class Sender:
+    """Who sends."""
+
+    def send(self) -> int:
+        """One that sends."""
+        return LIMIT
+
+
+class Message:
+    """Message that one who sends it may lose."""
+'''
 WRONG = '"""Twice."""\n\nX: int = "two"\n'
 
 
@@ -69,6 +86,7 @@ def seen(root):
     (cli / "fault_unformatted.py").write_text(UNFORMATTED, encoding="utf-8")
     (cli / "fault_untyped.py").write_text(UNTYPED, encoding="utf-8")
     (cli / "fault_wrong.py").write_text(WRONG, encoding="utf-8")
+    (cli / "fault_headless.py").write_text(HEADLESS, encoding="utf-8")
     return {name: check(root) for name, check in house.CHECKS.items()}
 
 
@@ -84,6 +102,10 @@ def test_a_forbidden_import_is_reported(seen, importer, module):
         ("lint", "cli/fault_undocumented.py:1:5: D103"),
         ("lint", "cli/fault_zenoh.py:1:8: F401"),
         ("style", "cli/fault_unformatted.py"),
+        ("clauses", "cli/fault_headless.py:1: begins with a headless clause: What one sends."),
+        ("clauses", "cli/fault_headless.py:4: begins"),
+        ("clauses", "cli/fault_headless.py:8: begins"),
+        ("clauses", "cli/fault_headless.py:11: begins"),
         ("types", "cli/fault_untyped.py:4: error: Function is missing a type annotation"),
         ("types", "cli/fault_wrong.py:3: error: Incompatible types in assignment"),
     ],
@@ -95,6 +117,10 @@ def test_a_fault_is_reported(seen, check, named):
 def test_the_type_check_reports_only_the_faults(seen):
     found = [line for line in seen["types"].splitlines() if "/fault_" not in line.partition(":")[0]]
     assert found == []
+
+
+def test_a_clause_after_its_noun_is_allowed(seen):
+    assert seen["clauses"].count("fault_headless.py") == 4
 
 
 def test_500_lines_are_allowed(seen):

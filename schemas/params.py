@@ -15,7 +15,7 @@ from quadctl.schemas.vehicle import ControlParams, VehicleParams
 PORTS = ("tcp", "tls", "quic", "udp", "ws")
 """Protocols with an address host:port."""
 SECURE = ("tls", "quic")
-"""Those of them with certificates at both ends, and encryption."""
+"""Protocols with certificates at both ends, and encryption."""
 LOCAL = ("unixsock-stream",)
 """Protocols with a path."""
 

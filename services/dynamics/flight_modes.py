@@ -207,9 +207,15 @@ def move(
 
 
 def fly(
-    state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air,
-    constants: Constants, start: int, steps: int,
-) -> tuple[State, Motors, Plan, FlightMode, Air]:  # fmt: skip
+    state: State,
+    command: Motors,
+    plan: Plan,
+    mode: FlightMode,
+    air: Air,
+    constants: Constants,
+    start: int,
+    steps: int,
+) -> tuple[State, Motors, Plan, FlightMode, Air]:
     """Return the vehicle after this many steps of 1 ms; every fourth is a control step.
 
     `start` counts the steps since boot. At rest a vehicle stays as it is.

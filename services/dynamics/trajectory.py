@@ -77,9 +77,15 @@ def decelerate(
 
 
 def advance_axis(
-    p: float, v: float, a: float, goal: float,
-    heading: float, most_v: float, most_a: float, j: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
+    p: float,
+    v: float,
+    a: float,
+    goal: float,
+    heading: float,
+    most_v: float,
+    most_a: float,
+    j: float,
+) -> tuple[float, float, float, float]:
     """Return the motion one period later, and the new heading.
 
     `heading` is the side of the stop's end that the goal is on, +1 or -1, or 0 while following the
@@ -99,9 +105,15 @@ def advance_axis(
 
 
 def accelerate(
-    p: float, v: float, a: float, goal: float,
-    heading: float, most_v: float, most_a: float, j: float,
-) -> tuple[float, float, float, float, float]:  # fmt: skip
+    p: float,
+    v: float,
+    a: float,
+    goal: float,
+    heading: float,
+    most_v: float,
+    most_a: float,
+    j: float,
+) -> tuple[float, float, float, float, float]:
     """Return the motion one period later at the highest acceleration permitted towards the heading.
 
     Also the jerk for it, m/s^3, and how far a stop from there would pass the goal, m.

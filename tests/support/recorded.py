@@ -44,7 +44,7 @@ class Recorded:
     def transitions(self, published: list[Published]) -> list[SafetyState]:
         """Return safety's states in this flight, without repetitions.
 
-        Requests are counted from the flight's first.
+        Requests are counted from the flight's first. Of a reason it counts that there is one.
         """
         found: list[SafetyState] = []
         replace = msgspec.structs.replace
@@ -53,7 +53,10 @@ class Recorded:
                 last = found[-1] if found else None
                 if last is None or replace(last, stamp=state.stamp) != state:
                     found.append(state)
-        return [replace(state, request=state.request - found[0].request) for state in found]
+        return [
+            replace(s, request=s.request - found[0].request, reason="a reason" if s.reason else "")
+            for s in found
+        ]
 
     def setpoints(self, published: list[Published]) -> list[Setpoint]:
         """Return the setpoints of this flight, without repetitions."""

@@ -31,9 +31,16 @@ class Single:
         self._packed: Constants | None = None
 
     def __call__(
-        self, state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air,
-        constants: Constants, start: int, steps: int,
-    ) -> Lane:  # fmt: skip
+        self,
+        state: State,
+        command: Motors,
+        plan: Plan,
+        mode: FlightMode,
+        air: Air,
+        constants: Constants,
+        start: int,
+        steps: int,
+    ) -> Lane:
         """Do the same as `flight_modes.fly`."""
         if mode[2] >= PERIODS_TO_REST:
             return state, command, plan, mode, air

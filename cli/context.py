@@ -29,11 +29,11 @@ def the_only(realm: str, connect: str, timeout: float) -> str:
     Of several vehicles, return `uav`; without one of that name, raise UsageError. With `connect`,
     raise what a Client raises (timeout in s).
     """
-    there = vehicles_of(realm, connect, timeout)
-    if len(there) > 1 and DEFAULT not in there:
-        hint = f"choose one: --vehicle {there[0]}, or set QUADCTL_VEHICLE"
-        raise UsageError(f"there are several vehicles: {listed(there)}", hint)
-    return there[0] if len(there) == 1 else DEFAULT
+    names = vehicles_of(realm, connect, timeout)
+    if len(names) > 1 and DEFAULT not in names:
+        hint = f"choose one: --vehicle {names[0]}, or set QUADCTL_VEHICLE"
+        raise UsageError(f"there are several vehicles: {listed(names)}", hint)
+    return names[0] if len(names) == 1 else DEFAULT
 
 
 def vehicles_of(realm: str, connect: str, timeout: float) -> list[str]:
@@ -51,8 +51,8 @@ def in_run(realm: str) -> list[str]:
 
 def hub_alone(realm: str) -> str:
     """Return the name of the hub of a run without a vehicle; empty with a vehicle, or no run."""
-    there = _in(realm)
-    return there[0] if there and there[0].startswith(HUB_ALONE) else ""
+    names = _in(realm)
+    return names[0] if names and names[0].startswith(HUB_ALONE) else ""
 
 
 def _in(realm: str) -> list[str]:
@@ -108,8 +108,8 @@ class Options(Struct, frozen=True):
     @property
     def vehicles(self) -> list[str]:
         """Return all vehicles of the run of the selected vehicle, that vehicle included."""
-        there = vehicles_of(self.realm, self.connect, self.timeout)
-        return there if self.vehicle in there else [self.vehicle]
+        names = vehicles_of(self.realm, self.connect, self.timeout)
+        return names if self.vehicle in names else [self.vehicle]
 
 
 def here(options: Options, what: str) -> None:
@@ -121,22 +121,22 @@ def here(options: Options, what: str) -> None:
         )
 
 
-def options_of(said: Mapping[str, Any]) -> Options:
+def options_of(values: Mapping[str, Any]) -> Options:
     """Return the options by the line, the environment and the defaults; raise UsageError."""
-    timeout = said.get("timeout", DEFAULT_TIMEOUT)
-    named = said.get("vehicle") or os.environ.get("QUADCTL_VEHICLE")
+    timeout = values.get("timeout", DEFAULT_TIMEOUT)
+    named = values.get("vehicle") or os.environ.get("QUADCTL_VEHICLE")
     if not 0 < timeout <= LONGEST_TIMEOUT:
         hint = f"give seconds, more than 0, up to {LONGEST_TIMEOUT}"
         raise UsageError(f"--timeout {timeout:g}: not a time", hint)
-    if folder := said.get("identity"):
+    if folder := values.get("identity"):
         from quadctl.services.runtime.security.identity import choose
 
         choose(folder)
     return Options(
-        realm=said.get("realm") or default_name(),
-        connect=said.get("connect", ""),
+        realm=values.get("realm") or default_name(),
+        connect=values.get("connect", ""),
         named=vehicle_name(named) if named else "",
-        json=said.get("json", False),
+        json=values.get("json", False),
         timeout=timeout,
     )
 
@@ -157,8 +157,8 @@ def about_topic(options: Options, name: str) -> Options:
     bare = name.strip("/")
     if any(topic.name == bare for topic in TOPICS):
         return options
-    there = _there(options)
-    return _named(options, bare, there, there[0]) if len(there) > 1 else options
+    names = _vehicles(options)
+    return _named(options, bare, names, names[0]) if len(names) > 1 else options
 
 
 def own_topic(key: str, vehicle: str) -> Topic[Any] | None:
@@ -167,15 +167,15 @@ def own_topic(key: str, vehicle: str) -> Topic[Any] | None:
     return topic if topic is not None and key == topic.key(vehicle) else None
 
 
-def anyone(options: Options) -> Options:
+def with_any_vehicle(options: Options) -> Options:
     """Return the options with one of the vehicles, for a request that any of them can make."""
-    there = _there(options)
-    return structs.replace(options, named=there[0]) if there else options
+    names = _vehicles(options)
+    return structs.replace(options, named=names[0]) if names else options
 
 
 def about_service(options: Options, name: str) -> Options:
     """Return the options with the vehicle that a service's full key names."""
-    return _named(options, name.strip("/"), _there(options), "")
+    return _named(options, name.strip("/"), _vehicles(options), "")
 
 
 def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[str]]:
@@ -185,7 +185,7 @@ def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[
     all its parameters. A `=` and a value may follow. Raises UsageError for several vehicles.
     """
     first = {_dotted(word)[0].partition(".")[0] for word in words}
-    if not (named := first & set(_there(options))):
+    if not (named := first & set(_vehicles(options))):
         return options, words
     if len(first) > 1:
         raise UsageError(
@@ -201,7 +201,7 @@ def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[
 def about_node(options: Options, name: str) -> tuple[Options, str]:
     """Return the options with the vehicle that `/uav1/safety` names, and the node's name alone."""
     vehicle, _, node = name.strip("/").partition("/")
-    if not node or vehicle not in _there(options):
+    if not node or vehicle not in _vehicles(options):
         return options, name
     return structs.replace(options, named=vehicle), node
 
@@ -212,13 +212,13 @@ def _dotted(word: str) -> tuple[str, str]:
     return name.strip("/").replace("/", "."), f"{equals}{value}"
 
 
-def _there(options: Options) -> list[str]:
+def _vehicles(options: Options) -> list[str]:
     if options.named:
         return [options.named]
     return vehicles_of(options.realm, options.connect, options.timeout)
 
 
-def _named(options: Options, bare: str, there: list[str], otherwise: str) -> Options:
+def _named(options: Options, bare: str, names: list[str], otherwise: str) -> Options:
     first = bare.partition("/")[0]
-    named = first if first in there else otherwise
+    named = first if first in names else otherwise
     return structs.replace(options, named=named) if named else options

@@ -41,13 +41,18 @@ class Parameter(Struct, frozen=True):
     many: bool
     default: Any
     required: bool
-    said: Arg | Option
+    declaration: Arg | Option
+
+    @property
+    def is_option(self) -> bool:
+        """Return whether it is named, not positional."""
+        return isinstance(self.declaration, Option)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the spellings of an option."""
         own = f"--{self.name.replace('_', '-')}"
-        return (isinstance(self.said, Option) and self.said.names) or (own,)
+        return (isinstance(self.declaration, Option) and self.declaration.names) or (own,)
 
 
 class ParsedCommand(Struct, frozen=True):
@@ -74,7 +79,7 @@ def words_of(command: Callable[..., None]) -> list[Parameter]:
 
 def takes_signed(words: list[Parameter]) -> bool:
     """Return whether `-1` can be a positional word, and so no option."""
-    return any(isinstance(w.said, Arg) and (w.type is float or w.many) for w in words)
+    return any(not w.is_option and (w.type is float or w.many) for w in words)
 
 
 def is_number(text: str) -> bool:
@@ -87,11 +92,12 @@ def is_number(text: str) -> bool:
 
 
 def _word(name: str, annotation: Any, required: bool, default: Any) -> Parameter:
-    type_, said = annotation.__origin__, annotation.__metadata__[0]
+    type_, declaration = annotation.__origin__, annotation.__metadata__[0]
     # `float | None` counts as float.
     type_ = next(iter(getattr(type_, "__args__", ())), type_) if not _is_list(type_) else type_
     many = _is_list(type_)
-    return Parameter(name, type_.__args__[0] if many else type_, many, default, required, said)
+    item = type_.__args__[0] if many else type_
+    return Parameter(name, item, many, default, required, declaration)
 
 
 def _is_list(type_: Any) -> bool:

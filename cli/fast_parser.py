@@ -10,8 +10,6 @@ from typing import Any
 from quadctl.cli import commands
 from quadctl.cli.context import COMMON
 from quadctl.cli.declarations import (
-    Arg,
-    Option,
     Parameter,
     ParsedCommand,
     is_number,
@@ -68,10 +66,8 @@ def _after_common(words: list[str], common: dict[str, Any]) -> list[str]:
 
 def _read(declared: list[Parameter], line: Iterator[str], common: dict[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    named = {
-        name: word for word in declared if isinstance(word.said, Option) for name in word.names
-    }
-    placed = iter(word for word in declared if isinstance(word.said, Arg))
+    named = {name: word for word in declared if word.is_option for name in word.names}
+    placed = iter(word for word in declared if not word.is_option)
     signed, place = takes_signed(declared), None
     for text in line:
         # `-inf` may be a number, or the options -i, -n and -f in one.
@@ -106,7 +102,7 @@ def _put(word: Parameter, text: str, values: dict[str, Any]) -> None:
         # Python reads 1_0 as ten.
         raise UsageError(f"'{text}' is not a number", "write it without the _")
     value = word.type(text)
-    if isinstance(word.said, Option) and word.said.min is not None and value < word.said.min:
+    if (least := getattr(word.declaration, "min", None)) is not None and value < least:
         raise _Declined
     if word.many:
         values.setdefault(word.name, []).append(value)

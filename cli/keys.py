@@ -116,8 +116,8 @@ def issue(
             raise UsageError(f"{name}: with --vehicles each has the name of its vehicle")
         wanted = {each: [each] for each in names(options.named or DEFAULT, vehicles)}
     else:
-        whose = checked(name or options.named or role)
-        wanted = {whose: checked_vehicles([options.named] if options.named else [])}
+        owner = checked(name or options.named or role)
+        wanted = {owner: checked_vehicles([options.named] if options.named else [])}
     keeper = Registry(fleet)
     made = keeper.issue(cast("Role", role), wanted, days, host or [])
     if options.json:

@@ -122,8 +122,8 @@ def error(problem: QuadctlError, *, as_json: bool) -> None:
     """Print an error, and its hint, to stderr."""
     if as_json:
         message = "; ".join((problem.message, *problem.others))
-        said = {"code": problem.code, "message": message, "hint": problem.hint}
-        sys.stderr.write(msgspec.json.encode({"error": said}).decode() + "\n")
+        content = {"code": problem.code, "message": message, "hint": problem.hint}
+        sys.stderr.write(msgspec.json.encode({"error": content}).decode() + "\n")
         return
     for message in (*problem.others, problem.message):
         note(f"error: {message}")

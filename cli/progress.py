@@ -51,6 +51,6 @@ class FleetProgress(Progress):
     def fly(self, name: str, left: float, whole: float) -> None:
         """Report that a vehicle has `left` m to go of its `whole` way."""
         self._flown[name], self._left[name] = 1 - left / whole, left
-        there = sum(flown >= 1 for flown in self._flown.values())
-        text = f"{there} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go"
+        arrived = sum(flown >= 1 for flown in self._flown.values())
+        text = f"{arrived} of {len(self._flown)} there, {max(self._left.values()):.2f} m to go"
         self.update(sum(self._flown.values()) / len(self._flown), text)

@@ -25,14 +25,14 @@ def run_of_its_own(launch: Launch) -> Iterator[Realm]:
     handled = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, _leave) for number in handled}
     try:
-        leash = start_in_background(replace(launch, owned=True))
+        pipe = start_in_background(replace(launch, owned=True))
         try:
             yield realm
         finally:
             for number in handled:
                 signal.signal(number, signal.SIG_IGN)
             stop_run(realm)
-            leash.close()
+            pipe.close()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

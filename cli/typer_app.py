@@ -98,7 +98,7 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
     words = words_of(command)
 
     def run(ctx: typer.Context, **values: Any) -> ParsedCommand:
-        return ParsedCommand(command, _said(ctx), values)
+        return ParsedCommand(command, _common_values(ctx), values)
 
     run.__doc__ = command.__doc__
     types = {"ctx": typer.Context} | {word.name: _annotated(word) for word in words}
@@ -119,15 +119,13 @@ def _add(app: typer.Typer, name: str, path: str) -> None:
 
 
 def _annotated(word: Parameter) -> Any:
-    said = word.said
-    facts: dict[str, Any] = {
-        "help": said.about,
-        "metavar": said.metavar or (word.name.upper() if isinstance(said, Arg) else None),
-    }
+    declaration = word.declaration
+    default = None if word.is_option else word.name.upper()
+    facts: dict[str, Any] = {"help": declaration.about, "metavar": declaration.metavar or default}
     info = (
         typer.Argument(**facts)
-        if isinstance(said, Arg)
-        else typer.Option(*word.names, min=said.min, **facts)
+        if isinstance(declaration, Arg)
+        else typer.Option(*word.names, min=declaration.min, **facts)
     )
     type_: Any = list[word.type] if word.many else word.type  # type: ignore[name-defined]
     return Annotated[type_ if word.required or word.default is not None else type_ | None, info]
@@ -139,7 +137,7 @@ def _version(
 ) -> None:
     if show:
         found = version("quadctl")
-        output.either(options_of(_said(ctx)), {"version": found}, f"quadctl {found}")
+        output.either(options_of(_common_values(ctx)), {"version": found}, f"quadctl {found}")
         raise typer.Exit
 
 
@@ -199,8 +197,8 @@ def _store(ctx: typer.Context, param: Any, value: Any) -> None:
         ctx.meta.setdefault(f"{_KEY}.{ctx.command_path}", {})[param.name] = value
 
 
-def _said(ctx: Any) -> dict[str, Any]:
+def _common_values(ctx: Any) -> dict[str, Any]:
     """Return the common options; the innermost context that gives one wins."""
-    outer = _said(ctx.parent) if ctx.parent is not None else {}
+    outer = _common_values(ctx.parent) if ctx.parent is not None else {}
     inner: dict[str, Any] = ctx.meta.get(f"{_KEY}.{ctx.command_path}", {})
     return outer | inner

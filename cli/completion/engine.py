@@ -12,7 +12,7 @@ import msgspec
 from quadctl.cli import commands, context
 from quadctl.cli import names as known
 from quadctl.cli.context import COMMON, Options, options_of
-from quadctl.cli.declarations import Arg, Names, Option, Parameter, takes_signed, words_of
+from quadctl.cli.declarations import Names, Parameter, takes_signed, words_of
 from quadctl.cli.param.running import nodes_with_params
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.params import Params
@@ -104,7 +104,7 @@ def _names(kind: Names, options: Options, begun: str, subject: str) -> Iterable[
 
 
 def _vehicle(options: Options) -> str:
-    """Return the vehicle meant, or the pattern of all if there are several."""
+    """Return the selected vehicle, or the pattern of all if there are several."""
     try:
         return options.vehicle
     except UsageError:
@@ -189,10 +189,8 @@ def _commands(group: str, *, explain: bool) -> Iterator[Found]:
 
 def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) -> Iterable[Found]:
     declared = words_of(commands.command(path))
-    named = {
-        name: word for word in declared if isinstance(word.said, Option) for name in word.names
-    }
-    placed = [word for word in declared if isinstance(word.said, Arg)]
+    named = {name: word for word in declared if word.is_option for name in word.names}
+    placed = [word for word in declared if not word.is_option]
     typed: list[tuple[Parameter, str]] = []
     line = iter(rest)
     for text in line:
@@ -223,9 +221,9 @@ def _words(
     """Return the values of a declared word: files, or names of the kind that it declares."""
     if word.type is Path:
         return map(Found, _files(begun))
-    subject = next((text for other, text in typed if other.said.complete in SUBJECTS), "")
-    found = names(word.said.complete, _reach(common), begun, subject)
-    if word.said.complete == "field":
+    subject = next((text for other, text in typed if other.declaration.complete in SUBJECTS), "")
+    found = names(word.declaration.complete, _reach(common), begun, subject)
+    if word.declaration.complete == "field":
         given = {text.partition("=")[0] for _, text in typed}
         found = (name for name in found if name.removesuffix("=") not in given)
     return map(Found, found)
@@ -255,9 +253,9 @@ def _files(begun: str) -> Iterator[str]:
 
 def _options(declared: list[Parameter], *, at_first: bool = False) -> Iterator[Found]:
     for word in declared:
-        if isinstance(word.said, Option):
+        if word.is_option:
             for name in word.names:
-                yield Found(name, word.said.about)
+                yield Found(name, word.declaration.about)
     for name, (_, about) in _COMMON.items():
         yield Found(name, about)
     yield Found("--help", "Show what this does, and exit.")

@@ -35,9 +35,9 @@ _FIX = "`quadctl fault list`, `quadctl node restart pressure`; check the wires o
 
 def barometer(found: Survey, vehicle: str) -> Iterator[Finding]:
     """Check that the barometer, if any, has readings of air that change."""
-    heard = found.heard.get(PRESSURE.key(vehicle))
-    if heard is not None:
-        yield judged(_readings(heard.newest))
+    stats = found.heard.get(PRESSURE.key(vehicle))
+    if stats is not None:
+        yield judged(_readings(stats.newest))
 
 
 def judged(readings: Sequence[float]) -> Finding:
@@ -46,13 +46,13 @@ def judged(readings: Sequence[float]) -> Finding:
         return warned("barometer", "not checked: no reading came")
     low, high = AIR
     if beyond := [reading for reading in readings if not low <= reading <= high]:
-        said = f"{beyond[-1]:g} hPa is not the pressure of air: it is {low:g} to {high:g} hPa"
-        return failed("barometer", said, _FIX)
+        evidence = f"{beyond[-1]:g} hPa is not the pressure of air: it is {low:g} to {high:g} hPa"
+        return failed("barometer", evidence, _FIX)
     if len(readings) < _ALIKE:
         return passed("barometer", f"{readings[-1]:.6g} hPa; too few to see whether it is stuck")
     if len(set(readings[-_ALIKE:])) == 1:
-        said = f"stuck: {readings[-1]:.9g} hPa {_ALIKE} times over, with no noise"
-        return warned("barometer", said, _FIX)
+        evidence = f"stuck: {readings[-1]:.9g} hPa {_ALIKE} times over, with no noise"
+        return warned("barometer", evidence, _FIX)
     return passed("barometer", f"{readings[-1]:.6g} hPa, and it changes")
 
 
@@ -146,14 +146,14 @@ def _services(node: str, keys: list[str], found: Survey) -> Finding:
         names[key] for key in keys if not [a for a in found.answers[key] if a.code != TimedOut.code]
     ]
     if silent:
-        said = f"no answer within {found.listened:.1f} s from {', '.join(silent)}"
-        return failed(title, said, f"`quadctl node logs {node}`, `quadctl node restart {node}`")
+        evidence = f"no answer within {found.listened:.1f} s from {', '.join(silent)}"
+        return failed(title, evidence, f"`quadctl node logs {node}`, `quadctl node restart {node}`")
     internal = [names[key] for key in keys if any(a.code == "internal" for a in found.answers[key])]
     if internal:
         return failed(title, f"fails inside: {', '.join(internal)}", f"`quadctl node logs {node}`")
     longest = max(answer.seconds for key in keys for answer in found.answers[key])
-    said = ", ".join(names[key].removeprefix(f"{node}/") for key in keys)
-    return passed(title, f"{said} answer within {1000 * longest:.1f} ms")
+    evidence = ", ".join(names[key].removeprefix(f"{node}/") for key in keys)
+    return passed(title, f"{evidence} answer within {1000 * longest:.1f} ms")
 
 
 _TOLERANCE = 0.2
@@ -179,7 +179,7 @@ def topics(found: Survey, vehicle: str) -> Iterator[Finding]:
 
 def topic(
     offer: EndpointInfo,
-    heard: TopicStats,
+    stats: TopicStats,
     seconds: float,
     pace: float = 1.0,
     *,
@@ -187,33 +187,33 @@ def topic(
 ) -> Finding:
     """Check one topic's declared rate; with a `pace` other than 1, in simulated time."""
     name, due = f"topic {offer.key}", seconds * offer.hz * pace
-    if not heard.count and due >= _FEW:
-        said = f"nothing came in {seconds:.1f} s, {offer.node} declares {offer.hz:g} Hz"
+    if not stats.count and due >= _FEW:
+        evidence = f"nothing came in {seconds:.1f} s, {offer.node} declares {offer.hz:g} Hz"
         fix = f"`quadctl node logs {offer.node}`, `quadctl node restart {offer.node}`"
-        return failed(name, said, fix)
-    if not heard.hz or not pace:
+        return failed(name, evidence, fix)
+    if not stats.hz or not pace:
         if due < 2 * _FEW:
             return passed(name, f"{offer.hz:g} Hz declared: too slow to measure in {seconds:.1f} s")
-        said = f"not measured: {heard.count} messages in {seconds:.1f} s"
-        return warned(name, said, "`quadctl doctor --timeout 10` listens longer")
-    measured = heard.hz / pace
-    said = f"{measured:.1f} Hz of {offer.hz:g}" + (" (simulated time)" if pace != 1 else "")
+        evidence = f"not measured: {stats.count} messages in {seconds:.1f} s"
+        return warned(name, evidence, "`quadctl doctor --timeout 10` listens longer")
+    measured = stats.hz / pace
+    evidence = f"{measured:.1f} Hz of {offer.hz:g}" + (" (simulated time)" if pace != 1 else "")
     share = measured / offer.hz
     if abs(share - 1) <= _TOLERANCE:
-        return passed(name, said)
+        return passed(name, evidence)
     if at_least and share > 1:
         # A few in a row, e.g. at a restart, are no rate.
-        return passed(name, f"{heard.count} in {seconds:.1f} s: {offer.hz:g} Hz and each change")
+        return passed(name, f"{stats.count} in {seconds:.1f} s: {offer.hz:g} Hz and each change")
     if share > 1:
-        return warned(name, said, "`quadctl topic list` shows who publishes it")
+        return warned(name, evidence, "`quadctl topic list` shows who publishes it")
     # Only a warning: the system is made to survive an overloaded machine.
-    return warned(name, said, f"`top` shows what else runs; `quadctl node logs {offer.node}`")
+    return warned(name, evidence, f"`top` shows what else runs; `quadctl node logs {offer.node}`")
 
 
 def publishers(found: Survey) -> Finding:
     """Check that each topic has one publisher, by announcements and by messages' stamps."""
-    heard = {key: stats.publishers for key, stats in found.heard.items()}
-    doubled = _doubled(found, "@pub", "published", heard)
+    counts = {key: stats.publishers for key, stats in found.heard.items()}
+    doubled = _doubled(found, "@pub", "published", counts)
     return alone("publishers", doubled, f"one on each of {len(found.heard)} topics")
 
 
@@ -221,12 +221,12 @@ def clocks(found: Survey) -> Finding:
     """Check that the clocks that stamp messages agree with ours."""
     if not found.heard:
         return warned("clocks", "not checked: no node publishes anything", "`quadctl node list`")
-    key, heard = max(found.heard.items(), key=lambda item: abs(item[1].age))
-    if abs(heard.age) <= _CLOCKS:
-        return passed("clocks", f"messages are {1000 * heard.age:.1f} ms old at most")
-    said = f"{abs(heard.age):.1f} s {'in the past' if heard.age > 0 else 'in the future'}"
+    key, stats = max(found.heard.items(), key=lambda item: abs(item[1].age))
+    if abs(stats.age) <= _CLOCKS:
+        return passed("clocks", f"messages are {1000 * stats.age:.1f} ms old at most")
+    evidence = f"{abs(stats.age):.1f} s {'in the past' if stats.age > 0 else 'in the future'}"
     fix = "`timedatectl set-ntp true` on both machines; on one machine, `quadctl topic list`"
-    return warned("clocks", f"a message on {key} is stamped {said}", fix)
+    return warned("clocks", f"a message on {key} is stamped {evidence}", fix)
 
 
 _NEED_THE_HUB = (

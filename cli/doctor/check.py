@@ -45,9 +45,9 @@ def alone(name: str, doubled: list[str], evidence: str) -> Finding:
 def with_options(checks: Iterable[Finding], options: str) -> list[Finding]:
     """Add common options, e.g. `--realm lab`, to every quadctl command of the fixes."""
 
-    def complete(command: re.Match[str]) -> str:
-        said = command[1]
-        return f"`{said} {options}`" if options and "--realm" not in said else f"`{said}`"
+    def complete(match: re.Match[str]) -> str:
+        command = match[1]
+        return f"`{command} {options}`" if options and "--realm" not in command else f"`{command}`"
 
     return [
         replace(check, fix=re.sub(r"`(quadctl [^`]*)`", complete, check.fix)) for check in checks

@@ -86,7 +86,7 @@ class Facts(NamedTuple):
 
 def gather(options: Options) -> Facts:
     """Gather all facts; this takes about two seconds, and at most `options.timeout` s."""
-    vehicle, vehicles = _meant(options)
+    vehicle, vehicles = _vehicles(options)
     realm, problem = _realm(options)
     here = host.folder(realm) if realm else None
     address = Address(options.connect) if options.connect else None
@@ -104,7 +104,7 @@ def gather(options: Options) -> Facts:
     return Facts(vehicle, install, file, disks, place, found)
 
 
-def _meant(options: Options) -> tuple[str, list[str]]:
+def _vehicles(options: Options) -> tuple[str, list[str]]:
     """Return the vehicle, and all of its run; a check reports a hub that does not answer."""
     alone = "" if options.connect or options.named else hub_alone(options.realm)
     if alone:
@@ -138,17 +138,17 @@ def _disks(realm: Realm | None) -> list[DiskSpace]:
         disks = [host.look_at_disk(Path.cwd(), writing=False)]
     except FileNotFoundError:
         disks = [DiskSpace(".", 0, "it has been removed")]
-    if realm and _is_there(realm.folder):
+    if realm and _is_folder(realm.folder):
         disks.append(host.look_at_disk(realm.folder, writing=True))
     elif realm:
         # `up` would create the folder there.
-        there = next(path for path in realm.folder.parents if _is_there(path))
-        refused = "" if os.access(there, os.W_OK) else "no permission"
-        disks.append(host.look_at_disk(there, writing=False)._replace(refused=refused))
+        parent = next(path for path in realm.folder.parents if _is_folder(path))
+        refused = "" if os.access(parent, os.W_OK) else "no permission"
+        disks.append(host.look_at_disk(parent, writing=False)._replace(refused=refused))
     return disks
 
 
-def _is_there(folder: Path) -> bool:
+def _is_folder(folder: Path) -> bool:
     try:
         return folder.is_dir()
     except PermissionError:

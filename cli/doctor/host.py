@@ -80,14 +80,14 @@ def disk(disks: Sequence[DiskSpace]) -> Finding:
     """Check the room for logs, recordings and the run's files."""
     for found in disks:
         if found.refused:
-            said = f"{found.folder} cannot be written to: {found.refused}"
-            return failed("disk", said, f"`df {found.folder}` and `ls -ld {found.folder}` show why")
+            fix = f"`df {found.folder}` and `ls -ld {found.folder}` show why"
+            return failed("disk", f"{found.folder} cannot be written to: {found.refused}", fix)
     least = min(disks, key=lambda found: found.free)
-    said = f"{least.free / MB:.0f} MB free at {least.folder}"
+    evidence = f"{least.free / MB:.0f} MB free at {least.folder}"
     fix = f"`df -h {least.folder}`, and remove what is not needed"
     if least.free < _NONE:
-        return failed("disk", said, fix)
-    return warned("disk", said, fix) if least.free < _SCARCE else passed("disk", said)
+        return failed("disk", evidence, fix)
+    return warned("disk", evidence, fix) if least.free < _SCARCE else passed("disk", evidence)
 
 
 def clock(year: int) -> Finding:
@@ -119,7 +119,7 @@ def load(
     return passed("load", f"{sum(cores.values()):.0%} of a core, {memory / MB:.0f} MB in all")
 
 
-_SAID_LAST = 5
+_LAST_LINES = 5
 """Lines shown of a dead process's log."""
 
 
@@ -209,4 +209,4 @@ def _text(path: Path) -> str:
 
 
 def _last(logs: Path, name: str) -> str:
-    return "\n".join(_text(logs / f"{name}.log").splitlines()[-_SAID_LAST:])
+    return "\n".join(_text(logs / f"{name}.log").splitlines()[-_LAST_LINES:])

@@ -35,10 +35,10 @@ class Settings(NamedTuple):
 
 def settings(vehicle: str, vehicles: Sequence[str], file: Path = FILE) -> Settings:
     """Read the settings of one of a run's vehicles."""
-    there = file.exists()
-    source = f"./{file}" if there else _DEFAULTS
+    exists = file.exists()
+    source = f"./{file}" if exists else _DEFAULTS
     try:
-        params = load_vehicles(file if there else None, (), vehicles)[vehicle]
+        params = load_vehicles(file if exists else None, (), vehicles)[vehicle]
     except Invalid as error:
         return Settings(source, {}, error)
     return Settings(source, dict(flatten(msgspec.to_builtins(params))))
@@ -65,17 +65,17 @@ def parameters(found: Settings, running: Mapping[str, Any]) -> Finding:
     ]
     if other:
         more = [f"and {len(other) - _SHOWN} more"] if len(other) > _SHOWN else []
-        said = "\n".join([f"other than {found.source}:", *other[:_SHOWN], *more])
+        evidence = "\n".join([f"other than {found.source}:", *other[:_SHOWN], *more])
         load = f", `quadctl param load {FILE}` takes the file's" if found.is_file else ""
-        return warned("parameters", said, f"`quadctl param save {FILE}` keeps them{load}")
+        return warned("parameters", evidence, f"`quadctl param save {FILE}` keeps them{load}")
     return passed("parameters", f"{len(running)} values are those of {found.source}")
 
 
 def faults(running: Mapping[str, Any]) -> Finding:
     """Check that no fault has been put in by name."""
-    there = active(running)
-    if there:
-        return warned("faults", f"put in: {', '.join(there)}", "`quadctl fault clear`")
+    injected = active(running)
+    if injected:
+        return warned("faults", f"put in: {', '.join(injected)}", "`quadctl fault clear`")
     return passed("faults", "none is put in")
 
 
@@ -92,45 +92,44 @@ def realm(
 ) -> Finding:
     """Check that the realm's folder is private, and that a supervisor that is awake holds it."""
     if not found.owned:
-        said = f"{found.path} belongs to another user"
-        return failed("realm", said, "set XDG_RUNTIME_DIR to your own folder")
+        evidence = f"{found.path} belongs to another user"
+        return failed("realm", evidence, "set XDG_RUNTIME_DIR to your own folder")
     if found.mode is not None and found.mode & _PRIVATE:
-        said = f"{found.path} has mode {found.mode:04o}: others can look into it"
-        return failed("realm", said, f"`chmod 700 {found.path}`")
+        evidence = f"{found.path} has mode {found.mode:04o}: others can look into it"
+        return failed("realm", evidence, f"`chmod 700 {found.path}`")
     if not found.live:
         return _not_live(name, found, others)
-    if found.run is None:
+    if (run := found.run) is None:
         return warned("realm", f"{name} is just starting", "ask again in a second")
-    if found.holder and found.holder != str(found.run.pid):
-        said = f"process {found.holder} holds {name}, but its record names process {found.run.pid}"
-        return failed("realm", said, f"`kill {found.holder}`, then `quadctl up -d`")
+    if found.holder and found.holder != str(run.pid):
+        evidence = f"process {found.holder} holds {name}, but its record names process {run.pid}"
+        return failed("realm", evidence, f"`kill {found.holder}`, then `quadctl up -d`")
     if supervisor and supervisor.state in _FROZEN:
-        said = f"the supervisor of {name}, process {found.run.pid}, is frozen (stopped by a signal)"
-        fix = f"`kill -CONT {found.run.pid}`, or `fg` where it was stopped with Ctrl-Z"
-        return failed("realm", said, fix)
-    if vehicle not in found.run.vehicles:
-        there = found.run.vehicles
-        said = f"{name} runs the vehicle {listed(there)}, and {vehicle} was asked for"
-        fix = f"`quadctl doctor --vehicle {there[0]}`, or `unset QUADCTL_VEHICLE`"
-        return failed("realm", said, fix)
+        evidence = f"the supervisor of {name}, process {run.pid}, is frozen (stopped by a signal)"
+        fix = f"`kill -CONT {run.pid}`, or `fg` where it was stopped with Ctrl-Z"
+        return failed("realm", evidence, fix)
+    if vehicle not in run.vehicles:
+        evidence = f"{name} runs the vehicle {listed(run.vehicles)}, and {vehicle} was asked for"
+        fix = f"`quadctl doctor --vehicle {run.vehicles[0]}`, or `unset QUADCTL_VEHICLE`"
+        return failed("realm", evidence, fix)
     if not found.socket:
-        said = f"{found.path}/hub.sock is gone: no process can reach the hub"
-        return failed("realm", said, "`quadctl down`, then `quadctl up -d`")
-    return passed("realm", f"{name}, supervised by process {found.run.pid}, in {found.path}")
+        evidence = f"{found.path}/hub.sock is gone: no process can reach the hub"
+        return failed("realm", evidence, "`quadctl down`, then `quadctl up -d`")
+    return passed("realm", f"{name}, supervised by process {run.pid}, in {found.path}")
 
 
 def _not_live(name: str, found: Folder, others: Neighbours) -> Finding:
     if found.by_hand:
-        said = f"{name} has no supervisor to restart its processes, which were started by hand"
-        return warned("realm", said, "end what was started by hand, then `quadctl up -d`")
-    if found.run is not None:
-        said = f"the run {name} has died: its supervisor, process {found.run.pid}, left its folder"
-        return failed("realm", said, "`quadctl up -d`, which takes the folder over")
-    said, fix = f"nothing is running in {name}", "`quadctl up -d`"
+        evidence = f"{name} has no supervisor to restart its processes, which were started by hand"
+        return warned("realm", evidence, "end what was started by hand, then `quadctl up -d`")
+    if (run := found.run) is not None:
+        evidence = f"the run {name} has died: its supervisor, process {run.pid}, left its folder"
+        return failed("realm", evidence, "`quadctl up -d`, which takes the folder over")
+    evidence, fix = f"nothing is running in {name}", "`quadctl up -d`"
     if others.live:
-        said += f", but in {', '.join(others.live)}"
+        evidence += f", but in {', '.join(others.live)}"
         fix += f"; `quadctl doctor --realm {others.live[0]}` looks there"
-    return warned("realm", said, fix)
+    return warned("realm", evidence, fix)
 
 
 def leftovers(others: Neighbours) -> Finding:
@@ -152,17 +151,17 @@ def node(record: ProcessRecord, process: ProcessFacts, last: str) -> Finding:
     """Check one process: ready, alive, not frozen, not restarted."""
     title, name, pid = f"node {record.name}", record.name, record.pid
     if record.state == "down":
-        said = "down: it died again and again" + (f"; its last lines:\n{last}" if last else "")
-        return failed(title, said, f"`quadctl node logs {name}`, `quadctl node restart {name}`")
+        evidence = "down: it died again and again" + (f"; its last lines:\n{last}" if last else "")
+        return failed(title, evidence, f"`quadctl node logs {name}`, `quadctl node restart {name}`")
     if record.state != "ready":
         return warned(title, record.state, f"ask again in a second; `quadctl node logs {name}`")
     if process.state in {"", "Z", "X"}:
         return failed(title, f"process {pid} has died", f"`quadctl node restart {name}`")
     if process.state in _FROZEN:
-        said = f"process {pid} is frozen (stopped by a signal)"
-        return failed(title, said, f"`kill -CONT {pid}`, or `quadctl node restart {name}`")
+        evidence = f"process {pid} is frozen (stopped by a signal)"
+        return failed(title, evidence, f"`kill -CONT {pid}`, or `quadctl node restart {name}`")
     if record.restarts:
         times = "once" if record.restarts == 1 else f"{record.restarts} times"
-        said = f"ready, process {pid}, restarted {times}"
-        return warned(title, said, f"`quadctl node logs {name}` shows why")
+        evidence = f"ready, process {pid}, restarted {times}"
+        return warned(title, evidence, f"`quadctl node logs {name}` shows why")
     return passed(title, f"ready, process {pid}")

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Self
 import msgspec
 
 from quadctl.cli import context, output
-from quadctl.cli.context import LONGEST_TIMEOUT, Options, about_topic, anyone
+from quadctl.cli.context import LONGEST_TIMEOUT, Options, about_topic, with_any_vehicle
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
@@ -117,7 +117,7 @@ def record(
     if duration is not None and not 0 < duration <= LONGEST_TIMEOUT:
         raise Invalid(f"--duration {duration:g}: not a time", "give seconds, more than 0")
     wanted = [checked_key(key, about_topic(options, key).vehicle) for key in keys or ()]
-    options = anyone(options)
+    options = with_any_vehicle(options)
     path = file or default_file()
     free(path)
     from quadctl.services.runtime.security import permissions

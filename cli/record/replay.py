@@ -8,7 +8,7 @@ from typing import Annotated
 
 from quadctl.cli import context, output
 from quadctl.cli.concurrent import Pace
-from quadctl.cli.context import Options, about_topic, anyone
+from quadctl.cli.context import Options, about_topic, with_any_vehicle
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.cli.progress import Progress
@@ -47,7 +47,7 @@ def replay(
     if not 0 <= start <= 1e9:
         raise Invalid(f"--from {start:g}: no time", "give seconds after the recording's beginning")
     wanted = [checked_key(key, about_topic(options, key).vehicle) for key in keys or ()]
-    options = anyone(options)
+    options = with_any_vehicle(options)
     plan = _Plan(file, wanted, start)
     with _connection(options) as client:
         count, wall = _publish(client, plan, speed, quiet=options.json)

@@ -15,7 +15,7 @@ OWN = sorted(
         name
         for path in COMMANDS
         for word in words_of(command(path))
-        if isinstance(word.said, Option)
+        if isinstance(word.declaration, Option)
         for name in word.names
     }
 )

@@ -146,7 +146,7 @@ class Burst:
     def __init__(self, client: Client) -> None:
         self.codes: Counter[str] = Counter()  # error replies by code
         self.taken: list[str] = []
-        self.published = self.asked = 0
+        self.published = self.called = 0
         self._client = client
         self._room = threading.Semaphore(_MOST)
         self._lock = threading.Lock()
@@ -161,11 +161,11 @@ class Burst:
         self.published += 1
         self._client.session.put(key, data, encoding=encoding)
 
-    def ask(self, key: str, data: bytes, encoding: str, attachment: bytes | None) -> bool:
+    def call(self, key: str, data: bytes, encoding: str, attachment: bytes | None) -> bool:
         """Call a service; return False if none of the earlier calls was answered in time."""
         if not self._room.acquire(timeout=self._client.timeout):
             return False
-        self.asked += 1
+        self.called += 1
         self._client.session.get(
             key,
             lambda reply: self._on_reply(key, reply),
@@ -233,8 +233,8 @@ def fuzz(
         burst.settle()
         faults = list(_faults(client, burst, before, _look(client, options)))
     document = {
-        "ok": not faults, "payloads": burst.asked + burst.published, "seed": seed,
-        "published": burst.published, "asked": burst.asked, "replies": dict(burst.codes),
+        "ok": not faults, "payloads": burst.called + burst.published, "seed": seed,
+        "published": burst.published, "asked": burst.called, "replies": dict(burst.codes),
         "faults": faults,
     }  # fmt: skip
     if options.json:
@@ -259,7 +259,7 @@ def _plan(vehicle: str, count: int, seed: int) -> Iterator[tuple[_Target, Hostil
 
 def _send(burst: Burst, target: _Target, payload: HostilePayload) -> bool:
     if target.is_service:
-        return burst.ask(target.key, payload.data, payload.encoding, payload.attachment)
+        return burst.call(target.key, payload.data, payload.encoding, payload.attachment)
     burst.publish(target.key, payload.data, payload.encoding)
     return True
 
@@ -280,7 +280,7 @@ def _faults(
 ) -> Iterator[str]:
     for key in sorted(set(burst.taken)):
         yield f"{key} took {burst.taken.count(key)}"
-    missing = burst.asked - burst.answered + burst.codes["no answer"]
+    missing = burst.called - burst.answered + burst.codes["no answer"]
     if missing:
         yield f"{missing} calls were not answered"
     for name, value in before.items():

@@ -104,7 +104,7 @@ class Link:
         poses = client.subscribe(POSE, backlog=1)
         readings = client.subscribe(PRESSURE, backlog=1)
         states = client.subscribe(STATE, backlog=_BACKLOG)
-        asked = client.subscribe(REQUEST, backlog=1)
+        requests = client.subscribe(REQUEST, backlog=1)
         looked, self._client = 0.0, client
         with self._lock:
             self._board.problem = ""
@@ -117,13 +117,13 @@ class Link:
                 nodes = self._processes()
                 with self._lock:
                     self._board.nodes = nodes
-            pose, reading, waypoint = poses.next(0), readings.next(0), asked.next(0)
+            pose, reading, waypoint = poses.next(0), readings.next(0), requests.next(0)
             changes = list(iter(lambda: states.next(0), None))
             with self._lock:
                 if waypoint is not None:
-                    self._board.ask(Position(waypoint.x, waypoint.y, waypoint.z))
+                    self._board.add_request(Position(waypoint.x, waypoint.y, waypoint.z))
                 for state in changes:
-                    self._board.hear_state(state)
+                    self._board.update_state(state)
                 self._board.tick(pose, reading)
             time.sleep(max(0.0, began + TICK - time.monotonic()))
 

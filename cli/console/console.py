@@ -88,17 +88,17 @@ def console(
     _check(host, insecure=insecure)
     # Fail here, not on a page, if nothing runs or answers.
     with context.connect(structs.replace(options, named=options.named or realm.DEFAULT)):
-        there = context.vehicles_of(options.realm, options.connect, options.timeout)
-    first = options.named or there[0]
-    if first not in there:
-        raise Unreachable(f"there is no vehicle {first}", f"there is {realm.listed(there)}")
+        vehicles = context.vehicles_of(options.realm, options.connect, options.timeout)
+    first = options.named or vehicles[0]
+    if first not in vehicles:
+        raise Unreachable(f"there is no vehicle {first}", f"there is {realm.listed(vehicles)}")
     from quadctl.cli.console.server import serve
 
     listening = bound(host, _PORT if port is None else port, exactly=port is not None)
     token = secrets.token_urlsafe(16)
     control, watch = urls(listening, token)
     if options.json:
-        output.document({"url": control, "watch": watch, "vehicles": there})
+        output.document({"url": control, "watch": watch, "vehicles": vehicles})
     else:
         output.line(f"control: {control}")
         output.line(f"watch:   {watch}")

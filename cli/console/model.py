@@ -22,7 +22,7 @@ def point(at: Position) -> str:
     return f"({_metres(at.x)}, {_metres(at.y)}, {_metres(at.z)})"
 
 
-def told(before: SafetyState | None, now: SafetyState) -> Iterator[tuple[str, str]]:
+def events_between(before: SafetyState | None, now: SafetyState) -> Iterator[tuple[str, str]]:
     """Yield the kind and text of each event between two states."""
     if before is None:
         return
@@ -99,25 +99,25 @@ class Board:
         self.nodes: list[ProcessRecord] = []
         self.values: dict[str, Any] = {}
         self._number = 0
-        self._asked: Position | None = None
+        self._requested: Position | None = None
 
-    def hear_state(self, now: SafetyState) -> None:
+    def update_state(self, now: SafetyState) -> None:
         """Take the automaton's state and log its events."""
         if now.state == "VERIFYING":
             self.verified += 1
-        for kind, text in told(self.state, now):
+        for kind, text in events_between(self.state, now):
             self.note(now.stamp, kind, text)
-            if kind == "refused" and self._asked is not None:
-                self.refuse(self._asked)
+            if kind == "refused" and self._requested is not None:
+                self.refuse(self._requested)
             if kind in {"accepted", "refused"}:
-                self._asked = None
+                self._requested = None
         if self.state is not None and now.boot != self.state.boot:
             self.refused.clear()
         self.state = now
 
-    def ask(self, goal: Position) -> None:
+    def add_request(self, goal: Position) -> None:
         """Take a waypoint from the topic; a later state carries its verdict."""
-        self._asked = goal
+        self._requested = goal
 
     def refuse(self, goal: Position) -> None:
         """Mark a goal that safety refused."""

@@ -83,18 +83,18 @@ class Page:
     async def do(self, act: Act) -> bool:
         """Run an action on a thread and show its result; every action goes through here."""
         if not self.control:
-            self._tell("this page only watches: the address with the token controls", "warning")
+            self._notify("this page only watches: the address with the token controls", "warning")
             return False
         try:
             text = await run.io_bound(act)
         except QuadctlError as problem:
-            self._tell(problem.message, "negative", problem.hint)
+            self._notify(problem.message, "negative", problem.hint)
             return False
         if text:
-            self._tell(text, "positive")
+            self._notify(text, "positive")
         return True
 
-    def _tell(self, text: str, kind: Kind, hint: str = "") -> None:
+    def _notify(self, text: str, kind: Kind, hint: str = "") -> None:
         # By now the clicked element, or the whole page, may be gone.
         if not self._client.is_deleted:
             with self._client:

@@ -34,11 +34,11 @@ class FaultsPanel:
 
     def refresh(self, now: Glance) -> None:
         """Light the active faults."""
-        there = frozenset(active(now.values))
-        for name in there ^ self._shown:
-            button = self._buttons[name].props(f"aria-pressed={str(name in there).lower()}")
-            button.classes(add="in") if name in there else button.classes(remove="in")
-        self._shown = there
+        injected = frozenset(active(now.values))
+        for name in injected ^ self._shown:
+            button = self._buttons[name].props(f"aria-pressed={str(name in injected).lower()}")
+            button.classes(add="in") if name in injected else button.classes(remove="in")
+        self._shown = injected
 
     async def _turn(self, fault: Fault) -> None:
         value = fault.sound if fault.name in self._shown else fault.value

@@ -105,8 +105,8 @@ class _Links:
     def vehicles(self) -> list[str]:
         """Return the vehicles to choose from, without a query on a bus, which may be slow."""
         options = self._options
-        there = [] if options.connect else context.vehicles_of(options.realm, "", options.timeout)
-        return sorted({*there, *self._links})
+        known = [] if options.connect else context.vehicles_of(options.realm, "", options.timeout)
+        return sorted({*known, *self._links})
 
     def of(self, vehicle: str) -> Link:
         """Return the link of a vehicle, the first vehicle's for an unknown name."""

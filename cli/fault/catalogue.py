@@ -56,6 +56,6 @@ def active(values: Mapping[str, Any]) -> list[str]:
     return [
         fault.name
         for fault in FAULTS
-        if (there := values.get(fault.parameter, fault.sound)) != fault.sound
-        and (isinstance(there, float) or there == fault.value)
+        if (value := values.get(fault.parameter, fault.sound)) != fault.sound
+        and (isinstance(value, float) or value == fault.value)
     ]

@@ -56,16 +56,16 @@ def list_(options: Options) -> None:
     """
     values = kept(options)
     stopped = frozen(options)
-    there = {*active(values), *stopped, *(BUS_CUT for name in stopped if _cut(name))}
+    injected = {*active(values), *stopped, *(BUS_CUT for name in stopped if _cut(name))}
     rows = [(fault.name, fault.about) for fault in FAULTS]
     rows += [(f"NODE-{name}", about) for name, (_, about) in OF_PROCESSES.items()]
     rows.append((BUS_CUT, "no message reaches any node: the hub is frozen"))
-    rows += [(name, "it is stopped by a signal") for name in sorted(there - dict(rows).keys())]
+    rows += [(name, "it is stopped by a signal") for name in sorted(injected - dict(rows).keys())]
     if options.json:
-        document = [{"name": name, "about": about, "active": name in there} for name, about in rows]
-        output.document(document)
+        table = [{"name": name, "about": about, "active": name in injected} for name, about in rows]
+        output.document(table)
         return
-    marked = (("in" if name in there else "-", name, about) for name, about in rows)
+    marked = (("in" if name in injected else "-", name, about) for name, about in rows)
     output.table([("", "FAULT", "WHAT IT DOES"), *marked])
 
 
@@ -104,8 +104,8 @@ def clear(
         of_process = name == BUS_CUT or name.removesuffix("-frozen") in NODES
         named = [] if of_process else [_named(name)]
     else:
-        there = active(kept(options))
-        named = [fault for fault in FAULTS if fault.name in there]
+        injected = active(kept(options))
+        named = [fault for fault in FAULTS if fault.name in injected]
     thawed = [found for found in frozen(options) if name in {"", found, *_cut(found)}]
     for found in thawed:
         signalled(options, found.removesuffix("-frozen"), "CONT")
@@ -121,9 +121,9 @@ def clear(
 def _put(client: Client, fault: Fault) -> str:
     """Put a fault in and return the one that it replaces: a parameter causes one at a time."""
     ends = time.monotonic() + client.timeout
-    there = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
+    values = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
     _set(client, fault, fault.value, max(ends - time.monotonic(), 0.001))
-    return next((name for name in active(there) if name != fault.name), "")
+    return next((name for name in active(values) if name != fault.name), "")
 
 
 def _set(client: Client, fault: Fault, value: object, timeout: float | None = None) -> None:

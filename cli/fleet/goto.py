@@ -11,7 +11,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.fleet.file import FleetFile, Member
-from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, nobody_sent, row
+from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, no_vehicle_sent, row
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import Flight, check_arrive, patience, report, request_of
 from quadctl.schemas.messages import Position
@@ -97,7 +97,7 @@ _WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show -
 _BUSY = "`--replace` changes course; `quadctl fleet hold` stops all"
 
 
-class _Asked(Struct, frozen=True):
+class _Answer(Struct, frozen=True):
     """Vehicle that has answered: its verdict, and its flight, observed from before the verdict."""
 
     client: Client
@@ -137,13 +137,13 @@ def goto(
         members = [member for member in fleet.members if member.name in requests]
         accepted: list[str] = []
         with _note_interrupt(accepted):
-            asked, problems = _ask(hubs, members, requests, accepted, options)
-            flying = [m for m in members if (one := asked.get(m.name)) and one.reply.accepted]
+            answers, problems = _ask(hubs, members, requests, accepted, options)
+            flying = [m for m in members if (one := answers.get(m.name)) and one.reply.accepted]
             if flying and not no_wait:
-                problems |= _watch(hubs, flying, asked, arrive, quiet=options.json)
+                problems |= _watch(hubs, flying, answers, arrive, quiet=options.json)
     if options.json:
         output.document(
-            [_row(m, options, asked.get(m.name), problems.get(m.name)) for m in members]
+            [_row(m, options, answers.get(m.name), problems.get(m.name)) for m in members]
         )
     fail({m.name: problems[m.name] for m in members if m.name in problems})
 
@@ -158,7 +158,7 @@ def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Positio
     )
     if states.problems:
         # The centre depends on every vehicle.
-        raise nobody_sent(states.problems, [member.name for member in fleet.members])
+        raise no_vehicle_sent(states.problems, [member.name for member in fleet.members])
     return about(states.answers, target.at)
 
 
@@ -194,34 +194,34 @@ def _ask(
     requests: Mapping[str, GotoRequest],
     accepted: list[str],
     options: Options,
-) -> tuple[dict[str, _Asked], dict[str, QuadctlError]]:
+) -> tuple[dict[str, _Answer], dict[str, QuadctlError]]:
     """Send all goals; add each vehicle that accepts to `accepted` at once."""
 
-    def ask(member: Member, client: Client) -> _Asked:
+    def ask(member: Member, client: Client) -> _Answer:
         request = requests[member.name]
         left, client.timeout = client.timeout, options.timeout
         flight = Flight(client, Position(request.x, request.y, request.z))
         reply = client.call(GOTO, request, left)
         if reply.accepted:
             accepted.append(member.name)
-        return _Asked(client, flight, reply)
+        return _Answer(client, flight, reply)
 
     results = hubs.ask(members, ask, bounded=True)
     problems = dict(results.problems)
-    for name, asked in results.answers.items():
-        verdict = "accepted" if asked.reply.accepted else f"rejected: {asked.reply.reason}"
+    for name, answer in results.answers.items():
+        verdict = "accepted" if answer.reply.accepted else f"rejected: {answer.reply.reason}"
         if not options.json:
             output.line(f"{name}: {verdict}")
-        if not asked.reply.accepted:
-            hint = _BUSY if asked.reply.reason.startswith("busy") else _WHY
-            problems[name] = Refused(asked.reply.reason, hint)
+        if not answer.reply.accepted:
+            hint = _BUSY if answer.reply.reason.startswith("busy") else _WHY
+            problems[name] = Refused(answer.reply.reason, hint)
     return results.answers, problems
 
 
 def _watch(
     hubs: Hubs,
     members: list[Member],
-    asked: Mapping[str, _Asked],
+    answers: Mapping[str, _Answer],
     arrive: float | None,
     *,
     quiet: bool,
@@ -230,7 +230,7 @@ def _watch(
     with FleetProgress("flying", [member.name for member in members], quiet=quiet) as board:
 
         def watch(member: Member, _client: Client) -> None:
-            client, flight = asked[member.name].client, asked[member.name].flight
+            client, flight = answers[member.name].client, answers[member.name].flight
             flight.begin()
             whole = max(flight.distance, 1e-6)
             limit = arrive or (0 if flight.reason else patience(client, whole))
@@ -239,7 +239,7 @@ def _watch(
 
         problems = hubs.ask(members, watch, bounded=False).problems
     for member in members:
-        flight = asked[member.name].flight
+        flight = answers[member.name].flight
         if flight.arrived and not quiet:
             way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
             output.line(f"{member.name}: arrived {way}")
@@ -247,7 +247,7 @@ def _watch(
 
 
 def _row(
-    member: Member, options: Options, asked: _Asked | None, problem: QuadctlError | None
+    member: Member, options: Options, answer: _Answer | None, problem: QuadctlError | None
 ) -> Any:
-    outcome = report(asked.flight, asked.reply) if asked else report(None, GotoResponse(False, ""))
-    return row(member, options, problem, **outcome)
+    flight, reply = (answer.flight, answer.reply) if answer else (None, GotoResponse(False, ""))
+    return row(member, options, problem, **report(flight, reply))

@@ -25,7 +25,7 @@ from quadctl.services.runtime.realm import Realm
 T = TypeVar("T")
 
 _SLACK = 0.15  # s beyond the timeout for a late vehicle to report its own error
-_FAREWELL = 0.1  # s to close the connections; a hub that is away is not waited for
+_CLOSING = 0.1  # s to close the connections; a hub that is away is not waited for
 
 
 class Hubs:
@@ -44,7 +44,7 @@ class Hubs:
             for connect, found in self._found.items()
             if found.done() and found.exception() is None
         }
-        ask_each(made, lambda connect: made[connect].__exit__(), within=_FAREWELL)
+        ask_each(made, lambda connect: made[connect].__exit__(), within=_CLOSING)
 
     def client(self, connect: str, vehicle: str, timeout: float) -> Client:
         """Return a vehicle's client with the rest of the timeout (s); raise as context.connect."""
@@ -158,14 +158,14 @@ def fail(problems: Mapping[str, QuadctlError]) -> None:
     raise whole
 
 
-def nobody_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> QuadctlError:
+def no_vehicle_sent(problems: Mapping[str, QuadctlError], names: Sequence[str]) -> QuadctlError:
     """Return the error for a centre if the places of some vehicles are unknown."""
     worst = max(problems.values(), key=_gravity)
     reasons = "; ".join(f"{name}: {problem.message}" for name, problem in problems.items())
-    there = next((name for name in names if name not in problems), "")
+    known = next((name for name in names if name not in problems), "")
     return type(worst)(
         f"no vehicle was sent: the formation's centre needs all; {reasons}",
-        f"name the vehicles to send: `quadctl fleet goto {there}=1,2,1`" if there else worst.hint,
+        f"name the vehicles to send: `quadctl fleet goto {known}=1,2,1`" if known else worst.hint,
     )
 
 
@@ -177,7 +177,7 @@ def row(member: Member, options: Options, problem: QuadctlError | None, **more: 
     return {"vehicle": member.name, "hub": hub_of(member, options), **more, "error": error}
 
 
-def tell(
+def print_results(
     options: Options,
     rows: list[Any],
     texts: Mapping[str, str],

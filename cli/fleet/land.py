@@ -7,7 +7,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.fleet.file import Member
-from quadctl.cli.fleet.hubs import File, Hubs, fleet_of, row, tell
+from quadctl.cli.fleet.hubs import File, Hubs, fleet_of, print_results, row
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import Flight, check_arrive, distance, patience
 from quadctl.schemas.messages import Pose, Position, SafetyState
@@ -33,7 +33,7 @@ def hold(options: Options, file: File = None) -> None:
         for m in members
     ]
     stopped = dict.fromkeys(found.answers, "stopping: hovering at the stopping point")
-    tell(options, rows, stopped, found.problems)
+    print_results(options, rows, stopped, found.problems)
 
 
 _STOPPING = 5.0  # s to come to rest; in gusts a vehicle never does, and lands from where it is
@@ -82,7 +82,7 @@ def land_all(
         at, problem = found.answers.get(m.name), found.problems.get(m.name)
         rows.append(row(m, options, problem, landed=at is not None, position=at))
     landed = {name: f"landed at {at.x:.2f} {at.y:.2f}" for name, at in found.answers.items()}
-    tell(options, rows, landed, found.problems)
+    print_results(options, rows, landed, found.problems)
 
 
 class _Descent(Flight):

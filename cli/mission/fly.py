@@ -97,8 +97,8 @@ class MissionFlight:
             self.rows.append((row, self._ahead(service, request, row.at, lambda: None)))
         # A node runs in lock-step while it holds a call: so each gets one for the end.
         for node in NODES:
-            asked = GetParamsRequest([node])
-            end = self._ahead(get_params(node), asked, self._mission.end, self._settle)
+            request = GetParamsRequest([node])
+            end = self._ahead(get_params(node), request, self._mission.end, self._settle)
             self._ends.append(end)
 
     def _ahead(

@@ -37,16 +37,16 @@ def restart(
         else [normal_name(context.about_node(options, name)[1]) for name in names or []]
     )
     deadline = time.monotonic() + options.timeout
-    asked = [request_restart(realm, name) for name in wanted]
-    for before in asked:
+    requested = [request_restart(realm, name) for name in wanted]
+    for before in requested:
         left = max(deadline - time.monotonic(), 0.0)
         try:
             after = wait_restarted(realm, before.name, before, left)
         except TimedOut as problem:
             raise _late(realm, before.name, options.timeout, problem.hint) from problem
-        said = {"name": after.name, "before": before.pid, "pid": after.pid}
+        document = {"name": after.name, "before": before.pid, "pid": after.pid}
         text = f"{after.name}: process {after.pid} in place of {before.pid or 'none'}"
-        output.either(options, said, text)
+        output.either(options, document, text)
 
 
 def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
@@ -91,15 +91,15 @@ def kill(
     if signal_ not in _DONE or not hasattr(signal, f"SIG{signal_}"):
         raise UsageError(f"--signal {number}: no such signal", f"one of {', '.join(_DONE)}")
     run = _run(options)
-    told = _told(signal_, run.pid if is_frozen(run.pid) else 0)
+    effect = _effect(signal_, run.pid if is_frozen(run.pid) else 0)
     own = [normal_name(context.about_node(options, name)[1]) for name in names]
     for process in [_process(run, name) for name in dict.fromkeys(own)]:
         _send(process, signal_)
-        said = {"name": process.name, "pid": process.pid, "signal": signal_}
-        output.either(options, said, f"{process.name} (process {process.pid}): {told}")
+        document = {"name": process.name, "pid": process.pid, "signal": signal_}
+        output.either(options, document, f"{process.name} (process {process.pid}): {effect}")
 
 
-def _told(signal_: str, frozen: int) -> str:
+def _effect(signal_: str, frozen: int) -> str:
     """Return the effect of a signal; `frozen` is the pid of a frozen supervisor, else 0."""
     done, then = _DONE[signal_]
     if frozen and then:

@@ -69,11 +69,11 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
             params, problem = _params(client, seen, process, deadline)
     stats = stats_of(process.pid) if process.pid else ProcessStats()
     pss = pss_of(process.pid) if process.pid else None
-    said = _document(process, seen, params, stats, pss)
+    document = _document(process, seen, params, stats, pss)
     if options.json:
-        output.document(said)
+        output.document(document)
     else:
-        _print(said)
+        _print(document)
     if problem is not None:
         raise problem
 
@@ -117,24 +117,24 @@ def _document(
     }
 
 
-def _print(said: dict[str, Any]) -> None:
+def _print(node: dict[str, Any]) -> None:
     rows = [
-        ("Node:", said["name"]),
-        ("State:", said["state"]),
-        ("Pid:", said["pid"] or "-"),
-        ("Restarts:", said["restarts"]),
-        ("Since:", _since(said["uptime"])),
-        ("Memory:", f"{_megabytes(said['pss'])} PSS, {_megabytes(said['rss'])} RSS"),
-        ("CPU time:", "-" if said["cpu"] is None else f"{said['cpu']:.2f} s"),
+        ("Node:", node["name"]),
+        ("State:", node["state"]),
+        ("Pid:", node["pid"] or "-"),
+        ("Restarts:", node["restarts"]),
+        ("Since:", _since(node["uptime"])),
+        ("Memory:", f"{_megabytes(node['pss'])} PSS, {_megabytes(node['rss'])} RSS"),
+        ("CPU time:", "-" if node["cpu"] is None else f"{node['cpu']:.2f} s"),
     ]
     output.table(rows)
     topics = [
         f"{topic['key']} [{topic['type']}] {f'{hz:g} Hz' if hz else 'on change'}"
-        for topic in said["topics"]
+        for topic in node["topics"]
         for hz in [topic["declared_hz"]]
     ]
-    services = [f"{each['key']} [{each['type']}]" for each in said["services"]]
-    parts = (("Topics", topics), ("Services", services), ("Parameters", said["params"]))
+    services = [f"{each['key']} [{each['type']}]" for each in node["services"]]
+    parts = (("Topics", topics), ("Services", services), ("Parameters", node["params"]))
     for title, items in parts:
         output.line(f"{title}:{'' if items else ' none'}")
         for item in items:

@@ -153,5 +153,5 @@ def _printing(realm: Realm) -> list[str]:
 
 def _show(options: Options, node: str, lines: list[str], wanted: str) -> None:
     for line in lines:
-        said = {"node": node, "line": line}
-        output.either(options, said, line if wanted else f"{node:8} | {line}")
+        document = {"node": node, "line": line}
+        output.either(options, document, line if wanted else f"{node:8} | {line}")

@@ -43,11 +43,11 @@ def ping(
     run = run_of(options)
     with context.connect(options) as client:
         seen = see(client, run)
-        asked = answering(seen) if name is None else [seen.find(name)]
-        for process in asked:
+        processes = answering(seen) if name is None else [seen.find(name)]
+        for process in processes:
             if process.name in seen.live and not seen.answers(process.name):
                 raise Unreachable(f"{process.name} serves no get_params", "a ping calls get_params")
-        by_name = {process.name: process for process in asked}
+        by_name = {process.name: process for process in processes}
         _Pings(options, client).run(by_name, count, interval, ends)
 
 
@@ -60,21 +60,21 @@ class _Pings:
         self._problems: dict[str, QuadctlError] = {}
 
     def run(
-        self, asked: dict[str, ProcessRecord], count: int, interval: float, ends: float
+        self, processes: dict[str, ProcessRecord], count: int, interval: float, ends: float
     ) -> None:
         """Ping, print and sum up; raise the first problem. `ends` (monotonic s): for round one."""
         begun = time.monotonic()
         for number in range(count):
             time.sleep(max(begun + number * interval - time.monotonic(), 0))
             until = time.monotonic() + self._client.timeout if number else ends
-            names = [name for name in asked if name not in self._problems]
-            heard = ask_each(names, partial(self._once, asked, until))
-            self._problems |= heard.problems
-            for name, took in heard.answers.items():
+            names = [name for name in processes if name not in self._problems]
+            results = ask_each(names, partial(self._once, processes, until))
+            self._problems |= results.problems
+            for name, took in results.answers.items():
                 self._took.setdefault(name, []).append(took)
-                said = {"node": name, "ms": took * 1000}
-                output.either(self._options, said, f"pong from {name}: {took * 1000:.2f} ms")
-            if len(self._problems) == len(asked):
+                document = {"node": name, "ms": took * 1000}
+                output.either(self._options, document, f"pong from {name}: {took * 1000:.2f} ms")
+            if len(self._problems) == len(processes):
                 break
         for name, all_ in self._took.items():
             self._sum_up(name, all_)
@@ -82,15 +82,15 @@ class _Pings:
 
     def _sum_up(self, name: str, took: list[float]) -> None:
         least, mean, most = (1000 * t for t in (min(took), sum(took) / len(took), max(took)))
-        said = {"node": name, "n": len(took), "min": least, "avg": mean, "max": most}
+        document = {"node": name, "n": len(took), "min": least, "avg": mean, "max": most}
         shown = f"{least:.2f}/{mean:.2f}/{most:.2f} ms"
-        output.either(self._options, said, f"{name}: {len(took)} pongs, min/avg/max {shown}")
+        output.either(self._options, document, f"{name}: {len(took)} pongs, min/avg/max {shown}")
 
-    def _once(self, asked: dict[str, ProcessRecord], until: float, name: str) -> float:
+    def _once(self, processes: dict[str, ProcessRecord], until: float, name: str) -> float:
         """Return how long an answer took, s."""
         begun = time.monotonic()
         # No node has this parameter: the refusal shows that its executor runs.
         with contextlib.suppress(Invalid):
             left = max(until - begun, 0.001)
-            params_of(self._client, asked[name], [f"{name}.ping"], left)
+            params_of(self._client, processes[name], [f"{name}.ping"], left)
         return time.monotonic() - begun

@@ -51,9 +51,9 @@ def file_values(file: Path | None, options: Options) -> Values:
     return values_of(*gather(file), options)
 
 
-def values_of(said: Mapping[str, Any], source: str, options: Options) -> Values:
+def values_of(tables: Mapping[str, Any], source: str, options: Options) -> Values:
     """Return the vehicle's parameters by a file's tables; raise Invalid with the source."""
-    params = params_of(said, source, options.vehicles)[options.vehicle]
+    params = params_of(tables, source, options.vehicles)[options.vehicle]
     whole = msgspec.to_builtins(params)
     return dict(flatten({name: table for name, table in whole.items() if table}))
 
@@ -73,7 +73,7 @@ def known_of(values: Values, running: Values) -> Values:
     return {name: value for name, value in values.items() if name.partition(".")[0] in known}
 
 
-def tell(options: Options, document: Any, found: Iterable[Change]) -> None:
+def print_changes(options: Options, document: Any, found: Iterable[Change]) -> None:
     """Print a document with --json, else one change per line."""
     if options.json:
         output.document(document)
@@ -97,11 +97,11 @@ def diff(
     Example: quadctl param diff quad.toml
     """
     source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
-    said = file_values(source, options)
+    from_file = file_values(source, options)
     with RunningParams(options) as running:
         now = running.whole()
-    found = changes(known_of(said, now), now)
-    tell(options, [change.document("file", "running") for change in found], found)
+    found = changes(known_of(from_file, now), now)
+    print_changes(options, [change.document("file", "running") for change in found], found)
 
 
 def dump(
@@ -141,19 +141,19 @@ def save(
 
     Example: quadctl param save
     """
-    said = file_values(file, options)
+    from_file = file_values(file, options)
     with RunningParams(options) as running:
         now = running.whole()
-    known = known_of(said, now)
+    known = known_of(from_file, now)
     # A command that is in the file and not in the run was added since: it stays.
     found = [change for change in changes(known, now) if change.name in now]
     if found:
         own = f"{options.vehicle}." if len(options.vehicles) > 1 else ""
         text = edited(read_text(file), {own + change.name: change.after for change in found})
-        _verify(text, said | {change.name: change.after for change in found}, file, options)
+        _verify(text, from_file | {change.name: change.after for change in found}, file, options)
         replace(file, text.encode())
     changed = [change.document() for change in found]
-    tell(options, {"file": str(file), "changed": changed}, found)
+    print_changes(options, {"file": str(file), "changed": changed}, found)
 
 
 def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:
@@ -172,18 +172,18 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
 
     Example: quadctl param load tuned.toml
     """
-    said = _said(file, options)
+    from_file = _named_values(file, options)
     with RunningParams(options) as running:
         now = running.whole()
-        wanted = known_of(said, now)
+        wanted = known_of(from_file, now)
         found = changes({name: now.get(name) for name in wanted}, wanted)
         _check(now | wanted, file)
         _refuse_fixed(found, file)
         _set(running, found)
-    tell(options, [change.document() for change in found], found)
+    print_changes(options, [change.document() for change in found], found)
 
 
-def _said(file: Path, options: Options) -> Values:
+def _named_values(file: Path, options: Options) -> Values:
     """Return the values that the file itself names, each in its type; raise Invalid."""
     tables = read(file)
     whole = values_of(tables, str(file), options)
@@ -216,9 +216,9 @@ def _set(running: RunningParams, found: list[Change]) -> None:
     for node in nodes:
         if node not in live:
             raise running.absent(node)
-    for number, (node, mine) in enumerate(nodes.items()):
+    for number, (node, part) in enumerate(nodes.items()):
         try:
-            reply = running.set(node, {change.name: change.after for change in mine})
+            reply = running.set(node, {change.name: change.after for change in part})
             if not reply.success:
                 raise Invalid(reply.reason)
         except QuadctlError as problem:

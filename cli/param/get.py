@@ -31,13 +31,13 @@ def describe(
     known = catalogue.leaves()
     found = {name: [known[leaf] for leaf in leaves_of(known, name)] for name in names}
     tables = {leaf.name.partition(".")[0] for leaves in found.values() for leaf in leaves}
-    heard = _present(options, tables)
-    values = {name: value for answer in heard.answers.values() for name, value in answer.items()}
+    results = _present(options, tables)
+    values = {name: value for answer in results.answers.values() for name, value in answer.items()}
     if options.json:
         output.document([_document(leaf, values) for leaves in found.values() for leaf in leaves])
     else:
         _print(found, values)
-    heard.fail()
+    results.fail()
 
 
 def _present(options: Options, tables: set[str]) -> Answers[Values]:
@@ -67,15 +67,15 @@ def _print(found: dict[str, list[Entry]], values: Values) -> None:
 
 
 def _row(leaf: Entry, values: Values) -> dict[str, str]:
-    said = _document(leaf, values)
+    document = _document(leaf, values)
     return {
         "name": leaf.name,
-        "type": said["type"],
+        "type": document["type"],
         "unit": leaf.unit or "-",
-        "bounds": said["bounds"] or "-",
+        "bounds": document["bounds"] or "-",
         "default": catalogue.word(leaf.default),
-        "value": "-" if said["value"] is None else catalogue.word(said["value"]),
-        "node": said["node"] or "-",
+        "value": "-" if document["value"] is None else catalogue.word(document["value"]),
+        "node": document["node"] or "-",
         "change": _when(leaf.name),
         "meaning": leaf.about,
     }
@@ -118,14 +118,14 @@ def list_(
     options, tables = context.about_parameters(options, tables or ["/"])
     with RunningParams(options) as running:
         everything = ALL in map(normal_name, tables)
-        heard = running.every() if everything else Answers({"": running.get(tables)}, {})
-    names = sorted(name for answer in heard.answers.values() for name in answer)
+        results = running.every() if everything else Answers({"": running.get(tables)}, {})
+    names = sorted(name for answer in results.answers.values() for name in answer)
     if options.json:
         output.document(names)
     else:
         for name in names:
             output.line(name)
-    heard.fail()
+    results.fail()
 
 
 def get(

@@ -86,9 +86,9 @@ class RunningParams:
         live = self.nodes()
         # Asked last: a node that the hub loses in between is then in both lists, not in neither.
         frozen = [process.name for process in self._client.silent_processes()]
-        heard = self._ask({node: [] for node in sorted({*live, *frozen})})
-        heard.answers[""] = self._kept(UNSERVED)
-        return heard
+        results = self._ask({node: [] for node in sorted({*live, *frozen})})
+        results.answers[""] = self._kept(UNSERVED)
+        return results
 
     def declared(self, wanted: Collection[str]) -> Answers[Values]:
         """Return each node's answer for tables of the file.
@@ -97,9 +97,9 @@ class RunningParams:
         are unknown, and so are the supervisor's own tables.
         """
         served = [node for node in self.nodes() if node in wanted and node not in UNSERVED]
-        heard = self._ask({node: [] for node in served})
-        heard.answers[""] = self._kept([name for name in wanted if name not in served])
-        return heard
+        results = self._ask({node: [] for node in served})
+        results.answers[""] = self._kept([name for name in wanted if name not in served])
+        return results
 
     def whole(self) -> Values:
         """Return every parameter, in the file's order; raise if a node does not answer."""
@@ -131,19 +131,19 @@ class RunningParams:
             return {}
         realm = Realm(self._options.realm)
         try:
-            there = run_files.tables(realm, self._options.vehicle)
+            stored = run_files.tables(realm, self._options.vehicle)
         except FileNotFoundError as error:
             raise not_running(realm) from error
         # `processes` may be absent.
-        return dict(flatten({name: there[name] for name in wanted if there.get(name)}))
+        return dict(flatten({name: stored[name] for name in wanted if stored.get(name)}))
 
     def _left(self) -> float:
         return max(self._deadline - time.monotonic(), 0.001)
 
 
-def _all_of(heard: Answers[Values]) -> Values:
-    heard.fail()
-    return {name: value for answer in heard.answers.values() for name, value in answer.items()}
+def _all_of(results: Answers[Values]) -> Values:
+    results.fail()
+    return {name: value for answer in results.answers.values() for name, value in answer.items()}
 
 
 def leaves_of(found: Mapping[str, Any], name: str) -> list[str]:

@@ -50,7 +50,7 @@ class Track:
         self.end = 0.0  # time (s) of the latest pose
         self._boot, self._base = "", 0.0
         self._goal: Position | None = None
-        self._asked: Waypoint | None = None
+        self._requested: Waypoint | None = None
 
     @property
     def path(self) -> list[tuple[float, float, float, float]]:
@@ -69,7 +69,7 @@ class Track:
             case SafetyState() if message.boot == self._boot:
                 self._add_state(message)
             case Waypoint():
-                self._asked = message
+                self._requested = message
             case Called() if message.service == GOTO.name:
                 self._add_call(message)
 
@@ -89,11 +89,11 @@ class Track:
         phase = Phase(at, state.state, state.cage_on, state.cage)
         if not self.phases or self.phases[-1][1:] != phase[1:]:
             self.phases.append(phase)
-        if self._asked is not None and state.state != "VERIFYING":
+        if (goal := self._requested) is not None and state.state != "VERIFYING":
             # Only the state carries the verdict on a waypoint.
             if state.reason:
-                self.refused.append(Spot(at, self._asked.x, self._asked.y, self._asked.z))
-            self._asked = None
+                self.refused.append(Spot(at, goal.x, goal.y, goal.z))
+            self._requested = None
         # Safety also sets goals itself, e.g. for the take-off, without a request.
         if state.state == "MOVING" and state.goal != self._goal:
             self._goal = state.goal

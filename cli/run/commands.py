@@ -27,8 +27,8 @@ def down(options: Options) -> None:
     """
     here(options, "down")
     run = stop_run(Realm(options.realm), options.timeout)
-    said = {"realm": options.realm, "pid": run.pid}
-    output.either(options, said, f"realm {options.realm} is down")
+    document = {"realm": options.realm, "pid": run.pid}
+    output.either(options, document, f"realm {options.realm} is down")
 
 
 DEFAULT_FILE = Path("quad.toml")

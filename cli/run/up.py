@@ -69,8 +69,8 @@ def up(
 
 def reached(listen: list[str] | None, connect: str) -> list[str]:
     """Return the settings for the hub's listeners and for the other hub that it joins."""
-    said = {"listen": listen or [], "connect": [connect] if connect else []}
-    return [f"hub.{name}={json.dumps(places)}" for name, places in said.items() if places]
+    endpoints = {"listen": listen or [], "connect": [connect] if connect else []}
+    return [f"hub.{name}={json.dumps(places)}" for name, places in endpoints.items() if places]
 
 
 def begin(launch: Launch, options: Options, *, detach: bool) -> None:

@@ -127,14 +127,14 @@ class _Echo:
         self._client, self._key, self._field = client, key, field
         self._stream = client.listen(key, held=True)
         self._kinds: set[tuple[str, type[Invalid]]] = set()
-        self._heard = False
+        self._received = False
 
     def next(self) -> tuple[Message, Any]:
         """Return the next message and its value to show; raise Client.silent's error."""
         deadline = time.monotonic() + self._client.timeout
         unread: Invalid | None = None
         while (message := self._stream.next(deadline - time.monotonic())) is not None:
-            self._heard = True
+            self._received = True
             try:
                 value = shown(message, self._key, self._client.vehicle)
                 return message, field_of(value, self._field)
@@ -145,12 +145,12 @@ class _Echo:
             # A flood of unreadable messages must not delay the timeout.
             if time.monotonic() > deadline:
                 break
-        raise self._client.silent(self._key, unread, more=self._heard)
+        raise self._client.silent(self._key, unread, more=self._received)
 
     def _note(self, key: str, problem: Invalid) -> Invalid:
         of = key if "*" in self._key else self._key
-        said, kind = unreadable(of, problem), (of, type(problem))
+        error, kind = unreadable(of, problem), (of, type(problem))
         if kind not in self._kinds:
             self._kinds.add(kind)
-            output.note(f"skipped a message on {said.message}")
-        return said
+            output.note(f"skipped a message on {error.message}")
+        return error

@@ -47,18 +47,18 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
         # A round trip to the hub: after it, the listeners are known, too.
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
         # Over a network a hub shows listeners only to clients that may publish.
-        heard = outlet.is_heard() if outlet else None
+        has_listener = outlet.is_heard() if outlet else None
         ours = own_topic(key, options.vehicle)
         found = [offer for offer in offers if offer.key == key]
-        if not found and not (ours and heard):
-            nobody = _nobody(key, offers, heard=bool(heard))
-            raise client.explained(nobody, ours.node if ours else "")
-    said = _described(key, found, ours) | {"listened": heard}
+        if not found and not (ours and has_listener):
+            problem = _no_publisher(key, offers, has_listener=bool(has_listener))
+            raise client.explained(problem, ours.node if ours else "")
+    document = _described(key, found, ours) | {"listened": has_listener}
     if options.json:
-        output.document(said)
+        output.document(document)
         return
-    output.table(_rows(said, ours.doc if ours else ""))
-    output.line(said["definition"] or "its fields are not known to this quadctl")
+    output.table(_rows(document, ours.doc if ours else ""))
+    output.line(document["definition"] or "its fields are not known to this quadctl")
 
 
 def _may_publish(options: Options, key: str) -> bool:
@@ -90,20 +90,20 @@ def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> 
     }
 
 
-def _rows(said: dict[str, Any], about: str) -> list[tuple[str, str]]:
-    hz = said["declared_hz"]
+def _rows(document: dict[str, Any], about: str) -> list[tuple[str, str]]:
+    hz = document["declared_hz"]
     rows = [
-        ("Key:", said["key"]),
-        ("Type:", f"{said['type']}, hash {said['hash']}"),
+        ("Key:", document["key"]),
+        ("Type:", f"{document['type']}, hash {document['hash']}"),
         ("Rate:", f"{hz:g} Hz, declared" if hz else "on change"),
-        ("Publishers:", ", ".join(said["publishers"]) or "none that is announced"),
-        ("Listeners:", _LISTENERS[said["listened"]]),
+        ("Publishers:", ", ".join(document["publishers"]) or "none that is announced"),
+        ("Listeners:", _LISTENERS[document["listened"]]),
     ]
     return [*rows, ("About:", about)] if about else rows
 
 
-def _nobody(key: str, offers: list[EndpointInfo], *, heard: bool) -> Unreachable:
+def _no_publisher(key: str, offers: list[EndpointInfo], *, has_listener: bool) -> Unreachable:
     return Unreachable(
-        f"no node publishes {key} now" + (", but it has a listener" if heard else ""),
+        f"no node publishes {key} now" + (", but it has a listener" if has_listener else ""),
         nearest(key, {offer.key for offer in offers}) or "`quadctl topic list` shows what there is",
     )

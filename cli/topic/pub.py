@@ -148,8 +148,8 @@ def pub(
         (topic, *words), once = words, True
     options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
-    words, said = split_once(key, options.vehicle, words)
-    wanted = _count(rate, count, once=once or said)
+    words, minus_one = split_once(key, options.vehicle, words)
+    wanted = _count(rate, count, once=once or minus_one)
     payload = payload_of(key, options.vehicle, words, form)
     with context.connect(options) as client:
         _warn(key, client.vehicle)
@@ -172,19 +172,19 @@ def _warn(key: str, vehicle: str) -> None:
         output.note(f"warning: {key} is {topic.node}'s own: its readers cannot spot your messages")
 
 
-def _nobody(client: Client, key: str) -> QuadctlError:
+def _no_listener(client: Client, key: str) -> QuadctlError:
     """Return the error for a topic without listeners, with the nearest name that exists."""
-    nobody = f"no listener on {key} within {client.timeout:g} s: nothing was sent"
+    message = f"no listener on {key} within {client.timeout:g} s: nothing was sent"
     try:
         offers = client.endpoints(_LOOK)
     except QuadctlError as other:
-        return type(other)(f"{nobody}: {other.message}", other.hint)
+        return type(other)(f"{message}: {other.message}", other.hint)
     # Listeners are not announced; the likeliest names are declared or published ones.
     names = {offer.key for offer in offers if offer.kind == "@pub"}
     names |= {topic.key(client.vehicle) for topic in TOPICS}
     like = "" if key in names else nearest(key, names)
     hint = f"{like or 'is it spelled right?'} --no-wait sends anyway"
-    return client.explained(Unreachable(nobody, hint), live=[offer.node for offer in offers])
+    return client.explained(Unreachable(message, hint), live=[offer.node for offer in offers])
 
 
 def _send(
@@ -195,7 +195,7 @@ def _send(
     outlet = client.raw_publisher(key, payload.encoding)
     if wait and not outlet.wait_for_listener(client.timeout):
         if wanted is not None:
-            raise _nobody(client, key)
+            raise _no_listener(client, key)
         output.note(f"no listener on {key} yet")
     start, pace = time.monotonic(), Pace(client)
     try:

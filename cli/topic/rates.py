@@ -33,40 +33,40 @@ class Figures(NamedTuple):
 Measure = Callable[[Sequence[Arrival]], Figures]
 
 
-def rate(heard: Sequence[Arrival]) -> Figures:
+def rate(arrivals: Sequence[Arrival]) -> Figures:
     """Return messages per second and the spread of their gaps (s), from two messages or more."""
-    times = [message.received for message in heard]
+    times = [message.received for message in arrivals]
     gaps = [b - a for a, b in pairwise(times)]
     hz = _per(len(gaps), times)
     return Figures(
-        {"hz": hz, **_spread(gaps), "n": len(heard)},
-        f"average rate: {hz:.3f}\n\t{_seconds(gaps, 3, 5)} window: {len(heard)}",
+        {"hz": hz, **_spread(gaps), "n": len(arrivals)},
+        f"average rate: {hz:.3f}\n\t{_seconds(gaps, 3, 5)} window: {len(arrivals)}",
     )
 
 
-def bandwidth(heard: Sequence[Arrival]) -> Figures:
+def bandwidth(arrivals: Sequence[Arrival]) -> Figures:
     """Return bytes per second and the spread of the sizes, from two messages or more.
 
     The first message was sent before the measured time, so its bytes do not count.
     """
-    sizes = [message.size for message in heard]
-    per_second = _per(sum(sizes[1:]), [message.received for message in heard])
+    sizes = [message.size for message in arrivals]
+    per_second = _per(sum(sizes[1:]), [message.received for message in arrivals])
     mean = sum(sizes) / len(sizes)
     low, high = min(sizes), max(sizes)
     return Figures(
-        {"bytes_per_second": per_second, "mean": mean, "min": low, "max": high, "n": len(heard)},
+        {"bytes_per_second": per_second, "mean": mean, "min": low, "max": high, "n": len(arrivals)},
         f"average: {_bytes(per_second)}/s\n\tmean: {_bytes(mean)} min: {_bytes(low)}"
-        f" max: {_bytes(high)} window: {len(heard)}",
+        f" max: {_bytes(high)} window: {len(arrivals)}",
     )
 
 
-def delay_figures(heard: Sequence[Arrival]) -> Figures:
+def delay_figures(arrivals: Sequence[Arrival]) -> Figures:
     """Return the mean age on arrival (s) and its spread, from one message or more."""
-    ages = [message.age for message in heard]
+    ages = [message.age for message in arrivals]
     mean = math.fsum(ages) / len(ages)
     return Figures(
-        {"delay": mean, **_spread(ages), "n": len(heard)},
-        f"average delay: {mean:.6f}\n\t{_seconds(ages, 6, 6)} window: {len(heard)}",
+        {"delay": mean, **_spread(ages), "n": len(arrivals)},
+        f"average delay: {mean:.6f}\n\t{_seconds(ages, 6, 6)} window: {len(arrivals)}",
     )
 
 
@@ -138,11 +138,11 @@ def _measure(
 ) -> None:
     options = about_topic(options, topic)
     key = checked_key(topic, options.vehicle)
-    heard: deque[Arrival] = deque(maxlen=window)
+    arrivals: deque[Arrival] = deque(maxlen=window)
     seen, printed, due = 0, 0, time.monotonic() + _PERIOD
 
-    def tell() -> None:
-        figures = measure(heard)
+    def show() -> None:
+        figures = measure(arrivals)
         output.either(options, {"key": key, **figures.document}, figures.text)
 
     with context.connect(options) as client:
@@ -152,7 +152,7 @@ def _measure(
             message = stream.next(min(due, ends) - time.monotonic())
             now = time.monotonic()
             if message is not None:
-                heard.append(_heard(message, aged=measure is delay_figures))
+                arrivals.append(_arrival(message, aged=measure is delay_figures))
                 seen, ends = seen + 1, now + client.timeout
             elif now >= ends:
                 raise client.silent(key, more=seen > 0)
@@ -160,13 +160,13 @@ def _measure(
                 due = now + _PERIOD
                 # With -n and --json only the last document is printed.
                 if seen > max(printed, 1) and not (options.json and count):
-                    tell()
+                    show()
                     printed = seen
     if seen > printed:
-        tell()
+        show()
 
 
-def _heard(message: Message, *, aged: bool) -> Arrival:
+def _arrival(message: Message, *, aged: bool) -> Arrival:
     if aged and message.age is None:
         hint = "enable timestamping in the session of its publisher"
         raise Invalid(f"a message on {message.key} has no time stamp, so its age is unknown", hint)

@@ -170,11 +170,11 @@ def _watch(
             def show(left: float) -> None:
                 progress.update(1 - left / whole, flight.paused or f"{left:.2f} m to go")
 
-            def tell(paused: str) -> None:
+            def show_pause(paused: str) -> None:
                 if not quiet:
                     output.note(paused or "went on")
 
-            flight.watch(limit, show, tell)
+            flight.watch(limit, show, show_pause)
     except QuadctlError as problem:
         return problem
     except KeyboardInterrupt:
@@ -197,12 +197,12 @@ def report(flight: Flight | None, reply: GotoResponse) -> dict[str, Any]:
 
 def request_of(x: float, y: float, z: float, *, replace: bool) -> GotoRequest:
     """Return a request for a point, m; raise Invalid if it is no place."""
-    asked = {"x": x, "y": y, "z": z}
+    point = {"x": x, "y": y, "z": z}
     try:
-        return msgspec.convert(asked | {"replace": replace}, GotoRequest)
+        return msgspec.convert(point | {"replace": replace}, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
         raise Invalid(
-            f"{axis} = {asked[axis]:g} is no place to fly to",
+            f"{axis} = {point[axis]:g} is no place to fly to",
             "coordinates are metres, finite, and at most 10 km from the origin",
         ) from error

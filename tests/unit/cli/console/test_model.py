@@ -12,11 +12,11 @@ from quadctl.cli.console.model import (
     TICK,
     Board,
     clicked,
+    events_between,
     frame,
     link,
     point,
     stepped,
-    told,
 )
 from quadctl.schemas.messages import CageSize, Position
 from tests.support.console_messages import pose, reading, state
@@ -52,7 +52,7 @@ OUTSIDE = "outside the cage: x = 9 is beyond [-5, 5]"
     ],
 )  # fmt: skip
 def test_every_change_is_reported_once(before, now, expected):
-    assert list(told(before, now)) == expected
+    assert list(events_between(before, now)) == expected
 
 
 def test_a_negative_zero_has_no_minus():
@@ -62,7 +62,7 @@ def test_a_negative_zero_has_no_minus():
 def flying(ticks: int = 0) -> Board:
     board = Board("uav")
     board.problem = ""
-    board.hear_state(state())
+    board.update_state(state())
     for number in range(ticks):
         board.tick(pose(x=number, stamp=float(number)), reading(1000 + number))
     return board
@@ -144,25 +144,25 @@ def test_a_refused_goal_is_kept_once_until_the_next_boot():
     for goal in goals:
         board.refuse(goal)
     assert [goal.x for goal in board.refused] == [8, 9]
-    board.hear_state(state(boot="b"))
+    board.update_state(state(boot="b"))
     assert not board.refused
 
 
 def test_refused_waypoint_of_another_publisher_is_kept():
     board = flying()
-    board.ask(Position(9, 0, 1))
-    board.hear_state(state(request=2, reason="outside"))
-    board.hear_state(state(request=3, reason="outside"))
+    board.add_request(Position(9, 0, 1))
+    board.update_state(state(request=2, reason="outside"))
+    board.update_state(state(request=3, reason="outside"))
     assert list(board.refused) == [Position(9, 0, 1)]
-    board.ask(Position(1, 0, 1))
-    board.hear_state(state(request=4, state="MOVING"))
-    board.hear_state(state(request=5, reason="outside"))
+    board.add_request(Position(1, 0, 1))
+    board.update_state(state(request=4, state="MOVING"))
+    board.update_state(state(request=5, reason="outside"))
     assert list(board.refused) == [Position(9, 0, 1)]
 
 
 def test_steps_are_one_metre_from_the_goal_and_add_up():
     board = flying()
-    board.hear_state(state(goal=Position(1, 2, 1)))
+    board.update_state(state(goal=Position(1, 2, 1)))
     step = partial(stepped, board)
     assert step(None, "ArrowRight") == Position(2, 2, 1)
     assert step(step(None, "ArrowUp"), "PageDown") == Position(1, 3, 0)

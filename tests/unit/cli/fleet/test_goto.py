@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.goto import about, named_goals, read
-from quadctl.cli.fleet.hubs import fail, nobody_sent
+from quadctl.cli.fleet.hubs import fail, no_vehicle_sent
 from quadctl.cli.fleet.land import ground_below
 from quadctl.schemas.messages import CageSize, Position, SafetyState
 from quadctl.services.runtime.errors import (
@@ -94,13 +94,13 @@ def test_missing_formation_names_the_file_and_the_table(source: str):
 
 def test_an_incomplete_formation_sends_no_vehicle():
     problems = {"red": Refused("not ready"), "uav0": Unreachable("gone", "start it")}
-    error = nobody_sent(problems, ["uav0", "uav1", "red"])
+    error = no_vehicle_sent(problems, ["uav0", "uav1", "red"])
     assert error.exit_code == 3
     assert error.message == (
         "no vehicle was sent: the formation's centre needs all; red: not ready; uav0: gone"
     )
     assert "fleet goto uav1=1,2,1" in error.hint
-    assert nobody_sent(problems, ["uav0", "red"]).hint == "start it"
+    assert no_vehicle_sent(problems, ["uav0", "red"]).hint == "start it"
 
 
 @pytest.mark.parametrize(

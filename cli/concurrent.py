@@ -21,15 +21,15 @@ class Pace:
     def __init__(self, client: Client) -> None:
         self._client, self._checked = client, time.monotonic()
 
-    def rest(self, until: float) -> None:
-        """Sleep until a time (monotonic s); raise as `ask` does as soon as a check is due."""
+    def sleep_until(self, until: float) -> None:
+        """Sleep until a time (monotonic s); raise as `check` does as soon as a check is due."""
         half = self._client.timeout / 2
         while (now := time.monotonic()) < until or now > self._checked + half:
             time.sleep(max(min(until, self._checked + half) - now, 0))
             if time.monotonic() > self._checked + half:
-                self.ask()
+                self.check()
 
-    def ask(self) -> None:
+    def check(self) -> None:
         """Wait until the hub confirms all that was sent; raise as Client.flush does."""
         # The rest of the timeout since the last check; at least half of it, as we may be late.
         left = self._checked + self._client.timeout - time.monotonic()

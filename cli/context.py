@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from quadctl.services.runtime.bus.client import Client
 
 
-def the_only(realm: str, connect: str, timeout: float) -> str:
+def only_vehicle(realm: str, connect: str, timeout: float) -> str:
     """Return the only vehicle of a run, or of a hub if `connect` names one; `uav` if nothing runs.
 
     Of several vehicles, return `uav`; without one of that name, raise UsageError. With `connect`,
@@ -39,23 +39,23 @@ def the_only(realm: str, connect: str, timeout: float) -> str:
 def vehicles_of(realm: str, connect: str, timeout: float) -> list[str]:
     """Return a run's vehicles, or a hub's with `connect`, which raises what a Client raises."""
     if connect:
-        return _at(realm, connect, timeout)
+        return _on_hub(realm, connect, timeout)
     # A hub without a vehicle has those of the other hubs that have joined it.
-    return _at(realm, "", timeout) if hub_alone(realm) else _in(realm)
+    return _on_hub(realm, "", timeout) if standalone_hub(realm) else _recorded(realm)
 
 
 def in_run(realm: str) -> list[str]:
     """Return the vehicles in a run's record; none if nothing runs."""
-    return [name for name in _in(realm) if not name.startswith(HUB_ALONE)]
+    return [name for name in _recorded(realm) if not name.startswith(HUB_ALONE)]
 
 
-def hub_alone(realm: str) -> str:
+def standalone_hub(realm: str) -> str:
     """Return the name of the hub of a run without a vehicle; empty with a vehicle, or no run."""
-    names = _in(realm)
+    names = _recorded(realm)
     return names[0] if names and names[0].startswith(HUB_ALONE) else ""
 
 
-def _in(realm: str) -> list[str]:
+def _recorded(realm: str) -> list[str]:
     try:
         return run_files.read(Realm(realm)).vehicles
     except (Unreachable, UsageError):
@@ -64,7 +64,7 @@ def _in(realm: str) -> list[str]:
 
 
 @lru_cache
-def _at(realm: str, connect: str, timeout: float) -> list[str]:
+def _on_hub(realm: str, connect: str, timeout: float) -> list[str]:
     from quadctl.services.runtime.bus.client import Client
     from quadctl.services.runtime.security.endpoints import is_secure
 
@@ -102,8 +102,8 @@ class Options(Struct, frozen=True):
 
     @property
     def vehicle(self) -> str:
-        """Return the vehicle that is named, else the only one; raise as `the_only` does."""
-        return self.named or the_only(self.realm, self.connect, self.timeout)
+        """Return the vehicle that is named, else the only one; raise as `only_vehicle` does."""
+        return self.named or only_vehicle(self.realm, self.connect, self.timeout)
 
     @property
     def vehicles(self) -> list[str]:
@@ -112,7 +112,7 @@ class Options(Struct, frozen=True):
         return names if self.vehicle in names else [self.vehicle]
 
 
-def here(options: Options, what: str) -> None:
+def require_local(options: Options, what: str) -> None:
     """Raise UsageError if the options name a hub: `what` needs this machine's processes."""
     if options.connect:
         raise UsageError(

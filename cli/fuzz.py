@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct, inspect
 
 from quadctl.cli import context, output
-from quadctl.cli.context import Options, here
+from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Option
 from quadctl.cli.node.lookup import run_of
 from quadctl.cli.progress import Progress
@@ -145,7 +145,7 @@ class Burst:
 
     def __init__(self, client: Client) -> None:
         self.codes: Counter[str] = Counter()  # error replies by code
-        self.taken: list[str] = []
+        self.accepted: list[str] = []
         self.published = self.called = 0
         self._client = client
         self._room = threading.Semaphore(_MOST)
@@ -154,7 +154,7 @@ class Burst:
     @property
     def answered(self) -> int:
         """Return the number of queries with a reply."""
-        return sum(self.codes.values()) + len(self.taken)
+        return sum(self.codes.values()) + len(self.accepted)
 
     def publish(self, key: str, data: bytes, encoding: str) -> None:
         """Publish a payload on a key."""
@@ -186,7 +186,7 @@ class Burst:
     def _on_reply(self, key: str, reply: Any) -> None:
         with self._lock:
             if reply.ok is not None:
-                self.taken.append(key)
+                self.accepted.append(key)
             else:
                 self.codes[_code(reply.err)] += 1
         self._room.release()
@@ -220,9 +220,9 @@ def fuzz(
     """
     if is_secure(options.connect):
         # Payloads that a role keeps out would prove nothing.
-        here(options, "fuzz")
+        require_local(options, "fuzz")
     with context.connect(options) as client:
-        before = _look(client, options)
+        before = _snapshot(client, options)
         burst = Burst(client)
         with Progress("sending", quiet=options.json) as progress:
             for number, (target, payload) in enumerate(_plan(client.vehicle, payloads, seed)):
@@ -231,7 +231,7 @@ def fuzz(
                 if number % 100 == 0:
                     progress.update(number / payloads, f"{number} of {payloads}")
         burst.settle()
-        faults = list(_faults(client, burst, before, _look(client, options)))
+        faults = list(_faults(client, burst, before, _snapshot(client, options)))
     document = {
         "ok": not faults, "payloads": burst.called + burst.published, "seed": seed,
         "published": burst.published, "asked": burst.called, "replies": dict(burst.codes),
@@ -264,7 +264,7 @@ def _send(burst: Burst, target: _Target, payload: HostilePayload) -> bool:
     return True
 
 
-def _look(client: Client, options: Options) -> dict[str, Any]:
+def _snapshot(client: Client, options: Options) -> dict[str, Any]:
     """Return the values that must be the same afterwards."""
     client.flush()
     state = client.latest(STATE)
@@ -278,8 +278,8 @@ def _look(client: Client, options: Options) -> dict[str, Any]:
 def _faults(
     client: Client, burst: Burst, before: dict[str, Any], after: dict[str, Any]
 ) -> Iterator[str]:
-    for key in sorted(set(burst.taken)):
-        yield f"{key} took {burst.taken.count(key)}"
+    for key in sorted(set(burst.accepted)):
+        yield f"{key} took {burst.accepted.count(key)}"
     missing = burst.called - burst.answered + burst.codes["no answer"]
     if missing:
         yield f"{missing} calls were not answered"

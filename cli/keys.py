@@ -118,12 +118,12 @@ def issue(
     else:
         owner = checked(name or options.named or role)
         wanted = {owner: checked_vehicles([options.named] if options.named else [])}
-    keeper = Registry(fleet)
-    made = keeper.issue(cast("Role", role), wanted, days, host or [])
+    registry = Registry(fleet)
+    made = registry.issue(cast("Role", role), wanted, days, host or [])
     if options.json:
-        documents = [shown(one) | {"folder": str(keeper.folder_of(one))} for one in made]
+        documents = [shown(one) | {"folder": str(registry.folder_of(one))} for one in made]
         output.document(documents if vehicles is not None else documents[0])
         return
     for one in made:
         until = f"good until {day(one.expires)}"
-        output.line(f"{keeper.folder_of(one)}: {one.common_name}, for {one.of}, {until}")
+        output.line(f"{registry.folder_of(one)}: {one.common_name}, for {one.of}, {until}")

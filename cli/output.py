@@ -28,7 +28,7 @@ def _nowhere() -> TextIO:
     return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
 
 
-def say(text: str) -> None:
+def write(text: str) -> None:
     """Write to stdout at once; raise as flush does."""
     with _written():
         sys.stdout.write(text)
@@ -78,12 +78,12 @@ _TAME = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if co
 
 def document(value: Any) -> None:
     """Print one JSON document, on one line, at once."""
-    say(msgspec.json.encode(value).decode() + "\n")
+    write(msgspec.json.encode(value).decode() + "\n")
 
 
 def line(text: str) -> None:
     """Print text, at once."""
-    say(f"{text.translate(_TAME)}\n")
+    write(f"{text.translate(_TAME)}\n")
 
 
 def either(options: Options, value: Any, text: str) -> None:

@@ -18,7 +18,7 @@ _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(s
 
 
 @contextlib.contextmanager
-def run_of_its_own(launch: Launch) -> Iterator[Realm]:
+def temporary_run(launch: Launch) -> Iterator[Realm]:
     """Start a run and end it with the block, on a signal too; raise as start_in_background."""
     realm = Realm(launch.realm)
     # Under nohup a closed terminal must not end the run.

@@ -222,7 +222,7 @@ def _words(
     if word.type is Path:
         return map(Found, _files(begun))
     subject = next((text for other, text in typed if other.declaration.complete in SUBJECTS), "")
-    found = names(word.declaration.complete, _reach(common), begun, subject)
+    found = names(word.declaration.complete, _connection_options(common), begun, subject)
     if word.declaration.complete == "field":
         given = {text.partition("=")[0] for _, text in typed}
         found = (name for name in found if name.removesuffix("=") not in given)
@@ -232,10 +232,10 @@ def _words(
 def _of_common(option: str, begun: str, common: dict[str, str]) -> Iterable[Found]:
     """Return the values of a common option: live vehicles for --vehicle."""
     kind: Names = "vehicle" if option == "--vehicle" else ""
-    return map(Found, names(kind, _reach(common), begun, ""))
+    return map(Found, names(kind, _connection_options(common), begun, ""))
 
 
-def _reach(common: dict[str, str]) -> Options:
+def _connection_options(common: dict[str, str]) -> Options:
     """Return the options for a connection; --timeout does not apply to a completion."""
     return options_of({k: v for k, v in common.items() if k != "timeout"})
 

@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping
 from quadctl.cli.completion.engine import Found, candidates
 
 VARIABLE = "_QUADCTL_COMPLETE"
-_ASKED = "complete_"
+_PREFIX = "complete_"
 
 
 def answer(environment: Mapping[str, str] = os.environ) -> str | None:
     """Return the text to print for a shell, None without a request for completions."""
-    shell = environment.get(VARIABLE, "").removeprefix(_ASKED)
+    shell = environment.get(VARIABLE, "").removeprefix(_PREFIX)
     write = _WRITERS.get(shell)
     if write is None:
         return None
@@ -69,8 +69,8 @@ def _for_zsh(found: list[Found]) -> str:
     """Return code to evaluate: after `zero=` the word goes on, after others a blank follows."""
     calls = []
     for suffix, fits in (
-        ("-S ''", [fit for fit in found if _goes_on(fit)]),
-        ("", [fit for fit in found if not _goes_on(fit)]),
+        ("-S ''", [fit for fit in found if _continues(fit)]),
+        ("", [fit for fit in found if not _continues(fit)]),
     ):
         if fits:
             described = (
@@ -85,7 +85,7 @@ def _for_powershell(found: list[Found]) -> str:
     return "\n".join(f"{fit.word}:::{fit.about or ' '}" for fit in found)
 
 
-def _goes_on(fit: Found) -> bool:
+def _continues(fit: Found) -> bool:
     return fit.word.endswith(("=", "/"))
 
 

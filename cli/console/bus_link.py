@@ -58,7 +58,7 @@ class Link:
             )
         return self._client
 
-    def look_around(self) -> None:
+    def read_parameters(self) -> None:
         """Read the parameters of all nodes now; raise if a node does not answer."""
         client = self.client
         values: dict[str, Any] = {}
@@ -108,7 +108,7 @@ class Link:
         looked, self._client = 0.0, client
         with self._lock:
             self._board.problem = ""
-        threading.Thread(target=self._keep_looking, args=(client,), daemon=True).start()
+        threading.Thread(target=self._poll_parameters, args=(client,), daemon=True).start()
         while True:
             began = time.monotonic()
             if began - looked >= _LOOK:
@@ -127,12 +127,12 @@ class Link:
                 self._board.tick(pose, reading)
             time.sleep(max(0.0, began + TICK - time.monotonic()))
 
-    def _keep_looking(self, client: Client) -> None:
+    def _poll_parameters(self, client: Client) -> None:
         """Read the parameters repeatedly: other clients change them too."""
         while self._client is client:
             # The table of processes shows a node that does not answer; its old values stay.
             with contextlib.suppress(QuadctlError):
-                self.look_around()
+                self.read_parameters()
             time.sleep(2 * _LOOK)
 
     def _processes(self) -> list[run_files.ProcessRecord]:

@@ -20,7 +20,7 @@ from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, Unreach
 _MOST = 65_535
 
 
-def bound(host: str, port: int, *, exactly: bool) -> socket.socket:
+def listening_socket(host: str, port: int, *, exactly: bool) -> socket.socket:
     """Return a socket that listens on a port; on a free one if it is taken and not `exactly`.
 
     Raises AlreadyServed for a taken port, UsageError for an impossible one.
@@ -40,7 +40,7 @@ def bound(host: str, port: int, *, exactly: bool) -> socket.socket:
         if error.errno != errno.EADDRINUSE:
             raise QuadctlError(f"cannot listen on {host} port {port}: {error.strerror}") from error
         if not exactly:
-            return bound(host, 0, exactly=True)
+            return listening_socket(host, 0, exactly=True)
         raise AlreadyServed(
             f"port {port} of {host} is taken", "another console? --port 0 takes any free one"
         ) from error
@@ -94,7 +94,7 @@ def console(
         raise Unreachable(f"there is no vehicle {first}", f"there is {realm.listed(vehicles)}")
     from quadctl.cli.console.server import serve
 
-    listening = bound(host, _PORT if port is None else port, exactly=port is not None)
+    listening = listening_socket(host, _PORT if port is None else port, exactly=port is not None)
     token = secrets.token_urlsafe(16)
     control, watch = urls(listening, token)
     if options.json:

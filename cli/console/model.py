@@ -268,7 +268,7 @@ def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[
         "cage": [state.cage.x, state.cage.y, state.cage.z] if state else None,
         "cage_on": bool(state and state.cage_on),
         "goal": _xyz(state.goal) if state else None,
-        "pose": [*_xyz(pose.position), *_turn(pose)] if pose else None,
+        "pose": [*_xyz(pose.position), *_quaternion(pose)] if pose else None,
         "target": _xyz(target) if target else None,
         "refused": [_xyz(goal) for goal in board.refused],
         "samples": [_sample(sample) for sample in new],
@@ -309,19 +309,19 @@ _LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}
 
 
 def _sample(s: Sample) -> list[float | None]:
-    return [round(s.stamp, 3), _fine(s.x), _fine(s.y), _fine(s.z), s.pressure, s.baseline]
+    return [round(s.stamp, 3), _rounded(s.x), _rounded(s.y), _rounded(s.z), s.pressure, s.baseline]
 
 
 def _xyz(at: Position) -> list[float]:
-    return [_fine(at.x), _fine(at.y), _fine(at.z)]
+    return [_rounded(at.x), _rounded(at.y), _rounded(at.z)]
 
 
-def _fine(part: float) -> float:
+def _rounded(part: float) -> float:
     """Round to 0.1 mm: a hovering vehicle then looks still and is not redrawn."""
     return round(part, 4)
 
 
-def _turn(pose: Pose) -> list[float]:
+def _quaternion(pose: Pose) -> list[float]:
     """Return the quaternion in the order of three.js: x, y, z, w."""
     q = pose.orientation
-    return [_fine(q.x), _fine(q.y), _fine(q.z), _fine(q.w)]
+    return [_rounded(q.x), _rounded(q.y), _rounded(q.z), _rounded(q.w)]

@@ -27,7 +27,7 @@ class FaultsPanel:
         self._shown: frozenset[str] = frozenset()
         with card("Faults", "faults"), ui.element("div").classes("switches"):
             for fault in FAULTS:
-                made = ui.button(fault.name, on_click=partial(self._turn, fault), color=None)
+                made = ui.button(fault.name, on_click=partial(self._toggle, fault), color=None)
                 made.props(f'no-caps flat dense data-fault={fault.name} title="{fault.about}"')
                 made.props("aria-pressed=false").set_enabled(page.control)
                 self._buttons[fault.name] = made
@@ -40,7 +40,7 @@ class FaultsPanel:
             button.classes(add="in") if name in injected else button.classes(remove="in")
         self._shown = injected
 
-    async def _turn(self, fault: Fault) -> None:
+    async def _toggle(self, fault: Fault) -> None:
         value = fault.sound if fault.name in self._shown else fault.value
         setting = self._settings[fault.parameter]
         await self._page.do(lambda: self._page.acts.change(setting, value))
@@ -182,7 +182,7 @@ class FlightPanel:
                     read("time")
             with ui.element("div").classes("bar"):
                 if page.control:
-                    self._aims()
+                    self._aim_controls()
                 ui.html(_KEYS if page.control else _WATCHING, sanitize=False, tag="p")
                 read("target", tag="p", classes="target")
         if page.control:
@@ -191,7 +191,7 @@ class FlightPanel:
             self._scene.on("send", self._send)
             self._scene.on("drop", self._drop)
 
-    def _aims(self) -> None:
+    def _aim_controls(self) -> None:
         with ui.element("div").classes("height"):
             ui.html("height", sanitize=False, tag="label")
             self._slider = ui.slider(min=0, max=_CEILING, step=0.1, value=_HEIGHT)

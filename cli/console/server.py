@@ -34,7 +34,7 @@ _HEADERS = (
 )
 
 
-def why_refused(host: str, origin: str, *, beyond: bool) -> str:
+def refusal_reason(host: str, origin: str, *, beyond: bool) -> str:
     """Return the reason to refuse a request with these headers, empty to serve it.
 
     DNS rebinding shows as a foreign host name, another site's page as a foreign origin. `beyond`:
@@ -75,15 +75,15 @@ class Guard:
             return
         headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
         host, origin = headers.get(b"host", ""), headers.get(b"origin", "")
-        why = why_refused(host, origin, beyond=self._beyond)
-        if not why:
+        reason = refusal_reason(host, origin, beyond=self._beyond)
+        if not reason:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008, "reason": why[:100]})
+            await send({"type": "websocket.close", "code": 1008, "reason": reason[:100]})
         else:
             head = [(b"content-type", b"text/plain; charset=utf-8")]
             await send({"type": "http.response.start", "status": 403, "headers": head})
-            await send({"type": "http.response.body", "body": f"{why}\n".encode()})
+            await send({"type": "http.response.body", "body": f"{reason}\n".encode()})
 
 
 def _with_headers(send: Send) -> Send:

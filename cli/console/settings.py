@@ -47,7 +47,7 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     """Return every table of the file, then those that only a user's own nodes have."""
     leaves = catalogue.leaves()
     found: dict[str, list[Setting]] = {}
-    abouts = {section.name: section.about for section in catalogue.sections()}
+    descriptions = {section.name: section.about for section in catalogue.sections()}
     for section in catalogue.sections():
         own = [
             _setting(leaf, section.name)
@@ -60,11 +60,11 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     for name in values:
         if name not in leaves:
             node = name.partition(".")[0]
-            abouts.setdefault(node, f"of the node {node}")
+            descriptions.setdefault(node, f"of the node {node}")
             found.setdefault(node, []).append(
                 Setting(name, name.removeprefix(f"{node}."), "text", (), "", "", fixed=False)
             )
-    return [Table(name, abouts[name], tuple(own)) for name, own in found.items()]
+    return [Table(name, descriptions[name], tuple(own)) for name, own in found.items()]
 
 
 def shown(value: Any) -> str:

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 from msgspec import Struct
 
 from quadctl.cli import output
-from quadctl.cli.context import Options, here
+from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Option
-from quadctl.cli.temporary_run import run_of_its_own
+from quadctl.cli.temporary_run import temporary_run
 from quadctl.cli.vehicle.goto import Flight, distance, patience
 from quadctl.schemas.messages import Pose, Position, Pressure
 from quadctl.schemas.params import Params
@@ -169,7 +169,7 @@ def demo(
 
     Example: quadctl demo --picture flight.svg
     """
-    here(options, "demo")
+    require_local(options, "demo")
     from quadctl.cli.plot.figure import draw
     from quadctl.cli.plot.track import RecordedFlight, wanted
 
@@ -177,7 +177,7 @@ def demo(
     vehicle = options.named or DEFAULT
     launch = Launch(f"demo-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()))
     with (
-        run_of_its_own(launch) as realm,
+        temporary_run(launch) as realm,
         Client(launch.realm, vehicle, timeout=options.timeout) as client,
     ):
         poses = client.listen(*wanted([client.vehicle]), backlog=100_000)

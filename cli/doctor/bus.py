@@ -5,7 +5,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from quadctl.cli.doctor.check import Finding, alone, failed, passed, warned
+from quadctl.cli.doctor.check import Finding, failed, no_duplicates, passed, warned
 from quadctl.cli.doctor.run import Settings, faults, parameters
 from quadctl.schemas.barometer import AIR
 from quadctl.schemas.keyexpr import EndpointInfo
@@ -116,21 +116,21 @@ def servers(found: Survey) -> Finding:
         for key, answers in found.answers.items()
     }
     keys = {offer.key for offer in found.offers if offer.kind == "@srv"}
-    doubled = _doubled(found, "@srv", "served", answering)
-    return alone("servers", doubled, f"one for each of {len(keys)} services")
+    duplicates = _duplicates(found, "@srv", "served", answering)
+    return no_duplicates("servers", duplicates, f"one for each of {len(keys)} services")
 
 
-def _doubled(found: Survey, kind: str, done: str, seen: Mapping[str, int]) -> list[str]:
+def _duplicates(found: Survey, kind: str, done: str, seen: Mapping[str, int]) -> list[str]:
     """Return the keys that several nodes announce, or that more serve (`seen`) than announce."""
     offers = [offer for offer in found.offers if offer.kind == kind]
-    doubled: list[str] = []
+    duplicates: list[str] = []
     for key in sorted({offer.key for offer in offers}):
         nodes = [offer.node for offer in offers if offer.key == key]
         if len(nodes) > 1:
-            doubled.append(f"{key} is {done} by {' and '.join(nodes)}")
+            duplicates.append(f"{key} is {done} by {' and '.join(nodes)}")
         elif (others := seen.get(key, 0) - 1) > 0:
-            doubled.append(f"{key} is {done} by {nodes[0]} and {others} more, not announced")
-    return doubled
+            duplicates.append(f"{key} is {done} by {nodes[0]} and {others} more, not announced")
+    return duplicates
 
 
 def services(found: Survey) -> Iterator[Finding]:
@@ -213,8 +213,8 @@ def topic(
 def publishers(found: Survey) -> Finding:
     """Check that each topic has one publisher, by announcements and by messages' stamps."""
     counts = {key: stats.publishers for key, stats in found.heard.items()}
-    doubled = _doubled(found, "@pub", "published", counts)
-    return alone("publishers", doubled, f"one on each of {len(found.heard)} topics")
+    duplicates = _duplicates(found, "@pub", "published", counts)
+    return no_duplicates("publishers", duplicates, f"one on each of {len(found.heard)} topics")
 
 
 def clocks(found: Survey) -> Finding:

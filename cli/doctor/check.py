@@ -34,12 +34,12 @@ def failed(name: str, evidence: str, fix: str) -> Finding:
     return Finding(name, "FAIL", evidence, fix)
 
 
-def alone(name: str, doubled: list[str], evidence: str) -> Finding:
+def no_duplicates(name: str, duplicates: list[str], evidence: str) -> Finding:
     """Return a FAIL with a line for each key that is served or published twice, else a PASS."""
-    if not doubled:
+    if not duplicates:
         return passed(name, evidence)
     fix = "end the one that the supervisor has not started: `quadctl node list` shows the nodes"
-    return failed(name, "\n".join(doubled), fix)
+    return failed(name, "\n".join(duplicates), fix)
 
 
 def with_options(checks: Iterable[Finding], options: str) -> list[Finding]:

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from quadctl.cli.context import Options, hub_alone
+from quadctl.cli.context import Options, standalone_hub
 from quadctl.cli.doctor import host
 from quadctl.cli.doctor.host import DiskSpace, Folder, Neighbours, ProcessFacts
 from quadctl.cli.doctor.installation import Installed, installed
@@ -106,9 +106,9 @@ def gather(options: Options) -> Facts:
 
 def _vehicles(options: Options) -> tuple[str, list[str]]:
     """Return the vehicle, and all of its run; a check reports a hub that does not answer."""
-    alone = "" if options.connect or options.named else hub_alone(options.realm)
-    if alone:
-        return alone, [alone]
+    hub = "" if options.connect or options.named else standalone_hub(options.realm)
+    if hub:
+        return hub, [hub]
     try:
         return options.vehicle, options.vehicles
     except (Unreachable, TimedOut):

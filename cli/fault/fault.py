@@ -20,7 +20,7 @@ from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import RunState
 
 
-def kept(options: Options) -> dict[str, Any]:
+def running_values(options: Options) -> dict[str, Any]:
     """Return the vehicle's parameters, with --connect from its nodes."""
     if not options.connect:
         realm = Realm(options.realm)
@@ -54,7 +54,7 @@ def list_(options: Options) -> None:
 
     Example: quadctl fault list
     """
-    values = kept(options)
+    values = running_values(options)
     stopped = frozen(options)
     injected = {*active(values), *stopped, *(BUS_CUT for name in stopped if _cut(name))}
     rows = [(fault.name, fault.about) for fault in FAULTS]
@@ -104,7 +104,7 @@ def clear(
         of_process = name == BUS_CUT or name.removesuffix("-frozen") in NODES
         named = [] if of_process else [_named(name)]
     else:
-        injected = active(kept(options))
+        injected = active(running_values(options))
         named = [fault for fault in FAULTS if fault.name in injected]
     thawed = [found for found in frozen(options) if name in {"", found, *_cut(found)}]
     for found in thawed:

@@ -53,7 +53,7 @@ class Record:
     def document(self) -> dict[str, Any]:
         """Return the SHA-256 of each log, of all three in `hash`, and the lengths of the logs."""
         poses = _digest(self._poses)
-        states = [without_wording(self._timeless(state)) for state in self._states]
+        states = [without_wording(self._without_boot(state)) for state in self._states]
         transitions = _digest([msgspec.msgpack.encode(state) for state in states])
         pressure = _digest([_PRESSURE.pack(*msgspec.structs.astuple(r)) for r in self._readings])
         return {
@@ -108,7 +108,7 @@ class Record:
         if expected and reading.stamp <= self._end:
             self._readings.append(reading)
 
-    def _timeless(self, state: SafetyState) -> SafetyState:
+    def _without_boot(self, state: SafetyState) -> SafetyState:
         first = self._states[0].request
         return msgspec.structs.replace(state, boot="", request=state.request - first)
 

@@ -124,7 +124,7 @@ class MissionFlight:
         patience, record = self._client.timeout, self.record
         moved = time.monotonic()
         while not self._ended.wait(_LOOK):
-            if self._take_in():
+            if self._record_waiting():
                 moved = time.monotonic()
                 on_progress(record.stamp)
             elif time.monotonic() > moved + patience and record.stamp < self._mission.end:
@@ -133,9 +133,9 @@ class MissionFlight:
                     "`quadctl status` shows whether dynamics and safety are up",
                 )
         # A node that has reached the end has published everything before it.
-        self._take_in()
+        self._record_waiting()
 
-    def _take_in(self) -> bool:
+    def _record_waiting(self) -> bool:
         """Record the messages received so far; return whether they advanced the flight."""
         before = self.record.stamp
         for _ in range(self._readings.waiting):

@@ -7,7 +7,7 @@ import time
 from typing import Annotated
 
 from quadctl.cli import context, output
-from quadctl.cli.context import Options, here
+from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import TimedOut, Unreachable, UsageError
@@ -27,7 +27,7 @@ def restart(
 
     Example: quadctl node restart pressure
     """
-    here(options, "node restart")
+    require_local(options, "node restart")
     if bool(names) == everything:
         raise UsageError("node restart takes the nodes' names, or --all")
     realm = Realm(options.realm)
@@ -113,7 +113,7 @@ def signalled(options: Options, name: str, signal_: str) -> None:
 
 
 def _run(options: Options) -> RunState:
-    here(options, "node kill")
+    require_local(options, "node kill")
     return run_files.read(Realm(options.realm))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, BinaryIO, Self
 
 from quadctl.cli import context, output
-from quadctl.cli.context import Options, here
+from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Unreachable
@@ -104,7 +104,7 @@ def logs(
 
     Example: quadctl node logs safety -n 20 -f
     """
-    here(options, "node logs")
+    require_local(options, "node logs")
     if name is not None:
         options, name = context.about_node(options, name)
     realm = Realm(options.realm)

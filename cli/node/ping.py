@@ -52,7 +52,7 @@ def ping(
 
 
 class _Pings:
-    """Pings of several nodes in parallel; a node that fails once is not asked again."""
+    """Pings of several nodes in parallel; a node that fails once is not called again."""
 
     def __init__(self, options: Options, client: Client) -> None:
         self._options, self._client = options, client

@@ -222,11 +222,11 @@ def _set(running: RunningParams, found: list[Change]) -> None:
             if not reply.success:
                 raise Invalid(reply.reason)
         except QuadctlError as problem:
-            done = _how_far([*nodes.values()], number)
+            done = _outcome_text([*nodes.values()], number)
             raise type(problem)(f"{problem.message}; {done}", problem.hint) from problem
 
 
-def _how_far(parts: list[list[Change]], failed: int) -> str:
+def _outcome_text(parts: list[list[Change]], failed: int) -> str:
     """Return the text that lists the changes by outcome, after one node's part has failed."""
     done = [change for part in parts[:failed] for change in part]
     rest = [change for part in parts[failed + 1 :] for change in part]

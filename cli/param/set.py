@@ -48,7 +48,7 @@ def set_(
             raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")
         reply = running.set(node_of(next(iter(values)), running.nodes()), values)
     if not reply.success:
-        raise Invalid(f"nothing was changed: {reply.reason}", _way_out(values))
+        raise Invalid(f"nothing was changed: {reply.reason}", _hint(values))
     if options.json:
         output.document(values | ({"waits": reply.waits} if reply.waits else {}))
         return
@@ -58,7 +58,7 @@ def set_(
         output.line(f"{name}: {catalogue.word(value)}{when}")
 
 
-def _way_out(values: Values) -> str:
+def _hint(values: Values) -> str:
     """Return the hint for values that a node has refused; its reason only names the fault."""
     leaves = {normal_name(name): value for name, value in flatten(values)}
     if switch := next(filter(None, map(catalogue.live_switch, leaves)), ""):

@@ -144,7 +144,7 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
 def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
     """Draw the paths over x, with y from above and z from the side, on one scale."""
     cages = list(dict.fromkeys(p.cage for track in tracks.values() for p in track.phases))
-    spots = [s for t in tracks.values() for s in (*t.taken, *t.refused)]
+    spots = [s for t in tracks.values() for s in (*t.accepted, *t.refused)]
     points = [point for track in tracks.values() for point in track.path] + spots
     spans = [_span([point[axis] for point in points], axis, cages) for axis in (1, 2, 3)]
     (_, (left, right)), (depth, _), (tall, _) = ((high - low, (low, high)) for low, high in spans)
@@ -159,7 +159,7 @@ def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
                 across, ups = [point[1] for point in leg], [point[up] for point in leg]
                 # A vehicle at rest has no line, only the mark of its last position.
                 axes.plot(across, ups, color=shade, linewidth=1.5, label=label, **_LAST)
-        _spots(axes, [s for t in tracks.values() for s in t.taken], up, "o", TAKEN, "accepted")
+        _spots(axes, [s for t in tracks.values() for s in t.accepted], up, "o", TAKEN, "accepted")
         _spots(axes, [s for t in tracks.values() for s in t.refused], up, "x", REFUSED, "rejected")
         axes.set_aspect("equal")
         axes.set(xlim=(left, right), ylim=spans[up - 1], xlabel="x, m", ylabel=f"{name}, m")

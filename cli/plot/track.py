@@ -44,7 +44,7 @@ class Track:
         self.legs: list[list[tuple[float, float, float, float]]] = []  # time, x, y, z by boot
         self.air: list[tuple[float, float, float]] = []  # time, published pressure, baseline, hPa
         self.phases: list[Phase] = []
-        self.taken: list[Spot] = []
+        self.accepted: list[Spot] = []
         self.refused: list[Spot] = []
         self.boots: list[float] = []
         self.end = 0.0  # time (s) of the latest pose
@@ -97,7 +97,7 @@ class Track:
         # Safety also sets goals itself, e.g. for the take-off, without a request.
         if state.state == "MOVING" and state.goal != self._goal:
             self._goal = state.goal
-            self.taken.append(Spot(at, state.goal.x, state.goal.y, state.goal.z))
+            self.accepted.append(Spot(at, state.goal.x, state.goal.y, state.goal.z))
 
     def _add_call(self, call: Called) -> None:
         if call.response.get("accepted") is False:

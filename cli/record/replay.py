@@ -12,7 +12,7 @@ from quadctl.cli.context import Options, about_topic, with_any_vehicle
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.cli.progress import Progress
-from quadctl.cli.temporary_run import run_of_its_own
+from quadctl.cli.temporary_run import temporary_run
 from quadctl.schemas.params import Params
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.liveliness import covers
@@ -94,7 +94,7 @@ def _connection(options: Options) -> Iterator[Client]:
         return
     others = [name for name in NODES if name != "hub"]
     launch = Launch(realm.name, {options.vehicle: Params()}, others, str(Path.cwd()))
-    with run_of_its_own(launch), context.connect(options) as client:
+    with temporary_run(launch), context.connect(options) as client:
         yield client
 
 
@@ -107,7 +107,7 @@ def _publish(client: Client, plan: _Plan, speed: float, *, quiet: bool) -> tuple
         for message in plan.messages():
             at = (message.at - plan.begin) / 1e9
             if speed:
-                pace.rest(began + at / speed)
+                pace.sleep_until(began + at / speed)
             stage.put(message.key, message.payload, message.encoding)
             count += 1
             if (now := time.monotonic()) - shown > _SHOWN_EVERY:

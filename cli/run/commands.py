@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 
 from quadctl.cli import output
-from quadctl.cli.context import Options, here
+from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Arg
 from quadctl.cli.fault.catalogue import active
 from quadctl.cli.fault.fault import frozen_of, values_of
@@ -25,7 +25,7 @@ def down(options: Options) -> None:
 
     Example: quadctl down
     """
-    here(options, "down")
+    require_local(options, "down")
     run = stop_run(Realm(options.realm), options.timeout)
     document = {"realm": options.realm, "pid": run.pid}
     output.either(options, document, f"realm {options.realm} is down")
@@ -50,7 +50,7 @@ def status(options: Options) -> None:
 
     Example: quadctl status --json
     """
-    here(options, "status")
+    require_local(options, "status")
     realm = Realm(options.realm)
     run = run_files.read(realm)
     faults = _faults(realm, run)

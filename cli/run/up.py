@@ -59,7 +59,7 @@ def up(
     source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
     stem = options.named or DEFAULT
     names = [stem] if vehicles is None else load.names(stem, vehicles)
-    network = reached(listen, options.connect)
+    network = hub_settings(listen, options.connect)
     parameters = load.load_vehicles(source, [*(settings or ()), *network], names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
@@ -67,7 +67,7 @@ def up(
     begin(launch, options, detach=detach)
 
 
-def reached(listen: list[str] | None, connect: str) -> list[str]:
+def hub_settings(listen: list[str] | None, connect: str) -> list[str]:
     """Return the settings for the hub's listeners and for the other hub that it joins."""
     endpoints = {"listen": listen or [], "connect": [connect] if connect else []}
     return [f"hub.{name}={json.dumps(places)}" for name, places in endpoints.items() if places]
@@ -122,7 +122,7 @@ def hub(
     """
     # The keys of a hub's nodes begin with its name, which two hubs must not share.
     name = options.named or f"{HUB_ALONE}{os.urandom(2).hex()}"
-    parameters = load.load_vehicles(None, reached(listen, options.connect), [name])
+    parameters = load.load_vehicles(None, hub_settings(listen, options.connect), [name])
     without = [node for node in NODES if node != "hub"]
     launch = Launch(options.realm, parameters, without, str(Path.cwd()), insecure=insecure)
     begin(launch, options, detach=detach)

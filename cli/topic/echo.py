@@ -61,13 +61,13 @@ def field_of(value: Any, path: str) -> Any:
             left += part.split("/")[::-1]
             continue
         elif part:
-            where = f"in {within or 'the message'} there is: {_has(value)}"
+            where = f"in {within or 'the message'} there is: {_contents(value)}"
             raise NoField(f"the message has no field {path}", where)
         within = f"{within}.{part}".strip(".")
     return value
 
 
-def _has(value: Any) -> str:
+def _contents(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(value) or "an empty table"
     if isinstance(value, list):
@@ -92,13 +92,13 @@ def echo(
     if once and (count or 1) > 1:
         raise UsageError("--once does not go with -n", "leave one of them out")
     count = 1 if once else count
-    name, behind = split(topic)
+    name, path = split(topic)
     options = about_topic(options, name)
     key = checked_key(topic, options.vehicle)
     with context.connect(options) as client:
-        if behind and _is_field(client, key, name):
+        if path and _is_field(client, key, name):
             key = checked_key(name, options.vehicle)
-            field = f"{behind}.{field}".rstrip(".")
+            field = f"{path}.{field}".rstrip(".")
         echoed = _Echo(client, key, field)
         seen = 0
         while count is None or seen < count:

@@ -182,8 +182,8 @@ def _no_listener(client: Client, key: str) -> QuadctlError:
     # Listeners are not announced; the likeliest names are declared or published ones.
     names = {offer.key for offer in offers if offer.kind == "@pub"}
     names |= {topic.key(client.vehicle) for topic in TOPICS}
-    like = "" if key in names else nearest(key, names)
-    hint = f"{like or 'is it spelled right?'} --no-wait sends anyway"
+    similar = "" if key in names else nearest(key, names)
+    hint = f"{similar or 'is it spelled right?'} --no-wait sends anyway"
     return client.explained(Unreachable(message, hint), live=[offer.node for offer in offers])
 
 
@@ -200,13 +200,13 @@ def _send(
     start, pace = time.monotonic(), Pace(client)
     try:
         while wanted is None or sent < wanted:
-            pace.rest(start + sent / hz)
+            pace.sleep_until(start + sent / hz)
             outlet.put(payload.data)
             sent += 1
     except KeyboardInterrupt:
         output.note(_interrupted(client, key, sent))
         raise
-    pace.ask()
+    pace.check()
     return sent
 
 

@@ -108,7 +108,7 @@ def _toggle(options: Options, *, cage_on: bool) -> None:
     with context.connect(options) as client:
         ends = time.monotonic() + client.timeout
         # Only turning the cage on stops a flight, and only the text output reports it.
-        before = _seen(client) if cage_on and not options.json else None
+        before = _current_state(client) if cage_on and not options.json else None
         left = max(ends - time.monotonic(), 0.001)
         reply = client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on), left)
         after = client.latest(STATE) if before is not None else None
@@ -116,11 +116,11 @@ def _toggle(options: Options, *, cage_on: bool) -> None:
         output.document(reply)
         return
     output.line(f"cage is {'on' if cage_on else 'off'}")
-    if before and after and (reason := _caused(before, after)):
+    if before and after and (reason := _stop_reason(before, after)):
         output.line(reason)
 
 
-def _seen(client: Client) -> SafetyState | None:
+def _current_state(client: Client) -> SafetyState | None:
     """Return the current state; None if it does not come at once, as the cage must not wait."""
     try:
         return client.beside(client.vehicle, min(_LOOK, client.timeout / 4)).latest(STATE)
@@ -128,7 +128,7 @@ def _seen(client: Client) -> SafetyState | None:
         return None
 
 
-def _caused(before: SafetyState, after: SafetyState) -> str:
+def _stop_reason(before: SafetyState, after: SafetyState) -> str:
     """Return why turning the cage on has stopped a flight; empty if it was on or stopped none.
 
     An unchanged reason is an old one, of a refused request or an earlier flight.

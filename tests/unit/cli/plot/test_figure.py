@@ -43,7 +43,7 @@ def test_refused_goals_are_found_in_calls_and_states():
         ("uav/input/position_request", Waypoint(8.0, 0.0, 1.0)),
         ("uav/safety/state", state(0.0, state="MOVING", goal=goal, request=2, reason="busy")),
     ).tracks["uav"]
-    assert track.taken == [Spot(0.0, 1.0, 2.0, 3.0)]
+    assert track.accepted == [Spot(0.0, 1.0, 2.0, 3.0)]
     assert track.refused == [Spot(0.0, 9.0, 0.0, 1.0), Spot(0.0, 8.0, 0.0, 1.0)]
 
 

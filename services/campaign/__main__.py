@@ -12,7 +12,7 @@ import msgspec
 
 from quadctl.services.campaign.score import Flown, document, seeds
 from quadctl.services.campaign.vehicles import Plain
-from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, batch, say
+from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, batch, emit
 from quadctl.services.runtime.errors import QuadctlError
 
 BATCH = 500
@@ -30,7 +30,7 @@ def main() -> None:
     try:
         _replay(order) if order.replay else _campaign(order)
     except QuadctlError as problem:
-        say({"error": {"message": problem.message, "hint": problem.hint}})
+        emit({"error": {"message": problem.message, "hint": problem.hint}})
     sys.stdout.flush()
     os._exit(0)
 
@@ -39,7 +39,7 @@ def _campaign(order: Order) -> None:
     every = seeds(order.seed, order.flights)
     is_fast = find_spec("numba") is not None
     if not is_fast:
-        say({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"})
+        emit({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"})
     size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
     jobs = [
         Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)
@@ -49,18 +49,18 @@ def _campaign(order: Order) -> None:
 
     def on_flown(more: list[Flown]) -> None:
         flown.extend(more)
-        say({"flown": len(flown)})
+        emit({"flown": len(flown)})
 
     # The first worker compiles the vehicle if needed; the others find it compiled.
     first = Worker()
     compiling = {"note": "compiling the vehicle, once for this machine"}
-    note = threading.Timer(_PATIENCE, say, [compiling])
+    note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
     first.fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()
     workers = [first, *(Worker() for _ in range(min(order.processes, len(jobs)) - 1))]
     WorkerPool(jobs, on_flown).fly(workers)
-    say({"report": document(order.seed, flown)})
+    emit({"report": document(order.seed, flown)})
 
 
 def _replay(order: Order) -> None:
@@ -68,7 +68,7 @@ def _replay(order: Order) -> None:
     flown = flight.fly()
     mission, diary = flight.missions[0], flight.lanes[0].diary
     details = {"start": mission.start, "safety": mission.safety, "log": diary.lines}
-    say({"report": document(order.seed, flown) | details})
+    emit({"report": document(order.seed, flown) | details})
 
 
 def _watch_stdin() -> None:

@@ -43,7 +43,7 @@ class MonitorFilter:
         goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on and s.beyond < inf else inf
         # One assignment: writing them one by one would take ten times as long.
         self._notes[:, number] = (
-            lane.wanted, s.state is State.MOVING, lane.stands, s.settling,
+            lane.wanted, s.state is State.MOVING, lane.is_standing, s.settling,
             s.cage_on and 0.0 < s.beyond < inf,
             params.acceptance_range + _SLACK, 0.5 / params.max_deceleration,
             params.max_speed / SETPOINT.hz,
@@ -55,10 +55,10 @@ class MonitorFilter:
     def awake(self, period: int, motion: Floats, last: Floats) -> list[int]:
         """Return the monitors that must see this pose, of (6, vehicles)."""
         place, velocity = motion[:3], motion[3:]
-        wanted, moving, stands, settling, returning, reach, half, fastest = self._notes[:8]
+        wanted, moving, standing, settling, returning, reach, half, fastest = self._notes[:8]
         arrives = _within(place - self._notes[_GOAL], reach)
-        rests = ((settling > 0.0) | (moving > stands)) & _within(velocity, AT_REST + _SLACK)
-        starts = (stands > 0.0) & ~_within(velocity, AT_REST - _SLACK)
+        rests = ((settling > 0.0) | (moving > standing)) & _within(velocity, AT_REST + _SLACK)
+        starts = (standing > 0.0) & ~_within(velocity, AT_REST - _SLACK)
         stop = place + half * velocity * np.abs(velocity)
         leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
         leaps = ~_within(place - last[:3], fastest)
@@ -101,7 +101,7 @@ class Batch:
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
         count = len(missions)
         self._score, self._watch = Score(count), MonitorFilter(count)
-        self._told: list[object] = [None] * count
+        self._sent: list[object] = [None] * count
         self._latches = [GoalLatch() for _ in missions]
         self._unscored = [True] * count
         self._periods = round(missions[0].seconds * SETPOINT.hz)
@@ -149,28 +149,28 @@ class Batch:
             # While no setpoint reaches a vehicle, its excursion does not count.
             self._unscored[number] = True
             self._score.free(number)
-        self._tell(number, lane)
-        if self._unscored[number] and self._told[number] is not None:
+        self._send_setpoint(number, lane)
+        if self._unscored[number] and self._sent[number] is not None:
             self._unscored[number] = False
             if lane.cage_on:
                 self._score.confine(number, lane.size, self._farthest(number, motion))
         self._watch.note(number, lane)
 
-    def _tell(self, number: int, lane: SimulatedFlight) -> None:
+    def _send_setpoint(self, number: int, lane: SimulatedFlight) -> None:
         """Send the setpoint to the vehicle, or brake it after too long without one."""
         setpoint, now = lane.setpoint(), lane.diary.now
         if now < lane.mute_until:
-            if now - lane.last_told > self._silence:
+            if now - lane.last_sent > self._silence:
                 self._fleet.brake(number)
                 self._latches[number].stopped()
-            self._told[number] = None
+            self._sent[number] = None
             return
-        if self._told[number] is None and now - lane.last_told <= self._grace + self._silence:
+        if self._sent[number] is None and now - lane.last_sent <= self._grace + self._silence:
             self._latches[number].resumed()
-        told = (setpoint.brake, setpoint.position)
-        if told == self._told[number]:
+        command = (setpoint.brake, setpoint.position)
+        if command == self._sent[number]:
             return
-        self._told[number] = told
+        self._sent[number] = command
         place = setpoint.position
         accepts = self._latches[number].accepts(place, brake=setpoint.brake)
         if setpoint.brake:

@@ -31,7 +31,7 @@ from quadctl.services.campaign.mission import (
 )
 from quadctl.services.campaign.score import FlightLog, Point, inside
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
+from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
 
 REACTION = 0.3
 """Time (s) without a pose after which a flight must have been stopped."""
@@ -51,30 +51,30 @@ class SimulatedFlight:
         size = mission.safety.virtual_cage
         self.cage_on, self.size = mission.safety.cage_on, (size.x, size.y, size.z)
         """The cage as commanded."""
-        self.mute_until = self.last_told = 0.0
+        self.mute_until = self.last_sent = 0.0
         """End of the vehicle's silence of setpoints (s), and time of the last one before."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(
-            self.params, self._told, restarted=False, grace=DynamicsParams().grace
+            self.params, self._on_state, restarted=False, grace=DynamicsParams().grace
         )
         self._following = TrackingMonitor()
         self._rows, self._next = mission.rows, 0
-        self._deaf_until = self._lied_to = self._heard = 0.0
+        self._blind_until = self._faulty_at = self._pose_at = 0.0
         self.seen = -1
         """The period of the last pose that was shown."""
 
     @property
     def wanted(self) -> float:
         """Return the period in which the monitor must run whatever the vehicle does."""
-        lied_to = self.diary.now <= max(self._deaf_until, self.mute_until, self._lied_to)
-        if lied_to or self.monitor.situation.paused:
+        is_faulty = self.diary.now <= max(self._blind_until, self.mute_until, self._faulty_at)
+        if is_faulty or self.monitor.situation.paused:
             return 0
         row = self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
         # One period early, against rounding.
         return min(row, self._following.due * SETPOINT.hz - 1)
 
     @property
-    def stands(self) -> bool:
+    def is_standing(self) -> bool:
         """Return whether the vehicle was at a standstill on its way when last observed."""
         return self._following.due < inf
 
@@ -82,7 +82,7 @@ class SimulatedFlight:
         """Show a pose to safety, unless poses are lost."""
         self.seen = period
         self.diary.now = period / SETPOINT.hz
-        if self.diary.now >= self._deaf_until:
+        if self.diary.now >= self._blind_until:
             self._show(_pose(period, motion))
 
     def act(self, period: int, motion: Motion) -> bool:
@@ -92,7 +92,7 @@ class SimulatedFlight:
             row = self._rows[self._next]
             self._next += 1
             if self.diary.log:
-                self.diary.say(text(row))
+                self.diary.add_line(text(row))
             before = self.cage_on, self.size
             self._do(row, period, motion)
             changed |= before != (self.cage_on, self.size)
@@ -100,8 +100,8 @@ class SimulatedFlight:
         moving = self.monitor.situation.state is State.MOVING
         goal = self.monitor.situation.goal
         if self._following.observe(self.monitor.pose, goal, moving=moving)[1]:
-            self.monitor.halted(STANDS)
-        age = self.diary.now - self._heard
+            self.monitor.halted(STOOD_STILL)
+        age = self.diary.now - self._pose_at
         if age > self.params.pose_timeout:
             self.monitor.lose()
             self.monitor.silent(age)
@@ -119,9 +119,9 @@ class SimulatedFlight:
     def _do(self, row: Row, period: int, motion: Motion) -> None:
         match row:
             case GotoEvent(_, x, y, z, change):
-                reason = self.monitor.ask(Position(x, y, z), replace=change)
-                self.diary.asked((x, y, z), reason)
-                if not reason and self.diary.now - self._heard > REACTION:
+                reason = self.monitor.goto(Position(x, y, z), replace=change)
+                self.diary.requested((x, y, z), reason)
+                if not reason and self.diary.now - self._pose_at > REACTION:
                     self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
             case HoldEvent():
                 self.monitor.hold()
@@ -140,13 +140,13 @@ class SimulatedFlight:
                 self._fail(row, period, motion)
 
     def _fail(self, row: Deaf | Mute | Jump | Late, period: int, motion: Motion) -> None:
-        self._lied_to = self.diary.now
+        self._faulty_at = self.diary.now
         match row:
             case Deaf(at, seconds):
-                self._deaf_until = at + seconds
+                self._blind_until = at + seconds
             case Mute(at, seconds):
                 if self.diary.now >= self.mute_until:
-                    self.last_told = self.diary.now - 1 / SETPOINT.hz
+                    self.last_sent = self.diary.now - 1 / SETPOINT.hz
                 self.mute_until = max(self.mute_until, at + seconds)
             case Jump(_, x, y, z):
                 self._show(
@@ -162,13 +162,13 @@ class SimulatedFlight:
     def _show(self, pose: Pose) -> None:
         if not self.monitor.ignores(pose):
             # A sleeping monitor has missed no pose.
-            if self._deaf_until > self._heard:
-                self.monitor.silent(self.diary.now - self._heard)
-            self._heard = self.diary.now
+            if self._blind_until > self._pose_at:
+                self.monitor.silent(self.diary.now - self._pose_at)
+            self._pose_at = self.diary.now
             self.monitor.see(pose)
 
-    def _told(self, state: SafetyState, line: str) -> None:
-        self.diary.told(state, line)
+    def _on_state(self, state: SafetyState, line: str) -> None:
+        self.diary.published(state, line)
         if state.state == "MOVING":
             self._expect_permitted(state.goal, "MOVING")
 

@@ -48,10 +48,10 @@ class FlightLog:
         self.transitions, self.refusals, self.stops = Counter[str](), Counter[str](), Counter[str]()
         self.arrivals: list[float] = []
         self.log = log
-        self._state, self._reason, self._taken = "HOVERING", "", 0.0
+        self._state, self._reason, self._moving_since = "HOVERING", "", 0.0
         self._verdict: tuple[Any, ...] = ()
 
-    def say(self, line: str) -> None:
+    def add_line(self, line: str) -> None:
         """Add a line to the log."""
         if self.log and line:
             self.lines.append(f"{self.now:.2f} s  {line}")
@@ -60,29 +60,29 @@ class FlightLog:
         """Record a violation; the same one only once."""
         if what not in self.violations:
             self.violations.append(what)
-            self.say(f"VIOLATION: {what}")
+            self.add_line(f"VIOLATION: {what}")
 
-    def asked(self, goal: tuple[float, float, float], reason: str) -> None:
+    def requested(self, goal: tuple[float, float, float], reason: str) -> None:
         """Record a requested goal (m) and its verdict: a reason is a refusal."""
         self.digest.update(msgpack.encode((goal, reason != "")))
         if reason:
             self.refusals[_kind(reason)] += 1
 
-    def told(self, state: SafetyState, line: str) -> None:
+    def published(self, state: SafetyState, line: str) -> None:
         """Record a state that safety published."""
         # Unless it differs from the last in stamp or wording alone, the digest covers the state.
         verdict = without_wording(replace(state, stamp=0.0))
         if verdict != self._verdict:
             self._verdict = verdict
             self.digest.update(msgpack.encode((state.stamp, verdict)))
-        self.say(line)
+        self.add_line(line)
         before, self._state = self._state, state.state
         if state.state != before:
             self.transitions[f"{before} -> {state.state}"] += 1
         if state.state == "MOVING" != before:
-            self._taken = self.now
+            self._moving_since = self.now
         elif before == "MOVING" and state.state == "HOVERING" and not state.reason:
-            self.arrivals.append(self.now - self._taken)
+            self.arrivals.append(self.now - self._moving_since)
         if state.state == "HOVERING" and state.reason != self._reason:
             self._stopped(state.reason)
         self._reason = state.reason

@@ -47,7 +47,7 @@ class Job(Struct, frozen=True):
     wind: float
 
 
-def say(value: Any) -> None:
+def emit(value: Any) -> None:
     """Write one document, and flush."""
     sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
     sys.stdout.flush()
@@ -154,7 +154,7 @@ def main() -> None:
     gc.set_threshold(_GARBAGE)
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
-        say(batch(job, make).fly() if job.count else [])
+        emit(batch(job, make).fly() if job.count else [])
 
 
 def _warm(fleet: VehicleBatch) -> None:

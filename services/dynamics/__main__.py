@@ -39,7 +39,7 @@ def run(node: Node, params: Params) -> None:
         if dynamics.speed != 1 or node.in_mission:
             simulation.wait_for_safety()
         # After a delay of this loop itself, the setpoints in its queue count first.
-        elif now - simulation.heard > dynamics.setpoint_timeout > now - last_tick or (
+        elif now - simulation.last_setpoint > dynamics.setpoint_timeout > now - last_tick or (
             last_tick and now - last_tick > max(dynamics.grace, dynamics.setpoint_timeout)
         ):
             simulation.brake()

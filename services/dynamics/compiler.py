@@ -183,11 +183,11 @@ class BackgroundCompiler:
 
     def __init__(self) -> None:
         self._machine: MachineCode | None = None
-        self._asking = threading.Lock()
+        self._once = threading.Lock()
 
     def start(self) -> None:
         """Begin, unless begun already; safe to call from any thread."""
-        if self._asking.acquire(blocking=False):
+        if self._once.acquire(blocking=False):
             threading.Thread(target=self._fetch, name="compiler", daemon=True).start()
 
     def single(self) -> "Single | None":

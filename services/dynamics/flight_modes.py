@@ -160,8 +160,8 @@ def next_leg(plan: Plan, mode: FlightMode, kind: float, limits: Limits) -> tuple
 def rest(state: State, command: Motors, plan: Plan, mode: FlightMode, limits: Limits) -> FlightMode:
     """Return the mode with the periods counted in which the vehicle has been motionless."""
     standing, spin, calm, braking, hop, tx, ty, tz = mode
-    stands = standing > 0.0
-    if stands | trajectory.at_rest(plan, limits):
+    on_floor = standing > 0.0
+    if on_floor | trajectory.at_rest(plan, limits):
         px, py, pz, vx, vy, vz, _, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
         c0, c1, c2, c3 = command
         still = (
@@ -175,7 +175,7 @@ def rest(state: State, command: Motors, plan: Plan, mode: FlightMode, limits: Li
             & (abs(pz - plan[2][3]) < REST)
             & (abs(qx) < REST) & (abs(qy) < REST) & (abs(qz) < REST)
         )  # fmt: skip
-        calm = calm + 1.0 if still & (stands | level) else 0.0
+        calm = calm + 1.0 if still & (on_floor | level) else 0.0
     else:
         calm = 0.0
     return (standing, spin, calm, braking, hop, tx, ty, tz)

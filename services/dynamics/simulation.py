@@ -88,7 +88,7 @@ class FaultyPose:
 
 
 _STEPS_PER_SECOND = 1000
-_ASK_AGAIN = 0.25
+_REPUBLISH = 0.25
 """Time (s) after which, in lock-step, an unanswered pose is published again."""
 _SILENCE = 5.0
 """Silence of safety (s) after which, in lock-step, a warning is logged."""
@@ -120,14 +120,14 @@ class Simulation:
             raise Refused(f"there was a boot named {name} already", "choose another name, or none")
         self.boot(name)
         self.publish()
-        self.tell_time()
+        self.advance_time()
 
     def boot(self, name: str = "") -> None:
         """Put the vehicle on its start, as a new boot that ignores old setpoints."""
         self._vehicle, self._is_fast = Vehicle(self._params), False
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
-        self._answered, self._braked, self.heard = -1, True, 0.0
+        self._answered, self._braked, self.last_setpoint = -1, True, 0.0
         self._latch, self._ignores, self._alone = GoalLatch(), False, False
         self._node.log.info("boot %s", self._boot)
 
@@ -154,9 +154,9 @@ class Simulation:
         self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
         self._seq += 1
         self.publish()
-        self.tell_time()
+        self.advance_time()
 
-    def tell_time(self) -> None:
+    def advance_time(self) -> None:
         """Execute the calls that were held for this pose."""
         self._node.advance_sim_time(self._boot, self._stamp)
 
@@ -193,11 +193,11 @@ class Simulation:
         if not self._answer_is_due:
             return
         silence = 0.0
-        while not self._node.wait_for(lambda: self._answered >= self._seq, _ASK_AGAIN):
+        while not self._node.wait_for(lambda: self._answered >= self._seq, _REPUBLISH):
             if self._node.stopping:
                 return
-            silence += _ASK_AGAIN
-            if _SILENCE <= silence < _SILENCE + _ASK_AGAIN:
+            silence += _REPUBLISH
+            if _SILENCE <= silence < _SILENCE + _REPUBLISH:
                 self._node.log.warning("no setpoint for %g s: the clock is stopped", _SILENCE)
             # The pose or its answer was lost with a hub or a safety that restarted.
             self.publish()
@@ -217,8 +217,8 @@ class Simulation:
     def _follow(self, setpoint: Setpoint) -> None:
         if setpoint.boot != self._boot:
             return
-        silence = self._setpoints.received - self.heard
-        self._answered, self.heard = setpoint.for_seq, self._setpoints.received
+        silence = self._setpoints.received - self.last_setpoint
+        self._answered, self.last_setpoint = setpoint.for_seq, self._setpoints.received
         # Safety sees the silence only by its poses, and may measure a little less.
         if self._alone and silence <= self._params.grace + self._params.setpoint_timeout:
             self._latch.resumed()

@@ -50,12 +50,12 @@ def constants_of(params: DynamicsParams) -> Constants:
 def initial(params: DynamicsParams) -> Lane:
     """Return a vehicle at rest on its start: on the floor with idle motors, in the air hovering."""
     start = (params.start.x, params.start.y, params.start.z)
-    stands = start[2] <= 0.0
-    speed = 0.0 if stands else hover_speed(params.vehicle)
+    on_floor = start[2] <= 0.0
+    speed = 0.0 if on_floor else hover_speed(params.vehicle)
     command: Motors = (speed, speed, speed, speed)
     still = (0.0, 0.0, 0.0)
     state: State = (*start, *still, 1.0, 0.0, 0.0, 0.0, *still, *command)
-    mode = fresh(standing=stands)
+    mode = fresh(standing=on_floor)
     plan = trajectory.resting(*start, limits_of(params))
     return state, command, plan, mode, initial_air(params)
 

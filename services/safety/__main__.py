@@ -32,7 +32,7 @@ from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STANDS, Monitor, TrackingMonitor
+from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
 
 _FIRST_POSE = 1.0
 """Time (s) that readiness waits for a first pose, so that a client can fly at once."""
@@ -52,7 +52,7 @@ class Safety:
         self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
         self._setpoints = node.publisher(SETPOINT)
         self.monitor = Monitor(
-            params.safety, self._tell, restarted=node.restarted, grace=params.dynamics.grace
+            params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace
         )
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._stall = time.monotonic(), 0.0
@@ -90,12 +90,12 @@ class Safety:
             self._send_setpoint()
         s, limit = self.monitor.situation, self._params.dynamics.setpoint_timeout
         goal, moving = None if s.brake else s.goal, s.state is State.MOVING
-        gap, stands = self._following.observe(self._newest, goal, moving=moving)
-        if stands:
-            self.monitor.halted(STANDS)
+        gap, stuck = self._following.observe(self._newest, goal, moving=moving)
+        if stuck:
+            self.monitor.halted(STOOD_STILL)
         elif gap > limit:
             self.monitor.lagged(f"the vehicle received no setpoint for {gap:.2g} s", gap)
-        if stands or gap > limit:
+        if stuck or gap > limit:
             self._send_setpoint()
 
     @property
@@ -103,7 +103,7 @@ class Safety:
         """Return whether the run is in lock-step: silence then stops the clock, not the flight."""
         return self._params.dynamics.speed != 1 or self._node.in_mission
 
-    def _tell(self, state: SafetyState, line: str) -> None:
+    def _on_state(self, state: SafetyState, line: str) -> None:
         self._states.put(state)
         if line:
             self._node.log.info(line)
@@ -148,13 +148,13 @@ class Safety:
         self._poses.defer_wakeups(self._rest)
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
-        self.monitor.ask(Position(waypoint.x, waypoint.y, waypoint.z))
+        self.monitor.goto(Position(waypoint.x, waypoint.y, waypoint.z))
 
     def _goto(self, request: GotoRequest) -> GotoResponse:
         self._wait_for_pose()
         goal = Position(request.x, request.y, request.z)
         before = self.monitor.setpoint()
-        reason = self.monitor.ask(goal, replace=request.replace)
+        reason = self.monitor.goto(goal, replace=request.replace)
         if not reason and not before.brake and before.position == goal:
             # A vehicle that stopped by itself, unseen, would take the goal for the old one.
             self._setpoints.put(replace(before, brake=True))

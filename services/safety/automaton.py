@@ -22,11 +22,11 @@ from quadctl.services.safety.cage import (
     why_outside,
 )
 from quadctl.services.safety.model import (
-    Ask,
     Booted,
     Check,
     Event,
     Gone,
+    Goto,
     Halted,
     Hold,
     Lagged,
@@ -47,7 +47,7 @@ def keep(s: Situation, _e: Event, _w: World) -> Situation:
 
 def consider(s: Situation, e: Event, _w: World) -> Situation:
     """Take a request up for verification."""
-    assert isinstance(e, Ask)  # noqa: S101 - RULES pairs this action with Ask alone
+    assert isinstance(e, Goto)  # noqa: S101 - RULES pairs this action with Goto alone
     # The present flight continues until the request is accepted.
     return replace(s, request=s.request + 1, candidate=e, back=s.state, paused=None, reason="")
 
@@ -92,7 +92,7 @@ def refuse_blind(s: Situation, _e: Event, _w: World) -> Situation:
 def pause(s: Situation, e: Event, w: World) -> Situation:
     """Brake to the stopping point, until poses come again."""
     assert isinstance(e, Lost)  # noqa: S101 - RULES pairs this action with Lost alone
-    flight = Ask(s.goal, takeoff=s.takeoff)
+    flight = Goto(s.goal, takeoff=s.takeoff)
     return replace(_stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s"), paused=flight)
 
 
@@ -202,7 +202,7 @@ def blind(_s: Situation, _e: Event, w: World) -> bool:
 
 def may_replace(s: Situation, e: Event, _w: World) -> bool:
     """Return whether the present flight may be replaced: a take-off, or on request."""
-    return s.takeoff or (isinstance(e, Ask) and e.replace)
+    return s.takeoff or (isinstance(e, Goto) and e.replace)
 
 
 def permitted(s: Situation, _e: Event, w: World) -> bool:
@@ -277,8 +277,8 @@ HOVERING, VERIFYING, MOVING = State
 # fmt: off
 RULES = (
     #    at         on       when         to         do
-    Rule(HOVERING,  Ask,     blind,       HOVERING,  refuse_blind),
-    Rule(HOVERING,  Ask,     always,      VERIFYING, consider),
+    Rule(HOVERING,  Goto,    blind,       HOVERING,  refuse_blind),
+    Rule(HOVERING,  Goto,    always,      VERIFYING, consider),
     Rule(HOVERING,  Check,   always,      HOVERING,  keep),
     Rule(HOVERING,  Seen,    jumped,      HOVERING,  stop_pose_jump),
     Rule(HOVERING,  Seen,    straying,    HOVERING,  stop),
@@ -300,7 +300,7 @@ RULES = (
     Rule(VERIFYING, Check,   stranded,    HOVERING,  stop),
     Rule(VERIFYING, Check,   from_flight, MOVING,    refuse),
     Rule(VERIFYING, Check,   always,      HOVERING,  refuse),
-    Rule(VERIFYING, Ask,     always,      VERIFYING, refuse_busy),
+    Rule(VERIFYING, Goto,    always,      VERIFYING, refuse_busy),
     Rule(VERIFYING, Seen,    always,      VERIFYING, keep),
     Rule(VERIFYING, Lost,    always,      HOVERING,  stop),
     Rule(VERIFYING, Gone,    always,      HOVERING,  stop),
@@ -310,9 +310,9 @@ RULES = (
     Rule(VERIFYING, Hold,    always,      HOVERING,  stop),
     Rule(VERIFYING, Toggle,  always,      VERIFYING, toggle),
     Rule(VERIFYING, Resized, always,      VERIFYING, resize),
-    Rule(MOVING,    Ask,     blind,       MOVING,    refuse_blind),
-    Rule(MOVING,    Ask,     may_replace, VERIFYING, consider),
-    Rule(MOVING,    Ask,     always,      MOVING,    refuse_busy),
+    Rule(MOVING,    Goto,    blind,       MOVING,    refuse_blind),
+    Rule(MOVING,    Goto,    may_replace, VERIFYING, consider),
+    Rule(MOVING,    Goto,    always,      MOVING,    refuse_busy),
     Rule(MOVING,    Check,   always,      MOVING,    keep),
     Rule(MOVING,    Seen,    jumped,      HOVERING,  stop_pose_jump),
     Rule(MOVING,    Seen,    straying,    HOVERING,  stop),

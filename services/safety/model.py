@@ -15,7 +15,7 @@ class State(Enum):
     MOVING = 3
 
 
-class Ask(Struct, frozen=True):
+class Goto(Struct, frozen=True):
     """Request for a goal (m, ENU), or for the take-off, which is treated alike."""
 
     goal: Position
@@ -75,7 +75,7 @@ class Resized(Struct, frozen=True):
     """Change of the cage's bounds."""
 
 
-Event = Ask | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | Toggle | Resized
+Event = Goto | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | Toggle | Resized
 
 
 class Envelope(Struct, frozen=True):
@@ -114,7 +114,7 @@ class Situation(Struct, frozen=True):
     state: State
     goal: Position
     cage_on: bool
-    candidate: Ask
+    candidate: Goto
     back: State = State.HOVERING
     boot: str = ""
     request: int = 0
@@ -123,5 +123,5 @@ class Situation(Struct, frozen=True):
     takeoff: bool = False
     beyond: float = 0.0
     since: float = 0.0
-    paused: Ask | None = None
+    paused: Goto | None = None
     reason: str = ""

@@ -21,12 +21,12 @@ from quadctl.schemas.params import SafetyParams
 from quadctl.services.safety.automaton import step
 from quadctl.services.safety.cage import at_rest, why_outside
 from quadctl.services.safety.model import (
-    Ask,
     Booted,
     Check,
     Envelope,
     Event,
     Gone,
+    Goto,
     Halted,
     Hold,
     Lagged,
@@ -41,7 +41,7 @@ from quadctl.services.safety.model import (
 
 PATIENCE = 1.0
 """Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
-STANDS = f"the vehicle stood still for {PATIENCE:g} s on its way"
+STOOD_STILL = f"the vehicle stood still for {PATIENCE:g} s on its way"
 
 
 class TrackingMonitor:
@@ -74,8 +74,8 @@ class TrackingMonitor:
             self._still_since = None
         elif self._still_since is None:
             self._still_since = pose.stamp
-        stands = self._still_since is not None and pose.stamp - self._still_since > PATIENCE
-        return gap, stands
+        stuck = self._still_since is not None and pose.stamp - self._still_since > PATIENCE
+        return gap, stuck
 
 
 ON_THE_GROUND = 0.05
@@ -88,12 +88,12 @@ _NO_POSE = Pose(
 
 
 class Monitor:
-    """Decisions of safety. `tell` is called with every new state and a line for the log."""
+    """Decisions of safety. `on_state` is called with every new state and a line for the log."""
 
     def __init__(
         self,
         params: SafetyParams,
-        tell: Callable[[SafetyState, str], None],
+        on_state: Callable[[SafetyState, str], None],
         *,
         restarted: bool,
         grace: float,
@@ -102,7 +102,7 @@ class Monitor:
 
         A silence within the grace (s) pauses a flight, a longer one ends it.
         """
-        self._params, self._tell, self._restarted = params, tell, restarted
+        self._params, self._on_state, self._restarted = params, on_state, restarted
         self._grace = grace
         self.pose = self._last = _NO_POSE
         self.fresh = False
@@ -111,7 +111,7 @@ class Monitor:
             state=State.HOVERING,
             goal=_ORIGIN,
             cage_on=params.cage_on or restarted,
-            candidate=Ask(_ORIGIN),
+            candidate=Goto(_ORIGIN),
         )
 
     def see(self, pose: Pose) -> None:
@@ -153,9 +153,9 @@ class Monitor:
         """Record that the vehicle stopped by itself: it flies on only after a new request."""
         self._feed(Halted(reason))
 
-    def ask(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
+    def goto(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
         """Request a goal; return the reason of a refusal, or an empty string."""
-        self._feed(Ask(goal, replace, takeoff))
+        self._feed(Goto(goal, replace, takeoff))
         if self.situation.state is State.VERIFYING:
             self._feed(Check())
         return self.situation.reason
@@ -191,7 +191,7 @@ class Monitor:
         self._feed(Booted(self._greeting(first=first)))
         start = self.pose.position
         if self._params.takeoff > 0 and not stays and start.z < ON_THE_GROUND:
-            self.ask(replace(start, z=start.z + self._params.takeoff), takeoff=True)
+            self.goto(replace(start, z=start.z + self._params.takeoff), takeoff=True)
 
     def _greeting(self, *, first: bool) -> str:
         if not first:
@@ -211,7 +211,7 @@ class Monitor:
         # A change of `beyond` and `since` alone is not published.
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
         if not same or isinstance(event, Resized):
-            self._tell(self.state(), _line(before, after, event))
+            self._on_state(self.state(), _line(before, after, event))
 
     def _cage(self) -> CageSize:
         size = self._params.virtual_cage
@@ -220,7 +220,7 @@ class Monitor:
 
 def _line(before: Situation, after: Situation, event: Event) -> str:
     parts = []
-    if isinstance(event, Ask):
+    if isinstance(event, Goto):
         parts.append("Requested position: ({:g}, {:g}, {:g})".format(*astuple(event.goal)))
     if isinstance(event, Toggle | Resized):
         parts.append(f"Cage: {'on' if after.cage_on else 'off'}")

@@ -58,9 +58,9 @@ def rule_index(*names: Any) -> int:
 @pytest.mark.parametrize(
     "rule",
     [
-        ("HOVERING", "Ask", "always"),
+        ("HOVERING", "Goto", "always"),
         ("VERIFYING", "Check", "permitted"),
-        ("MOVING", "Ask", "may_replace"),
+        ("MOVING", "Goto", "may_replace"),
         ("MOVING", "Seen", "arrived"),
         ("MOVING", "Hold", "always"),
         ("HOVERING", "Toggle", "always"),

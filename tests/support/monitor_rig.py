@@ -52,6 +52,6 @@ class Rig:
 
     def moving(self) -> "Rig":
         """Take off, and fly towards INSIDE."""
-        assert self.hovering().monitor.ask(INSIDE) == ""
+        assert self.hovering().monitor.goto(INSIDE) == ""
         assert self.state.state == "MOVING"
         return self

@@ -13,11 +13,11 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import Position
 from quadctl.services.safety.cage import SLACK, leeway
 from quadctl.services.safety.model import (
-    Ask,
     Booted,
     Check,
     Event,
     Gone,
+    Goto,
     Halted,
     Hold,
     Lagged,
@@ -113,10 +113,10 @@ def caged(world: World) -> dict[str, Any]:
 
 
 def waiting(reason: str, takeoff: bool = False) -> dict[str, Any]:
-    return stopped(reason) | {"paused": Ask(GOAL, takeoff=takeoff)}
+    return stopped(reason) | {"paused": Goto(GOAL, takeoff=takeoff)}
 
 
-def considered(goal: Ask, back: State) -> dict[str, Any]:
+def considered(goal: Goto, back: State) -> dict[str, Any]:
     return {"state": VERIFYING, "request": 8, "candidate": goal, "back": back, "reason": ""}
 
 
@@ -139,10 +139,10 @@ STOPPING = {"brake": True, "settling": True}
 TAKING_OFF = {"takeoff": True}
 OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
 FROM_FLIGHT = {"back": MOVING}
-FOR_INSIDE, FOR_BELOW = {"candidate": Ask(INSIDE)}, {"candidate": Ask(BELOW)}
+FOR_INSIDE, FOR_BELOW = {"candidate": Goto(INSIDE)}, {"candidate": Goto(BELOW)}
 SILENT, LAGGED = Gone("no pose for 1 s"), Lagged("the vehicle received no setpoint for 0.3 s")
 PAUSE = "paused: no pose for 0.2 s"
-PAUSED = {"paused": Ask(GOAL), "brake": True, "settling": True, "reason": PAUSE}
+PAUSED = {"paused": Goto(GOAL), "brake": True, "settling": True, "reason": PAUSE}
 WENT_ON = "went on after a pause: "
 RESUMED = {
     "state": MOVING, "goal": GOAL, "brake": False, "settling": False, "takeoff": False,
@@ -151,18 +151,18 @@ RESUMED = {
 OVER = {"paused": None}
 CHANGED = {"paused": None, "reason": "stopped, the cage was changed during a pause"}
 GIVEN_UP = "no pose for 1 s: stopped"
-ASK, REPLACE, BOOTED = Ask(INSIDE), Ask(INSIDE, replace=True), Booted("anew")
+GOTO, REPLACE, BOOTED = Goto(INSIDE), Goto(INSIDE, replace=True), Booted("anew")
 HALTED = Halted("by itself")
 
 # fmt: off
 CASES = (
-    Case(HOVERING, "blind", ASK, refused(HOVERING, NO_POSE), BLIND),
+    Case(HOVERING, "blind", GOTO, refused(HOVERING, NO_POSE), BLIND),
     Case(HOVERING, "blind", REPLACE, refused(HOVERING, NO_POSE), BLIND),
-    Case(HOVERING, "blind", ASK, refused(HOVERING, f"paused: {NO_POSE}; no goal is taken during a pause"),
+    Case(HOVERING, "blind", GOTO, refused(HOVERING, f"paused: {NO_POSE}; no goal is taken during a pause"),
          BLIND, PAUSED),
-    Case(HOVERING, "always", ASK, considered(ASK, HOVERING)),
-    Case(HOVERING, "always", Ask(OUTSIDE), considered(Ask(OUTSIDE), HOVERING)),
-    Case(HOVERING, "always", ASK, considered(ASK, HOVERING), given=FROM_FLIGHT),
+    Case(HOVERING, "always", GOTO, considered(GOTO, HOVERING)),
+    Case(HOVERING, "always", Goto(OUTSIDE), considered(Goto(OUTSIDE), HOVERING)),
+    Case(HOVERING, "always", GOTO, considered(GOTO, HOVERING), given=FROM_FLIGHT),
     Case(HOVERING, "always", Check(), NOTHING),
     Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT),
     Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT_TO_REST, STOPPING),
@@ -171,7 +171,7 @@ CASES = (
     Case(HOVERING, "jumped", Seen(), guarded(JUMPED) | OVER, LEAPT, PAUSED),
     Case(HOVERING, "paused", Seen(), RESUMED, given=PAUSED),
     Case(HOVERING, "paused", Seen(), RESUMED | TAKING_OFF,
-         given=PAUSED | {"paused": Ask(GOAL, takeoff=True)}),
+         given=PAUSED | {"paused": Goto(GOAL, takeoff=True)}),
     Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT) | OVER, FASTER, PAUSED),
     Case(HOVERING, "paused", Seen(), RESUMED, AT_REST, PAUSED),
     Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER),
@@ -220,7 +220,7 @@ CASES = (
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | TAKING_OFF),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": OUTSIDE}, given=OFF),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, "takeoff": True},
-         given={"candidate": Ask(INSIDE, takeoff=True)}),
+         given={"candidate": Goto(INSIDE, takeoff=True)}),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE},
          given=FROM_FLIGHT | FAR | FOR_INSIDE),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, **FAR_OUT},
@@ -237,7 +237,7 @@ CASES = (
     Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": UNDER}, given=OFF | FOR_BELOW),
     Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": UNDER},
          given=OFF | FOR_BELOW | FROM_FLIGHT),
-    Case(VERIFYING, "always", ASK, refused(VERIFYING, BUSY)),
+    Case(VERIFYING, "always", GOTO, refused(VERIFYING, BUSY)),
     Case(VERIFYING, "always", Seen(), NOTHING),
     Case(VERIFYING, "always", Seen(), NOTHING, NEAR),
     Case(VERIFYING, "always", Lost(0.2), stopped(LOST)),
@@ -250,12 +250,12 @@ CASES = (
     Case(VERIFYING, "always", Toggle(cage_on=False), OFF | CAGED),
     Case(VERIFYING, "always", Resized(), CAGED),
     Case(VERIFYING, "always", Resized(), caged(SLOWER), SLOWER),
-    Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND),
+    Case(MOVING, "blind", GOTO, refused(MOVING, NO_POSE), BLIND),
     Case(MOVING, "blind", REPLACE, refused(MOVING, NO_POSE), BLIND),
-    Case(MOVING, "blind", ASK, refused(MOVING, NO_POSE), BLIND, TAKING_OFF),
+    Case(MOVING, "blind", GOTO, refused(MOVING, NO_POSE), BLIND, TAKING_OFF),
     Case(MOVING, "may_replace", REPLACE, considered(REPLACE, MOVING)),
-    Case(MOVING, "may_replace", ASK, considered(ASK, MOVING), given=TAKING_OFF),
-    Case(MOVING, "always", ASK, refused(MOVING, BUSY)),
+    Case(MOVING, "may_replace", GOTO, considered(GOTO, MOVING), given=TAKING_OFF),
+    Case(MOVING, "always", GOTO, refused(MOVING, BUSY)),
     Case(MOVING, "always", Check(), NOTHING),
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, NEAR),
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", "takeoff": False}, NEAR,

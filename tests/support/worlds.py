@@ -3,7 +3,7 @@
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
-from quadctl.services.safety.model import Ask, Envelope, Situation, State, World
+from quadctl.services.safety.model import Envelope, Goto, Situation, State, World
 
 HOVERING, VERIFYING, MOVING = State
 
@@ -49,7 +49,7 @@ PLAIN = Situation(
     state=HOVERING,
     goal=GOAL,
     cage_on=True,
-    candidate=Ask(OUTSIDE),
+    candidate=Goto(OUTSIDE),
     back=HOVERING,
     boot="b1",
     request=7,

@@ -140,8 +140,8 @@ def test_a_broken_rule_is_detected(monkeypatch: pytest.MonkeyPatch, change):
 def test_live_flight_and_campaign_use_the_same_rules(
     monkeypatch: pytest.MonkeyPatch, flown: list[Flown]
 ):
-    assert Rig().hovering().monitor.ask(OUTSIDE) != ""
+    assert Rig().hovering().monitor.goto(OUTSIDE) != ""
     inject(monkeypatch, unverified)
-    assert Rig().hovering().monitor.ask(OUTSIDE) == ""
-    assert Rig().hovering().monitor.ask(Position(0.0, 0.0, 1.0)) == ""
+    assert Rig().hovering().monitor.goto(OUTSIDE) == ""
+    assert Rig().hovering().monitor.goto(Position(0.0, 0.0, 1.0)) == ""
     assert batch([SEEDS[0]], 20.0).fly() != [flown[0]]

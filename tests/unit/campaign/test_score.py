@@ -22,8 +22,8 @@ def digest(
     why: str = FAR,
 ) -> str:
     log = FlightLog(log=False)
-    log.asked(goal, why)
-    log.told(published, line)
+    log.requested(goal, why)
+    log.published(published, line)
     return log.digest.hexdigest()
 
 
@@ -53,9 +53,9 @@ def test_verdicts_states_and_goals_count(other: str):
 
 def test_a_state_that_differs_only_in_wording_is_not_counted():
     log = FlightLog(log=False)
-    log.asked((9.0, 0.0, 1.0), FAR)
+    log.requested((9.0, 0.0, 1.0), FAR)
     for reason in (FAR, "farther", FAR):
-        log.told(state(reason), reason)
+        log.published(state(reason), reason)
     assert log.digest.hexdigest() == USUAL
 
 

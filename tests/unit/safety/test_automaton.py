@@ -16,11 +16,11 @@ from quadctl.services.safety import automaton
 from quadctl.services.safety.automaton import RULES, Rule, step
 from quadctl.services.safety.cage import why_outside
 from quadctl.services.safety.model import (
-    Ask,
     Booted,
     Check,
     Event,
     Gone,
+    Goto,
     Halted,
     Hold,
     Lagged,
@@ -38,9 +38,9 @@ from tests.support.worlds import ENVELOPE, LAST, PLAIN, POSE, SEEING
 CAGES = (CageSize(5.0, 5.0, 2.0), CageSize(3.0, 3.0, 2.0))
 POINTS = (Position(0.0, 0.0, 1.0), Position(4.0, 0.0, 1.0), Position(9.0, 0.0, 1.0))
 SPEEDS = (Velocity(0.0, 0.0, 0.0), Velocity(5.0, 0.0, 0.0), Velocity(-5.0, 0.0, 0.0))
-NOBODY = Ask(Position(0.0, 0.0, 0.0))
+NO_GOAL = Goto(Position(0.0, 0.0, 0.0))
 EXPLORED: tuple[Event, ...] = (
-    *(Ask(point, *flags) for point in POINTS for flags in ((False, False), (True, False), (False, True))),
+    *(Goto(point, *flags) for point in POINTS for flags in ((False, False), (True, False), (False, True))),
     Seen(),
     Lost(0.2),
     Gone("nothing"),
@@ -85,7 +85,7 @@ def plain(situation: Situation) -> Situation:
     if situation.state is State.VERIFYING:
         changes["candidate"] = replace(situation.candidate, replace=False)
     else:
-        changes |= {"candidate": NOBODY, "back": State.HOVERING}
+        changes |= {"candidate": NO_GOAL, "back": State.HOVERING}
     # Only for hovering, where rules merely compare it: else ten times as many situations.
     if State.MOVING not in {situation.state, situation.back}:
         changes["beyond"] = 0.0
@@ -114,7 +114,7 @@ class Explorer:
         self.nodes: set[Node] = set()
         self.uncontrolled: list[tuple[Node, World]] = []
         self.controlled = 0
-        start = Situation(State.HOVERING, NOBODY.goal, True, NOBODY)
+        start = Situation(State.HOVERING, NO_GOAL.goal, True, NO_GOAL)
         self._waiting = deque([Node(start, CAGES[0])])
         while self._waiting:
             self._visit(self._waiting.popleft())

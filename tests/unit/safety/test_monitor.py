@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import PATIENCE, STANDS, TrackingMonitor
+from quadctl.services.safety.monitor import PATIENCE, STOOD_STILL, TrackingMonitor
 from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
 from tests.support.worlds import POSE
 
@@ -23,7 +23,7 @@ def test_a_hold_brakes_and_keeps_the_place_of_rest():
     assert rig.at(Position(2.2, 0.0, 1.0)).goal.x == 2.2
     # The goal is fixed: a later drift does not move it.
     assert rig.at(Position(2.3, 0.0, 1.0)).goal.x == 2.2
-    assert rig.monitor.ask(OTHER) == ""
+    assert rig.monitor.goto(OTHER) == ""
 
 
 def test_lost_poses_pause_the_flight_and_goals_are_refused():
@@ -36,7 +36,7 @@ def test_lost_poses_pause_the_flight_and_goals_are_refused():
     rig.monitor.silent(0.9)
     assert len(rig.published) == published
     refused = "paused: no pose: dynamics is silent; no goal is taken during a pause"
-    assert rig.monitor.ask(OTHER) == refused
+    assert rig.monitor.goto(OTHER) == refused
     assert rig.at(ONE_UP).state == "MOVING"
     assert rig.state.reason.startswith("went on after a pause: no pose")
     assert (rig.monitor.setpoint().position, rig.monitor.setpoint().brake) == (INSIDE, False)
@@ -49,7 +49,7 @@ def test_beyond_the_grace_the_flight_ends_even_if_poses_return():
     assert (rig.state.state, rig.state.reason) == ("HOVERING", "no pose for 1 s: stopped")
     assert rig.at(ONE_UP).state == "HOVERING"
     assert rig.monitor.setpoint().brake
-    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.monitor.goto(INSIDE) == ""
 
 
 def test_a_pose_timeout_above_the_grace_is_respected():
@@ -91,7 +91,7 @@ def test_lost_poses_while_hovering_only_refuse_goals():
     before = rig.state
     rig.monitor.lose()
     assert rig.state == before
-    assert rig.monitor.ask(INSIDE) == "no pose: dynamics is silent"
+    assert rig.monitor.goto(INSIDE) == "no pose: dynamics is silent"
 
 
 def test_an_old_or_reordered_pose_is_ignored():
@@ -127,7 +127,7 @@ def test_after_a_restart_the_vehicle_hovers_with_the_cage_on(z: float):
     assert state.reason == "safety restarted: hovering here, cage on"
     assert rig.monitor.setpoint().brake
     # From outside the vehicle may fly back in; later boots are handled as usual.
-    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.monitor.goto(INSIDE) == ""
     assert rig.at(GROUND, boot="b2").goal == ONE_UP
 
 
@@ -146,7 +146,7 @@ def test_a_cage_that_excludes_the_goal_stops_the_flight(
     change: Callable[[Rig], None], goal: Position
 ):
     rig = Rig(cage_on=False).hovering()
-    assert rig.monitor.ask(goal) == ""
+    assert rig.monitor.goto(goal) == ""
     rig.at(Position(1.0, 0.0, 1.0), Velocity(3.0, 0.0, 0.0))
     change(rig)
     state = rig.state
@@ -180,8 +180,8 @@ def look(
     moving: bool = True,
 ) -> str:
     pose = replace(POSE, boot=boot, stamp=stamp, velocity=velocity)
-    gap, stands = tracking.observe(pose, goal, moving=moving)
-    return STANDS if stands else f"{gap:.2g} s" if gap > LIMIT else ""
+    gap, stuck = tracking.observe(pose, goal, moving=moving)
+    return STOOD_STILL if stuck else f"{gap:.2g} s" if gap > LIMIT else ""
 
 
 def test_poses_in_time_show_no_fault():
@@ -245,7 +245,7 @@ def test_standstill_is_measured_per_move_and_only_in_flight():
 
 def test_before_the_first_pose_goals_are_refused():
     rig = Rig()
-    assert rig.monitor.ask(INSIDE) == "no pose: dynamics is silent"
+    assert rig.monitor.goto(INSIDE) == "no pose: dynamics is silent"
     assert (rig.state.state, rig.state.request, rig.state.boot) == ("HOVERING", 1, "")
     assert rig.monitor.setpoint().brake
 
@@ -291,17 +291,17 @@ def test_there_is_no_takeoff_at_height_0_or_in_the_air(takeoff: float, z: float)
 def test_the_first_goal_replaces_the_takeoff_and_the_next_is_busy():
     rig = Rig()
     rig.at(GROUND)
-    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.monitor.goto(INSIDE) == ""
     assert rig.state.goal == INSIDE
-    assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
+    assert rig.monitor.goto(OTHER).startswith("busy: flying to (3, 0, 1)")
 
 
 def test_a_refused_goal_keeps_the_takeoff_going_and_replaceable():
     rig = Rig()
     rig.at(GROUND)
-    assert rig.monitor.ask(OUTSIDE) == BEYOND
+    assert rig.monitor.goto(OUTSIDE) == BEYOND
     assert (rig.state.state, rig.state.goal) == ("MOVING", ONE_UP)
-    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.monitor.goto(INSIDE) == ""
 
 
 def test_arrival_within_the_range_makes_safety_ready_again():
@@ -310,13 +310,13 @@ def test_arrival_within_the_range_makes_safety_ready_again():
     state = rig.at(Position(2.501, 0.0, 1.0))
     assert (state.state, state.goal, state.reason) == ("HOVERING", INSIDE, "")
     assert not rig.monitor.setpoint().brake
-    assert rig.monitor.ask(OTHER) == ""
+    assert rig.monitor.goto(OTHER) == ""
 
 
 def test_a_goal_outside_is_refused_and_the_vehicle_stays():
     rig = Rig().hovering()
     before = rig.monitor.setpoint()
-    assert rig.monitor.ask(OUTSIDE) == BEYOND
+    assert rig.monitor.goto(OUTSIDE) == BEYOND
     assert rig.monitor.setpoint() == before
     assert (rig.state.state, rig.state.reason) == ("HOVERING", BEYOND)
 
@@ -327,18 +327,18 @@ def test_a_goal_that_is_not_finite_is_refused_even_with_the_cage_off(cage_on: bo
     rig = Rig(cage_on=cage_on).hovering()
     before = rig.monitor.setpoint()
     for axis in "xyz":
-        assert f"{axis} = {value}" in rig.monitor.ask(replace(INSIDE, **{axis: value}))
+        assert f"{axis} = {value}" in rig.monitor.goto(replace(INSIDE, **{axis: value}))
     assert rig.monitor.setpoint() == before
     assert rig.state.state == "HOVERING"
 
 
 def test_goals_are_busy_until_replaced_and_a_bad_one_changes_nothing():
     rig = Rig().moving()
-    assert rig.monitor.ask(OTHER).startswith("busy: flying to (3, 0, 1)")
-    assert rig.monitor.ask(OUTSIDE, replace=True) == BEYOND
+    assert rig.monitor.goto(OTHER).startswith("busy: flying to (3, 0, 1)")
+    assert rig.monitor.goto(OUTSIDE, replace=True) == BEYOND
     assert (rig.state.state, rig.state.goal, rig.state.reason) == ("MOVING", INSIDE, BEYOND)
     assert not rig.monitor.setpoint().brake
-    assert rig.monitor.ask(OTHER, replace=True) == ""
+    assert rig.monitor.goto(OTHER, replace=True) == ""
     assert (rig.state.state, rig.state.goal, rig.state.reason) == ("MOVING", OTHER, "")
 
 
@@ -346,7 +346,7 @@ def test_every_request_is_counted_so_that_equal_refusals_differ():
     rig = Rig().hovering()
     counts = []
     for ask in (OUTSIDE, OUTSIDE, INSIDE, OTHER, OTHER):
-        rig.monitor.ask(ask)
+        rig.monitor.goto(ask)
         counts.append(rig.state.request)
     assert counts == [2, 3, 4, 5, 6]
     assert [state.request for state, _ in rig.published if state.reason == BEYOND] == [2, 3]
@@ -355,8 +355,8 @@ def test_every_request_is_counted_so_that_equal_refusals_differ():
 def test_the_log_shows_each_request_and_its_result():
     rig = Rig().hovering()
     rig.published.clear()
-    rig.monitor.ask(Position(3.0, 0.5, 1.0))
-    rig.monitor.ask(OTHER)
+    rig.monitor.goto(Position(3.0, 0.5, 1.0))
+    rig.monitor.goto(OTHER)
     rig.monitor.toggle(cage_on=False)
     assert [line for _, line in rig.published] == [
         "Requested position: (3, 0.5, 1). Current State: VERIFYING",

@@ -28,7 +28,7 @@ def going(vx: float) -> Velocity:
 def outside() -> Rig:
     """Return a rig hovering two metres outside a wall, with the cage on."""
     rig = Rig(cage_on=False).hovering()
-    assert rig.monitor.ask(AWAY) == ""
+    assert rig.monitor.goto(AWAY) == ""
     rig.at(along(4.0))
     rig.at(AWAY)
     rig.monitor.toggle(cage_on=True)
@@ -76,7 +76,7 @@ def test_one_centimetre_beyond_a_wall_is_tolerated():
 
 def test_a_return_from_outside_may_not_move_outwards():
     rig = outside()
-    assert rig.monitor.ask(OTHER) == ""
+    assert rig.monitor.goto(OTHER) == ""
     for x in (6.8, 6.1, 5.4):
         assert rig.at(along(x), going(-0.5)).state == "MOVING"
     state = rig.at(along(5.5), going(0.1))
@@ -84,15 +84,15 @@ def test_a_return_from_outside_may_not_move_outwards():
     assert state.reason == "stopped, the path led out of the cage by 0.5 m"
     # The vehicle hovers there, and may be sent inside again.
     rig.at(along(5.5))
-    assert rig.monitor.ask(OUTSIDE) != ""
-    assert rig.monitor.ask(INSIDE) == ""
+    assert rig.monitor.goto(OUTSIDE) != ""
+    assert rig.monitor.goto(INSIDE) == ""
 
 
 def test_an_unavoidable_exit_is_tolerated_while_the_vehicle_slows():
     rig = Rig(cage_on=False).hovering()
-    assert rig.monitor.ask(OUTSIDE) == ""
+    assert rig.monitor.goto(OUTSIDE) == ""
     rig.at(along(4.0), going(5.0))
-    assert rig.monitor.ask(INSIDE, replace=True) == ""
+    assert rig.monitor.goto(INSIDE, replace=True) == ""
     rig.monitor.toggle(cage_on=True)
     for x, vx in ((4.9, 4.0), (5.6, 3.0), (6.1, 1.0), (6.2, 0.0), (6.1, -1.0)):
         assert rig.at(along(x), going(vx)).state == "MOVING"
@@ -101,7 +101,7 @@ def test_an_unavoidable_exit_is_tolerated_while_the_vehicle_slows():
 
 def test_turning_the_cage_on_stops_a_vehicle_that_has_arrived():
     rig = Rig(cage_on=False, acceptance_range=4.0).hovering()
-    assert rig.monitor.ask(OUTSIDE) == ""
+    assert rig.monitor.goto(OUTSIDE) == ""
     assert rig.at(along(5.5), going(3.0)).state == "HOVERING"
     assert not rig.monitor.setpoint().brake
     rig.monitor.toggle(cage_on=True)
@@ -150,9 +150,9 @@ def test_outside_any_face_the_vehicle_hovers_and_accepts_only_goals_inside(
     assert (rig.state.state, rig.state.cage_on) == ("HOVERING", True)
     assert rig.state.goal == out(distance)
     for goal in (out(distance), out(distance / 2), out(1e-9)):
-        assert rig.monitor.ask(goal) != ""
+        assert rig.monitor.goto(goal) != ""
         assert (rig.state.state, rig.state.goal) == ("HOVERING", out(distance))
-    assert rig.monitor.ask(ONE_UP) == ""
+    assert rig.monitor.goto(ONE_UP) == ""
     for part in (0.9, 0.5, 0.2):
         assert rig.at(out(part * distance)).state == "MOVING"
     outwards = Velocity(*astuple(FACES[face]))
@@ -161,7 +161,7 @@ def test_outside_any_face_the_vehicle_hovers_and_accepts_only_goals_inside(
 
 def test_progress_of_a_return_is_not_published():
     rig = outside()
-    rig.monitor.ask(INSIDE)
+    rig.monitor.goto(INSIDE)
     rig.published.clear()
     rig.at(along(6.5), going(-1.0))
     rig.at(along(6.0), going(-1.0))

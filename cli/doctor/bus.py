@@ -35,7 +35,7 @@ _FIX = "`quadctl fault list`, `quadctl node restart pressure`; check the wires o
 
 def barometer(found: Survey, vehicle: str) -> Iterator[Finding]:
     """Check that the barometer, if any, has readings of air that change."""
-    stats = found.heard.get(PRESSURE.key(vehicle))
+    stats = found.topics.get(PRESSURE.key(vehicle))
     if stats is not None:
         yield judged(_readings(stats.newest))
 
@@ -168,13 +168,13 @@ def topics(found: Survey, vehicle: str) -> Iterator[Finding]:
     values = (answer.values for answers in found.answers.values() for answer in answers)
     speed = next((v["dynamics.speed"] for v in values if "dynamics.speed" in v), 1.0)
     # Simulated seconds per second, by the vehicle's own stamps.
-    pace = found.heard.get(POSE.key(vehicle), TopicStats()).pace
+    pace = found.topics.get(POSE.key(vehicle), TopicStats()).pace
     offers = {offer.key: offer for offer in found.offers if offer.kind == "@pub" and offer.hz}
     for key, offer in offers.items():
         # Safety publishes its state by the wall clock, and on each change.
         at_least = key == STATE.key(vehicle)
         in_time = 1.0 if speed == 1 or at_least else pace
-        yield topic(offer, found.heard[key], found.listened, in_time, at_least=at_least)
+        yield topic(offer, found.topics[key], found.listened, in_time, at_least=at_least)
 
 
 def topic(
@@ -212,16 +212,16 @@ def topic(
 
 def publishers(found: Survey) -> Finding:
     """Check that each topic has one publisher, by announcements and by messages' stamps."""
-    counts = {key: stats.publishers for key, stats in found.heard.items()}
+    counts = {key: stats.publishers for key, stats in found.topics.items()}
     duplicates = _duplicates(found, "@pub", "published", counts)
-    return no_duplicates("publishers", duplicates, f"one on each of {len(found.heard)} topics")
+    return no_duplicates("publishers", duplicates, f"one on each of {len(found.topics)} topics")
 
 
 def clocks(found: Survey) -> Finding:
     """Check that the clocks that stamp messages agree with ours."""
-    if not found.heard:
+    if not found.topics:
         return warned("clocks", "not checked: no node publishes anything", "`quadctl node list`")
-    key, stats = max(found.heard.items(), key=lambda item: abs(item[1].age))
+    key, stats = max(found.topics.items(), key=lambda item: abs(item[1].age))
     if abs(stats.age) <= _CLOCKS:
         return passed("clocks", f"messages are {1000 * stats.age:.1f} ms old at most")
     evidence = f"{abs(stats.age):.1f} s {'in the past' if stats.age > 0 else 'in the future'}"

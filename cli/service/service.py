@@ -124,7 +124,7 @@ def _ask(options: Options, name: str, words: list[str], form: str) -> Any:
         words = _without_type(words, type_)
         payload = encode(table_of(words) if words else {})
         try:
-            return to_jsonable(*client.ask(key, payload, encoding))
+            return to_jsonable(*client.call_raw(key, payload, encoding))
         except Unreachable as problem:
             hint = _nearest_live(client, name) or problem.hint
             raise Unreachable(problem.message, hint) from problem

@@ -47,7 +47,7 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
         # A round trip to the hub: after it, the listeners are known, too.
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]
         # Over a network a hub shows listeners only to clients that may publish.
-        has_listener = outlet.is_heard() if outlet else None
+        has_listener = outlet.has_subscribers() if outlet else None
         ours = own_topic(key, options.vehicle)
         found = [offer for offer in offers if offer.key == key]
         if not found and not (ours and has_listener):

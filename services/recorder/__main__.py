@@ -39,15 +39,15 @@ class Attendant:
         os.set_blocking(1, False)
         threading.Thread(target=self._watch, daemon=True).start()
 
-    def tell(self, facts: dict[str, object]) -> None:
+    def send(self, facts: dict[str, object]) -> None:
         """Print the facts; drop them if the command has ended or does not read."""
         with contextlib.suppress(BrokenPipeError, BlockingIOError):
             os.write(1, msgspec.json.encode(facts) + b"\n")
 
-    def tell_failure(self, problem: QuadctlError) -> None:
+    def send_failure(self, problem: QuadctlError) -> None:
         """Print why the recording failed."""
         error = {"code": problem.code, "message": problem.message, "hint": problem.hint}
-        self.tell({"state": "failed", **error})
+        self.send({"state": "failed", **error})
 
     def _watch(self) -> None:
         # The command holds the other end, which closes however the command ends.
@@ -63,7 +63,7 @@ _AT_ONCE, _PAUSE = 100, 0.001
 _HUB_WAIT = 5.0
 _EVERYTHING = ("**", "*/@call/**")
 
-Tell = Callable[[dict[str, object]], None]
+Send = Callable[[dict[str, object]], None]
 
 
 def main() -> None:
@@ -109,18 +109,18 @@ def _attended(options: argparse.Namespace, node: Node, params: Params) -> None:
     node.log.setLevel(logging.WARNING)
     attendant = Attendant(node)
     try:
-        run(options, node, params, attendant.tell)
+        run(options, node, params, attendant.send)
     except QuadctlError as problem:
-        attendant.tell_failure(problem)
+        attendant.send_failure(problem)
         sys.exit(problem.exit_code)
     finally:
         _leave_nothing(options.realm, node)
 
 
-def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> None:
+def run(options: argparse.Namespace, node: Node, params: Params, send: Send) -> None:
     """Record until stopped; of several vehicles' nodes the first one records for all.
 
-    `tell` gets the progress about once a second, and at once when the hub is lost or back.
+    `send` gets the progress about once a second, and at once when the hub is lost or back.
     """
     if not node.is_first:
         node.spin()
@@ -141,16 +141,16 @@ def run(options: argparse.Namespace, node: Node, params: Params, tell: Tell) -> 
     tap = node.tap(tuple(options.key) or _EVERYTHING)
     for topic in TOPICS:
         if topic.latched:
-            tap.ask(f"*/{topic.name}")
+            tap.request_latched(f"*/{topic.name}")
     node.log.info("recording to %s", path)
-    _record(node, recording, tap, tell, time.monotonic() + options.duration)
+    _record(node, recording, tap, send, time.monotonic() + options.duration)
     facts = recording.facts("done")
     node.log.info("recorded %d messages of %d keys to %s", facts["messages"], facts["keys"], path)
-    tell(facts)
+    send(facts)
 
 
 def _record(
-    node: Node, recording: Recording, tap: RecorderSubscriber, tell: Tell, end: float
+    node: Node, recording: Recording, tap: RecorderSubscriber, send: Send, end: float
 ) -> None:
     for count, now in enumerate(node.ticks(_FLUSHES)):
         _write(recording, tap)
@@ -159,7 +159,7 @@ def _record(
         recording.lost = tap.lost
         before, recording.connected = recording.connected, tap.has_held()
         if count % _FLUSHES == 0 or recording.connected is not before:
-            tell(recording.facts("recording"))
+            send(recording.facts("recording"))
         if now >= end:
             node.executor.stop()
     tap.settle()

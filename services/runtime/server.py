@@ -121,7 +121,7 @@ class CallLog:
 
     def publish(self, request: Struct, answer: tuple[bool, bytes], *, held: bool) -> None:
         """Publish a request and its reply or error reply, if there is a subscriber."""
-        if not self._calls.is_heard:
+        if not self._calls.has_subscribers:
             return
         boot, stamp = self._schedule.now
         ok, payload = answer

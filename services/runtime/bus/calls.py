@@ -26,7 +26,7 @@ class ServiceClient(Generic[Q, R]):
 
     def __init__(self, session: zenoh.Session, vehicle: str, service: Service[Q, R]) -> None:
         self._service = service
-        self._asker = RawServiceClient(session, service.key(vehicle))
+        self._client = RawServiceClient(session, service.key(vehicle))
         self._encoding = codec.encoding(service.request)
 
     def call(self, request: Q, timeout: float, boot: str = "", *, again: bool = False) -> R:
@@ -35,7 +35,7 @@ class ServiceClient(Generic[Q, R]):
             payload = codec.encode(request)
         except (OverflowError, TypeError) as error:
             raise Invalid(f"the request cannot be sent: {error}") from error
-        answer = self._asker.call(payload, self._encoding, timeout, boot, again=again)
+        answer = self._client.call(payload, self._encoding, timeout, boot, again=again)
         return codec.decode(self._service.response, *answer)
 
 

@@ -133,7 +133,7 @@ class RawPublisher:
         """Wait up to a timeout (s) for a subscriber; return False if none came."""
         return self._listeners.wait(timeout)
 
-    def is_heard(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Return whether the hub has reported a subscriber; call it after a round trip to it."""
         return self._listeners.is_there
 
@@ -211,7 +211,7 @@ class Client:
         except Unreachable as problem:
             raise self.explained(problem, service.node, key) from problem
 
-    def ask(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
+    def call_raw(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Call the server of a key; return the reply and its encoding, raise as `call`."""
         self.permit("call", key)
         try:
@@ -256,7 +256,7 @@ class Client:
         stream = RawSubscriber(self.session, keys, backlog)
         for key in keys if held else ():
             if (topic := topic_of(key)) is not None and topic.latched:
-                stream.ask(self.session, key, self.timeout)
+                stream.request_latched(self.session, key, self.timeout)
         self._held.append(stream)
         return stream
 

@@ -17,14 +17,14 @@ _DEEPEST = 100
 """Most levels of nesting shown: JSON readers accept that many, and people read fewer."""
 
 
-def to_jsonable(payload: bytes, said: str) -> Any:
+def to_jsonable(payload: bytes, encoding: str) -> Any:
     """Return MessagePack and JSON as data, text as text, anything else as hex.
 
-    The encoding `said` selects the reader; without a known one, the first that succeeds. Values
+    The `encoding` selects the reader; without a known one, the first that succeeds. Values
     that JSON lacks become text: bytes hex, NaN and the infinities `nan`, `inf` and `-inf`, a time
     ISO 8601, an extension `{"ext": its code, "data": hex}`, and a map's keys text.
     """
-    for attempt in _READERS.get(said.partition(";")[0], _ANY):
+    for attempt in _READERS.get(encoding.partition(";")[0], _ANY):
         try:
             return _carried(attempt(payload))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -114,12 +114,12 @@ def _error_decoder() -> msgspec.json.Decoder[Error]:
         return msgspec.json.Decoder(Error)
 
 
-def decode(type_: type[M], payload: bytes, said: str) -> M:
+def decode(type_: type[M], payload: bytes, encoding: str) -> M:
     """Check the sender's encoding and decode; raise SchemaMismatch or Invalid.
 
     Another digest of `type_` is refused; without a digest the fields are checked one by one.
     """
-    check_schema(type_, said)
+    check_schema(type_, encoding)
     return decode_fields(type_, payload)
 
 
@@ -135,21 +135,21 @@ def decode_fields(type_: type[M], payload: bytes) -> M:
     return message
 
 
-def is_typed(said: str) -> bool:
+def is_typed(encoding: str) -> bool:
     """Return whether a sender's encoding names one of our types."""
-    return said.startswith(PREFIX)
+    return encoding.startswith(PREFIX)
 
 
-def type_name(said: str) -> str:
+def type_name(encoding: str) -> str:
     """Return the name of our type in a sender's encoding; empty if there is none."""
-    return said.removeprefix(PREFIX).partition("#")[0] if is_typed(said) else ""
+    return encoding.removeprefix(PREFIX).partition("#")[0] if is_typed(encoding) else ""
 
 
-def check_schema(type_: type[Struct], said: str) -> None:
+def check_schema(type_: type[Struct], sent_encoding: str) -> None:
     """Raise SchemaMismatch if the sender's encoding names another type or digest."""
-    if said == encoding(type_) or not is_typed(said):
+    if sent_encoding == encoding(type_) or not is_typed(sent_encoding):
         return
-    name, _, theirs = said.removeprefix(PREFIX).partition("#")
+    name, _, theirs = sent_encoding.removeprefix(PREFIX).partition("#")
     if name != type_.__name__ or (theirs and theirs != digest(type_)):
         ours = encoding(type_).removeprefix(PREFIX)
         raise SchemaMismatch(

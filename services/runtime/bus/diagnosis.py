@@ -19,7 +19,7 @@ _LOOK = 0.1
 _FROZEN = "it is frozen or busy: `quadctl status`"
 
 
-class Asking(Protocol):
+class DiagnosisClient(Protocol):
     """Part of a client that a diagnosis of its unanswered call needs."""
 
     session: zenoh.Session
@@ -63,7 +63,7 @@ def explain_frozen(problem: Unreachable, node: str, silent: list[ProcessRecord])
 
 
 def explain_unreachable(
-    client: Asking,
+    client: DiagnosisClient,
     connect: str,
     problem: Unreachable,
     node: str,
@@ -76,7 +76,7 @@ def explain_unreachable(
         if key and connect:
             from quadctl.services.runtime.security import permissions
 
-            permissions.tell_apart(client.session, connect, key, client.endpoints(_LOOK))
+            permissions.raise_if_blocked(client.session, connect, key, client.endpoints(_LOOK))
     except NotAllowed as denied:
         return denied
     except QuadctlError as other:
@@ -85,7 +85,7 @@ def explain_unreachable(
     return unknown or explain_frozen(problem, node, silent)
 
 
-def explain_silence(client: Asking, key: str, *, more: bool) -> QuadctlError:
+def explain_silence(client: DiagnosisClient, key: str, *, more: bool) -> QuadctlError:
     """Return why nothing, or no `more`, came on a key: its publisher is quiet, or there is none."""
     came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
     try:
@@ -111,7 +111,7 @@ def explain_silence(client: Asking, key: str, *, more: bool) -> QuadctlError:
     return client.explained(problem, ours, live=[offer.node for offer in endpoints])
 
 
-def _unknown_vehicle(client: Asking, problem: Unreachable) -> Unreachable | None:
+def _unknown_vehicle(client: DiagnosisClient, problem: Unreachable) -> Unreachable | None:
     """Return the problem if this machine's run, connected to no other, lacks the vehicle."""
     run = _run(client.realm)
     if run is None or client.vehicle in run.vehicles or _meets_others(client.realm, run):

@@ -37,7 +37,7 @@ class Publisher(Generic[M]):
         self._last = b""
 
     @property
-    def is_heard(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Return whether the hub has reported a subscriber."""
         return self._listeners.is_there
 
@@ -119,9 +119,9 @@ class Subscription(Generic[M]):
         zenoh_events.pin_thread_state()
         now, encoding = time.monotonic(), sample.encoding
         # Usually it is ours, and this comparison takes half the time of str().
-        said = self._ours if encoding == self._expected else str(encoding)
+        name = self._ours if encoding == self._expected else str(encoding)
         # Copied at once: one in a million samples kept for later was overwritten by the next.
-        self._waiting.append((now, sample.payload.to_bytes(), said))
+        self._waiting.append((now, sample.payload.to_bytes(), name))
         self._count += 1
         if (passed := now - self._since) > _WINDOW:
             self._flood = self._count > _FLOOD * passed
@@ -160,11 +160,11 @@ class Subscription(Generic[M]):
             arrived = [self._waiting.popleft() for _ in range(len(self._waiting))]
             any(self._take(*arrival) for arrival in reversed(arrived))
 
-    def _take(self, received: float, payload: bytes, said: str) -> bool:
+    def _take(self, received: float, payload: bytes, encoding: str) -> bool:
         type_ = self._topic.type
         try:
-            if said != self._ours:
-                codec.check_schema(type_, said)
+            if encoding != self._ours:
+                codec.check_schema(type_, encoding)
             self._value = codec.decode_fields(type_, payload)
         except Invalid as error:
             # Logged once per kind of fault: a foreign publisher at 1 kHz must not fill the log.

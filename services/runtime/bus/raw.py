@@ -71,10 +71,10 @@ class _KeyPublisher:
 def _offers(keys: dict[str, str]) -> list[tuple[str, keyexpr.EndpointInfo]]:
     """Return the endpoints for listings: the keys with known types."""
     found: list[tuple[str, keyexpr.EndpointInfo]] = []
-    for key, said in keys.items():
+    for key, encoding in keys.items():
         topic: Any = topic_of(key)
-        name, _, digest = said.removeprefix(codec.PREFIX).partition("#")
-        if codec.is_typed(said) and name and digest and "/@" not in key:
+        name, _, digest = encoding.removeprefix(codec.PREFIX).partition("#")
+        if codec.is_typed(encoding) and name and digest and "/@" not in key:
             hz = topic.hz if topic else 0.0
             found.append((key, keyexpr.EndpointInfo("@pub", NAME, name, digest, hz, key)))
     return found
@@ -133,7 +133,7 @@ class RecorderSubscriber:
         ]
         liveliness.nodes(session, "*")
 
-    def ask(self, key: str) -> None:
+    def request_latched(self, key: str) -> None:
         """Request the last messages of latched topics, if subscribed, as well."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
         self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
@@ -154,9 +154,9 @@ class RecorderSubscriber:
 
     def take(self, most: int) -> list[RawMessage]:
         """Return the waiting messages in order of arrival, at most so many."""
-        taken = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
-        self._went += sum(len(message.payload) for message in taken)
-        return taken
+        messages = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
+        self._went += sum(len(message.payload) for message in messages)
+        return messages
 
     def _taker(self, others: list[zenoh.KeyExpr]) -> Callable[[zenoh.Sample], None]:
         """Return a callback that drops the messages that one of the other patterns brings too."""

@@ -40,7 +40,7 @@ class RawSubscriber:
         except Empty:
             return None
 
-    def ask(self, session: zenoh.Session, key: str, timeout: float) -> None:
+    def request_latched(self, session: zenoh.Session, key: str, timeout: float) -> None:
         """Request the last message of a latched topic, to come before all others."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
         session.get(key, callback, timeout=timeout, **zenoh_events.ALL_SERVERS)

@@ -104,7 +104,7 @@ class Survey(Struct):
     listened: float = 0.0
     nodes: list[str] = field(default_factory=list)
     offers: list[keyexpr.EndpointInfo] = field(default_factory=list)
-    heard: dict[str, TopicStats] = field(default_factory=dict)
+    topics: dict[str, TopicStats] = field(default_factory=dict)
     answers: dict[str, list[Answer]] = field(default_factory=dict)
 
 
@@ -142,7 +142,7 @@ def survey(address: Address, vehicle: str, timeout: float) -> Survey:
     with open_client(address, timeout=timeout / 2) as session:
         surveyor = _Surveyor(session, vehicle, began + timeout)
         surveyor.found.connected = time.monotonic() - began
-        surveyor.ask_who_is_there(began + timeout / 2)
+        surveyor.find_nodes(began + timeout / 2)
         surveyor.listen()
         surveyor.call(address.endpoint)
         surveyor.wait()
@@ -162,10 +162,10 @@ class _Surveyor:
         self.found = Survey()
         self._session, self._vehicle, self._deadline = session, vehicle, deadline
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._pending, self._deaf = 0, False
+        self._pending, self._timed_out = 0, False
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
-    def ask_who_is_there(self, deadline: float) -> None:
+    def find_nodes(self, deadline: float) -> None:
         """Find the nodes and their endpoints; raise TimedOut if the hub is silent."""
         timeout = max(deadline - time.monotonic(), 0.001)
         for pattern in ("*", "*/@pub/**", "*/@srv/**"):
@@ -176,7 +176,7 @@ class _Surveyor:
                 timeout=timeout,
             )
         self._serve(deadline, lambda: not self._pending)
-        if self._deaf or self._pending:
+        if self._timed_out or self._pending:
             raise TimedOut("the hub accepts connections but does not answer")
         self.found.nodes.sort()
         self.found.offers.sort(key=lambda offer: (offer.key, offer.node))
@@ -184,7 +184,7 @@ class _Surveyor:
     def listen(self) -> None:
         """Subscribe to every topic."""
         for key in {offer.key for offer in self.found.offers if offer.kind == "@pub"}:
-            self.found.heard[key] = TopicStats()
+            self.found.topics[key] = TopicStats()
             handler = zenoh.handlers.Callback(self._samples(key), indirect=False)
             # A foreign node may declare an invalid key, on which no message can come.
             with contextlib.suppress(zenoh.ZError):
@@ -197,14 +197,14 @@ class _Surveyor:
         for key, type_ in sorted({(o.key, o.type) for o in offers if o.type in _CALLED}):
             if is_secure(endpoint) and not _allowed(endpoint, key):
                 continue
-            asks = type_ == _GET_PARAMS
-            ticket = Call(os.urandom(8).hex(), time.time() + left if asks else 0.0)
+            is_get = type_ == _GET_PARAMS
+            ticket = Call(os.urandom(8).hex(), time.time() + left if is_get else 0.0)
             self.found.answers[key] = []
             with contextlib.suppress(zenoh.ZError):
                 self._session.get(
                     key,
                     zenoh.handlers.Callback(self._replies(key), self._on_end, indirect=False),
-                    payload=codec.encode(GetParamsRequest([])) if asks else b"",
+                    payload=codec.encode(GetParamsRequest([])) if is_get else b"",
                     attachment=codec.encode(ticket),
                     timeout=left,
                     **ALL_SERVERS,
@@ -218,7 +218,7 @@ class _Surveyor:
 
         def enough() -> bool:
             elapsed = time.monotonic() - began
-            complete = all(self.found.heard[key].count > 1 for key in rates)
+            complete = all(self.found.topics[key].count > 1 for key in rates)
             return not self._pending and elapsed > (SHORTEST if complete else LONGEST)
 
         self._serve(self._deadline, enough)
@@ -242,7 +242,7 @@ class _Surveyor:
 
     def _on_token(self, reply: zenoh.Reply) -> None:
         if reply.ok is None:
-            self._deaf = True
+            self._timed_out = True
             return
         key = str(reply.ok.key_expr)
         if (node := keyexpr.node_of(key)) is not None:
@@ -251,13 +251,13 @@ class _Surveyor:
             self.found.offers.append(offer)
 
     def _samples(self, key: str) -> Callable[[zenoh.Sample], None]:
-        heard = self.found.heard[key]
+        stats = self.found.topics[key]
 
         def on_sample(sample: zenoh.Sample) -> None:
             now, payload, stamp = time.monotonic(), sample.payload.to_bytes(), sample.timestamp
             source = str(stamp.get_id()) if stamp else ""
             age = time.time() - stamp.get_time().timestamp() if stamp else 0.0
-            self._inbox.put(lambda: heard.take(now, payload, source, age))
+            self._inbox.put(lambda: stats.take(now, payload, source, age))
 
         return on_sample
 

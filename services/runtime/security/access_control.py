@@ -34,7 +34,7 @@ _TO: dict[Right, list[str]] = {
 }
 """The messages that a right lets out to its holder."""
 
-_ASK = ["liveliness_query", "declare_liveliness_subscriber"]
+_LIVELINESS = ["liveliness_query", "declare_liveliness_subscriber"]
 _ROLL = ["*/@node/*", "*/@node/*/@pub/**", "*/@node/*/@srv/**"]
 """Everyone may ask for all nodes and endpoints; only the answers need the right `see`."""
 _EVERYWHERE = ["**", "*/@call/**", "*/@srv/**", "*/@node/**", *_ROLL]
@@ -53,7 +53,7 @@ def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, An
         if name.expires > now:
             named.update(name.vehicles)
             groups.setdefault((name.role, tuple(name.vehicles)), []).append(name.common_name)
-    everything = [*_MESSAGES, *_ASK]
+    everything = [*_MESSAGES, *_LIVELINESS]
     rules = [_rule("own", flow, everything, _EVERYWHERE) for flow in ("ingress", "egress")]
     subjects: list[dict[str, Any]] = [{"id": "own", "link_protocols": [link]}]
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["own"]}]
@@ -78,12 +78,12 @@ def _granted(subject: str, role: Role, vehicles: Sequence[str]) -> Iterable[dict
         for right, messages in side.items():
             if patterns := keys(role, vehicles, right):
                 yield _rule(f"{subject} {right}", flow, messages, patterns)
-    yield _rule(f"{subject} asks", "ingress", _ASK, _ROLL)
+    yield _rule(f"{subject} asks", "ingress", _LIVELINESS, _ROLL)
     # A subscriber or query comes with its own pattern, which may be wider than the subject's keys.
     if keys(role, vehicles, "publish"):
         yield _rule(f"{subject} sees subscribers", "egress", ["declare_subscriber"], _EVERYWHERE)
     if keys(role, vehicles, "announce"):
-        yield _rule(f"{subject} sees queries", "egress", _ASK, _EVERYWHERE)
+        yield _rule(f"{subject} sees queries", "egress", _LIVELINESS, _EVERYWHERE)
     if role == "hub" and EVERY not in vehicles:
         # The clients of that hub may subscribe to all vehicles, but receive only those of the hub.
         yield _rule(f"{subject} listens", "ingress", ["declare_subscriber"], ["**"])

@@ -35,7 +35,7 @@ class Name(Struct, frozen=True):
 VARIABLE = "QUADCTL_IDENTITY"
 """Environment variable with the folder, inherited by child processes; `--identity` sets it."""
 FLEET, CERTIFICATE, KEY, ABOUT = "ca.pem", "cert.pem", "key.pem", "identity.json"
-_ASK = "issue one with `quadctl keys issue operator anna`, and copy its folder"
+_HINT = "issue one with `quadctl keys issue operator anna`, and copy its folder"
 
 
 class Identity:
@@ -46,7 +46,7 @@ class Identity:
         self.folder = folder
         for file in (FLEET, CERTIFICATE, KEY, ABOUT):
             if not os.access(self.path(file), os.R_OK):
-                raise UsageError(f"the identity {folder} has no readable {file}", _ASK)
+                raise UsageError(f"the identity {folder} has no readable {file}", _HINT)
         key = self.path(KEY)
         if sys.platform != "win32" and os.stat(key).st_mode & 0o077:
             raise UsageError(f"{key} can be read by others on this machine", f"chmod 600 {key}")
@@ -54,7 +54,7 @@ class Identity:
             with open(self.path(ABOUT), "rb") as about:
                 self.name = msgspec.json.decode(about.read(), type=Name)
         except msgspec.DecodeError as error:
-            raise UsageError(f"{self.path(ABOUT)} is damaged: {error}", _ASK) from error
+            raise UsageError(f"{self.path(ABOUT)} is damaged: {error}", _HINT) from error
         if self.name.expires <= time.time():
             day = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.name.expires))
             raise NotAllowed(

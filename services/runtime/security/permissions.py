@@ -17,7 +17,7 @@ from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, 
 from quadctl.services.runtime.security.endpoints import how_to_open, is_secure
 from quadctl.services.runtime.security.identity import Identity, Name, needed
 
-_ASK = "`quadctl keys list`, on the machine with the fleet's keys, shows the valid certificates"
+_HINT = "`quadctl keys list`, on the machine with the fleet's keys, shows the valid certificates"
 _WRONG_HOST = {62, 64}
 """OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and X509_V_ERR_IP_ADDRESS_MISMATCH."""
 
@@ -57,7 +57,7 @@ def _shake(identity: Identity, host: str, port: int, timeout: float) -> QuadctlE
         except (ssl.SSLError, ConnectionResetError):
             return NotAllowed(
                 f"the hub rejects the certificate {identity.name.common_name}",
-                f"it has expired, or belongs to another fleet than the hub. {_ASK}",
+                f"it has expired, or belongs to another fleet than the hub. {_HINT}",
             )
         except TimeoutError:
             return None
@@ -92,9 +92,9 @@ def allows(connect: str, right: Right, key: str) -> bool:
     return may(name.role, name.vehicles, right, key)
 
 
-def check(connect: str, right: Right, *asked: str) -> None:
+def check(connect: str, right: Right, *expressions: str) -> None:
     """Raise NotAllowed if our role lacks the right to a key expression over that endpoint."""
-    for key in asked:
+    for key in expressions:
         if not allows(connect, right, key):
             name = needed(connect).name
             article = "an" if name.role[0] in "aeiou" else "a"
@@ -144,7 +144,7 @@ def kept_out(connect: str) -> NotAllowed:
     )
 
 
-def tell_apart(
+def raise_if_blocked(
     session: zenoh.Session, connect: str, key: str, offers: Sequence[keyexpr.EndpointInfo]
 ) -> None:
     """Raise NotAllowed if a key without an answer is served: then the hub has blocked our query.

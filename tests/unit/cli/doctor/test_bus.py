@@ -93,10 +93,10 @@ def test_a_state_may_be_published_more_often_but_not_less():
 def test_at_another_speed_rates_use_simulated_time():
     fast = {o.key: arrivals(int(10 * o.hz) + 1, 5 * o.hz, pace=5.0) for o in TOPIC if o.hz}
     answers = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
-    simulated = list(bus.topics(survey(heard=fast, answers=answers), "uav"))
+    simulated = list(bus.topics(survey(topics=fast, answers=answers), "uav"))
     assert {check.verdict for check in simulated} == {"PASS"}
     assert sum("(simulated time)" in check.evidence for check in simulated) == 3
-    real = list(bus.topics(survey(heard=fast), "uav"))
+    real = list(bus.topics(survey(topics=fast), "uav"))
     assert [check.verdict for check in real].count("WARN") == 3
 
 
@@ -107,7 +107,7 @@ def test_a_second_publisher_fails():
     assert "uav/pose is published by dynamics and mine" in announced.evidence
     both = arrivals(20, 10.0)
     both.take(100.5, b"", "b", 0.0)
-    silent = bus.publishers(survey(heard={"uav/pose": both}))
+    silent = bus.publishers(survey(topics={"uav/pose": both}))
     assert verdict(silent) == "FAIL"
     assert "by dynamics and 1 more" in silent.evidence
 
@@ -122,9 +122,9 @@ def test_a_publishers_successor_is_not_a_second_publisher():
 
 def test_clock_offsets_are_warned_about():
     assert verdict(bus.clocks(survey())) == "PASS"
-    assert verdict(bus.clocks(survey(heard={}))) == "WARN"
+    assert verdict(bus.clocks(survey(topics={}))) == "WARN"
     for age, text in ((0.6, "0.6 s in the past"), (-3.0, "3.0 s in the future")):
-        check = bus.clocks(survey(heard={"uav/pose": arrivals(3, 1.0, age=age)}))
+        check = bus.clocks(survey(topics={"uav/pose": arrivals(3, 1.0, age=age)}))
         assert verdict(check) == "WARN"
         assert text in check.evidence
 
@@ -152,9 +152,9 @@ def test_barometer_readings_are_checked_without_the_baseline():
         values = {"stamp": 0.1 * number, "pressure": 0.5, "baseline": 1012.0}
         payload = msgspec.msgpack.encode(values | {"samples": 11, "spread": 0.0})
         found.take(100.0 + number, payload, "a", 0.0)
-    (check,) = bus.barometer(survey(heard={"uav/sensors/pressure": found}), "uav")
+    (check,) = bus.barometer(survey(topics={"uav/sensors/pressure": found}), "uav")
     assert "stuck: 1012.5 hPa" in check.evidence
-    assert list(bus.barometer(survey(heard={}), "uav")) == []
+    assert list(bus.barometer(survey(topics={}), "uav")) == []
 
 
 def test_messages_of_unknown_types_have_no_pace():

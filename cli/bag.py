@@ -11,7 +11,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
-from quadctl.services.runtime.files import taken
+from quadctl.services.runtime.files import already_exists
 from quadctl.services.runtime.params.names import flatten
 from quadctl.services.runtime.recording import verify as mending
 from quadctl.services.runtime.recording.reader import Bag, KeyFacts, Recorded, facts
@@ -88,7 +88,7 @@ def repair(
         if target is None:
             fresh.replace(file)
     except FileExistsError as error:
-        raise taken(fresh) from error
+        raise already_exists(fresh) from error
     except OSError as error:
         raise QuadctlError(
             f"{fresh} cannot be written: {error.strerror}", "free space, or name another file: -o"

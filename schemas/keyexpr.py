@@ -110,8 +110,8 @@ def _parts(pattern: str, chunk: str) -> bool:
     if pattern.startswith("$*"):
         if _parts(pattern[2:], chunk):
             return True
-        taken = 2 if chunk.startswith("$*") else 1
-        return bool(chunk) and _parts(pattern, chunk[taken:])
+        size = 2 if chunk.startswith("$*") else 1
+        return bool(chunk) and _parts(pattern, chunk[size:])
     if not chunk or chunk.startswith("$*"):
         return False
     return pattern[0] == chunk[0] and _parts(pattern[1:], chunk[1:])

@@ -52,7 +52,7 @@ def restart(
 def _late(realm: Realm, name: str, timeout: float, hint: str) -> TimedOut:
     """Return the error for a process that is not back within the time (s) given for all."""
     run = run_files.read(realm)
-    if (realm.asked / name).exists():
+    if (realm.restart_requests / name).exists():
         # The supervisor has not taken the request yet.
         return TimedOut(
             f"{name} was not restarted: the supervisor, process {run.pid}, did not answer within"

@@ -16,7 +16,7 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.files import write_new
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import fixed_at_launch, live_switch
-from quadctl.services.runtime.params.load import check, gather, parse, read, read_text, said_of
+from quadctl.services.runtime.params.load import check, gather, parse, read, read_text, table_of
 from quadctl.services.runtime.params.load import of as params_of
 from quadctl.services.runtime.params.names import flatten, put
 
@@ -187,7 +187,7 @@ def _named_values(file: Path, options: Options) -> Values:
     """Return the values that the file itself names, each in its type; raise Invalid."""
     tables = read(file)
     whole = values_of(tables, str(file), options)
-    named = flatten(said_of(tables, options.vehicle, options.vehicles))
+    named = flatten(table_of(tables, options.vehicle, options.vehicles))
     return {name: whole[name] for name, _ in named if name in whole}
 
 

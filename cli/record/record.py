@@ -17,7 +17,7 @@ from quadctl.cli.context import LONGEST_TIMEOUT, Options, about_topic, with_any_
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
-from quadctl.services.runtime.files import taken
+from quadctl.services.runtime.files import already_exists
 
 ENDING = ".mcap"
 
@@ -30,7 +30,7 @@ def default_file() -> Path:
 def free(path: Path) -> None:
     """Raise Invalid if the file exists: no recording is overwritten."""
     if path.exists():
-        raise taken(path)
+        raise already_exists(path)
 
 
 _PATIENCE = 10.0  # s for the recorder to complete its file

@@ -24,7 +24,7 @@ from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.params import load as parameters
 from quadctl.services.runtime.params.live import LiveParams
-from quadctl.services.runtime.params.load import said_of
+from quadctl.services.runtime.params.load import table_of
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
 from quadctl.services.runtime.security.endpoints import is_secure
 from quadctl.services.runtime.shutdown import ShutdownEvent
@@ -155,7 +155,7 @@ def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
     for vehicle in vehicles:
         running = None if options.config else live.read_values(realm, vehicle)
         table, source = parameters.gather(options.config, options.set, running)
-        found[vehicle] = parameters.check(said_of(table, vehicle, vehicles), source)
+        found[vehicle] = parameters.check(table_of(table, vehicle, vehicles), source)
     return found
 
 

@@ -64,7 +64,7 @@ class FileLock:
     def __exit__(self, *_: object) -> None:
         self.release()
 
-    def stands(self) -> bool:
+    def is_held_by_us(self) -> bool:
         """Return whether we hold the lock and its file: a removed one would let another in."""
         return self._fd is not None and self._is_file(self._fd)
 

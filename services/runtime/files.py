@@ -27,13 +27,13 @@ def making(path: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:
-        raise taken(path) from error
+        raise already_exists(path) from error
     except OSError as error:
         full = error.errno in _FULL
         hint = "make room on its disk" if full else "choose a folder that you may write to"
         raise Invalid(f"{path} cannot be written: {error.strerror}", hint) from error
 
 
-def taken(path: Path) -> Invalid:
+def already_exists(path: Path) -> Invalid:
     """Return the error for a file that already exists."""
     return Invalid(f"{path} already exists", "choose another name, or remove the file")

@@ -116,7 +116,7 @@ class RestartPolicy:
     def __init__(self, *, must_announce: bool = True, must_answer: bool = False) -> None:
         self.state: State = "starting"
         self.restarts = 0
-        self.taken = False
+        self.name_taken = False
         self._must_announce, self._must_answer = must_announce, must_answer
         self._deaths = 0
         self._started = 0.0
@@ -135,7 +135,7 @@ class RestartPolicy:
     def ready(self, now: float) -> None:
         """Record its announcement."""
         if self.state != "ready":
-            self.state, self._ready_since, self.taken = "ready", now, False
+            self.state, self._ready_since, self.name_taken = "ready", now, False
             if self._must_answer:
                 self._answered = now
 
@@ -167,18 +167,18 @@ class RestartPolicy:
         self._ready_since = self._answered = None
         if lived >= HEALTHY:
             self._deaths = 0
-        self.taken = self._must_announce and code == AlreadyServed.exit_code
-        if lived < QUICK and not self.taken:
+        self.name_taken = self._must_announce and code == AlreadyServed.exit_code
+        if lived < QUICK and not self.name_taken:
             self._deaths += 1
             if self._deaths >= MOST_QUICK_DEATHS:
                 self.state = "down"
                 return None
         self.state = "restarting"
         self.restarts += 1
-        return _DELAYS[-1 if self.taken else max(self._deaths - 1, 0)]
+        return _DELAYS[-1 if self.name_taken else max(self._deaths - 1, 0)]
 
     def on_restart_request(self) -> None:
         """Record a requested restart: it is no death, and earlier deaths are forgotten."""
-        self.state, self._deaths, self.taken = "restarting", 0, False
+        self.state, self._deaths, self.name_taken = "restarting", 0, False
         self._ready_since = self._answered = None
         self.restarts += 1

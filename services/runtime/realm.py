@@ -76,7 +76,7 @@ class Realm:
     lock = _Within(LOCK)
     params = _Within("params")
     logs = _Within("logs")
-    asked = _Within("asked")
+    restart_requests = _Within("asked")
 
     def __init__(self, name: str) -> None:
         self.name = _checked(name, "a realm")

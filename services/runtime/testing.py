@@ -1,6 +1,6 @@
 """Fake bus: a list of a node's messages and calls in order, without Zenoh.
 
-    said = play("safety", run, params, [(POSE, pose), ...], calls)
+    published = play("safety", run, params, [(POSE, pose), ...], calls)
 
 The service's own `run` is executed, as fast as possible.
 """
@@ -33,26 +33,26 @@ def play(
     name: str,
     run: Callable[[Node, Params], None],
     params: Params,
-    heard: Iterable[tuple[Topic[Any], Struct]],
+    received: Iterable[tuple[Topic[Any], Struct]],
     calls: Iterable[Called] = (),
 ) -> list[Published]:
     """Run a service on recorded messages and calls; return the messages that it publishes.
 
     A call is executed at its simulated time: a scheduled one within that message, others after it.
     """
-    script = FakeNode(name, params, heard, calls)
+    script = FakeNode(name, params, received, calls)
     run(cast("Node", script), params)  # has every part of Node that services use
-    return script.said
+    return script.published
 
 
 class FakeNode:
-    """Stand-in for a Node, with its published messages in `said`."""
+    """Stand-in for a Node, with its published messages in `published`."""
 
     def __init__(
         self,
         name: str,
         params: Params,
-        heard: Iterable[tuple[Topic[Any], Struct]],
+        received: Iterable[tuple[Topic[Any], Struct]],
         calls: Iterable[Called],
         *,
         vehicle: str = "uav",
@@ -62,8 +62,8 @@ class FakeNode:
         self.stopping, self.in_mission, self.reference_params = False, False, None
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
-        self.said: list[Published] = []
-        self._heard, self._calls = deque(heard), deque(calls)
+        self.published: list[Published] = []
+        self._received, self._calls = deque(received), deque(calls)
         self._boots: set[str] = {""}
         self._now = ("", 0.0)
         self._listeners: dict[str, FakeSubscription] = {}
@@ -72,8 +72,8 @@ class FakeNode:
         self.serve(set_params(name), live.set)
 
     def publisher(self, topic: Topic[Any], *_: Any, **__: Any) -> "FakePublisher":
-        """Return a publisher that keeps its messages in `said`."""
-        return FakePublisher(topic.name, self.said)
+        """Return a publisher that keeps its messages in `published`."""
+        return FakePublisher(topic.name, self.published)
 
     def listen(
         self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, *_: int, **__: bool
@@ -119,9 +119,9 @@ class FakeNode:
 
     def _next(self) -> bool:
         self._execute(held=False)
-        if not self._heard:
+        if not self._received:
             return False
-        topic, message = self._heard.popleft()
+        topic, message = self._received.popleft()
         if topic.name in self._listeners:
             self._listeners[topic.name].take(message)
         self._execute(held=False)
@@ -149,12 +149,12 @@ class FakeNode:
 class FakePublisher:
     """Publisher that keeps its messages in a list."""
 
-    def __init__(self, topic: str, said: list[Published]) -> None:
-        self._topic, self._said = topic, said
+    def __init__(self, topic: str, published: list[Published]) -> None:
+        self._topic, self._published = topic, published
 
     def put(self, message: Struct) -> None:
         """Keep a message."""
-        self._said.append(Published(self._topic, message))
+        self._published.append(Published(self._topic, message))
 
 
 class FakeSubscription:

@@ -97,8 +97,8 @@ class LiveParams:
         self._save(msgspec.to_builtins(fresh))
         _copy(fresh, getattr(self._params, self._name))
         self._changed()
-        asked = {normal_name(name) for name, _ in flatten(request.values)}
-        waits = sorted(asked & self._in_force().keys())
+        requested = {normal_name(name) for name, _ in flatten(request.values)}
+        waits = sorted(requested & self._in_force().keys())
         return SetParamsResponse(True, "from the next standstill" if waits else "", waits)
 
     def _checked(self, values: dict[str, Any]) -> Struct:

@@ -167,7 +167,7 @@ def of(table: Mapping[str, Any], source: str, vehicles: Sequence[str]) -> dict[s
     return fleet
 
 
-def said_of(table: Mapping[str, Any], vehicle: str, vehicles: Iterable[str]) -> dict[str, Any]:
+def table_of(table: Mapping[str, Any], vehicle: str, vehicles: Iterable[str]) -> dict[str, Any]:
     """Merge a file's common tables with the vehicle's own; the vehicle's own values win."""
     common = {name: value for name, value in table.items() if name not in vehicles}
     return merged(common, table.get(vehicle, {}))

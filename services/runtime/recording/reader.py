@@ -40,7 +40,7 @@ class Recorded(NamedTuple):
     @property
     def encoding(self) -> str:
         """Return its encoding on the bus."""
-        return self.channel.metadata.get(writer.SAID, "")
+        return self.channel.metadata.get(writer.ENCODING, "")
 
     @property
     def derived(self) -> bool:
@@ -223,7 +223,7 @@ def _facts(
         KeyFacts(
             channel.topic,
             schema.name.removeprefix("quadctl.") if schema else "",
-            channel.metadata.get(writer.SAID, channel.message_encoding),
+            channel.metadata.get(writer.ENCODING, channel.message_encoding),
             count,
             (count - 1) / seconds if seconds and count > 1 else 0.0,
             writer.DERIVED in channel.metadata,

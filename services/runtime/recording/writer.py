@@ -57,7 +57,7 @@ class Outfile:
         os.close(self._descriptor)
 
 
-SAID, PACKED, DERIVED = "zenoh_encoding", "packed", "derived"
+ENCODING, PACKED, DERIVED = "zenoh_encoding", "packed", "derived"
 """Keys of a channel's metadata: encoding on the bus, MessagePack there, made only for viewers."""
 _CHUNK = 4 << 20
 """Bytes after which a chunk ends without a flush."""
@@ -126,7 +126,7 @@ class BagWriter:
     def _bus_channel(self, key: str, encoding: str, stored: Stored) -> int:
         type_ = stored.type
         schema = 0 if type_ is None else self._schema(f"quadctl.{type_.__name__}", type_)
-        facts = {SAID: encoding, PACKED: "yes" if stored.packed else "no"}
+        facts = {ENCODING: encoding, PACKED: "yes" if stored.packed else "no"}
         self.keys.add(key)
         return self._mcap.register_channel(key, stored.encoding, schema, facts)
 

@@ -73,11 +73,11 @@ class LineBuffer:
         if not self._waiting:
             return []
         with self._lock:
-            taken, self._waiting = self._waiting, []
+            lines, self._waiting = self._waiting, []
             dropped, self._dropped = self._dropped, 0
         if dropped:
-            taken.append(LogLine(time.time(), self._name, f"... {dropped} lines dropped"))
-        return taken
+            lines.append(LogLine(time.time(), self._name, f"... {dropped} lines dropped"))
+        return lines
 
     def _add(self, pieces: list[bytes]) -> None:
         now = time.time()

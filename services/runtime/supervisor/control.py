@@ -46,29 +46,29 @@ def request_restart(realm: Realm, name: str) -> ProcessRecord:
     """
     before = _process(realm, name)
     try:
-        realm.asked.mkdir(exist_ok=True)
+        realm.restart_requests.mkdir(exist_ok=True)
         # An empty file appears at once, and needs no room on a full disk.
-        (realm.asked / name).touch()
+        (realm.restart_requests / name).touch()
     except FileNotFoundError as error:
         raise run_files.not_running(realm) from error
     except OSError as error:
         raise QuadctlError(
-            f"{realm.asked} cannot be written: {error.strerror}", "is the disk full?"
+            f"{realm.restart_requests} cannot be written: {error.strerror}", "is the disk full?"
         ) from error
     return before
 
 
 def pending_restarts(realm: Realm) -> list[str]:
     """Take the names requested since the last call; the supervisor calls this 10 times a second."""
-    if not realm.asked.exists():
+    if not realm.restart_requests.exists():
         return []
-    taken = []
+    names = []
     # A request that arrives just now, or the removal of the folder, waits for the next call.
     with contextlib.suppress(OSError):
-        for request in realm.asked.iterdir():
+        for request in realm.restart_requests.iterdir():
             request.unlink()
-            taken.append(request.name)
-    return taken
+            names.append(request.name)
+    return names
 
 
 def wait_restarted(realm: Realm, name: str, before: ProcessRecord, timeout: float) -> ProcessRecord:

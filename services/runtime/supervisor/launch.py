@@ -155,16 +155,16 @@ class RunDirectory:
         run = RunState(self.realm.name, os.getpid(), self._launch.vehicles, rows)
         run_files.write(self.realm, run)
 
-    def repair(self, tell: Callable[[str], None]) -> bool:
+    def repair(self, log: Callable[[str], None]) -> bool:
         """Create the folder again if it was removed, and return whether that was done.
 
         Raises AlreadyServed if another run has taken the realm since.
         """
-        if self._lock.stands():
+        if self._lock.is_held_by_us():
             return False
         if not self._lost:
             self._lost = True
-            tell(f"{self.realm.folder} was removed under the run")
+            log(f"{self.realm.folder} was removed under the run")
         try:
             self._lock.release()
             self._lock = hold(self.realm)
@@ -175,14 +175,14 @@ class RunDirectory:
             # The loss is logged already; the next call tries again.
             return False
         self._lost = False
-        tell(f"{self.realm.folder} was created again, with the parameters of the launch")
+        log(f"{self.realm.folder} was created again, with the parameters of the launch")
         return True
 
     def remove(self) -> None:
         """Remove the folder, unless it belongs to another run by now."""
         if not self._is_held:
             return
-        if self._lock.stands():
+        if self._lock.is_held_by_us():
             self.realm.remove()
         self._lock.release()
 

@@ -15,10 +15,10 @@ _ROOM = 1 << 16
 
 
 class DiskFault:
-    """Fault state of the disk with `folder`; `tell` shows a line without writing it to a file."""
+    """Fault state of the disk with `folder`; `log` shows a line without writing it to a file."""
 
-    def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
-        self._folder, self._tell = folder, tell
+    def __init__(self, folder: Path, log: Callable[[str], None]) -> None:
+        self._folder, self._log = folder, log
         self._fault = False
         self._lost = 0
         self._next_probe = 0.0
@@ -40,7 +40,7 @@ class DiskFault:
         except OSError as error:
             if not self._fault:
                 self._fault, self._next_probe = True, time.monotonic() + _PROBE_EVERY
-                self._tell(
+                self._log(
                     f"{self._folder} cannot be written: {error.strerror}; the run continues, its "
                     "log is shown but not saved until the disk has room again"
                 )

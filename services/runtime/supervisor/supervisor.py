@@ -47,10 +47,10 @@ class ManagedProcess:
         pid, started = (self.child.pid, self._started) if self.child else (0, 0.0)
         return ProcessRecord(self.process.name, pid, self.life.state, self.life.restarts, started)
 
-    def update(self, now: float, *, deaf: bool, answer_timeout: float) -> None:
+    def update(self, now: float, *, offline: bool, timeout: float) -> None:
         """Start it when due, reap it if it has ended, kill it if it has timed out.
 
-        `deaf` means that no answer of it could have arrived lately.
+        `offline` means that no answer of it could have arrived lately.
         """
         if self.child is None:
             if self._due is not None and now >= self._due:
@@ -66,9 +66,9 @@ class ManagedProcess:
                 self.child.kill()
             return
         self.life.runs(now)
-        if deaf:
+        if offline:
             self.life.reset_watchdog(now)
-        elif why := self.life.timed_out(now, max(answer_timeout, self.process.patience)):
+        elif why := self.life.timed_out(now, max(timeout, self.process.patience)):
             self._log(f"{self.process.name}: {why}: killed")
             self.child.kill()
             self.child.wait(GRACE)
@@ -95,10 +95,10 @@ class ManagedProcess:
         if self.child is not None:
             self.life.answered(now)
 
-    def take_said(self) -> list[LogLine]:
+    def take_output(self) -> list[LogLine]:
         """Return the lines to show; attempts while another process has its name are left out."""
         fresh = self.child.take_lines() if self.child else []
-        if self.life.taken:
+        if self.life.name_taken:
             self._held += fresh
         elif fresh or self._held:
             self._lines += [*self._held, *fresh]
@@ -107,24 +107,24 @@ class ManagedProcess:
         return lines
 
     def _reap(self, now: float) -> None:
-        child, asked, was_taken = self.child, self._kill_at is not None, self.life.taken
+        child, stopped, was_taken = self.child, self._kill_at is not None, self.life.name_taken
         if child is None:
             return
         # The child's descendants must end, too, and close the pipe.
         child.kill()
         how = child.last_words()
         self.child = self._kill_at = None
-        delay = 0.0 if asked else self.life.on_exit(now, child.exit_code())
+        delay = 0.0 if stopped else self.life.on_exit(now, child.exit_code())
         self._due = None if delay is None else now + delay
-        if was_taken and self.life.taken:
+        if was_taken and self.life.name_taken:
             self._held.clear()
             return
         self._lines += [*self._held, *child.take_lines()]
         self._held.clear()
-        if asked:
+        if stopped:
             return
         then = "left down" if delay is None else f"restarting in {delay:g} s"
-        if self.life.taken:
+        if self.life.name_taken:
             then = f"another process has its name; retrying every {delay:g} s"
         self._log(f"{self.process.name} ended ({how}): {then}")
 
@@ -228,7 +228,7 @@ class Supervisor:
             last = self._logs.last(name)
             if row.life.state == "down":
                 return f"{name} does not stay up; its last lines:\n{last}"
-            if row.life.taken and since > QUICK:
+            if row.life.name_taken and since > QUICK:
                 return f"another process has the name {name} already; its last lines:\n{last}"
             if since > START_TIMEOUT and row.life.state != "ready":
                 return f"{name} is not ready after {START_TIMEOUT:g} s\n{last}"
@@ -245,8 +245,8 @@ class Supervisor:
         hub = self._rows.get("hub")
         for row in self._rows.values():
             # A frozen hub silences all; it is the first row, so it is killed before the others.
-            deaf = asleep or (row is not hub and hub is not None and hub.life.state != "ready")
-            row.update(now, deaf=deaf, answer_timeout=self._launch.params.supervise.answer_timeout)
+            offline = asleep or (row is not hub and hub is not None and hub.life.state != "ready")
+            row.update(now, offline=offline, timeout=self._launch.params.supervise.answer_timeout)
         self._show()
         self._write_record()
         self._logs.look(now)
@@ -299,7 +299,7 @@ class Supervisor:
             self._rows[name].answered(time.monotonic())
 
     def _show(self) -> None:
-        lines = [line for row in self._rows.values() for line in row.take_said()]
+        lines = [line for row in self._rows.values() for line in row.take_output()]
         for at, name, line in sorted(lines, key=lambda line: line.at):
             self._logs.show(name, line, at)
 

@@ -101,12 +101,12 @@ def test_acquire_waits_for_processes_that_check_the_lock(path: Path):
 
 def test_the_lock_is_valid_until_its_file_is_removed(path: Path):
     with FileLock(path, "it") as lock:
-        assert lock.stands()
+        assert lock.is_held_by_us()
         path.unlink()
-        assert not lock.stands()
+        assert not lock.is_held_by_us()
         path.touch()
-        assert not lock.stands()
-    assert not lock.stands()
+        assert not lock.is_held_by_us()
+    assert not lock.is_held_by_us()
 
 
 def test_a_full_disk_does_not_prevent_locking(path: Path):
@@ -114,7 +114,7 @@ def test_a_full_disk_does_not_prevent_locking(path: Path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
     try:
         with FileLock(path, "it") as lock:
-            assert lock.stands()
+            assert lock.is_held_by_us()
             with pytest.raises(AlreadyServed, match="process unknown"):
                 FileLock(path, "it").acquire()
     finally:

@@ -172,17 +172,17 @@ def test_while_its_name_is_taken_a_process_retries_forever():
     for number in range(50):
         life.started(float(number))
         assert life.on_exit(float(number), 7) == 0.8
-        assert (life.state, life.taken) == ("restarting", True)
+        assert (life.state, life.name_taken) == ("restarting", True)
     life.started(60.0)
     life.ready(60.0)
-    assert not life.taken
+    assert not life.name_taken
     assert life.on_exit(60.0, 1) is None, "the earlier deaths still count"
 
 
 def test_the_exit_code_of_an_unannounced_command_has_no_meaning():
     life = RestartPolicy(must_announce=False)
     assert [life.on_exit(1.0, 7) for _ in range(5)][-1] is None
-    assert not life.taken
+    assert not life.name_taken
 
 
 def test_a_command_without_announcement_is_ready_after_a_moment():

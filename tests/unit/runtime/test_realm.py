@@ -129,7 +129,7 @@ def test_clear_keeps_the_lock_and_the_socket(root: Path):
     realm.create()
     for path in (realm.lock, realm.socket, realm.record, realm.address, realm.folder / ".x.1"):
         path.write_text("x")
-    for folder in (realm.params, realm.logs, realm.asked):
+    for folder in (realm.params, realm.logs, realm.restart_requests):
         folder.mkdir()
         (folder / "old").write_text("x")
     realm.clear()

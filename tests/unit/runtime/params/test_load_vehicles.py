@@ -91,5 +91,5 @@ def test_an_unknown_vehicle_is_reported_with_the_known_ones():
 
 def test_a_vehicles_own_table_extends_the_common_ones():
     table = {"safety": {"takeoff": 1.0}, "a": {"safety": {"cage_on": False}}, "b": {"hub": {}}}
-    said = load.said_of(table, "a", ["a", "b"])
-    assert said == {"safety": {"takeoff": 1.0, "cage_on": False}}
+    merged = load.table_of(table, "a", ["a", "b"])
+    assert merged == {"safety": {"takeoff": 1.0, "cage_on": False}}

@@ -50,13 +50,13 @@ class Rig:
         self.children.append(FakeChild(100 + len(self.children)))
         return cast("Child", self.children[-1])
 
-    def turn(self, now: float, *, deaf: bool = False) -> str:
+    def turn(self, now: float, *, offline: bool = False) -> str:
         """Update the process, and return its state."""
-        self.row.update(now, deaf=deaf, answer_timeout=2.0)
+        self.row.update(now, offline=offline, timeout=2.0)
         return self.row.life.state
 
     def log_lines(self) -> list[str]:
-        return [line.line for line in self.row.take_said()]
+        return [line.line for line in self.row.take_output()]
 
 
 def test_a_restart_ends_the_process_and_waits_for_its_successor():
@@ -127,6 +127,6 @@ def test_a_process_is_not_killed_while_the_supervisor_is_deaf():
     rig = Rig(must_announce=True)
     rig.turn(0.0)
     rig.row.announced(0.1)
-    assert rig.turn(9.0, deaf=True) == "ready"
+    assert rig.turn(9.0, offline=True) == "ready"
     assert [rig.turn(now) for now in (9.1, 10.9)] == ["ready"] * 2
     assert rig.turn(11.1) == "restarting"

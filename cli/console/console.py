@@ -83,7 +83,7 @@ def console(
     if importlib.util.find_spec("nicegui") is None:
         raise QuadctlError(
             "the console needs NiceGUI, which is not installed",
-            "pip install 'quadctl[console]', in the environment of quadctl",
+            "`pip install '.[console]'` in quadctl's checkout, into the same environment",
         )
     _check(host, insecure=insecure)
     # Fail here, not on a page, if nothing runs or answers.

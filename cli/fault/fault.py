@@ -140,6 +140,7 @@ def _cut(found: str) -> set[str]:
 def _named(name: str) -> Fault:
     known = {fault.name: fault for fault in FAULTS}
     if name not in known:
-        hint = nearest(name, [*known, BUS_CUT]) or "`quadctl fault list` shows them"
+        like = nearest(name, [*known, BUS_CUT])
+        hint = "; ".join(filter(None, (like, "`quadctl fault list` shows all")))
         raise UsageError(f"there is no fault {name}", hint)
     return known[name]

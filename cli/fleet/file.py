@@ -112,7 +112,7 @@ def _check_distinct(members: list[Member], source: str) -> None:
 
 def _place(value: Any, where: str) -> Position:
     if not isinstance(value, list) or len(value) != 3:
-        raise Invalid(f"{where}: {catalogue.value(value)} is no place", _POINT)
+        raise Invalid(f"{where}: {catalogue.value(value)} is not a point", _POINT)
     x, y, z = (
         _checked(part, Metres, f"{where}: {axis} = {catalogue.value(part)}", _POINT)
         for axis, part in zip("xyz", value, strict=True)

@@ -33,7 +33,7 @@ class FleetGoal(Struct, frozen=True):
 
 
 def read(words: Sequence[str]) -> FleetGoal:
-    """Read `uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raise UsageError, or Invalid for no place."""
+    """Read `uav0=1,2,1`, `line 0 0 1` or `1 2 1`; raise UsageError, or Invalid for a bad point."""
     if all("=" in word for word in words):
         goals: dict[str, Position] = {}
         for word in words:
@@ -50,7 +50,7 @@ def read(words: Sequence[str]) -> FleetGoal:
 
 def _point(words: Sequence[str]) -> Position:
     if len(words) != 3 or not all(map(is_number, words)):
-        raise UsageError(f"'{' '.join(words)}' is no place: give three numbers", _HINT)
+        raise UsageError(f"'{' '.join(words)}' is not a point: give three numbers", _HINT)
     x, y, z = map(float, words)
     # Refuses a point that every vehicle would refuse.
     request_of(x, y, z, replace=False)

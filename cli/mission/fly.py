@@ -44,6 +44,7 @@ _BACKLOG = 200_000  # messages that may wait while this process is not scheduled
 _LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
 _PATIENCE = 60.0
 _SLOWER = 20.0
+_EXAMPLE = "examples/mission.toml in quadctl's checkout is one to copy"
 """A mission may take _PATIENCE s plus this many times its length at the requested speed."""
 
 
@@ -161,7 +162,7 @@ def fly(
 
     Example: quadctl fly examples/mission.toml
     """
-    plan = mission(read(mission_file), str(mission_file))
+    plan = mission(read(mission_file, _EXAMPLE), str(mission_file))
     with context.connect(options) as client:
         flight = MissionFlight(client, plan)
         began = time.monotonic()

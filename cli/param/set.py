@@ -48,7 +48,8 @@ def set_(
             raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")
         reply = running.set(node_of(next(iter(values)), running.nodes()), values)
     if not reply.success:
-        raise Invalid(f"nothing was changed: {reply.reason}", _hint(values))
+        reason = reply.reason.removeprefix("param set: ")
+        raise Invalid(f"nothing was changed: {reason}", _hint(values))
     if options.json:
         output.document(values | ({"waits": reply.waits} if reply.waits else {}))
         return

@@ -140,7 +140,7 @@ def goto(
             output.line("accepted" if reply.accepted else "rejected")
         problem: QuadctlError | None = None
         if not reply.accepted:
-            problem = Refused(reply.reason, "`quadctl cage show` and `quadctl state` show more")
+            problem = Refused(reply.reason, refusal_hint(reply.reason))
         elif not no_wait:
             problem = _watch(client, flight, arrive, quiet=as_json)
     if as_json:
@@ -195,14 +195,21 @@ def report(flight: Flight | None, reply: GotoResponse) -> dict[str, Any]:
     }
 
 
+def refusal_hint(reason: str) -> str:
+    """Return the hint for a goal that safety has rejected."""
+    if reason.startswith("busy"):
+        return "`--replace` changes course; `quadctl hold` stops"
+    return "`quadctl cage show` and `quadctl state` show more"
+
+
 def request_of(x: float, y: float, z: float, *, replace: bool) -> GotoRequest:
-    """Return a request for a point, m; raise Invalid if it is no place."""
+    """Return a request for a point, m; raise Invalid for a bad coordinate."""
     point = {"x": x, "y": y, "z": z}
     try:
         return msgspec.convert(point | {"replace": replace}, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
         raise Invalid(
-            f"{axis} = {point[axis]:g} is no place to fly to",
+            f"{axis} = {point[axis]:g} is not a valid coordinate",
             "coordinates are metres, finite, and at most 10 km from the origin",
         ) from error

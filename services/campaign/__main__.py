@@ -39,7 +39,11 @@ def _campaign(order: Order) -> None:
     every = seeds(order.seed, order.flights)
     is_fast = find_spec("numba") is not None
     if not is_fast:
-        emit({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"})
+        emit(
+            {
+                "note": "without numba (`pip install '.[fleet]'` in the checkout) this takes much longer"
+            }
+        )
     size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
     jobs = [
         Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)

@@ -191,7 +191,7 @@ def _unpaused(s: Situation) -> Situation:
 
 
 def always(_s: Situation, _e: Event, _w: World) -> bool:
-    """Return True."""
+    """Return True: the row applies if no row above it does."""
     return True
 
 

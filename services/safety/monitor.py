@@ -222,8 +222,10 @@ def _line(before: Situation, after: Situation, event: Event) -> str:
     parts = []
     if isinstance(event, Goto):
         parts.append("Requested position: ({:g}, {:g}, {:g})".format(*astuple(event.goal)))
-    if isinstance(event, Toggle | Resized):
+    if isinstance(event, Toggle):
         parts.append(f"Cage: {'on' if after.cage_on else 'off'}")
+    if isinstance(event, Resized):
+        parts.append("Parameters changed")
     if after.state is not before.state:
         parts.append(f"Current State: {after.state.name}")
     if after.reason != before.reason and after.reason:

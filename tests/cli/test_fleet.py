@@ -141,7 +141,7 @@ def test_refusals_are_reported_in_one_document(fleet: tuple[Lab, Lab]):
     assert two.quadctl("fleet", "hold").code == 0
     nowhere = two.quadctl("fleet", "goto", "line", 9999, 0, 1)
     assert (nowhere.code, nowhere.err.splitlines()[0]) == (
-        6, "error: about 9999 0 1, red's x = 10001 is no place to fly to",
+        6, "error: about 9999 0 1, red's x = 10001 is not a valid coordinate",
     )  # fmt: skip
 
 

@@ -178,7 +178,7 @@ a process is missing, dead or frozen
   = pressure <- commands with pressure frozen
   = safety <- commands with safety frozen
 processes that ignore SIGTERM
-  they get SIGTERM, then SIGKILL; starts and stops leave nothing behind
+  after SIGTERM they get SIGKILL; starts and stops leave nothing behind
   - supervisor/endings: a_signal_ends_a_foreground_run_and_all_its_processes
     starts_and_stops_leave_nothing_behind a_hundred_starts_and_stops_leave_nothing_behind
   = 100 starts and stops

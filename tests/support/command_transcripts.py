@@ -53,7 +53,7 @@ TRANSCRIPTS = {
         6,
         "",
         (
-            "error: z = nan is no place to fly to\n"
+            "error: z = nan is not a valid coordinate\n"
             "  try: coordinates are metres, finite, and at most 10 km from the origin\n"
         ),
     ),

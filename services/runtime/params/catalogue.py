@@ -167,6 +167,7 @@ _HEAD = """\
 #
 # Order: default in code < this file < `--set safety.virtual_cage.x=3` < `quadctl param set`.
 # An unknown name, a wrong type or a value out of bounds stops the launch.
+# The cage is that of the lab's launch file; every other value is the default.
 """
 _TAIL = """
 # Commands that replace a node of quadctl (hub, dynamics, pressure, safety), or run beside them.

@@ -102,10 +102,10 @@ def _explain(text: str, source: str) -> Invalid:
 
 
 def nearest_declared(name: str) -> str:
-    """Return a hint with the most similar declared parameter or table."""
+    """Return a hint with the most similar declared parameter or table, except a table of its own."""
     defaults = msgspec.to_builtins(Params())
     names = [leaf for leaf, _ in flatten(defaults)]
-    tables = {leaf.rpartition(".")[0] for leaf in names}
+    tables = {leaf.rpartition(".")[0] for leaf in names} - {name.rpartition(".")[0]}
     return nearest(name, [*names, *tables]) or "`quadctl init` writes a file with every parameter"
 
 

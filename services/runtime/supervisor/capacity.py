@@ -44,8 +44,8 @@ def check(launch: Launch) -> None:
         raise UsageError(
             f"this machine flies about {found} vehicles at {hz} Hz in plain Python,"
             f" {len(rates)} were asked for",
-            "pip install 'quadctl[fleet]' in the environment of quadctl to fly them compiled;"
-            " or give fewer --vehicles",
+            "`pip install '.[fleet]'` in quadctl's checkout, into the same environment, flies them"
+            " compiled; or give fewer --vehicles",
         )
 
 

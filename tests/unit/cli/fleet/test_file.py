@@ -53,7 +53,7 @@ def test_the_file_gives_each_vehicles_hub_and_formation():
          "metres"),
         ('[vehicles]\na = {}\n[formations.f]\na = [0, "x", 1]', 'formations.f.a: y = "x": expected',
          "metres"),
-        ("[vehicles]\na = {}\n[formations.f]\na = 3", "formations.f.a: 3 is no place", "metres"),
+        ("[vehicles]\na = {}\n[formations.f]\na = 3", "formations.f.a: 3 is not a point", "metres"),
         ("[vehicles]\na = {}\nb = {}\n[formations.f]\na = [0, 0, 1]\nb = [-0.0, 0, 1.0]",
          "formations.f: b has the same place as a", "collide"),
         ('[vehicles]\na = { connect = "garbage" }', "vehicles.a.connect: 'garbage' is not an endpoint",

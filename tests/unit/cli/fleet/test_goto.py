@@ -70,7 +70,7 @@ def test_words_that_are_no_goal_are_a_usage_error(words: list[str]):
 def test_an_invalid_coordinate_is_quoted_as_typed(words: str, coordinate: str):
     with pytest.raises(Invalid) as raised:
         read(words.split())
-    assert f"{coordinate} is no place to fly to" in raised.value.message
+    assert f"{coordinate} is not a valid coordinate" in raised.value.message
 
 
 @pytest.mark.parametrize(

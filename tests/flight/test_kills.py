@@ -24,7 +24,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.bare import Bare, gap, speed
+from tests.support.bare import Bare, Watch, gap, speed
 from tests.support.lab import PATIENT, Lab, private_lab
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
@@ -134,11 +134,11 @@ def kill_in_flight(
         start_random_flight(bare, draw)
         poses.until(lambda p: speed(p) > 0.1)
         time.sleep(draw.uniform(0, 1.1))
-        last, old = poses.next()[0], lab.nodes()[node]["pid"]
+        flying, old = poses.next()[0], lab.nodes()[node]["pid"]
         seen, killed = len(states.messages), time.monotonic()
         logged = len(lab.log("dynamics")), len(lab.log("safety"))
         lab.signal(node, number)
-        stopped = killed
+        stopped, stamp = killed, stamp_at(killed, poses, flying["boot"])
         if node == "dynamics":
             states.until(lambda s: s["state"] == "HOVERING", within=5)
             stopped = time.monotonic()
@@ -163,7 +163,7 @@ def kill_in_flight(
         after.fly(0.0, 0.0, 1.0)
     if node == "dynamics" or behind_a_hub:
         return killed, stopped - killed
-    return killed, time_of_peak(poses.messages, last)
+    return killed, time_of_peak(poses.messages, flying["boot"], stamp)
 
 
 def braked_or_arrived(lab: Lab, logged: tuple[int, int]) -> str:
@@ -192,8 +192,17 @@ def start_random_flight(bare: Bare, draw: random.Random) -> None:
     assert bare.call("goto", **goal, replace=True).value == {"accepted": True, "reason": ""}
 
 
-def time_of_peak(poses: list[dict[str, Any]], last: dict[str, Any]) -> float:
-    """Return the simulated s from pose `last` to the peak speed; 0 if the speed never rises after it."""
-    later = [p for p in poses if p["boot"] == last["boot"] and p["stamp"] >= last["stamp"]]
+def stamp_at(moment: float, poses: Watch, boot: str) -> float:
+    """Return the simulated s at a moment (monotonic s), by the pose that arrived with the least delay.
+
+    The last pose seen before a kill may be older than the kill: this process has to wait for its turn, too.
+    """
+    arrived = zip(poses.times, list(poses.messages), strict=False)
+    return moment - min(at - pose["stamp"] for at, pose in arrived if pose["boot"] == boot)
+
+
+def time_of_peak(poses: list[dict[str, Any]], boot: str, start: float) -> float:
+    """Return the simulated s from a stamp to the peak speed; 0 if the speed never rises after it."""
+    later = [p for p in poses if p["boot"] == boot and p["stamp"] >= start]
     fastest = max(later, key=lambda p: (round(speed(p), 3), -p["stamp"]))
-    return float(fastest["stamp"] - last["stamp"])
+    return float(fastest["stamp"] - start)

@@ -34,12 +34,15 @@ class Watch:
     def __init__(self) -> None:
         self.messages: list[Any] = []
         self.encodings: list[str] = []
+        self.times: list[float] = []
+        """Arrival of each message, monotonic s."""
         self._read = 0
         self._changed = threading.Condition()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
-        value = unpack(sample.payload.to_bytes())
+        value, now = unpack(sample.payload.to_bytes()), time.monotonic()
         with self._changed:
+            self.times.append(now)
             self.encodings.append(str(sample.encoding))
             self.messages.append(value)
             self._changed.notify_all()

@@ -1,7 +1,7 @@
 """`fault list`, `inject` and `clear`."""
 
 import time
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
@@ -12,12 +12,15 @@ from quadctl.cli.node.lookup import run_of
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import get_params, set_params
 from quadctl.services.runtime import procfs, run_files
-from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import flatten, nearest
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import RunState
+
+if TYPE_CHECKING:
+    # `status` uses this module, and importing Zenoh takes longer than the whole command.
+    from quadctl.services.runtime.bus.client import Client
 
 
 def running_values(options: Options) -> dict[str, Any]:
@@ -118,7 +121,7 @@ def clear(
     output.either(options, {"cleared": gone}, text)
 
 
-def _put(client: Client, fault: Fault) -> str:
+def _put(client: "Client", fault: Fault) -> str:
     """Put a fault in and return the one that it replaces: a parameter causes one at a time."""
     ends = time.monotonic() + client.timeout
     values = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
@@ -126,7 +129,7 @@ def _put(client: Client, fault: Fault) -> str:
     return next((name for name in active(values) if name != fault.name), "")
 
 
-def _set(client: Client, fault: Fault, value: object, timeout: float | None = None) -> None:
+def _set(client: "Client", fault: Fault, value: object, timeout: float | None = None) -> None:
     request = SetParamsRequest({fault.parameter: value})
     reply = client.call(set_params(fault.node), request, timeout)
     if not reply.success:

@@ -1,7 +1,7 @@
 """Lookup of nodes by the run record and by the bus, and the parameters of a node."""
 
 import contextlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
@@ -11,13 +11,16 @@ from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import get_params
 from quadctl.services.runtime import run_files
-from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.params.names import nearest, normal_name
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.procfs import has_ended
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
+
+if TYPE_CHECKING:
+    # As in fault.py, for `status`.
+    from quadctl.services.runtime.bus.client import Client
 
 
 class NodesSeen(Struct, frozen=True):
@@ -60,7 +63,7 @@ def run_of(options: Options) -> RunState | None:
     return None
 
 
-def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
+def connected(options: Options, run: RunState | None) -> "Client | QuadctlError":
     """Return a connection, or the error if there is none and `run` has something to show."""
     try:
         return context.connect(options)
@@ -70,7 +73,7 @@ def connected(options: Options, run: RunState | None) -> Client | QuadctlError:
         return problem
 
 
-def see(client: Client | None, run: RunState | None) -> NodesSeen:
+def see(client: "Client | None", run: RunState | None) -> NodesSeen:
     """Return the nodes by the run and, with a client, by the bus."""
     return NodesSeen(run, client.nodes(), client.endpoints()) if client else NodesSeen(run, [], [])
 
@@ -82,7 +85,7 @@ def answering(seen: NodesSeen) -> list[ProcessRecord]:
 
 
 def params_of(
-    client: Client, process: ProcessRecord, names: list[str], timeout: float
+    client: "Client", process: ProcessRecord, names: list[str], timeout: float
 ) -> dict[str, Any]:
     """Return a node's parameters; wait up to `timeout` s while it restarts.
 

@@ -9,8 +9,6 @@ import msgspec
 from quadctl.cli import output
 from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Arg
-from quadctl.cli.fault.catalogue import active
-from quadctl.cli.fault.fault import frozen_of, values_of
 from quadctl.cli.output import duration
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.files import write_new
@@ -67,6 +65,10 @@ def status(options: Options) -> None:
 
 def _faults(realm: Realm, run: RunState) -> list[str]:
     """Return the faults that are in, e.g. `uav pose-frozen`; of a process, `safety-frozen`."""
+    # Here, because `down` and `init` need none of it.
+    from quadctl.cli.fault.catalogue import active
+    from quadctl.cli.fault.fault import frozen_of, values_of
+
     by_vehicle = {name: active(values_of(realm, name)) for name in run.vehicles}
     found = [f"{vehicle} {fault}" for vehicle, faults in by_vehicle.items() for fault in faults]
     return found + frozen_of(run)

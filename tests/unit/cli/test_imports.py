@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Collection
 
 from quadctl.cli.commands import COMMANDS
 
@@ -21,8 +22,8 @@ print("yaml" in sys.modules)
 """
 
 
-def loaded(*modules: str) -> list[str]:
-    command = [sys.executable, "-P", "-c", LOAD, ",".join(HEAVY), *modules]
+def loaded(*modules: str, of: Collection[str] = HEAVY) -> list[str]:
+    command = [sys.executable, "-P", "-c", LOAD, ",".join(of), *modules]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return done.stdout.split()
 
@@ -34,6 +35,11 @@ def test_only_commands_on_recordings_import_heavy_packages():
     assert (
         loaded("quadctl.cli.command", *sorted(others), "quadctl.services.runtime.bus.client") == []
     )
+
+
+def test_down_and_status_import_no_zenoh():
+    commands = ("quadctl.cli.command", "quadctl.cli.run.commands", "quadctl.cli.fault.fault")
+    assert loaded(*commands, of=("zenoh", "ctypes", "threading")) == []
 
 
 def test_yaml_is_imported_only_for_yaml_arguments():

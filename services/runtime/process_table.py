@@ -34,6 +34,8 @@ _GATES_PATIENCE = 10.0
 list of names, keep it busy for 1-2 s; killing it then makes all of them reconnect again."""
 SETTLED = 1.0
 """Seconds that a command which announces nothing must run before it counts as ready."""
+PING_EVERY = 0.5
+"""Seconds between pings of a process."""
 _DELAYS = (0.0, 0.1, 0.2, 0.4, 0.8)
 """Seconds before the restart after the first, second, ... quick death in a row."""
 
@@ -143,6 +145,10 @@ class RestartPolicy:
         """Record its reply to a ping."""
         self._answered = now
 
+    def silence(self, now: float) -> float:
+        """Return the time (s) since its last reply or readiness; 0 if it need not reply yet."""
+        return 0.0 if self._answered is None else now - self._answered
+
     def reset_watchdog(self, now: float) -> None:
         """Restart its timeouts, as no message of it could arrive until now."""
         if self._answered is not None:
@@ -155,8 +161,7 @@ class RestartPolicy:
         if self.state != "ready":
             late = now - self._started >= START_TIMEOUT
             return f"not ready in {START_TIMEOUT:g} s" if late else ""
-        silent = self._answered is not None and now - self._answered > answer_timeout
-        return f"no answer for {answer_timeout:g} s" if silent else ""
+        return f"no answer for {answer_timeout:g} s" if self.silence(now) > answer_timeout else ""
 
     def on_exit(self, now: float, code: int | None = None) -> float | None:
         """Record its end; return the delay (s) of its restart, or None to leave it down.
@@ -182,3 +187,13 @@ class RestartPolicy:
         self.state, self._deaths, self.name_taken = "restarting", 0, False
         self._ready_since = self._answered = None
         self.restarts += 1
+
+
+def cut_off(hub: RestartPolicy | None, now: float, answer_timeout: float) -> bool:
+    """Return whether the replies of the other processes may have stuck in the hub, if there is one.
+
+    The replies to one ping come at different moments, so the others may seem silent a little longer
+    than a frozen hub. They are excused as soon as the hub itself has missed a ping or two.
+    """
+    late = max(answer_timeout / 2, PING_EVERY)
+    return hub is not None and (hub.state != "ready" or hub.silence(now) > late)

@@ -14,10 +14,12 @@ from quadctl.services.runtime import (
 from quadctl.services.runtime.errors import AlreadyServed
 from quadctl.services.runtime.process_table import (
     GRACE,
+    PING_EVERY,
     QUICK,
     START_TIMEOUT,
     Process,
     RestartPolicy,
+    cut_off,
 )
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor import control, descendants, fork
@@ -132,7 +134,6 @@ class ManagedProcess:
         self._lines.append(LogLine(time.time(), "up", line))
 
 
-_PING_EVERY = 0.5
 _LOOK_EVERY = 0.1
 """Longest time (s) between checks; a line, a start or an end wakes the loop earlier."""
 
@@ -239,19 +240,19 @@ class Supervisor:
         for name in control.pending_restarts(self._home.realm):
             if name in self._rows:
                 self._rows[name].restart(now, "restart requested")
-        # No answer arrives while this process does not run, or while there is no hub.
-        asleep = now - self._looked > _PING_EVERY
+        timeout = self._launch.params.supervise.answer_timeout
+        # No answer arrives while this process does not run, or while no hub does.
+        asleep = now - self._looked > PING_EVERY
         self._looked = now
         hub = self._rows.get("hub")
         for row in self._rows.values():
-            # A frozen hub silences all; it is the first row, so it is killed before the others.
-            offline = asleep or (row is not hub and hub is not None and hub.life.state != "ready")
-            row.update(now, offline=offline, timeout=self._launch.params.supervise.answer_timeout)
+            mute = row is not hub and cut_off(hub.life if hub else None, now, timeout)
+            row.update(now, offline=asleep or mute, timeout=timeout)
         self._show()
         self._write_record()
         self._logs.look(now)
         if now >= self._next_ping:
-            self._next_ping = now + _PING_EVERY
+            self._next_ping = now + PING_EVERY
             self._ping()
             self._repair_folder(now)
 

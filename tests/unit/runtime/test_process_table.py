@@ -16,6 +16,7 @@ from quadctl.services.runtime.process_table import (
     START_TIMEOUT,
     Process,
     RestartPolicy,
+    cut_off,
     table,
 )
 
@@ -163,6 +164,35 @@ def test_a_watchdog_reset_excuses_silence():
     life.reset_watchdog(310.0)
     assert life.timed_out(311.0, TIMEOUT) == ""
     assert life.timed_out(312.5, TIMEOUT) == "no answer for 2 s"
+
+
+def ready_at(now: float) -> RestartPolicy:
+    life = RestartPolicy(must_answer=True)
+    life.started(now)
+    life.ready(now)
+    return life
+
+
+def test_a_frozen_hub_excuses_the_silence_of_the_others():
+    hub, node = ready_at(0.0), ready_at(0.0)
+    node.answered(10.0)
+    hub.answered(10.1)
+    assert not cut_off(hub, 11.1, TIMEOUT)
+    # The node answered a little earlier, but it must not be killed first.
+    assert node.timed_out(12.05, TIMEOUT)
+    assert not hub.timed_out(12.05, TIMEOUT)
+    assert cut_off(hub, 12.05, TIMEOUT)
+    hub.on_exit(12.2)
+    assert cut_off(hub, 12.2, TIMEOUT)
+
+
+def test_the_silence_of_a_node_counts_while_the_hub_answers():
+    hub, node = ready_at(0.0), ready_at(0.0)
+    hub.answered(2.0)
+    assert node.timed_out(2.1, TIMEOUT)
+    assert not cut_off(hub, 2.1, TIMEOUT)
+    assert not cut_off(hub, 2.4, 0.5), "a hub that answers each ping is not late"
+    assert not cut_off(None, 100.0, TIMEOUT)
 
 
 def test_while_its_name_is_taken_a_process_retries_forever():

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from queue import SimpleQueue
 from random import Random
+from types import ModuleType
 from typing import Any
 
 import msgspec
@@ -23,6 +24,7 @@ from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain, VehicleBatch
 from quadctl.services.dynamics.compiled import kernel, source
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.filelock import turn
 
 
 class Order(Struct, frozen=True):
@@ -124,7 +126,7 @@ _GARBAGE = 50_000
 def compiled() -> MakeFleet | None:
     """Return the maker of vehicles compiled by numba, None without numba."""
     try:
-        module = source.load_module("kernel", kernel.kernel_source())
+        module = load_kernel()
     except ImportError:
         return None
 
@@ -132,6 +134,21 @@ def compiled() -> MakeFleet | None:
         return Compiled(params, module)
 
     return make
+
+
+def load_kernel() -> ModuleType:
+    """Return the kernel, its functions compiled; raise ImportError without numba.
+
+    Of several processes that need it, one compiles, and the others find its result in the cache.
+    """
+    module = source.load_module("kernel", kernel.kernel_source())
+    with turn(source.cache_folder() / "kernel.lock"):
+        vehicle = Compiled([DynamicsParams()], module)
+        vehicle.goto(0, 1.0, 0.0, 1.0)
+        vehicle.advance(1)
+        vehicle.room(0)
+        vehicle.brake(0)
+    return module
 
 
 def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
@@ -148,21 +165,12 @@ def main() -> None:
     jobs: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_read, args=(jobs.put,), daemon=True).start()
     make = compiled() or Plain
-    _warm(make([DynamicsParams()]))
     # Numba's objects stay, and flights leave almost nothing that is not freed at once.
     gc.freeze()
     gc.set_threshold(_GARBAGE)
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
         emit(batch(job, make).fly() if job.count else [])
-
-
-def _warm(fleet: VehicleBatch) -> None:
-    """Compile all functions now, if needed."""
-    fleet.goto(0, 1.0, 0.0, 1.0)
-    fleet.advance(1)
-    fleet.room(0)
-    fleet.brake(0)
 
 
 def _read(take: Callable[[bytes], None]) -> None:

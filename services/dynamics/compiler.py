@@ -11,7 +11,6 @@ import logging
 import os
 import sys
 import threading
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from msgspec import Struct
 
-from quadctl.services.runtime.errors import AlreadyServed
-from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.filelock import turn
 from quadctl.services.runtime.realm import write_atomically
 from quadctl.services.runtime.shutdown import die_with_parent
 
@@ -36,8 +34,6 @@ _Function = ctypes.PYFUNCTYPE(
 keeps the GIL: other threads have no use for a few microseconds of it."""
 _POLITE = 10
 """Nice level of the compiler (of 19): the vehicles keep flying."""
-_A_LOOK = 0.5
-"""Seconds between checks for the result of another process that compiles."""
 
 
 class Code(Struct, frozen=True):
@@ -130,13 +126,9 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(_POLITE)
     cache_folder().mkdir(parents=True, exist_ok=True)
-    while stored() is None:
-        try:
-            with FileLock(cache_folder() / "vehicle.lock", "the compiler"):
-                if stored() is None:
-                    store(made())
-        except AlreadyServed:
-            time.sleep(_A_LOOK)
+    with turn(cache_folder() / "vehicle.lock"):
+        if stored() is None:
+            store(made())
     os._exit(0)
 
 

@@ -4,6 +4,7 @@ import contextlib
 import os
 import sys
 import time
+from collections.abc import Iterator
 from typing import Self
 
 from quadctl.services.runtime.errors import AlreadyServed
@@ -87,6 +88,21 @@ class FileLock:
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
+
+
+@contextlib.contextmanager
+def turn(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Wait until no other process is in such a block with this path, then run the block."""
+    lock = FileLock(path, "the turn")
+    while True:
+        with contextlib.suppress(AlreadyServed):
+            lock.acquire()
+            break
+        time.sleep(4 * _A_LOOK)
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 if sys.platform == "win32":

@@ -19,7 +19,7 @@ SETTINGS = {
     "fast": ("dynamics.speed=0",),
     "ten": ("dynamics.speed=10",),
     "real": ("dynamics.speed=1",),
-    "seed": ("dynamics.speed=0", "dynamics.seed=7"),
+    "seed": ("dynamics.speed=10", "dynamics.seed=7"),
 }
 
 
@@ -34,14 +34,21 @@ def fast() -> Iterator[Lab]:
 
 
 @pytest.fixture(scope="module")
-def flights(fast: Lab) -> dict[str, dict[str, Any]]:
-    """Results of the mission at each speed and with another seed, flown at once to load the machine."""
+def others() -> dict[str, dict[str, Any]]:
+    """Results of the mission at the other speeds and with another seed, flown side by side."""
     with ExitStack() as stack, ThreadPoolExecutor(len(SETTINGS)) as pool:
-        labs = {"fast": fast}
-        for name in SETTINGS.keys() - labs.keys():
+        labs = {}
+        for name in SETTINGS.keys() - {"fast"}:
             labs[name] = stack.enter_context(private_lab())
             start(labs[name], *SETTINGS[name])
         return dict(zip(labs, pool.map(fly, labs.values()), strict=True))
+
+
+@pytest.fixture(scope="module")
+def flights(others: dict[str, dict[str, Any]], fast: Lab) -> dict[str, dict[str, Any]]:
+    """Results of the mission in each setting."""
+    # The fast vehicle comes last, because it uses all the time of a processor, even at rest.
+    return {**others, "fast": fly(fast)}
 
 
 def test_a_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):

@@ -14,16 +14,17 @@ DIGESTS = ("hash", "poses", "transitions", "pressure", "counts")
 
 
 def gather(lab: Lab) -> dict[str, Any]:
-    """Fly a mission in lock-step and two campaigns; return their hashes."""
+    """Fly two campaigns and a mission in lock-step; return their hashes."""
+    campaigns = {
+        " ".join(map(str, words)): lab.quadctl(*words, "--json").json["hash"]
+        for words in (CAMPAIGN, FAULTS)
+    }
     start(lab, "dynamics.speed=0")
     flown = fly(lab)
     return {
         "probe": probe(),
         "fly": {name: flown[name] for name in DIGESTS},
-        "campaigns": {
-            " ".join(map(str, words)): lab.quadctl(*words, "--json").json["hash"]
-            for words in (CAMPAIGN, FAULTS)
-        },
+        "campaigns": campaigns,
     }
 
 

@@ -4,6 +4,7 @@ import pytest
 
 from tests.golden import data, hashes
 from tests.golden.differences import differences
+from tests.support.compiled import compiled_kernel
 from tests.support.lab import private_lab
 
 RECORDED = data.read("hashes")
@@ -15,6 +16,7 @@ RECORDED = data.read("hashes")
 )
 @pytest.mark.timeout(90)
 def test_flights_and_campaigns_have_the_recorded_hashes():
+    compiled_kernel()
     with private_lab() as lab:
         told = differences(RECORDED, data.plain(hashes.gather(lab)))
     assert not told, "\n".join(told)

@@ -4,11 +4,13 @@ import pytest
 
 from tests.golden import data, shapes
 from tests.golden.differences import differences
+from tests.support.compiled import compiled_kernel
 from tests.support.lab import private_lab
 
 
 @pytest.mark.timeout(90)
 def test_json_output_has_the_recorded_shapes():
+    compiled_kernel()
     with private_lab() as lab:
         found = shapes.gather(lab)
     told = differences(data.read("shapes"), data.plain(found))

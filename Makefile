@@ -13,8 +13,8 @@ endif
 
 READY := $(VENV)/.ready
 RUN := $(VENV)/bin/python
-# The tests wait half of the time, so two workers for each processor.
-WORKERS = $(shell $(RUN) -c 'import os; print(min(2 * os.cpu_count(), 6))')
+# The tests mostly wait, so five workers for two processors.
+WORKERS = $(shell $(RUN) -c 'import os; print(min(5 * os.cpu_count() // 2, 6))')
 LOCK := .cache/lock/bin/uv pip compile pyproject.toml --quiet --universal --generate-hashes \
 	--no-config --no-header --no-annotate
 

@@ -85,8 +85,9 @@ goals inside, replaced in flight
 body, gains or limits set in flight
   they take effect at the next standstill, and `param set` reports this; at most 10 mm out of the
   cage. A vehicle that is unstable or cannot hold itself is refused, at launch and live, exit 6
-  - flight/parameters: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
-    a_limit_set_in_flight_is_reported_as_waiting a_vehicle_that_would_not_fly_is_refused
+  - flight/parameters_in_flight: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
+  - flight/parameters: a_limit_set_in_flight_is_reported_as_waiting
+    a_vehicle_that_would_not_fly_is_refused
 the path to a goal leaves the cage
   the whole path is inside, also that of the setpoint; from outside it only leads towards the cage
   - unit/safety/automaton: never_moving_with_the_cage_on_and_the_path_outside

@@ -11,8 +11,8 @@ Which time is judged depends on the killed process:
 - dynamics: until safety reports that the flight has stopped.
 - hub, frozen: no time. The vehicle must be at rest when its poses arrive again.
 
-The times assume that the machine runs each process that is ready. A thread that only sleeps measures
-its own delays, and the judged times are reduced by them.
+The times assume that the machine runs each process that is ready. Threads that only sleep, one on
+each processor, measure their own delays, and the judged times are reduced by them.
 """
 
 import random

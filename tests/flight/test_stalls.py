@@ -1,7 +1,7 @@
 """Processes that stall for a while: a flight pauses, then goes on or ends, depending on the grace.
 
-The tests assume that the machine itself stalls no process for longer than the grace. A thread that
-only sleeps measures this: it records how late it wakes.
+The tests assume that the machine itself stalls no process for longer than the grace. Threads that only
+sleep measure this: they record how late they wake.
 """
 
 import os

@@ -31,7 +31,7 @@ def on_their_way(
     """
     fleet = CompiledFleet([flying()] * count, module)
     send(fleet.goto, count)
-    fleet.advance(200)
+    fleet.fly(200)
 
     def run(calls: int, every: int) -> None:
         for _ in range(calls):

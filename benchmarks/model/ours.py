@@ -64,7 +64,7 @@ def compiled() -> None:
         fleet, run = alone.on_their_way(count, module)
         per_call = count * STEPS
         rates["flight"][count] = rate(
-            lambda calls, fleet=fleet: [fleet.advance(STEPS) for _ in range(calls)], per_call
+            lambda calls, fleet=fleet: [fleet.fly(STEPS) for _ in range(calls)], per_call
         )
         rates["control"][count] = rate(lambda calls, run=run: run(calls, 0), per_call)
         rates["dynamics"][count] = rate(lambda calls, run=run: run(calls, -1), per_call)

@@ -55,14 +55,12 @@ def _campaign(order: Order) -> None:
         flown.extend(more)
         emit({"flown": len(flown)})
 
-    # The first worker compiles the vehicle if needed; the others find it compiled.
-    first = Worker()
+    workers = [Worker() for _ in range(min(order.processes, len(jobs)))]
     compiling = {"note": "compiling the vehicle, once for this machine"}
     note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
-    first.fly(Job(0, 0, order.seconds, order.faults, order.wind))
+    workers[0].fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()
-    workers = [first, *(Worker() for _ in range(min(order.processes, len(jobs)) - 1))]
     WorkerPool(jobs, on_flown).fly(workers)
     emit({"report": document(order.seed, flown)})
 

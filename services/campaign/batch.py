@@ -1,78 +1,19 @@
-"""Batch of flights, flown period by period, and a filter that skips idle monitors.
-
-A pose moves the automaton only if a condition of its rules for `Seen` may hold. The filter tests
-these for all vehicles at once, with slack in favour of calling the monitor, which decides. The
-tests fly with and without the filter, to the same states.
-"""
+"""Batch of flights, flown period by period; only the monitors that a pose may move are called."""
 
 from collections.abc import Callable, Sequence
 from math import inf, sqrt
 
 import numpy as np
-import numpy.typing as npt
 
 from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.flight import SimulatedFlight
 from quadctl.services.campaign.mission import Mission
-from quadctl.services.campaign.score import Floats, Flown, Score, farthest
+from quadctl.services.campaign.score import Flown, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
+from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
 from quadctl.services.dynamics.simulation import GoalLatch
-from quadctl.services.safety.cage import AT_REST
 from quadctl.services.safety.model import State
-
-_SLACK = 1e-9
-_NOTES = 17
-"""Rows of notes on each monitor: the period in which it is due; flags for moving, at a standstill,
-settling and returning; its acceptance range; half over its deceleration (s^2/m); its way in a
-period (m); and the three vectors below."""
-_GOAL, _LOW, _HIGH = slice(8, 11), slice(11, 14), slice(14, 17)
-
-
-class MonitorFilter:
-    """Conditions that the monitors of a batch wait for."""
-
-    def __init__(self, count: int) -> None:
-        """Make all due in the first period."""
-        self._notes = np.zeros((_NOTES, count))
-        self._notes[_LOW], self._notes[_HIGH] = -np.inf, np.inf
-
-    def note(self, number: int, lane: SimulatedFlight) -> None:
-        """Note the conditions that one monitor waits for from now on."""
-        s, params = lane.monitor.situation, lane.params
-        goal, size, out = s.goal, params.virtual_cage, 0.0 if s.cage_on and s.beyond < inf else inf
-        # One assignment: writing them one by one would take ten times as long.
-        self._notes[:, number] = (
-            lane.wanted, s.state is State.MOVING, lane.is_standing, s.settling,
-            s.cage_on and 0.0 < s.beyond < inf,
-            params.acceptance_range + _SLACK, 0.5 / params.max_deceleration,
-            params.max_speed / SETPOINT.hz,
-            goal.x, goal.y, goal.z,
-            _SLACK - size.x - out, _SLACK - size.y - out, _SLACK - out,
-            size.x - _SLACK + out, size.y - _SLACK + out, size.z - _SLACK + out,
-        )  # fmt: skip
-
-    def awake(self, period: int, motion: Floats, last: Floats) -> list[int]:
-        """Return the monitors that must see this pose, of (6, vehicles)."""
-        place, velocity = motion[:3], motion[3:]
-        wanted, moving, standing, settling, returning, reach, half, fastest = self._notes[:8]
-        arrives = _within(place - self._notes[_GOAL], reach)
-        rests = ((settling > 0.0) | (moving > standing)) & _within(velocity, AT_REST + _SLACK)
-        starts = (standing > 0.0) & ~_within(velocity, AT_REST - _SLACK)
-        stop = place + half * velocity * np.abs(velocity)
-        leaves = ((stop > self._notes[_HIGH]) | (stop < self._notes[_LOW])).any(axis=0)
-        leaps = ~_within(place - last[:3], fastest)
-        arrives &= moving > 0.0
-        found = (wanted <= period) | (returning > 0.0) | arrives | leaves | rests | starts | leaps
-        numbers: list[int] = np.flatnonzero(found).tolist()
-        return numbers
-
-
-def _within(vectors: Floats, length: Floats | float) -> npt.NDArray[np.bool_]:
-    squares = vectors * vectors
-    within: npt.NDArray[np.bool_] = squares[0] + squares[1] + squares[2] < length * length
-    return within
-
 
 _STEPS = round(1000 / SETPOINT.hz)
 """Steps of 1 ms in a period."""
@@ -95,12 +36,13 @@ class Batch:
     def __init__(self, missions: Sequence[Mission], make: MakeFleet, *, log: bool = False) -> None:
         """Put each vehicle at rest on its start; keep log lines only with `log`."""
         self.missions = missions
-        params = [_params(mission) for mission in missions]
         self._silence, self._grace = DynamicsParams().setpoint_timeout, DynamicsParams().grace
-        self._fleet = make(params)
+        self._fleet = make([_params(mission) for mission in missions])
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
         count = len(missions)
-        self._score, self._watch = Score(count), MonitorFilter(count)
+        self._score = Score(count)
+        # All monitors are wanted in the first period.
+        self._notes, self._found = np.zeros((len(ROWS), count)), np.empty(count, dtype=np.int64)
         self._sent: list[object] = [None] * count
         self._latches = [GoalLatch() for _ in missions]
         self._unscored = [True] * count
@@ -109,7 +51,7 @@ class Batch:
 
     def fly(self) -> list[Flown]:
         """Fly all to their end."""
-        motion = self._fleet.motion()
+        motion = self._fleet.fly(0, 1)[0]
         for period in range(self._periods + 1):
             self._track[period] = motion
             for number in self.awake(period, motion):
@@ -121,29 +63,30 @@ class Batch:
                     if slow[number]:
                         self._score.nearer(number, self._farthest(number, motion))
             if period < self._periods:
-                motion = self._advance(period)
+                motion = self._advance(period)[-1]
         return [self._flown(number) for number in range(len(self.lanes))]
 
     def awake(self, period: int, motion: Floats) -> list[int]:
         """Return the flights with a monitor that must run."""
-        return self._watch.awake(period, motion, self._track[max(period - 1, 0)])
+        last, stamp = self._track[max(period - 1, 0)], period / SETPOINT.hz
+        seconds = stamp - (period - 1) / SETPOINT.hz
+        look = self._fleet.loops.look
+        count = look(self._notes, motion, last, period, stamp, seconds, self._found)
+        found: list[int] = self._found[:count].tolist()
+        return found
 
     def _advance(self, period: int) -> Floats:
-        """Fly one period, keep the score, and return the motions at its end."""
-        motions = []
-        for _ in range(_SAMPLES):
-            self._fleet.advance(_STEPS // _SAMPLES)
-            motions.append(self._fleet.motion())
+        """Fly one period, keep the score, and return the motions."""
+        motions = self._fleet.fly(_STEPS // _SAMPLES, _SAMPLES)
         times = [(period + sample / _SAMPLES) / SETPOINT.hz for sample in range(1, _SAMPLES + 1)]
-        self._score.sample(np.array([motion[:3] for motion in motions]), times)
-        return motions[-1]
+        self._score.sample(motions, times, self._fleet.loops)
+        return motions
 
     def _step(self, number: int, period: int, motion: Floats) -> None:
         lane = self.lanes[number]
-        if lane.seen < period - 1:
-            # The previous pose changed nothing, but the next one is compared with it.
-            lane.see(period - 1, self._track[period - 1, :, number].tolist())
         here = motion[:, number].tolist()
+        if lane.seen < period - 1:
+            self._catch_up(number, lane, period)
         lane.see(period, here)
         if lane.act(period, here):
             # While no setpoint reaches a vehicle, its excursion does not count.
@@ -154,7 +97,38 @@ class Batch:
             self._unscored[number] = False
             if lane.cage_on:
                 self._score.confine(number, lane.size, self._farthest(number, motion))
-        self._watch.note(number, lane)
+        self._note(number, lane)
+
+    def _catch_up(self, number: int, lane: SimulatedFlight, period: int) -> None:
+        """Show a monitor the poses that count although they changed nothing when they came."""
+        track, seen = self._track[:, :, number], lane.seen
+        moved = int(self._notes[MOVED, number])
+        if moved < period and lane.monitor.situation.state is State.MOVING:
+            # It stands still: since when?
+            for pose in (moved, max(moved, seen) + 1):
+                if seen < pose < period:
+                    lane.track(pose, track[pose].tolist())
+        nearest = int(self._notes[NEAREST, number])
+        if nearest:
+            lane.skip(nearest - 1, track[nearest - 1].tolist())
+            lane.see(nearest, track[nearest].tolist())
+        if nearest < period - 1:
+            # The next pose is compared with it.
+            lane.skip(period - 1, track[period - 1].tolist())
+
+    def _note(self, number: int, lane: SimulatedFlight) -> None:
+        """Note the conditions that a monitor waits for from now on."""
+        s, params = lane.monitor.situation, lane.params
+        goal, size = s.goal, params.virtual_cage
+        # One assignment: writing them one by one would take ten times as long.
+        self._notes[:, number] = (
+            lane.wanted, lane.seen, s.state is State.MOVING, s.settling, lane.due,
+            self._notes[MOVED, number], lane.returning, 0,
+            params.acceptance_range + SLACK, params.max_deceleration,
+            params.max_speed / SETPOINT.hz,
+            s.beyond if s.cage_on else inf, params.margin - SLACK,
+            goal.x, goal.y, goal.z, size.x, size.y, size.z,
+        )  # fmt: skip
 
     def _send_setpoint(self, number: int, lane: SimulatedFlight) -> None:
         """Send the setpoint to the vehicle, or brake it after too long without one."""

@@ -30,6 +30,7 @@ from quadctl.services.campaign.mission import (
     text,
 )
 from quadctl.services.campaign.score import FlightLog, Point, inside
+from quadctl.services.safety import cage
 from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
 
@@ -69,14 +70,19 @@ class SimulatedFlight:
         is_faulty = self.diary.now <= max(self._blind_until, self.mute_until, self._faulty_at)
         if is_faulty or self.monitor.situation.paused:
             return 0
-        row = self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
-        # One period early, against rounding.
-        return min(row, self._following.due * SETPOINT.hz - 1)
+        return self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
 
     @property
-    def is_standing(self) -> bool:
-        """Return whether the vehicle was at a standstill on its way when last observed."""
-        return self._following.due < inf
+    def due(self) -> float:
+        """Return the period in which the vehicle is at fault, if it is at a standstill until then."""
+        # One period early, against rounding.
+        return self._following.due * SETPOINT.hz - 1
+
+    @property
+    def returning(self) -> float:
+        """Return the time (s) from which a vehicle outside must not go out again; inf for none."""
+        s = self.monitor.situation
+        return s.since + cage.REACTION if s.cage_on and 0 < s.beyond < inf else inf
 
     def see(self, period: int, motion: Motion) -> None:
         """Show a pose to safety, unless poses are lost."""
@@ -84,6 +90,16 @@ class SimulatedFlight:
         self.diary.now = period / SETPOINT.hz
         if self.diary.now >= self._blind_until:
             self._show(_pose(period, motion))
+
+    def skip(self, period: int, motion: Motion) -> None:
+        """Take a pose that changes nothing, without a step of the automaton."""
+        self.seen = period
+        self.monitor.pose = _pose(period, motion)
+
+    def track(self, period: int, motion: Motion) -> None:
+        """Take a pose only to find out how long the vehicle stands still on its way."""
+        goal = self.monitor.situation.goal
+        self._following.observe(_pose(period, motion), goal, moving=True)
 
     def act(self, period: int, motion: Motion) -> bool:
         """Carry out the events that are due; return whether the cage in force has changed."""

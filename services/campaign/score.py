@@ -15,11 +15,11 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from msgspec import Struct, msgpack
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import SafetyState, without_wording
+from quadctl.services.campaign.watch import Floats
 
 
 class Flown(Struct, frozen=True):
@@ -142,7 +142,6 @@ def _sum(counts: Iterable[dict[str, int]]) -> dict[str, int]:
     return dict(sorted(total.items()))
 
 
-Floats = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
 
 
@@ -196,14 +195,8 @@ class Score:
         """Lower the permitted distance of a vehicle that can now stop nearer."""
         self.allowed[number] = min(self.allowed[number], allowed)
 
-    def sample(self, positions: Floats, times: Sequence[float]) -> None:
-        """Record the positions of all at some times (s): (times, 3, vehicles), m."""
-        low, high = self._low - positions, positions - self._high
-        outs = np.maximum(np.maximum(low, high), 0.0)
-        squares = outs * outs
-        beyond = np.sqrt(squares[:, 0] + squares[:, 1] + squares[:, 2])
-        excursion = beyond - self.allowed
-        worst = excursion.max(axis=0)
-        for number in np.flatnonzero(worst > self.worst).tolist():
-            self.worst[number] = worst[number]
-            self.at[number] = times[int(excursion[:, number].argmax())]
+    def sample(self, motions: Floats, times: Sequence[float], loops: Any) -> None:
+        """Record positions (m), (times, 6, vehicles), at some times (s); `loops` as in vehicles.py."""
+        loops.score(
+            motions, np.array(times), self._low, self._high, self.allowed, self.worst, self.at
+        )

@@ -2,19 +2,18 @@
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from quadctl.schemas.params import DynamicsParams
-from quadctl.services.campaign.score import Floats
+from quadctl.services.campaign import watch
+from quadctl.services.campaign.watch import Floats
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet
-from quadctl.services.dynamics.compiled.kernel import CONSTANTS, WIDTH, span
+from quadctl.services.dynamics.compiled.kernel import CONSTANTS, MOTION, span
 from quadctl.services.dynamics.flight_modes import Point, periods_of, room
 from quadctl.services.dynamics.vehicle import Vehicle
 
-Columns = npt.NDArray[np.intp]
 Box = tuple[Point, Point]
 """Lowest and highest corner, m."""
 
@@ -22,17 +21,17 @@ Box = tuple[Point, Point]
 class VehicleBatch(Protocol):
     """Interface of a campaign's vehicles."""
 
+    loops: Any
+    """The module watch.py, or the same compiled."""
+
     def goto(self, number: int, x: float, y: float, z: float) -> None:
         """Send one vehicle to a point, m."""
 
     def brake(self, number: int) -> None:
         """Bring one vehicle to rest."""
 
-    def advance(self, steps: int) -> None:
-        """Fly all of them, 1 ms a step."""
-
-    def motion(self) -> Floats:
-        """Return positions (m) and velocities (m/s): (6, vehicles)."""
+    def fly(self, steps: int, samples: int) -> Floats:
+        """Fly all, some steps of 1 ms for each sample; return m and m/s, (samples, 6, vehicles)."""
 
     def room(self, number: int) -> Box:
         """Return the box that a vehicle would stay in if it braked now."""
@@ -40,6 +39,8 @@ class VehicleBatch(Protocol):
 
 class Plain:
     """Vehicles in plain Python, one by one."""
+
+    loops: Any = watch
 
     def __init__(self, params: Sequence[DynamicsParams]) -> None:
         """Put each at rest on its start."""
@@ -53,14 +54,14 @@ class Plain:
         """Bring one vehicle to rest."""
         self._vehicles[number].brake()
 
-    def advance(self, steps: int) -> None:
-        """Fly all of them, 1 ms a step."""
-        for vehicle in self._vehicles:
-            vehicle.advance(steps)
-
-    def motion(self) -> Floats:
-        """Return positions (m) and velocities (m/s): (6, vehicles)."""
-        return np.array([vehicle.state[:6] for vehicle in self._vehicles]).T
+    def fly(self, steps: int, samples: int) -> Floats:
+        """Fly all, some steps of 1 ms for each sample; return m and m/s, (samples, 6, vehicles)."""
+        motions = np.empty((samples, MOTION, len(self._vehicles)))
+        for number, vehicle in enumerate(self._vehicles):
+            for sample in range(samples):
+                vehicle.advance(steps)
+                motions[sample, :, number] = vehicle.state[:MOTION]
+        return motions
 
     def room(self, number: int) -> Box:
         """Return the box that a vehicle would stay in if it braked now."""
@@ -71,20 +72,11 @@ class Compiled(CompiledFleet):
     """Vehicles compiled by numba."""
 
     def __init__(self, params: Sequence[DynamicsParams], kernel: ModuleType) -> None:
-        """Put each at rest on its start; `kernel` is the module from dynamics' kernel.py."""
+        """Put each at rest on its start; `kernel` is the module from `load_kernel`."""
         super().__init__(params, kernel)
-        blocks, lanes = self._places.T
-        columns = blocks * WIDTH + lanes
-        # Vehicles of one kind, nearly always all of them, are in order.
-        in_order = np.array_equal(columns, np.arange(len(params)))
-        self._columns: slice | Columns = slice(len(params)) if in_order else columns
-        limits = self.constants[blocks, span(CONSTANTS, "limits")]
+        self.loops: Any = kernel
+        limits = self.constants[self._places[:, 0], span(CONSTANTS, "limits")]
         self._periods = [periods_of(tuple(row)) for row in limits.tolist()]
-
-    def motion(self) -> Floats:
-        """Return positions (m) and velocities (m/s): (6, vehicles)."""
-        # Copied: with a single block this would be a view, which shows later motions.
-        return self._rows[:, :6].transpose(1, 0, 2).reshape(6, -1)[:, self._columns].copy()
 
     def room(self, number: int) -> Box:
         """Return the box that a vehicle would stay in if it braked now."""

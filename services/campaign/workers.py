@@ -18,6 +18,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.campaign import watch
 from quadctl.services.campaign.batch import Batch, MakeFleet
 from quadctl.services.campaign.mission import mission
 from quadctl.services.campaign.score import Flown
@@ -141,13 +142,13 @@ def load_kernel() -> ModuleType:
 
     Of several processes that need it, one compiles, and the others find its result in the cache.
     """
-    module = source.load_module("kernel", kernel.kernel_source())
+    module = source.load_module("kernel", kernel.kernel_source() + watch.compiled_source())
     with turn(source.cache_folder() / "kernel.lock"):
+        batch(Job(0, 1, 1.0, faults=False, wind=0.0), lambda params: Compiled(params, module)).fly()
         vehicle = Compiled([DynamicsParams()], module)
         vehicle.goto(0, 1.0, 0.0, 1.0)
-        vehicle.advance(1)
-        vehicle.room(0)
         vehicle.brake(0)
+        vehicle.room(0)
     return module
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from quadctl.services.campaign.batch import Batch
 from quadctl.services.campaign.mission import Mission, mission
-from quadctl.services.campaign.score import Floats
 from quadctl.services.campaign.vehicles import Plain
+from quadctl.services.campaign.watch import Floats
 from quadctl.services.safety import automaton, monitor
 from quadctl.services.safety.automaton import RULES, Rule
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quadctl.schemas.params import DynamicsParams
-from quadctl.services.dynamics.compiled.kernel import ROWS, STORED, WIDTH
+from quadctl.services.dynamics.compiled.kernel import MOTION, ROWS, STORED, WIDTH
 from quadctl.services.dynamics.vehicle import constants_of, initial
 
 LINE = 8
@@ -53,6 +53,10 @@ class CompiledFleet:
                 block, lane = divmod(place, WIDTH)
                 self._places[number] = len(rows) + block, lane
             rows += [constants] * -(-len(numbers) // WIDTH)
+        columns = self._places[:, 0] * WIDTH + self._places[:, 1]
+        # Vehicles of one kind, nearly always all of them, are in order.
+        in_order = np.array_equal(columns, np.arange(len(params)))
+        self._columns = slice(len(params)) if in_order else columns
         self._homes: list[tuple[int, int]] = [(b, n) for b, n in self._places.tolist()]
         """The same as tuples, for commands."""
         self.constants = np.array(rows)
@@ -78,10 +82,16 @@ class CompiledFleet:
         """Bring one vehicle to rest."""
         self._kernel.brake(self.blocks, self.constants, *self._homes[number])
 
-    def advance(self, steps: int) -> None:
-        """Run this many integration steps of 1 ms; every fourth since boot is a control step."""
-        self._kernel.advance(self.blocks, self.constants, self.steps, steps)
-        self.steps += steps
+    def fly(self, steps: int, samples: int = 1) -> npt.NDArray[np.float64]:
+        """Fly all, some steps of 1 ms for each sample; every fourth step since boot is a control step.
+
+        Returns positions (m) and velocities (m/s), (samples, 6, vehicles).
+        """
+        motions = np.empty((samples, MOTION, self.blocks.shape[0] * WIDTH))
+        self._kernel.fly(self.blocks, self.constants, self.steps, steps, motions)
+        self.steps += steps * samples
+        # Contiguous: what reads them is compiled for one layout.
+        return np.ascontiguousarray(motions[:, :, self._columns])
 
     def states(self) -> npt.NDArray[np.float64]:
         """Return the states, (vehicles, 17), in the order of rigidbody.py."""

@@ -50,6 +50,9 @@ CONSTANTS = {
 }  # fmt: skip
 """A block's constants, in one row."""
 
+MOTION = 6
+"""First rows of the state: position and velocity."""
+
 STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode", "air"))
 ROWS = sum(LAYOUT.values())
 
@@ -70,10 +73,11 @@ def span(rows: Mapping[str, int], first: str, last: str = "") -> slice:
 
 
 def kernel_source() -> str:
-    """Return a module whose `advance(blocks, constants, start, steps)` runs steps of 1 ms.
+    """Return a module whose `fly(blocks, constants, start, steps, motions)` runs steps of 1 ms.
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
-    each. `goto` and `brake` command one vehicle, by its block and its lane; `room` returns the room
+    each. For each of `motions` (samples, MOTION, blocks * WIDTH) it runs the steps, and writes
+    positions and velocities. `goto` and `brake` command one vehicle, by its block and its lane; `room` returns the room
     for its stop. Each is compiled at its first call; numba caches it beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
@@ -231,29 +235,35 @@ def _blow(q, c):
         live = q[_mode2 + n] < {PERIODS_TO_REST}
         _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
 
+@njit(error_model='numpy', inline='never')
+def _advance(q, c, start, steps):
+    limits = _get_limits(c)
+    weather = _get_weather(c)
+    windy = (weather[0] != 0.0) | (weather[1] != 0.0) | (weather[2] != 0.0) | (weather[4] > 0.0)
+    count = start
+    while count < start + steps:
+        if count % {STEPS} == 0:
+            if weather[4] > 0.0:
+                _blow(q, c)
+            _decide(q, c)
+            _act(q, c)
+            _glide(q, c)
+            for n in range(np.uint64({WIDTH})):
+                if q[_rare0 + n] > 0.0:
+                    _lead_on(q, n, limits)
+        pair = (count % 2 == 0) & (count + 1 < start + steps)
+        if windy:
+            _wind2(q, c) if pair else _wind1(q, c)
+        else:
+            _calm2(q, c) if pair else _calm1(q, c)
+        count += 2 if pair else 1
+
 @njit(error_model='numpy', nogil=True, cache=True)
-def advance(blocks, constants, start, steps):
+def fly(blocks, constants, start, steps, motions):
     for b in range(blocks.shape[0]):
-        q = blocks[b]
-        c = constants[b]
-        limits = _get_limits(c)
-        weather = _get_weather(c)
-        windy = (weather[0] != 0.0) | (weather[1] != 0.0) | (weather[2] != 0.0) | (weather[4] > 0.0)
-        count = start
-        while count < start + steps:
-            if count % {STEPS} == 0:
-                if weather[4] > 0.0:
-                    _blow(q, c)
-                _decide(q, c)
-                _act(q, c)
-                _glide(q, c)
+        for count in range(motions.shape[0]):
+            _advance(blocks[b], constants[b], start + count * steps, steps)
+            for row in range({MOTION}):
                 for n in range(np.uint64({WIDTH})):
-                    if q[_rare0 + n] > 0.0:
-                        _lead_on(q, n, limits)
-            pair = (count % 2 == 0) & (count + 1 < start + steps)
-            if windy:
-                _wind2(q, c) if pair else _wind1(q, c)
-            else:
-                _calm2(q, c) if pair else _calm1(q, c)
-            count += 2 if pair else 1
+                    motions[count, row, b * np.uint64({WIDTH}) + n] = blocks[b, row * np.uint64({WIDTH}) + n]
 """

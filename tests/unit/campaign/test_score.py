@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from quadctl.schemas.messages import PAUSED, CageSize, Position, SafetyState
-from quadctl.services.campaign.score import FlightLog, Score, farthest, inside
+from quadctl.services.campaign import watch
+from quadctl.services.campaign.score import (
+    FlightLog,
+    Score,
+    farthest,
+    inside,
+)
 
 HERE, CAGE = Position(1.0, 2.0, 1.0), CageSize(5.0, 5.0, 5.0)
 FAR = "outside the cage: x = 9 is beyond [-5, 5]"
@@ -63,7 +69,7 @@ SIZE = (5.0, 4.0, 2.0)
 
 
 def at(score: Score, *places: tuple[float, float, float], now: float = 0.0) -> list[float]:
-    score.sample(np.array([places]).transpose(0, 2, 1), [now])
+    score.sample(np.array([places]).transpose(0, 2, 1), [now], watch)
     worst: list[float] = score.worst.tolist()
     return worst
 
@@ -94,7 +100,7 @@ def test_the_first_time_of_the_worst_excursion_is_kept():
     score = Score(1)
     score.confine(0, SIZE, 0.0)
     way = [[(x, 0.0, 1.0)] for x in (5.1, 5.4, 5.2, 5.4)]
-    score.sample(np.array(way).transpose(0, 2, 1), [1.0, 2.0, 3.0, 4.0])
+    score.sample(np.array(way).transpose(0, 2, 1), [1.0, 2.0, 3.0, 4.0], watch)
     assert (score.worst.tolist(), score.at.tolist()) == ([pytest.approx(0.4)], [2.0])
 
 

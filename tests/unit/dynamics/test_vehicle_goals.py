@@ -142,7 +142,7 @@ def flights(kernel: ModuleType, cage: Cage, count: int, seed: int) -> float:
                 else:
                     fleet.goto(number, *place(draws, cage))
         for _ in range(PERIOD // SAMPLE):
-            fleet.advance(SAMPLE)
+            fleet.fly(SAMPLE)
             where = fleet.states()[:, :3]
             out = np.maximum(np.maximum(low - where, where - size), 0.0)
             worst = max(worst, float(np.sqrt((out * out).sum(axis=1)).max()))

@@ -62,7 +62,7 @@ def fly_alike(make: Make, count: int, steps: int, seed: int) -> None:
                 vehicle.brake()
         piece = draws.choice([10, 33, 400, 1000])
         flown += piece
-        fleet.advance(piece)
+        fleet.fly(piece)
         for vehicle in plain:
             vehicle.advance(piece)
         assert fleet.states().tolist() == [list(vehicle.state) for vehicle in plain]
@@ -82,7 +82,7 @@ def test_more_vehicles_than_one_vector_fly_correctly(compiled: Make):
     for number in (0, WIDTH - 1, WIDTH, 2 * WIDTH - 1, 2 * WIDTH, count - 1):
         fleet.goto(number, 0.01 * number, 1.0, 2.0)
         plain[number].goto(0.01 * number, 1.0, 2.0)
-    fleet.advance(40)
+    fleet.fly(40)
     for vehicle in plain:
         vehicle.advance(40)
     assert fleet.states().tolist() == [list(vehicle.state) for vehicle in plain]

@@ -1,0 +1,155 @@
+"""Loops over all vehicles of a batch: poses that their monitors must see, and their excursions.
+
+A pose moves the automaton only if a condition of its rules for `Seen` may hold. `look` tests these
+with slack in favour of calling the monitor, which decides; the tests fly with and without it, to
+the same states. Only arithmetic on floats and arrays: with numba it is compiled.
+"""
+
+import inspect
+from math import sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from quadctl.schemas.topics import SETPOINT
+from quadctl.services.safety.cage import AT_REST, GENTLE, REACTION, RISE
+from quadctl.services.safety.monitor import PATIENCE
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+SLACK = 1e-9
+PATIENT = PATIENCE * SETPOINT.hz
+"""Periods at a standstill on its way after which a vehicle may be at fault."""
+
+ROWS = (
+    "WANTED", "SEEN", "MOVING", "SETTLING", "DUE", "MOVED", "RETURNING", "NEAREST",
+    "REACH", "BRAKING", "FASTEST", "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE", "SIZE_Y",
+    "SIZE_Z",
+)  # fmt: skip
+"""Notes on each monitor, one in a row.
+
+Periods: in which it is wanted, in which it saw the last pose, in which its present standstill is at
+fault, of the last pose in motion, and of the missed pose on a way back from outside that is nearest to
+the cage. Flags: moving, settling. The time (s) from which it follows such a way; its acceptance range
+(m), deceleration (m/s^2) and way in a period (m); how far outside (m) it may stop, and the margin
+(m); the goal and the cage's bounds, m.
+"""
+(
+    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, RETURNING, NEAREST, REACH, BRAKING, FASTEST, BEYOND,
+    MARGIN, GOAL, GOAL_Y, GOAL_Z, SIZE, SIZE_Y, SIZE_Z,
+) = range(len(ROWS))  # fmt: skip
+
+
+def outside(x: float, y: float, z: float, sx: float, sy: float, sz: float) -> float:
+    """Return the distance (m) of a place from a cage of this size."""
+    dx = max(-sx - x, x - sx, 0.0)
+    dy = max(-sy - y, y - sy, 0.0)
+    dz = max(-z, z - sz, 0.0)
+    return sqrt(dx * dx + dy * dy + dz * dz)
+
+
+def gently(
+    x: float, y: float, z: float, vx: float, vy: float, vz: float,
+    braking: float, sx: float, sy: float, sz: float,
+) -> float:  # fmt: skip
+    """Return how far outside (m) a vehicle stops that brakes late and gently, as safety does."""
+    seconds = REACTION + 0.5 * sqrt(vx * vx + vy * vy + vz * vz) / (GENTLE * braking)
+    return outside(x + seconds * vx, y + seconds * vy, z + seconds * vz, sx, sy, sz)
+
+
+def leeway(notes: Floats, n: int, motion: Floats, last: Floats, seconds: float) -> float:
+    """Return safety's `leeway` of one vehicle, to the bit, from two poses some s apart."""
+    x, y, z = motion[0, n], motion[1, n], motion[2, n]
+    vx, vy, vz = motion[3, n], motion[4, n], motion[5, n]
+    rises = RISE / seconds
+    ux = vx + rises * (vx - last[3, n])
+    uy = vy + rises * (vy - last[4, n])
+    uz = vz + rises * (vz - last[5, n])
+    braking, sx, sy, sz = notes[BRAKING, n], notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n]
+    now = gently(x, y, z, vx, vy, vz, braking, sx, sy, sz)
+    later = gently(x, y, z, ux, uy, uz, braking, sx, sy, sz)
+    return max(now, later, outside(x, y, z, sx, sy, sz))
+
+
+def awaits(notes: Floats, n: int, motion: Floats, last: Floats, period: int) -> bool:
+    """Return whether one monitor must see the pose of this period."""
+    x, y, z = motion[0, n], motion[1, n], motion[2, n]
+    vx, vy, vz = motion[3, n], motion[4, n], motion[5, n]
+    speed = sqrt(vx * vx + vy * vy + vz * vz)
+    moved = notes[MOVED, n]
+    if speed >= AT_REST:
+        notes[MOVED, n] = period
+    if notes[WANTED, n] <= period:
+        return True
+    is_moving = notes[MOVING, n] > 0.0
+    if is_moving:
+        dx, dy, dz = x - notes[GOAL, n], y - notes[GOAL_Y, n], z - notes[GOAL_Z, n]
+        if sqrt(dx * dx + dy * dy + dz * dz) < notes[REACH, n]:
+            return True
+        seen = notes[SEEN, n]
+        if speed < AT_REST and (
+            (moved <= seen and period >= notes[DUE, n]) or period - max(moved, seen) >= PATIENT
+        ):
+            return True
+    if speed < AT_REST + SLACK and (notes[SETTLING, n] > 0.0 or speed > AT_REST - SLACK):
+        return True
+    k = 0.5 / notes[BRAKING, n]
+    stop = outside(
+        x + k * vx * abs(vx), y + k * vy * abs(vy), z + k * vz * abs(vz),
+        notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n],
+    )  # fmt: skip
+    if stop > notes[BEYOND, n] + notes[MARGIN, n]:
+        return True
+    dx, dy, dz = x - last[0, n], y - last[1, n], z - last[2, n]
+    leaps: bool = sqrt(dx * dx + dy * dy + dz * dz) >= notes[FASTEST, n]
+    return leaps
+
+
+def look(
+    notes: Floats, motion: Floats, last: Floats, period: int, stamp: float, seconds: float,
+    found: Ints,
+) -> int:  # fmt: skip
+    """Write the monitors that must see the pose of this period to `found`; return how many.
+
+    `motion` and `last` are the pose at `stamp` (s) and the one some seconds before: (6, vehicles).
+    """
+    count = 0
+    for n in range(notes.shape[1]):
+        if awaits(notes, n, motion, last, period):
+            found[count] = n
+            count += 1
+        elif stamp >= notes[RETURNING, n]:
+            out = leeway(notes, n, motion, last, seconds)
+            if out < notes[BEYOND, n]:
+                notes[BEYOND, n] = out
+                notes[NEAREST, n] = period
+    return count
+
+
+def score(
+    motions: Floats, times: Floats, low: Floats, high: Floats, allowed: Floats, worst: Floats,
+    at: Floats,
+) -> None:  # fmt: skip
+    """Record the worst excursion (m) of each vehicle, and its time, from (samples, 6, vehicles)."""
+    for sample in range(motions.shape[0]):
+        for n in range(motions.shape[2]):
+            x, y, z = motions[sample, 0, n], motions[sample, 1, n], motions[sample, 2, n]
+            dx = max(low[0, n] - x, x - high[0, n], 0.0)
+            dy = max(low[1, n] - y, y - high[1, n], 0.0)
+            dz = max(low[2, n] - z, z - high[2, n], 0.0)
+            excursion = sqrt(dx * dx + dy * dy + dz * dz) - allowed[n]
+            if excursion > worst[n]:
+                worst[n] = excursion
+                at[n] = times[sample]
+
+
+def compiled_source() -> str:
+    """Return the source of the loops for numba, to go after a kernel's source."""
+    names = ("AT_REST", "GENTLE", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
+    lines = ["", "Floats = Ints = None", *(f"{name} = {globals()[name]!r}" for name in names)]
+    # Each after those that it calls.
+    for function in (outside, gently, leeway, awaits, look, score):
+        cached = ", nogil=True, cache=True" if function in {look, score} else ""
+        lines += [f"@njit(error_model='numpy'{cached})", inspect.getsource(function)]
+    return "\n".join(lines)

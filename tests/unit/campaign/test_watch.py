@@ -1,0 +1,121 @@
+"""Conditions of sleeping monitors, against safety's own functions."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
+from quadctl.services.campaign import watch
+from quadctl.services.campaign.score import Score
+from quadctl.services.safety import cage
+from quadctl.services.safety.model import Envelope, World
+from tests.support.compiled import compiled_kernel
+
+SIZE = (2.0, 3.0, 1.5)
+BRAKING = 10.0
+
+
+@cache
+def loops_of(kind: str) -> Any:
+    return watch if kind == "plain" else compiled_kernel()
+
+
+metres = st.floats(-6.0, 6.0)
+speeds = st.floats(-5.0, 5.0)
+motions = st.tuples(metres, metres, metres, speeds, speeds, speeds)
+
+
+def pose(motion: tuple[float, ...], stamp: float) -> Pose:
+    level, still = Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
+    return Pose("", 0, stamp, Position(*motion[:3]), Velocity(*motion[3:]), level, still)
+
+
+def notes(**rows: float) -> watch.Floats:
+    """Return notes on one monitor that waits for nothing, but for these rows."""
+    made = np.zeros((len(watch.ROWS), 1))
+    never = ("WANTED", "DUE", "RETURNING", "BEYOND", "FASTEST")
+    values = dict.fromkeys(never, np.inf) | {"BRAKING": BRAKING, "REACH": 0.5}
+    values |= dict(zip(("SIZE", "SIZE_Y", "SIZE_Z"), SIZE, strict=True)) | rows
+    for name, value in values.items():
+        made[watch.ROWS.index(name)] = value
+    return made
+
+
+@given(motions, motions, st.integers(1, 1000))
+def test_the_leeway_is_that_of_safety_to_the_bit(now: Any, last: Any, period: int):
+    stamps = (period - 1) / 20, period / 20
+    world = World(
+        pose(now, stamps[1]), pose(last, stamps[0]), True, CageSize(*SIZE), 0.5,
+        Envelope(10.0, BRAKING, 0.01),
+    )  # fmt: skip
+    columns = np.array([now]).T, np.array([last]).T
+    found = watch.leeway(notes(), 0, *columns, stamps[1] - stamps[0])
+    assert found == cage.leeway(world)
+
+
+def look(loops: Any, rows: watch.Floats, now: Any, last: Any, period: int = 40) -> bool:
+    found = np.empty(1, dtype=np.int64)
+    columns = np.array([now]).T.copy(), np.array([last]).T.copy()
+    return bool(loops.look(rows, *columns, period, period / 20, 0.05, found))
+
+
+HERE = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+FAST = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["plain", "compiled"])
+@pytest.mark.parametrize(
+    ("rows", "now", "last", "expected"),
+    [
+        ({}, HERE, HERE, False),
+        ({"WANTED": 40}, HERE, HERE, True),
+        ({"WANTED": 41}, HERE, HERE, False),
+        ({"MOVING": 1, "GOAL_Z": 1.0}, FAST, FAST, True),
+        ({"MOVING": 0, "GOAL_Z": 1.0}, FAST, FAST, False),
+        ({"MOVING": 1, "GOAL": 3.0, "MOVED": 30, "SEEN": 30}, HERE, HERE, False),
+        ({"MOVING": 1, "GOAL": 3.0, "MOVED": 20, "SEEN": 10}, HERE, HERE, True),
+        ({"MOVING": 1, "GOAL": 3.0, "MOVED": 20, "SEEN": 10}, FAST, FAST, False),
+        ({"MOVING": 1, "GOAL": 3.0, "MOVED": 10, "SEEN": 35, "DUE": 40}, HERE, HERE, True),
+        ({"MOVING": 1, "GOAL": 3.0, "MOVED": 10, "SEEN": 35, "DUE": 41}, HERE, HERE, False),
+        ({"SETTLING": 1}, HERE, HERE, True),
+        ({"SETTLING": 1}, FAST, FAST, False),
+        ({"BEYOND": 0.0, "MARGIN": 0.01}, (2.1, *HERE[1:]), HERE, True),
+        ({"BEYOND": 0.2, "MARGIN": 0.01}, (2.1, *HERE[1:]), HERE, False),
+        ({"BEYOND": 0.0, "MARGIN": 0.01}, (1.99, 0.0, 1.0, 1.0, 0.0, 0.0), HERE, True),
+        ({"FASTEST": 0.5}, (0.5, *HERE[1:]), HERE, True),
+        ({"FASTEST": 0.51}, (0.5, *HERE[1:]), HERE, False),
+    ],
+)
+def test_a_monitor_is_called_when_a_condition_may_hold(
+    kind: str, rows: dict[str, float], now: Any, last: Any, expected: bool
+):
+    assert look(loops_of(kind), notes(**rows), now, last) is expected
+
+
+@pytest.mark.parametrize("kind", ["plain", "compiled"])
+def test_a_vehicle_that_returns_is_followed_without_its_monitor(kind: str):
+    rows = notes(BEYOND=1.0, MARGIN=0.01, RETURNING=2.0)
+    near, nearer = (2.5, *HERE[1:]), (2.25, *HERE[1:])
+    assert not look(loops_of(kind), rows, near, near, period=39)
+    assert rows[watch.BEYOND, 0] == 1.0
+    assert not look(loops_of(kind), rows, near, near, period=40)
+    assert not look(loops_of(kind), rows, nearer, nearer, period=41)
+    assert (rows[watch.BEYOND, 0], rows[watch.NEAREST, 0]) == (0.25, 41)
+    assert look(loops_of(kind), rows, near, nearer, period=42)
+
+
+@given(st.lists(motions, min_size=4, max_size=4))
+def test_excursions_are_the_same_compiled(places: list[Any]):
+    found = []
+    for kind in ("plain", "compiled"):
+        score = Score(2)
+        score.confine(0, SIZE, 0.1)
+        moved = np.array(places).reshape(2, 2, 6).transpose(0, 2, 1).copy()
+        score.sample(moved, [1.0, 2.0], loops_of(kind))
+        found.append((score.worst.tolist(), score.at.tolist()))
+    assert found[0] == found[1]
+    assert found[0][0][1] == 0.0

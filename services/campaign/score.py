@@ -175,7 +175,7 @@ class Score:
         """Its time, s."""
         self.allowed = np.full(count, np.inf)
         """Permitted distance of each beyond the cage, m."""
-        self._low, self._high = np.full((3, count), -np.inf), np.full((3, count), np.inf)
+        self._size = np.zeros((3, count))
 
     def free(self, number: int) -> None:
         """Turn the cage of one vehicle off."""
@@ -183,7 +183,7 @@ class Score:
 
     def confine(self, number: int, size: Point, allowed: float) -> None:
         """Turn the cage of one vehicle on, and permit a distance beyond it, m."""
-        self._low[:, number], self._high[:, number] = zip(*_walls(size), strict=True)
+        self._size[:, number] = size
         self.allowed[number] = allowed
 
     def returning(self) -> Sequence[int]:
@@ -197,6 +197,4 @@ class Score:
 
     def sample(self, motions: Floats, times: Sequence[float], loops: Any) -> None:
         """Record positions (m), (times, 6, vehicles), at some times (s); `loops` as in vehicles.py."""
-        loops.score(
-            motions, np.array(times), self._low, self._high, self.allowed, self.worst, self.at
-        )
+        loops.score(motions, np.array(times), self._size, self.allowed, self.worst, self.at)

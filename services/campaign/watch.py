@@ -128,17 +128,13 @@ def look(
 
 
 def score(
-    motions: Floats, times: Floats, low: Floats, high: Floats, allowed: Floats, worst: Floats,
-    at: Floats,
-) -> None:  # fmt: skip
+    motions: Floats, times: Floats, size: Floats, allowed: Floats, worst: Floats, at: Floats
+) -> None:
     """Record the worst excursion (m) of each vehicle, and its time, from (samples, 6, vehicles)."""
     for sample in range(motions.shape[0]):
         for n in range(motions.shape[2]):
             x, y, z = motions[sample, 0, n], motions[sample, 1, n], motions[sample, 2, n]
-            dx = max(low[0, n] - x, x - high[0, n], 0.0)
-            dy = max(low[1, n] - y, y - high[1, n], 0.0)
-            dz = max(low[2, n] - z, z - high[2, n], 0.0)
-            excursion = sqrt(dx * dx + dy * dy + dz * dz) - allowed[n]
+            excursion = outside(x, y, z, size[0, n], size[1, n], size[2, n]) - allowed[n]
             if excursion > worst[n]:
                 worst[n] = excursion
                 at[n] = times[sample]

@@ -119,17 +119,22 @@ def _path() -> Path:
 
 def main() -> None:
     """Make the machine code, unless another process does."""
-    from quadctl.services.dynamics.compiled.source import cache_folder
-
     die_with_parent()
     threading.Thread(target=_watch_stdin, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(_POLITE)
+    compile_once()
+    os._exit(0)
+
+
+def compile_once() -> None:
+    """Store the machine code, unless it is there; of several processes one compiles."""
+    from quadctl.services.dynamics.compiled.source import cache_folder
+
     cache_folder().mkdir(parents=True, exist_ok=True)
     with turn(cache_folder() / "vehicle.lock"):
         if stored() is None:
             store(made())
-    os._exit(0)
 
 
 def made() -> Code:

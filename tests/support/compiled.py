@@ -5,8 +5,7 @@ from types import ModuleType
 import pytest
 
 from quadctl.services.campaign.workers import load_kernel
-from quadctl.services.dynamics.compiler import Code, made, store, stored
-from quadctl.services.runtime.filelock import turn
+from quadctl.services.dynamics.compiler import Code, compile_once, stored
 from tests.support.lab import CACHE
 
 
@@ -19,11 +18,9 @@ def compiled_kernel() -> ModuleType:
 
 def compiled_vehicle() -> Code:
     """Return the machine code of one vehicle, cached for those processes too."""
-    CACHE.mkdir(exist_ok=True)
-    with pytest.MonkeyPatch.context() as patch, turn(CACHE / "vehicle.lock"):
+    with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(CACHE))
+        compile_once()
         code = stored()
-        if code is None:
-            code = made()
-            store(code)
-        return code
+    assert code is not None
+    return code

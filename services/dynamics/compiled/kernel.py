@@ -77,8 +77,8 @@ def kernel_source() -> str:
 
     `blocks` is (blocks, ROWS * WIDTH) and changed in place, `constants` has a row of CONSTANTS for
     each. For each of `motions` (samples, MOTION, blocks * WIDTH) it runs the steps, and writes
-    positions and velocities. `goto` and `brake` command one vehicle, by its block and its lane; `room` returns the room
-    for its stop. Each is compiled at its first call; numba caches it beside the module.
+    positions and velocities. `goto` and `brake` command one vehicle, by its block and its lane;
+    `room` returns the room for its stop. Each is compiled at its first call; numba caches it beside the module.
     """
     inlined = {function.name for function in merged(_TOGETHER)}
     parts = [_HEAD]

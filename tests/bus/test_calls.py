@@ -1,6 +1,5 @@
 """Rules of a service call: exact key, matching schema, executed once, before its deadline."""
 
-import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,20 +17,13 @@ GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
 
 
 class PendingCall:
-    """Query on its own thread, answered later."""
+    """Query that is sent at once, and answered later."""
 
     def __init__(self, bare: Bare, key: str, fields: dict[str, Any], attachment: bytes) -> None:
-        self._answers: list[Answer] = []
-
-        def ask() -> None:
-            answer = bare.query(key, pack(fields), timeout=10.0, attachment=attachment)
-            self._answers.append(answer)
-
-        self._thread = threading.Thread(target=ask, daemon=True)
-        self._thread.start()
+        # Sent here: a thread of its own could send it after the calls that follow.
+        self._answers = bare.send(key, pack(fields), timeout=10.0, attachment=attachment)
 
     def answer(self) -> Answer:
-        self._thread.join(15.0)
         (answer,) = self._answers
         return answer
 

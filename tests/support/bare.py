@@ -4,7 +4,7 @@ import json
 import threading
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
@@ -112,8 +112,12 @@ class Bare:
 
     def answers(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> list[Answer]:
         """Return all replies to a query."""
+        return list(self.send(key, payload, timeout=timeout, **more))
+
+    def send(self, key: str, payload: bytes, timeout: float, **more: Any) -> Iterator[Answer]:
+        """Send a query now; the iterator waits for its replies."""
         replies = self.session.get(key, payload=payload, timeout=timeout, **more)
-        return [_answer(reply) for reply in replies]
+        return (_answer(reply) for reply in replies)
 
     def latest(self, key: str) -> Any:
         """Return the last message of a latched topic."""

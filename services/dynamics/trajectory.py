@@ -211,8 +211,14 @@ def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
     return need if moves else 0.0, 0.0 if heading == 0.0 else way
 
 
+def held(axis: Axis, limits: Limits) -> float:
+    """Return the share of the limits in use by an axis: its own, or that of its acceleration."""
+    share = abs(axis[2]) / limits[1]
+    return axis[5] if share < axis[5] else share
+
+
 def within(
-    x: Axis, y: Axis, z: Axis, nx: float, ny: float, nz: float
+    x: Axis, y: Axis, z: Axis, nx: float, ny: float, nz: float, limits: Limits
 ) -> tuple[float, float, float]:
     """Return the needs of the axes, met as far as the squares of the shares add up to 1.
 
@@ -220,9 +226,12 @@ def within(
     needs, an axis passes a goal that was moved nearer, but never the previous goal: its present
     share is enough to stop there.
     """
-    hx = nx if nx < x[5] else x[5]
-    hy = ny if ny < y[5] else y[5]
-    hz = nz if nz < z[5] else z[5]
+    hx = held(x, limits)
+    hy = held(y, limits)
+    hz = held(z, limits)
+    hx = nx if nx < hx else hx
+    hy = ny if ny < hy else hy
+    hz = nz if nz < hz else hz
     had = hx * hx + hy * hy + hz * hz
     left = 1.0 - had if had < 1.0 else 0.0
     more = nx * nx + ny * ny + nz * nz - had
@@ -241,6 +250,22 @@ def urgent(axis: Axis, way: float, part: float) -> float:
     it were braking. `way` is from its stop's end to the goal, m.
     """
     return part * axis[1] * axis[1] if axis[1] * way < 0.0 else 0.0
+
+
+EASED = 0.5
+"""Ratio of two shares, one REDIVIDE apart, of an axis that speeds up while another must turn."""
+
+
+def eased(axis: Axis, need: float, way: float, limits: Limits) -> float:
+    """Return the share of an axis while another one has to turn round: less if it speeds up.
+
+    Until its acceleration has followed, nobody else gets what it gives up: see `held`.
+    """
+    p, v, a, goal, heading, _, _, _, _ = axis
+    lower = EASED * need if EASED * need > LEAST_SHARE else LEAST_SHARE
+    ends = stop(v, a, lower * limits[1], lower * limits[2]) / (goal - p if goal != p else 1.0)
+    fits = (v * way >= 0.0) & (a * way > 0.0) & (ends >= 0.0) & (ends <= 1.0)
+    return lower if (heading != 0.0) & fits else need
 
 
 def assign_share(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
@@ -266,9 +291,9 @@ def release_slow_axis(axis: Axis, limits: Limits) -> Axis:
     return (p, v, a, goal, 1.0 if slow else heading, share, j1, j2, j3)
 
 
-def kept(axis: Axis) -> float:
-    """Return the share that an axis keeps in a stop: its present one, or 0 if it has stopped."""
-    return axis[5] if (axis[1] != 0.0) | (axis[2] != 0.0) else 0.0
+def kept(axis: Axis, limits: Limits) -> float:
+    """Return the share that an axis keeps in a stop: what it uses, or 0 if it has stopped."""
+    return held(axis, limits) if (axis[1] != 0.0) | (axis[2] != 0.0) else 0.0
 
 
 def lent(axis: Axis, need: float, left: float) -> Axis:
@@ -278,15 +303,15 @@ def lent(axis: Axis, need: float, left: float) -> Axis:
     return (p, v, a, goal, heading, LEAST_SHARE if share < LEAST_SHARE else share, j1, j2, j3)
 
 
-def share_leftover(x: Axis, y: Axis, z: Axis) -> tuple[Axis, Axis, Axis]:
+def share_leftover(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     """Return the axes with the limits shared for a stop.
 
     Each axis that still moves keeps its share. The rest is divided by the squares of the speeds: a
     stop with a larger share ends sooner, and nearer.
     """
-    nx = kept(x)
-    ny = kept(y)
-    nz = kept(z)
+    nx = kept(x, limits)
+    ny = kept(y, limits)
+    nz = kept(z, limits)
     left = 1.0 - (nx * nx + ny * ny + nz * nz)
     left = left if left > 0.0 else 0.0
     total = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
@@ -303,8 +328,9 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
 
     An axis that is stopping keeps its share; an axis on its way gets the share that it needs, if
     available. So the vector of acceleration keeps its limit whatever goals are replaced. An axis
-    that has to turn round gets as much as in a stop. The rest is divided by the squares of the
-    remaining ways: from rest, the profiles then differ only in scale, and the path is straight.
+    that has to turn round gets as much as in a stop, and the others speed up less. The rest is
+    divided by the squares of the remaining ways: from rest, the profiles then differ only in scale,
+    and the path is straight.
     """
     x = release_slow_axis(x, limits)
     y = release_slow_axis(y, limits)
@@ -312,7 +338,7 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     nx, wx = claim(x, limits)
     ny, wy = claim(y, limits)
     nz, wz = claim(z, limits)
-    nx, ny, nz = within(x, y, z, nx, ny, nz)
+    nx, ny, nz = within(x, y, z, nx, ny, nz, limits)
     total = sqrt(wx * wx + wy * wy + wz * wz)
     total = total if total > 0.0 else 1.0
     left = 1.0 - (nx * nx + ny * ny + nz * nz)
@@ -327,6 +353,10 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     nz = sqrt(nz * nz + uz)
     left = left - (ux + uy + uz)
     left = left if left > 0.0 else 0.0
+    turns = (x[1] * wx < 0.0) | (y[1] * wy < 0.0) | (z[1] * wz < 0.0)
+    nx = eased(x, nx, wx, limits) if turns else nx
+    ny = eased(y, ny, wy, limits) if turns else ny
+    nz = eased(z, nz, wz, limits) if turns else nz
     return (
         assign_share(x, nx, wx / total, left, limits),
         assign_share(y, ny, wy / total, left, limits),
@@ -495,7 +525,7 @@ def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float]:
 
 def halt(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     """Return axes that stop as soon as they can, with the limits shared again."""
-    x, y, z = share_leftover(x, y, z)
+    x, y, z = share_leftover(x, y, z, limits)
     return end(x, limits), end(y, limits), end(z, limits)
 
 

@@ -277,6 +277,21 @@ def test_a_goal_moved_in_flight_is_reached_within_20_s(first, then, seconds):
 
 
 @settings(max_examples=30)
+@given(POINT, POINT, POINT, st.floats(0.1, 1.5), st.floats(0.1, 1.5))
+@example((-4.0, -8.9, 10.0), (-8.0, -4.0, 12.0), (1.7, 4.0, 12.0), 1.5, 0.6)
+def test_an_axis_that_has_to_turn_round_does_so_within_2_s(first, then, last, seconds, later):
+    trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
+    for goal, time in ((first, seconds), (then, later)):
+        trajectory.goto(*goal)
+        trajectory.advance_for(time)
+    trajectory.goto(*last)
+    # Earlier an axis waited for the others to stop accelerating: up to 3 s, on its way out.
+    trajectory.advance_for(2.0)
+    for p, v, goal in zip(trajectory.setpoint[:3], trajectory.setpoint[3:6], last, strict=True):
+        assert v * (goal - p) >= -ROUNDING
+
+
+@settings(max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2), st.floats(0.1, 1))
 @example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5, 0.4)
 def test_a_flight_to_a_moved_goal_stops_within_10_s(first, then, seconds, later):

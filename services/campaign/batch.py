@@ -84,12 +84,12 @@ class Batch:
         if lane.seen < period - 1:
             self._catch_up(number, lane, period)
         lane.see(period, here)
-        if lane.act(period, here):
+        if lane.act(period):
             # While no setpoint reaches a vehicle, its excursion does not count.
             self._unscored[number] = True
             self._score.free(number)
         self._send_setpoint(number, lane)
-        if self._unscored[number] and self._sent[number] is not None:
+        if self._unscored[number] and self._sent[number] is not None and not lane.is_astray:
             self._unscored[number] = False
             if lane.cage_on:
                 self._score.confine(number, lane.size, self._farthest(number, motion))
@@ -111,6 +111,8 @@ class Batch:
         if nearest < period - 1:
             # The next pose is compared with it.
             lane.skip(period - 1, track[period - 1].tolist())
+        # Poses came all the time.
+        lane.track(period - 1, track[period - 1].tolist())
 
     def _note(self, number: int, lane: SimulatedFlight) -> None:
         """Note the conditions that a monitor waits for from now on."""
@@ -130,6 +132,20 @@ class Batch:
         """Send the setpoint to the vehicle, or brake it after too long without one."""
         setpoint, now = lane.setpoint(), lane.diary.now
         params = self.missions[number].dynamics
+        astray = ("astray", lane.astray_to)
+        if lane.is_astray:
+            if self._sent[number] != astray and lane.astray_to:
+                self._fleet.goto(number, *lane.astray_to)
+            elif self._sent[number] != astray:
+                self._fleet.brake(number)
+            self._sent[number] = astray
+            self._unscored[number] = True
+            self._score.free(number)
+            return
+        if self._sent[number] == astray:
+            # It brakes before it obeys again.
+            self._fleet.brake(number)
+            self._sent[number] = None
         if now < lane.mute_until:
             if now - lane.last_sent > params.setpoint_timeout:
                 self._fleet.brake(number)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from math import inf, nan, nextafter
+from math import inf, nan, nextafter, sqrt
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -16,6 +16,7 @@ from quadctl.schemas.params import (
     StartParams,
     WindParams,
 )
+from quadctl.schemas.topics import SETPOINT
 
 
 class _Event(Struct, frozen=True, tag=True):
@@ -69,8 +70,33 @@ class Mute(_Event, frozen=True):
     seconds: float
 
 
+class Stall(_Event, frozen=True):
+    """Time (s) in which safety's process does not run."""
+
+    seconds: float
+
+
+class Stuck(_Event, frozen=True):
+    """Time (s) in which the vehicle stops, whatever the setpoint is."""
+
+    seconds: float
+
+
+class Runaway(_Event, frozen=True):
+    """Time (s) in which the vehicle flies to this place (m), whatever the setpoint is."""
+
+    seconds: float
+    x: float
+    y: float
+    z: float
+
+
+class Reboot(_Event, frozen=True):
+    """New boot of the simulation, and then a pose of the old one."""
+
+
 class Jump(_Event, frozen=True):
-    """One pose that is off by this much, m."""
+    """The next pose is off by this much, m."""
 
     x: float
     y: float
@@ -83,13 +109,14 @@ class Late(_Event, frozen=True):
     age: float
 
 
-Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Deaf | Mute | Jump | Late
+Fault = Deaf | Mute | Stall | Stuck | Runaway | Reboot | Jump | Late
+Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Fault
 
 
 class Conditions(Struct, frozen=True):
     """Conditions of every flight of a campaign.
 
-    Length (s), whether messages are lost and poses falsified, mean wind (m/s), and the parameters,
+    Length (s), whether messages, processes and the vehicle fail, mean wind (m/s), and the parameters,
     by dotted name, that are not random.
     """
 
@@ -122,7 +149,7 @@ def text(row: Row) -> str:
 
 def faults_of(rows: Sequence[Row]) -> dict[str, int]:
     """Return how many rows of each kind of fault there are."""
-    return Counter(type(row).__name__ for row in rows if isinstance(row, Deaf | Mute | Jump | Late))
+    return Counter(type(row).__name__ for row in rows if isinstance(row, Fault))
 
 
 T = TypeVar("T")
@@ -216,19 +243,40 @@ def _rows(draws: RandomSource, seconds: float, size: Point, *, faults: bool) -> 
         elif kind < 1.0:
             yield HoldEvent(at)
         else:
-            yield _fault(draws, at)
+            yield _fault(draws, at, size)
         at += _gap(draws)
 
 
-def _fault(draws: RandomSource, at: float) -> Row:
+def _fault(draws: RandomSource, at: float, size: Point) -> Row:
     kind = draws.random()
-    if kind < 0.3:
+    if kind < 0.2:
         return Deaf(at, draws.uniform(0.05, 2.0))
-    if kind < 0.6:
+    if kind < 0.4:
         return Mute(at, draws.uniform(0.05, 2.0))
-    if kind < 0.8:
-        return Jump(at, *(draws.uniform(-3.0, 3.0) for _ in range(3)))
+    if kind < 0.5:
+        return Stall(at, draws.uniform(0.05, 2.0))
+    if kind < 0.55:
+        return Stuck(at, draws.uniform(0.5, 3.0))
+    if kind < 0.7:
+        x, y, z = (draws.uniform(-3.0, 3.0) * bound for bound in size)
+        return Runaway(at, draws.uniform(0.5, 3.0), x, y, abs(z))
+    if kind < 0.75:
+        return Reboot(at)
+    if kind < 0.9:
+        return Jump(at, *_jump(draws))
     return Late(at, draws.uniform(0.05, 1.0))
+
+
+def _jump(draws: RandomSource) -> Point:
+    """Return the error of a pose, often close to the longest way of a vehicle in one period."""
+    x, y, z = (draws.uniform(-1.0, 1.0) for _ in range(3))
+    period = 1.0 / SETPOINT.hz
+    longest = SafetyParams().max_speed * period
+    length = _one(
+        draws, (3.0, 2.0 * draws.random() * longest, longest + 2.0 * MARGIN * draws.random())
+    )
+    part = length / (sqrt(x * x + y * y + z * z) or 1.0)
+    return part * x, part * y, part * z
 
 
 def _gap(draws: RandomSource) -> float:

@@ -76,6 +76,8 @@ class FlightLog:
         self.guards = Counter[str]()
         self.arrivals: list[float] = []
         self.log = log
+        self.changed_at = 0.0
+        """Time (s) of the last state that was published."""
         self._state, self._reason, self._moving_since = "HOVERING", "", 0.0
         self._verdict: tuple[Any, ...] = ()
 
@@ -99,6 +101,7 @@ class FlightLog:
     def published(self, state: SafetyState, line: str) -> None:
         """Record a state that safety published."""
         # Unless it differs from the last in stamp or wording alone, the digest covers the state.
+        self.changed_at = self.now
         verdict = without_wording(replace(state, stamp=0.0))
         if verdict != self._verdict:
             self._verdict = verdict

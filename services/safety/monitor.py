@@ -1,4 +1,4 @@
-"""Monitor: feeds the automaton; TrackingMonitor: detects a vehicle that does not follow."""
+"""Monitor: feeds the automaton, watches the poses' age; TrackingMonitor: a vehicle's obedience."""
 
 from collections.abc import Callable
 from math import inf
@@ -106,6 +106,7 @@ class Monitor:
         """
         self._params, self._on_state, self._restarted = params, on_state, restarted
         self._grace, self._on_rule = grace, on_rule
+        self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh = False
         self._void: set[str] = set()
@@ -130,6 +131,25 @@ class Monitor:
         """Return whether a pose is older than the last one, or of an earlier boot."""
         late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
         return late or pose.boot in self._void
+
+    def watch(self, newest: Pose, age: float | None, setpoint_timeout: float) -> bool:
+        """Stop or pause the flight if poses or setpoints are missing; return whether any were.
+
+        `age` (s) is that of the newest pose; it is None after a delay of the caller itself, when the
+        poses in its queue count first.
+        """
+        late = age is not None and age > self._params.pose_timeout
+        if age is not None and late:
+            self.lose()
+            self.silent(age)
+        s = self.situation
+        goal, moving = None if s.brake else s.goal, s.state is State.MOVING
+        gap, stuck = self.tracking.observe(newest, goal, moving=moving)
+        if stuck:
+            self.halted(STOOD_STILL)
+        elif gap > setpoint_timeout:
+            self.lagged(f"the vehicle received no setpoint for {gap:.2g} s", gap)
+        return late or stuck or gap > setpoint_timeout
 
     def lose(self) -> None:
         """Record that poses are older than allowed."""

@@ -9,11 +9,10 @@ import pytest
 from quadctl.services.campaign.mission import (
     Conditions,
     Deaf,
+    Fault,
     GotoEvent,
-    Jump,
     Late,
     Mission,
-    Mute,
     Range,
     Resize,
     Row,
@@ -24,7 +23,7 @@ from quadctl.services.campaign.mission import (
 from quadctl.services.campaign.score import inside
 from tests.support.campaign_flights import missions
 
-FAULTS = (Deaf, Mute, Jump, Late)
+FAULTS = Fault.__args__
 
 
 @pytest.fixture(scope="module")

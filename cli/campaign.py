@@ -102,7 +102,7 @@ def campaign(
     flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
     seed: Annotated[int, Option("Seed of all random numbers.", min=0)] = 0,
     seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
-    faults: Annotated[bool, Option("Lose, delay and falsify poses and setpoints.")] = False,
+    faults: Annotated[bool, Option("Lose, delay and falsify messages; let vehicle and processes fail.")] = False,
     wind: Annotated[
         float, Option("Mean wind, m/s, in any direction, with gusts of a quarter.")
     ] = 0.0,

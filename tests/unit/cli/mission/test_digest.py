@@ -153,6 +153,14 @@ def test_readings_are_due_by_parameters_set_in_flight(changes: list[Change], sta
         digests(lost, "b", *changes)
 
 
+def test_a_reading_after_an_end_between_two_poses_is_not_due():
+    record = Record("b", 0.295)
+    for message in flight():
+        record.add(message)
+    record.check(PARAMETERS)
+    assert record.document()["counts"] == {"poses": 31, "transitions": 2, "pressure": 3}
+
+
 def test_a_new_boot_voids_the_record():
     with pytest.raises(QuadctlError, match=r"restarted after 0\.06 s"):
         digests([*flight()[:10], pose(0, "c")])

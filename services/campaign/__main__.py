@@ -9,18 +9,34 @@ import threading
 from importlib.util import find_spec
 
 import msgspec
+from msgspec import Struct
 
-from quadctl.services.campaign.score import Flown, document, seeds
+from quadctl.services.campaign.database import Database
+from quadctl.services.campaign.mission import Conditions
+from quadctl.services.campaign.score import Flown, Tally, seeds
 from quadctl.services.campaign.vehicles import Plain
-from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, batch, emit
+from quadctl.services.campaign.workers import Job, Worker, WorkerPool, batch, emit
 from quadctl.services.runtime.errors import QuadctlError
 
 BATCH = 500
 """Flights per job of a worker: enough for its arrays, few enough to share out evenly."""
 FEW = 8
 """The same in plain Python, where it only affects the steps of the progress."""
+PROBE = Job(0, 1, Conditions(5.0, faults=True, wind=3.0))
+"""Flight with a hash that differs between versions of the automaton and the dynamics."""
 _PATIENCE = 5.0
 """Time (s) after which a worker that is not ready must be compiling."""
+
+
+class Order(Struct, frozen=True):
+    """Campaign to fly, or with `replay` only the flight of that seed, with its log."""
+
+    flights: int
+    seed: int
+    processes: int
+    conditions: Conditions
+    db: str = ""
+    replay: bool = False
 
 
 def main() -> None:
@@ -30,7 +46,7 @@ def main() -> None:
     try:
         _replay(order) if order.replay else _campaign(order)
     except QuadctlError as problem:
-        emit({"error": {"message": problem.message, "hint": problem.hint}})
+        emit({"error": (problem.exit_code, problem.message, problem.hint)})
     sys.stdout.flush()
     os._exit(0)
 
@@ -45,32 +61,48 @@ def _campaign(order: Order) -> None:
             }
         )
     size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
-    jobs = [
-        Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)
-        for first in every[::size]
-    ]
-    flown: list[Flown] = []
-
-    def on_flown(more: list[Flown]) -> None:
-        flown.extend(more)
-        emit({"flown": len(flown)})
-
-    workers = [Worker() for _ in range(min(order.processes, len(jobs)))]
+    workers = [Worker() for _ in range(min(order.processes, -(-order.flights // size)))]
     compiling = {"note": "compiling the vehicle, once for this machine"}
     note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
-    workers[0].fly(Job(0, 0, order.seconds, order.faults, order.wind))
+    (probe,) = workers[0].fly(PROBE)
     note.cancel()
+    database = Database(order.db, order.conditions, probe.hash) if order.db else None
+    missing = (
+        database.missing(every, size)
+        if database
+        else (every[first : first + size] for first in range(0, len(every), size))
+    )
+    jobs = [Job(part.start, len(part), order.conditions) for part in missing]
+    tally, worst = Tally(every), 0.0
+    flown = order.flights - sum(job.count for job in jobs)
+    emit({"ready": flown})
+
+    def on_flown(more: list[Flown]) -> None:
+        nonlocal flown, worst
+        flown += len(more)
+        worst = max(worst, *(flight.worst_excursion for flight in more))
+        if database:
+            database.add(more)
+        else:
+            for flight in more:
+                tally.add(flight)
+        emit({"flown": flown, "worst": worst})
+
     WorkerPool(jobs, on_flown).fly(workers)
-    emit({"report": document(order.seed, flown)})
+    for flight in database.flights(every) if database else ():
+        tally.add(flight)
+    emit({"report": tally.document(order.seed)})
 
 
 def _replay(order: Order) -> None:
-    flight = batch(Job(order.seed, 1, order.seconds, order.faults, order.wind), Plain, log=True)
-    flown = flight.fly()
+    flight = batch(Job(order.seed, 1, order.conditions), Plain, log=True)
+    tally = Tally(range(order.seed, order.seed + 1))
+    tally.add(*flight.fly())
     mission, diary = flight.missions[0], flight.lanes[0].diary
-    details = {"start": mission.start, "safety": mission.safety, "log": diary.lines}
-    emit({"report": document(order.seed, flown) | details})
+    start = mission.dynamics.start
+    details = {"start": (start.x, start.y, start.z), "safety": mission.safety, "log": diary.lines}
+    emit({"report": tally.document(order.seed) | details})
 
 
 def _watch_stdin() -> None:

@@ -13,7 +13,6 @@ from quadctl.schemas.messages import (
     Setpoint,
     Velocity,
 )
-from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.mission import (
     CageEvent,
@@ -31,7 +30,8 @@ from quadctl.services.campaign.mission import (
 )
 from quadctl.services.campaign.score import FlightLog, Point, inside
 from quadctl.services.safety import cage
-from quadctl.services.safety.model import State
+from quadctl.services.safety.automaton import Rule, always
+from quadctl.services.safety.model import Seen, State
 from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
 
 REACTION = 0.3
@@ -56,8 +56,9 @@ class SimulatedFlight:
         """End of the vehicle's silence of setpoints (s), and time of the last one before."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(
-            self.params, self._on_state, restarted=False, grace=DynamicsParams().grace
-        )
+            self.params, self._on_state, restarted=False, grace=mission.dynamics.grace,
+            on_rule=self._on_rule,
+        )  # fmt: skip
         self._following = TrackingMonitor()
         self._rows, self._next = mission.rows, 0
         self._blind_until = self._faulty_at = self._pose_at = 0.0
@@ -187,6 +188,11 @@ class SimulatedFlight:
         self.diary.published(state, line)
         if state.state == "MOVING":
             self._expect_permitted(state.goal, "MOVING")
+
+    def _on_rule(self, rule: Rule) -> None:
+        """Count a rule, but not a pose that changes nothing: a sleeping monitor misses some."""
+        if rule.when is not always or rule.on is not Seen:
+            self.diary.guards[str(rule)] += 1
 
     def _expect_permitted(self, goal: Position, how: str) -> None:
         place: Point = (goal.x, goal.y, goal.z)

@@ -1,12 +1,21 @@
 """Random missions: the events of a flight and their generation."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from math import inf, nan, nextafter
 from typing import Any, Protocol, TypeVar
 
+import msgspec
 from msgspec import Struct, structs
 
-from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.schemas.params import (
+    CageParams,
+    DynamicsParams,
+    MeanWindParams,
+    SafetyParams,
+    StartParams,
+    WindParams,
+)
 
 
 class _Event(Struct, frozen=True, tag=True):
@@ -77,14 +86,26 @@ class Late(_Event, frozen=True):
 Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Deaf | Mute | Jump | Late
 
 
+class Conditions(Struct, frozen=True):
+    """Conditions of every flight of a campaign.
+
+    Length (s), whether messages are lost and poses falsified, mean wind (m/s), and the parameters,
+    by dotted name, that are not random.
+    """
+
+    seconds: float
+    faults: bool = False
+    wind: float = 0.0
+    given: dict[str, Any] = {}
+
+
 class Mission(Struct, frozen=True):
-    """One flight: seed, parameters at launch, start (m), mean wind (m/s, ENU), events in order."""
+    """One flight: seed, length (s), parameters at launch, events in order."""
 
     seed: int
     seconds: float
     safety: SafetyParams
-    start: tuple[float, float, float]
-    wind: tuple[float, float]
+    dynamics: DynamicsParams
     rows: tuple[Row, ...]
 
 
@@ -99,11 +120,19 @@ def text(row: Row) -> str:
     return f"{type(row).__name__.removesuffix('Event').lower()} {fields}".rstrip()
 
 
+def faults_of(rows: Sequence[Row]) -> dict[str, int]:
+    """Return how many rows of each kind of fault there are."""
+    return Counter(type(row).__name__ for row in rows if isinstance(row, Deaf | Mute | Jump | Late))
+
+
 T = TypeVar("T")
+Parameters = TypeVar("Parameters", SafetyParams, DynamicsParams)
 Point = tuple[float, float, float]
 
 MARGIN, MARGIN_IN_WIND = 0.01, 0.05
 """Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""
+GUST = 0.25
+"""Ratio of the gusts' RMS on each axis to the mean wind."""
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Directions of the wind, east and north: few, so that vehicles of a batch share weather."""
 FAR = 10_000.0
@@ -120,23 +149,54 @@ class RandomSource(Protocol):
         """Return a uniformly distributed number in [a, b]."""
 
 
-def mission(
-    seed: int, draws: RandomSource, seconds: float, *, wind: float = 0.0, faults: bool = False
-) -> Mission:
-    """Return a random mission in wind (m/s); `faults` lose messages and falsify poses."""
-    size = _size(draws)
+def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:
+    """Return a random mission; the given parameters replace random ones, which are drawn anyway."""
+    wind, given = conditions.wind, conditions.given
     safety = SafetyParams(
+        virtual_cage=CageParams(*_size(draws)),
         acceptance_range=_range(draws),
         cage_on=draws.random() < 0.85,
-        virtual_cage=CageParams(*size),
         takeoff=_one(draws, (1.0, 1.0, 0.0, draws.uniform(0.1, 4.0))),
         margin=MARGIN + MARGIN_IN_WIND * wind * wind,
     )
+    safety = _with(safety, "safety", given)
+    cage = safety.virtual_cage
+    size = cage.x, cage.y, cage.z
     x, y, z = (0.0, 0.0, 0.0) if draws.random() < 0.6 else _point(draws, size)
     start = (x, y, max(z, 0.0)) if abs(x) + abs(y) + abs(z) < FAR else (0.0, 0.0, 0.0)
-    east, north = _one(draws, DIRECTIONS)
-    rows = tuple(_rows(draws, seconds, size, faults=faults))
-    return Mission(seed, seconds, safety, start, (wind * east, wind * north), rows)
+    east, north = (wind * part for part in _one(draws, DIRECTIONS))
+    dynamics = DynamicsParams(
+        start=StartParams(*start),
+        wind=WindParams(mean=MeanWindParams(east, north), gust=GUST * wind),
+        # Neighbouring seeds still give unrelated gusts.
+        seed=seed % 2**31,
+    )
+    dynamics = _with(dynamics, "dynamics", given)
+    rows = tuple(
+        row
+        for row in _rows(draws, conditions.seconds, size, faults=conditions.faults)
+        if not (isinstance(row, Resize) and any(name.startswith(_CAGE) for name in given))
+        and not (isinstance(row, Range) and _RANGE in given)
+    )
+    return Mission(seed, conditions.seconds, safety, dynamics, rows)
+
+
+_CAGE, _RANGE = "safety.virtual_cage.", "safety.acceptance_range"
+
+
+def _with(section: Parameters, node: str, given: dict[str, Any]) -> Parameters:
+    """Return a node's parameters with the given ones."""
+    if not given:
+        return section
+    tables = msgspec.to_builtins(section)
+    for name, value in given.items():
+        first, *path, last = name.split(".")
+        table = tables
+        for part in path if first == node else ():
+            table = table[part]
+        if first == node:
+            table[last] = value
+    return msgspec.convert(tables, type(section))
 
 
 def _rows(draws: RandomSource, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:

@@ -18,7 +18,7 @@ from quadctl.schemas.messages import (
     Velocity,
 )
 from quadctl.schemas.params import SafetyParams
-from quadctl.services.safety.automaton import step
+from quadctl.services.safety.automaton import Rule, step
 from quadctl.services.safety.cage import at_rest, why_outside
 from quadctl.services.safety.model import (
     Booted,
@@ -97,13 +97,15 @@ class Monitor:
         *,
         restarted: bool,
         grace: float,
+        on_rule: Callable[[Rule], None] | None = None,
     ) -> None:
         """Start; after a restart turn the cage on, and leave the vehicle where it hovers.
 
-        A silence within the grace (s) pauses a flight, a longer one ends it.
+        A silence within the grace (s) pauses a flight, a longer one ends it. `on_rule` is called
+        with each rule taken.
         """
         self._params, self._on_state, self._restarted = params, on_state, restarted
-        self._grace = grace
+        self._grace, self._on_rule = grace, on_rule
         self.pose = self._last = _NO_POSE
         self.fresh = False
         self._void: set[str] = set()
@@ -207,7 +209,7 @@ class Monitor:
         world = World(
             self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
         )
-        self.situation = after = step(before, event, world)
+        self.situation = after = step(before, event, world, on_rule=self._on_rule)
         # A change of `beyond` and `since` alone is not published.
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
         if not same or isinstance(event, Resized):

@@ -1,0 +1,246 @@
+"""Report of a campaign: one HTML file that needs nothing else, on a screen or printed."""
+
+import platform
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterator
+from html import escape
+from importlib import metadata
+from math import log1p
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import msgspec
+
+from quadctl.services.campaign import pictures
+from quadctl.services.campaign.tally import (
+    COLUMNS,
+    CONFIDENCE,
+    Tally,
+    key,
+    out_of_reach,
+    upper_bound,
+)
+from quadctl.services.campaign.track import Track
+from quadctl.services.runtime.files import making
+from quadctl.services.runtime.realm import write_atomically
+from quadctl.services.safety.automaton import RULES
+from quadctl.services.safety.model import State
+
+_WORST = 10
+"""Flights with a picture."""
+
+
+def write(
+    path: Path,
+    connection: sqlite3.Connection,
+    figures: dict[str, Any],
+    command: str,
+    again: Callable[[int], str],
+    track: Callable[[int], Track],
+) -> None:
+    """Write the page, whole or not at all; raise Invalid if it cannot be written.
+
+    `connection` is the campaign's database, `figures` its document (score.py). `command` flies all
+    flights again; `again` returns the command for one seed, and `track` the track of its flight.
+    """
+    tally = Tally(connection.execute(f"SELECT {COLUMNS} FROM flights"))  # noqa: S608 - a constant
+    conditions = msgspec.json.decode(
+        connection.execute("SELECT conditions FROM campaign").fetchone()[0]
+    )
+    worst = connection.execute(
+        "SELECT seed, worst_excursion, at, wind, faults, violations FROM flights"
+        " ORDER BY violations != '[]' DESC, worst_excursion DESC, seed LIMIT ?",
+        (_WORST,),
+    ).fetchall()
+    tracks = {row[0]: track(row[0]) for row in worst}
+    margins = {each.margin for each in tracks.values()}
+    fired, matrix, reasons = _rules(tally)
+    page = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8")).substitute(
+        title=f"{_count(figures['flights'])} flights, seed {figures['seed']}",
+        verdict=_verdict(len(figures["violations"])),
+        tiles=_tiles(figures, conditions["seconds"]),
+        violations=_violations(figures["violations"], again),
+        conditions=_conditions(conditions, command, figures["hash"]),
+        histogram=pictures.histogram(tally.excursions, margins.pop() if len(margins) == 1 else None),
+        fired=fired,
+        matrix=matrix,
+        reasons=reasons,
+        tables=_tables(figures),
+        flights="".join(_flight(row, tracks[row[0]], again(row[0])) for row in worst),
+    )
+    with making(path):
+        write_atomically(path, page.encode())
+
+
+def _verdict(broken: int) -> str:
+    if not broken:
+        return '<span class="verdict">no promise was broken</span>'
+    flights = "1 flight" if broken == 1 else f"{_count(broken)} flights"
+    return f'<span class="verdict broken">{flights} broke a promise</span>'
+
+
+def _tiles(figures: dict[str, Any], seconds: float) -> str:
+    flights, broken, worst = figures["flights"], len(figures["violations"]), figures["worst"]
+    bound = upper_bound(broken, flights)
+    tiles = (
+        ("flights", _count(flights), f"of {seconds:g} s each"),
+        ("simulated", f"{flights * seconds / 3600:,.1f} h".replace(",", "\u202f"), "of flight"),
+        (
+            "worst excursion", _metres(figures["worst_excursion"]),
+            f"beyond the cage: seed {worst['seed']}, at {worst['at']:.2f} s",
+        ),
+        ("flights with a violation", _count(broken), "of a promise about the cage or the poses"),
+        (
+            "violation probability", f"< {100 * bound:.2g} %",
+            f"of a flight, at {CONFIDENCE:.0%} confidence: fewer than 1 in {_count(int(1 / bound))}",
+        ),
+    )  # fmt: skip
+    return "".join(
+        f'<div class="tile"><small>{name}</small><b>{value}</b><small>{more}</small></div>'
+        for name, value, more in tiles
+    )
+
+
+def _violations(violations: list[dict[str, Any]], again: Callable[[int], str]) -> str:
+    """Return a section with each violation, the number of its flights, and the first of them."""
+    if not violations:
+        return ""
+    counts = Counter(text for each in violations for text in each["what"])
+    first = {text: each["seed"] for each in reversed(violations) for text in each["what"]}
+    rows = "".join(
+        f'<tr><td class="violation">{escape(text)}</td><td class="number">{_count(count)}</td>'
+        f"<td><code>{escape(again(first[text]))}</code></td></tr>"
+        for text, count in counts.most_common()
+    )
+    heads = '<tr><th>promise</th><th class="number">flights</th><th>fly the first again</th></tr>'
+    return f'<section><h2>Violations</h2><div class="wide"><table>{heads}{rows}</table></div></section>'
+
+
+def _conditions(conditions: dict[str, Any], command: str, digest: str) -> str:
+    items = {name: escape(_plain(value)) for name, value in conditions.items()}
+    items["versions"] = ", ".join(
+        [f"Python {platform.python_version()}", *map(_version, ("quadctl", "numpy", "numba"))]
+    )
+    items["machine"] = escape(f"{platform.system()} {platform.release()}, {platform.machine()}")
+    items["fly it again"] = f"<code>{escape(command)}</code>"
+    items["SHA-256"] = f"<code>{digest}</code>"
+    return "".join(f"<dt>{escape(name)}</dt><dd>{value}</dd>" for name, value in items.items())
+
+
+def _version(package: str) -> str:
+    try:
+        return f"{package} {metadata.version(package)}"
+    except metadata.PackageNotFoundError:
+        return f"no {package}"
+
+
+def _plain(value: Any) -> str:
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case dict():
+            return ", ".join(f"{name}={_plain(each)}" for name, each in value.items()) or "none"
+        case list():
+            return ", ".join(map(_plain, value)) or "none"
+        case float():
+            return f"{value:g}"
+    return str(value)
+
+
+def _rules(tally: Tally) -> tuple[str, str, str]:
+    """Return a sentence on the rules that never fired, the matrix, and why some cannot."""
+    total = tally.fired["all"]
+    never = [rule for rule in RULES if not total[key(rule)]]
+    barred = {key(rule): reason for rule in never if (reason := out_of_reach(rule))}
+    reasons = list(dict.fromkeys(barred.values()))
+    shades = log1p(max(total.values(), default=1))
+
+    def cells() -> Iterator[str]:
+        heads = "".join(
+            f'<th class="number">{escape(name)}<small>{_count(tally.flights[name])} flights</small></th>'
+            for name in tally.fired
+        )
+        yield f"<thead><tr><th>event</th><th>condition</th><th>to</th><th>action</th>{heads}</tr></thead>"
+        for state in State:
+            yield f'<tbody><tr class="state"><td colspan="{4 + len(tally.fired)}">{state.name}</td></tr>'
+            for rule in (rule for rule in RULES if rule.at is state):
+                name = key(rule)
+                to = "" if rule.to is rule.at else f"→ {rule.to.name}"
+                words = (rule.on.__name__, rule.when.__name__, to, rule.do.__name__)
+                head = "".join(f"<td>{word}</td>" for word in words)
+                if total[name]:
+                    counts = "".join(_cell(fired[name], shades) for fired in tally.fired.values())
+                    yield f"<tr>{head}{counts}</tr>"
+                    continue
+                barrier = barred.get(name)
+                kind = "beyond" if barrier else "never"
+                note = f"cannot fire ({reasons.index(barrier) + 1})" if barrier else "never fired"
+                yield f'<tr class="{kind}">{head}<td class="number">{note}</td>'
+                yield f'<td colspan="{len(tally.fired) - 1}"></td></tr>'
+            yield "</tbody>"
+
+    sentence = (
+        f"Never fired: <b>{len(never) - len(barred)} of {len(RULES)}</b> rules, and {len(barred)} more"
+        " that cannot fire in a campaign, for the reasons below the table."
+    )
+    listed = "".join(f"<li>{reason}</li>" for reason in reasons)
+    return sentence, "".join(cells()), f'<ol class="why">{listed}</ol>'
+
+
+def _cell(count: int, most: float) -> str:
+    # As the counts span many powers of ten, the shade follows their logarithm.
+    shade = f' style="--part: {0.7 * log1p(count) / most:.2f}"' if count else ""
+    return f'<td class="number heat"{shade}>{_count(count) if count else "·"}</td>'
+
+
+def _tables(figures: dict[str, Any]) -> str:
+    arrivals = figures["arrivals"]
+    times = {
+        name: f"{arrivals[part]:.2f} s"
+        for name, part in (("median", "median"), ("90 %", "p90"), ("99 %", "p99"), ("longest", "most"))
+        if part in arrivals
+    }
+    kinds = ("refusals", "stops", "transitions")
+    counted = {kind: {name: _count(n) for name, n in figures[kind].items()} for kind in kinds}
+    title = f"time to arrive, of {_count(arrivals['count'])} arrivals"
+    return "".join(_table(*each) for each in (counted | {title: times}).items())
+
+
+def _table(title: str, rows: dict[str, str]) -> str:
+    body = "".join(
+        f'<tr><td>{escape(name)}</td><td class="number">{value}</td></tr>'
+        for name, value in rows.items()
+    )
+    return f"<table><caption>{title}</caption>{body or '<tr><td>none</td></tr>'}</table>"
+
+
+def _flight(row: tuple[int, float, float, str, str, str], track: Track, again: str) -> str:
+    seed, excursion, at, wind, faults, violations = row
+    east, north = msgspec.json.decode(wind)
+    about = [f"{_metres(excursion)} at {at:.2f} s" if excursion else "never beyond the cage"]
+    if east or north:
+        about.append(f"wind ({east:g}, {north:g}) m/s")
+    about += [f"{count} × {kind}" for kind, count in msgspec.json.decode(faults).items()]
+    texts = "".join(
+        f'<div class="violation">{escape(text)}</div>' for text in msgspec.json.decode(violations)
+    )
+    picture = pictures.flight(track, at if excursion else None, str(seed))
+    return (
+        f"<figure><h3>seed {seed}</h3><figcaption>{escape(', '.join(about))}</figcaption>{texts}"
+        f"<code>{escape(again)}</code>{picture}</figure>"
+    )
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\u202f")
+
+
+def _metres(length: float) -> str:
+    if length == 0:
+        return "0"
+    for unit, size in (("m", 1.0), ("mm", 1e-3)):
+        if length >= size:
+            return f"{length / size:.3g} {unit}"
+    return f"{length / 1e-6:.2g} µm"

@@ -3,7 +3,8 @@
 import platform
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from decimal import ROUND_CEILING, Context
 from html import escape
 from importlib import metadata
 from math import log1p
@@ -25,7 +26,7 @@ from quadctl.services.campaign.tally import (
 from quadctl.services.campaign.track import Track
 from quadctl.services.runtime.files import making
 from quadctl.services.runtime.realm import write_atomically
-from quadctl.services.safety.automaton import RULES
+from quadctl.services.safety.automaton import RULES, Rule
 from quadctl.services.safety.model import State
 
 _WORST = 10
@@ -63,7 +64,9 @@ def write(
         tiles=_tiles(figures, conditions["seconds"]),
         violations=_violations(figures["violations"], again),
         conditions=_conditions(conditions, command, figures["hash"]),
-        histogram=pictures.histogram(tally.excursions, margins.pop() if len(margins) == 1 else None),
+        histogram=pictures.histogram(
+            tally.excursions, margins.pop() if len(margins) == 1 else None
+        ),
         fired=fired,
         matrix=matrix,
         reasons=reasons,
@@ -84,6 +87,8 @@ def _verdict(broken: int) -> str:
 def _tiles(figures: dict[str, Any], seconds: float) -> str:
     flights, broken, worst = figures["flights"], len(figures["violations"]), figures["worst"]
     bound = upper_bound(broken, flights)
+    # Rounded up, as it is a bound.
+    percent = Context(3, ROUND_CEILING).create_decimal_from_float(100 * bound)
     tiles = (
         ("flights", _count(flights), f"of {seconds:g} s each"),
         ("simulated", f"{flights * seconds / 3600:,.1f} h".replace(",", "\u202f"), "of flight"),
@@ -93,8 +98,8 @@ def _tiles(figures: dict[str, Any], seconds: float) -> str:
         ),
         ("flights with a violation", _count(broken), "of a promise about the cage or the poses"),
         (
-            "violation probability", f"< {100 * bound:.2g} %",
-            f"of a flight, at {CONFIDENCE:.0%} confidence: fewer than 1 in {_count(int(1 / bound))}",
+            "probability of a violation", f"≤ {percent:f} %",
+            f"at {100 * CONFIDENCE:g} % confidence: at most 1 in {_count(int(1 / bound))} flights",
         ),
     )  # fmt: skip
     return "".join(
@@ -119,7 +124,8 @@ def _violations(violations: list[dict[str, Any]], again: Callable[[int], str]) -
 
 
 def _conditions(conditions: dict[str, Any], command: str, digest: str) -> str:
-    items = {name: escape(_plain(value)) for name, value in conditions.items()}
+    names = {"seconds": "seconds of a flight", "wind": "mean wind, m/s"}
+    items = {names.get(name, name): escape(_plain(value)) for name, value in conditions.items()}
     items["versions"] = ", ".join(
         [f"Python {platform.python_version()}", *map(_version, ("quadctl", "numpy", "numba"))]
     )
@@ -151,57 +157,54 @@ def _plain(value: Any) -> str:
 
 def _rules(tally: Tally) -> tuple[str, str, str]:
     """Return a sentence on the rules that never fired, the matrix, and why some cannot."""
-    total = tally.fired["all"]
-    never = [rule for rule in RULES if not total[key(rule)]]
+    never = [rule for rule in RULES if not tally.fired["all"][key(rule)]]
     barred = {key(rule): reason for rule in never if (reason := out_of_reach(rule))}
     reasons = list(dict.fromkeys(barred.values()))
-    shades = log1p(max(total.values(), default=1))
-
-    def cells() -> Iterator[str]:
-        heads = "".join(
-            f'<th class="number">{escape(name)}<small>{_count(tally.flights[name])} flights</small></th>'
-            for name in tally.fired
-        )
-        yield f"<thead><tr><th>event</th><th>condition</th><th>to</th><th>action</th>{heads}</tr></thead>"
-        for state in State:
-            yield f'<tbody><tr class="state"><td colspan="{4 + len(tally.fired)}">{state.name}</td></tr>'
-            for rule in (rule for rule in RULES if rule.at is state):
-                name = key(rule)
-                to = "" if rule.to is rule.at else f"→ {rule.to.name}"
-                words = (rule.on.__name__, rule.when.__name__, to, rule.do.__name__)
-                head = "".join(f"<td>{word}</td>" for word in words)
-                if total[name]:
-                    counts = "".join(_cell(fired[name], shades) for fired in tally.fired.values())
-                    yield f"<tr>{head}{counts}</tr>"
-                    continue
-                barrier = barred.get(name)
-                kind = "beyond" if barrier else "never"
-                note = f"cannot fire ({reasons.index(barrier) + 1})" if barrier else "never fired"
-                yield f'<tr class="{kind}">{head}<td class="number">{note}</td>'
-                yield f'<td colspan="{len(tally.fired) - 1}"></td></tr>'
-            yield "</tbody>"
-
+    heads = "".join(
+        f'<th class="number">{escape(name)}<small>{_count(tally.flights[name])} flights</small></th>'
+        for name in tally.fired
+    )
+    matrix = (
+        f"<thead><tr><th>event</th><th>condition</th><th>to</th><th>action</th>{heads}</tr></thead>"
+    )
+    for state in State:
+        matrix += f'<tr class="state"><td colspan="{4 + len(tally.fired)}">{state.name}</td></tr>'
+        for rule in RULES:
+            if rule.at is state:
+                reason = barred.get(key(rule))
+                matrix += _rule(rule, tally, reasons.index(reason) + 1 if reason else 0)
     sentence = (
         f"Never fired: <b>{len(never) - len(barred)} of {len(RULES)}</b> rules, and {len(barred)} more"
         " that cannot fire in a campaign, for the reasons below the table."
     )
     listed = "".join(f"<li>{reason}</li>" for reason in reasons)
-    return sentence, "".join(cells()), f'<ol class="why">{listed}</ol>'
+    return sentence, matrix, f'<ol class="why">{listed}</ol>'
 
 
-def _cell(count: int, most: float) -> str:
+def _rule(rule: Rule, tally: Tally, reason: int) -> str:
+    """Return the row of a rule; `reason` is the number of the one why it cannot fire, or 0."""
+    to = "" if rule.to is rule.at else f"→ {rule.to.name}"
+    words = (rule.on.__name__, rule.when.__name__, to, rule.do.__name__)
+    head = "".join(f"<td>{word}</td>" for word in words)
+    counts = [fired[key(rule)] for fired in tally.fired.values()]
+    if any(counts):
+        most = max(tally.fired["all"].values())
+        return f"<tr>{head}{''.join(_cell(count, most) for count in counts)}</tr>"
+    kind, note = ("beyond", f"cannot fire ({reason})") if reason else ("never", "never fired")
+    rest = f'<td colspan="{len(counts) - 1}"></td>'
+    return f'<tr class="{kind}">{head}<td class="number">{note}</td>{rest}</tr>'
+
+
+def _cell(count: int, most: int) -> str:
     # As the counts span many powers of ten, the shade follows their logarithm.
-    shade = f' style="--part: {0.7 * log1p(count) / most:.2f}"' if count else ""
+    shade = f' style="--part: {0.7 * log1p(count) / log1p(most):.2f}"' if count else ""
     return f'<td class="number heat"{shade}>{_count(count) if count else "·"}</td>'
 
 
 def _tables(figures: dict[str, Any]) -> str:
     arrivals = figures["arrivals"]
-    times = {
-        name: f"{arrivals[part]:.2f} s"
-        for name, part in (("median", "median"), ("90 %", "p90"), ("99 %", "p99"), ("longest", "most"))
-        if part in arrivals
-    }
+    names = {"median": "median", "p90": "90 %", "p99": "99 %", "most": "longest"}
+    times = {name: f"{arrivals[part]:.2f} s" for part, name in names.items() if part in arrivals}
     kinds = ("refusals", "stops", "transitions")
     counted = {kind: {name: _count(n) for name, n in figures[kind].items()} for kind in kinds}
     title = f"time to arrive, of {_count(arrivals['count'])} arrivals"
@@ -222,7 +225,7 @@ def _flight(row: tuple[int, float, float, str, str, str], track: Track, again: s
     about = [f"{_metres(excursion)} at {at:.2f} s" if excursion else "never beyond the cage"]
     if east or north:
         about.append(f"wind ({east:g}, {north:g}) m/s")
-    about += [f"{count} × {kind}" for kind, count in msgspec.json.decode(faults).items()]
+    about += [f"{count} {kind}" for kind, count in msgspec.json.decode(faults).items()]
     texts = "".join(
         f'<div class="violation">{escape(text)}</div>' for text in msgspec.json.decode(violations)
     )
@@ -240,7 +243,8 @@ def _count(number: int) -> str:
 def _metres(length: float) -> str:
     if length == 0:
         return "0"
-    for unit, size in (("m", 1.0), ("mm", 1e-3)):
-        if length >= size:
-            return f"{length / size:.3g} {unit}"
-    return f"{length / 1e-6:.2g} µm"
+    unit, size = next(each for each in _UNITS if length >= each[1] or each is _UNITS[-1])
+    return f"{float(f'{length / size:.3g}'):g} {unit}"
+
+
+_UNITS = (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6))

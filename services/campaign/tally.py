@@ -28,27 +28,26 @@ class Tally:
     """Counts of excursions by their size, and of fired rules by disturbance."""
 
     def __init__(self, rows: Iterable[tuple[float, str, str, str]]) -> None:
-        """Count rows with the columns COLUMNS; raise Invalid for a rule that RULES lacks."""
+        """Count rows with the columns COLUMNS; raise Invalid without rows, or for a strange rule."""
         self.excursions = [0] * (DECADES * PARTS + 1)
         """Flights by excursion: none, then by size; the last bin takes all larger ones."""
         flights, fired = Counter[tuple[str, ...]](), dict[tuple[str, ...], Counter[str]]()
         for excursion, wind, faults, guards in rows:
             self.excursions[_bin(excursion)] += 1
-            disturbances = ("wind",) if any(_WIND.decode(wind)) else ()
-            disturbances += tuple(sorted(_COUNTS.decode(faults)))
+            winds = ["wind"] if any(_WIND.decode(wind)) else []
+            disturbances = (*winds, *sorted(_COUNTS.decode(faults)))
             flights[disturbances] += 1
             fired.setdefault(disturbances, Counter()).update(_COUNTS.decode(guards))
-        present = {each for disturbances in fired for each in disturbances}
-        self.fired = {
-            name: Counter[str]() for name in ("all", "none", "wind", *sorted(present - {"wind"}))
-        }
-        """How often each rule fired in the flights with a disturbance; a flight may have several."""
-        self.flights = Counter[str]()
-        """The number of these flights."""
+        if not flights:
+            raise Invalid("the campaign has no flights", "fly some, then write its report")
+        self.flights, every = Counter[str](), dict[str, Counter[str]]()
+        """Flights with each disturbance; a flight may have several."""
         for disturbances, count in flights.items():
             for name in ("all", *(disturbances or ("none",))):
                 self.flights[name] += count
-                self.fired[name].update(fired[disturbances])
+                every.setdefault(name, Counter()).update(fired[disturbances])
+        self.fired = dict(sorted(every.items(), key=lambda each: (_rank(each[0]), each[0])))
+        """How often each rule fired in these flights: all, without any, in wind, by fault."""
         if unknown := self.fired["all"].keys() - {key(rule) for rule in RULES}:
             raise Invalid(
                 f"the campaign fired rules that this automaton lacks: {', '.join(sorted(unknown))}",
@@ -58,6 +57,10 @@ class Tally:
 
 _WIND = msgspec.json.Decoder(tuple[float, float])
 _COUNTS = msgspec.json.Decoder(dict[str, int])
+
+
+def _rank(name: str) -> int:
+    return {"all": 0, "none": 1, "wind": 2}.get(name, 3)
 
 
 def _bin(excursion: float) -> int:

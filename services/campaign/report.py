@@ -171,8 +171,8 @@ def _rules(tally: Tally) -> tuple[str, str, str]:
         matrix += f'<tr class="state"><td colspan="{4 + len(tally.fired)}">{state.name}</td></tr>'
         for rule in RULES:
             if rule.at is state:
-                reason = barred.get(key(rule))
-                matrix += _rule(rule, tally, reasons.index(reason) + 1 if reason else 0)
+                number = 1 + reasons.index(barred[key(rule)]) if key(rule) in barred else 0
+                matrix += _rule(rule, tally, number)
     sentence = (
         f"Never fired: <b>{len(never) - len(barred)} of {len(RULES)}</b> rules, and {len(barred)} more"
         " that cannot fire in a campaign, for the reasons below the table."
@@ -182,7 +182,7 @@ def _rules(tally: Tally) -> tuple[str, str, str]:
 
 
 def _rule(rule: Rule, tally: Tally, reason: int) -> str:
-    """Return the row of a rule; `reason` is the number of the one why it cannot fire, or 0."""
+    """Return the row of a rule; `reason` numbers the reason why it cannot fire, 0 if it can."""
     to = "" if rule.to is rule.at else f"→ {rule.to.name}"
     words = (rule.on.__name__, rule.when.__name__, to, rule.do.__name__)
     head = "".join(f"<td>{word}</td>" for word in words)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from quadctl.services.campaign.tally import DECADES, LEAST, PARTS
-from quadctl.services.campaign.track import Track
+from quadctl.services.campaign.track import FlightTrack
 from quadctl.services.campaign.watch import Floats
 
 # Matplotlib knows no variables, so these colours stand for them until the SVG is written.
@@ -66,7 +66,7 @@ def _short(count: int) -> str:
     return f"{count}"
 
 
-def flight(track: Track, at: float | None, name: str) -> str:
+def flight(track: FlightTrack, at: float | None, name: str) -> str:
     """Return the path from above and the height over time; mark the time `at` (s).
 
     `name` differs for each picture of a page.
@@ -80,10 +80,10 @@ def flight(track: Track, at: float | None, name: str) -> str:
         return _svg(figure, name)
 
 
-def _above(axes: Axes, track: Track, at: float | None) -> None:
+def _above(axes: Axes, track: FlightTrack, at: float | None) -> None:
     x, y, _ = track.positions.T
-    present = len(track.times) - 1 if at is None else int(np.searchsorted(track.times, at))
-    in_force = track.cages[min(present, len(track.cages) - 1)]
+    # A cage that changes at this very time did not apply yet.
+    in_force = track.cages[-1 if at is None else max(np.searchsorted(track.times, at) - 1, 0)]
     sizes = np.unique(track.cages[~np.isnan(track.cages[:, 0])], axis=0)
     for cage_x, cage_y, _ in sizes:
         axes.add_patch(_cage(cage_x, cage_y, linestyle=":", linewidth=0.9))
@@ -97,7 +97,7 @@ def _above(axes: Axes, track: Track, at: float | None) -> None:
     axes.set(xlabel="x, m", ylabel="y, m", title="from above")
 
 
-def _path(axes: Axes, track: Track, across: Floats, up: Floats) -> None:
+def _path(axes: Axes, track: FlightTrack, across: Floats, up: Floats) -> None:
     """Draw a path, pale while the cage was off."""
     caged = np.where(np.isnan(track.cages[:, 0]), np.nan, up)
     axes.plot(across, up, color=PATH, linewidth=1.2, alpha=0.45)
@@ -114,7 +114,7 @@ def _cage(x: float, y: float, **style: Any) -> Rectangle:
     return Rectangle((-x, -y), 2 * x, 2 * y, fill=False, edgecolor=CAGE, **style)
 
 
-def _height(axes: Axes, track: Track, at: float | None) -> None:
+def _height(axes: Axes, track: FlightTrack, at: float | None) -> None:
     heights = track.positions[:, 2]
     axes.plot(track.times, track.cages[:, 2], color=CAGE, linewidth=2.5)
     _path(axes, track, track.times, heights)

@@ -23,7 +23,7 @@ from quadctl.services.campaign.tally import (
     out_of_reach,
     upper_bound,
 )
-from quadctl.services.campaign.track import Track
+from quadctl.services.campaign.track import FlightTrack
 from quadctl.services.runtime.files import making
 from quadctl.services.runtime.realm import write_atomically
 from quadctl.services.safety.automaton import RULES, Rule
@@ -39,7 +39,7 @@ def write(
     figures: dict[str, Any],
     command: str,
     again: Callable[[int], str],
-    track: Callable[[int], Track],
+    track: Callable[[int], FlightTrack],
 ) -> None:
     """Write the page, whole or not at all; raise Invalid if it cannot be written.
 
@@ -219,7 +219,7 @@ def _table(title: str, rows: dict[str, str]) -> str:
     return f"<table><caption>{title}</caption>{body or '<tr><td>none</td></tr>'}</table>"
 
 
-def _flight(row: tuple[int, float, float, str, str, str], track: Track, again: str) -> str:
+def _flight(row: tuple[int, float, float, str, str, str], track: FlightTrack, again: str) -> str:
     seed, excursion, at, wind, faults, violations = row
     east, north = msgspec.json.decode(wind)
     about = [f"{_metres(excursion)} at {at:.2f} s" if excursion else "never beyond the cage"]

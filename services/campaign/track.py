@@ -10,7 +10,7 @@ from quadctl.services.campaign.mission import CageEvent, Mission, Resize
 from quadctl.services.campaign.watch import Floats
 
 
-class Track(NamedTuple):
+class FlightTrack(NamedTuple):
     """Flight in order of time, and its margin beyond the cage, m."""
 
     times: Floats
@@ -22,12 +22,12 @@ class Track(NamedTuple):
     margin: float
 
 
-def retrace(batch: Batch) -> Track:
+def retrace(batch: Batch) -> FlightTrack:
     """Fly a batch to its end, and return the track of its first flight."""
     batch.fly()
     mission, positions = batch.missions[0], batch.path(0)
     times = np.arange(len(positions)) / SETPOINT.hz
-    return Track(times, positions, _cages(mission, times), mission.safety.margin)
+    return FlightTrack(times, positions, _cages(mission, times), mission.safety.margin)
 
 
 def _cages(mission: Mission, times: Floats) -> Floats:

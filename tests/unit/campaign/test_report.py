@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from quadctl.services.campaign.report import write
-from quadctl.services.campaign.track import Track
+from quadctl.services.campaign.track import FlightTrack
 from quadctl.services.runtime.errors import Invalid
 
 OUTSIDE = "MOVING to a <goal> outside"
@@ -43,11 +43,11 @@ def campaign(flights: int, violations: dict[int, list[str]]) -> tuple[sqlite3.Co
     return connection, figures
 
 
-def track(seed: int) -> Track:
+def track(seed: int) -> FlightTrack:
     times = np.linspace(0.0, 10.0, 21)
     cages = np.full((21, 3), 2.0)
     cages[15:] = np.nan
-    return Track(times, np.stack([times / 5, -times / 5, times / 4], axis=1), cages, 0.5)
+    return FlightTrack(times, np.stack([times / 5, -times / 5, times / 4], axis=1), cages, 0.5)
 
 
 def written(file: Path, flights: int = 12, violations: dict[int, list[str]] | None = None) -> str:

@@ -83,7 +83,7 @@ def flight(track: FlightTrack, at: float | None, name: str) -> str:
 def _above(axes: Axes, track: FlightTrack, at: float | None) -> None:
     x, y, _ = track.positions.T
     # A cage that changes at this very time did not apply yet.
-    in_force = track.cages[-1 if at is None else max(np.searchsorted(track.times, at) - 1, 0)]
+    in_force = track.cages[-1 if at is None else max(int(np.searchsorted(track.times, at)) - 1, 0)]
     sizes = np.unique(track.cages[~np.isnan(track.cages[:, 0])], axis=0)
     for cage_x, cage_y, _ in sizes:
         axes.add_patch(_cage(cage_x, cage_y, linestyle=":", linewidth=0.9))

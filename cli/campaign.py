@@ -102,7 +102,9 @@ def campaign(
     flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
     seed: Annotated[int, Option("Seed of all random numbers.", min=0)] = 0,
     seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
-    faults: Annotated[bool, Option("Lose, delay and falsify messages; let vehicle and processes fail.")] = False,
+    faults: Annotated[
+        bool, Option("Lose, delay and falsify messages; let vehicle and processes fail.")
+    ] = False,
     wind: Annotated[
         float, Option("Mean wind, m/s, in any direction, with gusts of a quarter.")
     ] = 0.0,
@@ -116,6 +118,7 @@ def campaign(
     db: Annotated[
         str, Option("Keep the flights in this SQLite file; those in it are not flown again.")
     ] = "",
+    report: Annotated[str, Option("Write a report as one HTML page.", metavar="FILE")] = "",
     replay: Annotated[
         int | None, Option("Fly the flight of this seed again, with its log.", min=0)
     ] = None,
@@ -140,8 +143,8 @@ def campaign(
             f"--flights {flights}, --seed {seed}: too large",
             f"give at most {_MOST} flights, and a seed up to {_LARGEST // _MOST}",
         )
-    if db and replay is not None:
-        raise UsageError("--db and --replay: a replay is not kept", "leave one out")
+    if (db or report) and replay is not None:
+        raise UsageError("--replay: neither kept nor reported", "leave out --db and --report")
     given = _given(config, settings or [])
     if wind:
         if any(setting.startswith("dynamics.wind.") for setting in settings or ()):
@@ -149,31 +152,36 @@ def campaign(
         given = {
             name: value for name, value in given.items() if not name.startswith("dynamics.wind.")
         }
+    if report and not Path(report).absolute().parent.is_dir():
+        raise Invalid(f"--report {report}: no such folder", "give a file in an existing folder")
+    words = [
+        "quadctl",
+        "campaign",
+        "--seconds",
+        f"{seconds:g}",
+        *(["--faults"] if faults else []),
+    ]
+    words += ["--wind", f"{wind:g}"] if wind else []
+    words += ["--config", str(config)] if config else []
+    words += [word for setting in settings or () for word in ("--set", setting)]
+    command = shlex.join(words)
     order = {
         "flights": flights if replay is None else 1,
         "seed": seed if replay is None else replay,
         "processes": processes or _cores(),
         "conditions": {"seconds": seconds, "faults": faults, "wind": wind, "given": given},
         "db": db,
+        "report": report,
+        "command": command,
         "replay": replay is not None,
     }
-    report = _fly(order, quiet=options.json)
+    found = _fly(order, quiet=options.json)
     if options.json:
-        output.document(report)
+        output.document(found)
     else:
-        again = [
-            "quadctl",
-            "campaign",
-            "--seconds",
-            f"{seconds:g}",
-            *(["--faults"] if faults else []),
-        ]
-        again += ["--wind", f"{wind:g}"] if wind else []
-        again += ["--config", str(config)] if config else []
-        again += [word for setting in settings or () for word in ("--set", setting)]
-        for line in lines(report, seconds, shlex.join(again)):
+        for line in lines(found, seconds, command):
             output.line(line)
-    output.end(ok=not report["violations"])
+    output.end(ok=not found["violations"])
 
 
 _UNUSED = ("dynamics.seed", "dynamics.rate", "dynamics.speed")

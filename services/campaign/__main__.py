@@ -7,6 +7,8 @@ import os
 import sys
 import threading
 from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
 
 import msgspec
 from msgspec import Struct
@@ -36,6 +38,9 @@ class Order(Struct, frozen=True):
     processes: int
     conditions: Conditions
     db: str = ""
+    report: str = ""
+    command: str = ""
+    """Command line of this order, for the report; with `--replay SEED` it is one for a flight."""
     replay: bool = False
 
 
@@ -67,7 +72,9 @@ def _campaign(order: Order) -> None:
     note.start()
     (probe,) = workers[0].fly(PROBE)
     note.cancel()
-    database = Database(order.db, order.conditions, probe.hash) if order.db else None
+    # Without a name the database is a temporary file.
+    kept = order.db or order.report
+    database = Database(order.db, order.conditions, probe.hash) if kept else None
     missing = (
         database.missing(every, size)
         if database
@@ -92,7 +99,24 @@ def _campaign(order: Order) -> None:
     WorkerPool(jobs, on_flown).fly(workers)
     for flight in database.flights(every) if database else ():
         tally.add(flight)
-    emit({"report": tally.document(order.seed)})
+    figures = tally.document(order.seed)
+    if database and order.report:
+        _write_report(order, database, figures)
+    emit({"report": figures})
+
+
+def _write_report(order: Order, database: Database, figures: dict[str, Any]) -> None:
+    from quadctl.services.campaign import report  # matplotlib takes half a second
+    from quadctl.services.campaign.track import retrace
+
+    report.write(
+        Path(order.report),
+        database.connection,
+        figures,
+        f"{order.command} --flights {order.flights} --seed {order.seed}",
+        lambda seed: f"{order.command} --replay {seed}",
+        lambda seed: retrace(batch(Job(seed, 1, order.conditions), Plain)),
+    )
 
 
 def _replay(order: Order) -> None:
@@ -106,7 +130,9 @@ def _replay(order: Order) -> None:
 
 
 def _watch_stdin() -> None:
-    sys.stdin.buffer.read()
+    # Not by sys.stdin: its lock would turn any error of this process into a fatal one.
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
     os._exit(0)
 
 

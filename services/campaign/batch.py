@@ -62,6 +62,10 @@ class Batch:
                 motion = self._advance(period)[-1]
         return [self._flown(number) for number in range(len(self.lanes))]
 
+    def path(self, number: int) -> Floats:
+        """Return the positions of a flight that is over, m, (periods + 1, 3)."""
+        return self._track[:, :3, number]
+
     def awake(self, period: int, motion: Floats) -> list[int]:
         """Return the flights with a monitor that must run."""
         last, stamp = self._track[max(period - 1, 0)], period / SETPOINT.hz

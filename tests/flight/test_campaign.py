@@ -86,7 +86,10 @@ def test_a_killed_campaign_continues_from_its_database(lab: Lab):
     flying.wait()
     eventually(lambda: not lab.processes(), 3.0)
     assert 0 < kept() < 1200
-    again = lab.quadctl(*words, "--db", database.name, timeout=100.0)
+    again = lab.quadctl(*words, "--db", database.name, "--report", "page.html", timeout=100.0)
+    page = (lab.folder / "page.html").read_text()
+    assert again.json["hash"] in page
+    assert f"--replay {again.json['worst']['seed']}<" in page
     assert f" of 1200 flights are in {database.name}" in again.err
     assert kept() == 1200
     assert again.json == lab.quadctl(*words, timeout=100.0).json
@@ -109,6 +112,7 @@ def test_a_campaign_flies_the_given_parameters(lab: Lab):
     assert lab.quadctl("campaign", "--wind", 1, "--set", "dynamics.wind.gust=1").code == 2
     assert lab.quadctl("campaign", "--replay", 1, "--db", "x.sqlite").code == 2
     assert lab.quadctl("campaign", "--db", "own.toml").code == 6
+    assert lab.quadctl("campaign", "--report", "none/page.html").code == 6
 
 
 def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):

@@ -1,4 +1,4 @@
-"""Script for the README's console pictures: `python -m tests.support.console_pictures`."""
+"""Script for the pictures of pages in docs/: `python -m tests.support.console_pictures`."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from tests.support.served_console import served
 
 DOCS = Path(__file__).parents[2] / "docs"
 SIZE = (1440, 1060)
+REPORT = ("campaign", "--flights", 10_000, "--seed", 1, "--faults", "--report", "report.html")
 
 
 def fly(page: Tab) -> None:
@@ -30,8 +31,9 @@ def fly(page: Tab) -> None:
 
 
 def main() -> None:
-    """Fly, and write both pictures."""
+    """Fly, and write the pictures."""
     with private_lab() as lab:
+        lab.quadctl(*REPORT, timeout=600.0)
         lab.start("--set", "safety.virtual_cage.z=3")
         with served(lab) as console, browser() as chromium:
             page = chromium.tab(console.control, SIZE)
@@ -43,6 +45,9 @@ def main() -> None:
             page.picture(DOCS / "console.png")
             phone.reads(".journal", "at (-3, -2, 1)", within=30)
             phone.picture(DOCS / "console-phone.png")
+            report = chromium.tab(f"file://{lab.folder / 'report.html'}", (1200, 1000))
+            report.until("!!document.querySelector('.tile')")
+            report.picture(DOCS / "campaign-report.png")
 
 
 if __name__ == "__main__":

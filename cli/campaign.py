@@ -12,9 +12,18 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.progress import Progress
-from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.errors import (
+    NotAllowed,
+    QuadctlError,
+    TimedOut,
+    Unreachable,
+    UsageError,
+)
 
 _COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign")
+_ERRORS = {
+    error.code: error for error in (QuadctlError, UsageError, Unreachable, NotAllowed, TimedOut)
+}
 _END = 5.0  # s for the process to end before it is killed
 
 
@@ -48,7 +57,8 @@ class CampaignProcess:
         for line in self._popen.stdout:
             message: dict[str, Any] = msgspec.json.decode(line)
             if "error" in message:
-                raise QuadctlError(**message["error"])
+                code, *said = message["error"].values()
+                raise _ERRORS[code](*said)
             if "report" in message:
                 self.report = message["report"]
                 return
@@ -104,6 +114,8 @@ def campaign(
     processes: Annotated[
         int | None, Option("Number of processes (default: one per core).", min=1)
     ] = None,
+    dask: Annotated[str, Option("Fly on this Dask scheduler, or local.", metavar="ADDRESS")] = "",
+    insecure: Annotated[bool, Option("Use a scheduler that is open to its network.")] = False,
 ) -> None:
     """Fly random missions faster than real time; exit 8 if one breaks a promise.
 
@@ -130,6 +142,8 @@ def campaign(
         "wind": wind,
         "processes": processes or _cores(),
         "replay": replay is not None,
+        "dask": dask,
+        "insecure": insecure,
     }
     report = _fly(order, quiet=options.json)
     if options.json:

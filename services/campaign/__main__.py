@@ -10,6 +10,7 @@ from importlib.util import find_spec
 
 import msgspec
 
+from quadctl.services.campaign.cluster import ClusterPool, connect
 from quadctl.services.campaign.score import Flown, document, seeds
 from quadctl.services.campaign.vehicles import Plain
 from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, batch, emit
@@ -19,6 +20,8 @@ BATCH = 500
 """Flights per job of a worker: enough for its arrays, few enough to share out evenly."""
 FEW = 8
 """The same in plain Python, where it only affects the steps of the progress."""
+PROBE = Job(0, 1, 30.0, faults=True, wind=3.0)
+"""Flight by which a cluster's workers prove that they calculate as this machine does."""
 _PATIENCE = 5.0
 """Time (s) after which a worker that is not ready must be compiling."""
 
@@ -30,7 +33,7 @@ def main() -> None:
     try:
         _replay(order) if order.replay else _campaign(order)
     except QuadctlError as problem:
-        emit({"error": {"message": problem.message, "hint": problem.hint}})
+        emit({"error": {"code": problem.code, "message": problem.message, "hint": problem.hint}})
     sys.stdout.flush()
     os._exit(0)
 
@@ -55,13 +58,19 @@ def _campaign(order: Order) -> None:
         flown.extend(more)
         emit({"flown": len(flown)})
 
-    workers = [Worker() for _ in range(min(order.processes, len(jobs)))]
+    count = 1 if order.dask else min(order.processes, len(jobs))
+    workers = [Worker() for _ in range(count)]
     compiling = {"note": "compiling the vehicle, once for this machine"}
     note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
     workers[0].fly(Job(0, 0, order.seconds, order.faults, order.wind))
     note.cancel()
-    WorkerPool(jobs, on_flown).fly(workers)
+    if order.dask:
+        with connect(order.dask, order.processes, insecure=order.insecure) as client:
+            pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
+            pool.fly(PROBE, workers[0].fly(PROBE))
+    else:
+        WorkerPool(jobs, on_flown).fly(workers)
     emit({"report": document(order.seed, flown)})
 
 

@@ -29,7 +29,10 @@ from quadctl.services.runtime.filelock import turn
 
 
 class Order(Struct, frozen=True):
-    """Campaign to fly, or with `replay` only the flight of that seed, with its log."""
+    """Campaign to fly, or with `replay` only the flight of that seed, with its log.
+
+    `dask` is the address of a scheduler, `local`, or empty; `insecure` allows an open one.
+    """
 
     flights: int
     seed: int
@@ -38,6 +41,8 @@ class Order(Struct, frozen=True):
     wind: float
     processes: int
     replay: bool = False
+    dask: str = ""
+    insecure: bool = False
 
 
 class Job(Struct, frozen=True):

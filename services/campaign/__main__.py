@@ -9,6 +9,7 @@ import threading
 from importlib.util import find_spec
 
 import msgspec
+from msgspec.structs import replace
 
 from quadctl.services.campaign.cluster import ClusterPool, connect
 from quadctl.services.campaign.score import Flown, document, seeds
@@ -58,20 +59,25 @@ def _campaign(order: Order) -> None:
         flown.extend(more)
         emit({"flown": len(flown)})
 
-    count = 1 if order.dask else min(order.processes, len(jobs))
+    if order.dask:
+        with connect(order.dask, order.processes, insecure=order.insecure) as client:
+            expected = _start_workers(1)[0].fly(PROBE)
+            pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
+            pool.fly(PROBE, expected)
+    else:
+        WorkerPool(jobs, on_flown).fly(_start_workers(min(order.processes, len(jobs))))
+    emit({"report": document(order.seed, flown)})
+
+
+def _start_workers(count: int) -> list[Worker]:
+    """Return workers; if the vehicle is not compiled on this machine, the first compiles it."""
     workers = [Worker() for _ in range(count)]
     compiling = {"note": "compiling the vehicle, once for this machine"}
     note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
-    workers[0].fly(Job(0, 0, order.seconds, order.faults, order.wind))
+    workers[0].fly(replace(PROBE, count=0))
     note.cancel()
-    if order.dask:
-        with connect(order.dask, order.processes, insecure=order.insecure) as client:
-            pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
-            pool.fly(PROBE, workers[0].fly(PROBE))
-    else:
-        WorkerPool(jobs, on_flown).fly(workers)
-    emit({"report": document(order.seed, flown)})
+    return workers
 
 
 def _replay(order: Order) -> None:

@@ -6,11 +6,13 @@ and fly a probe flight to the same result to the last bit; so must each that joi
 """
 
 import logging
+import os
 import re
 import sys
 import threading
 import time
 import warnings
+from asyncio import CancelledError
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -69,6 +71,8 @@ def connect(address: str, processes: int, *, insecure: bool) -> "Iterator[Client
     logging.disable()
     warnings.simplefilter("ignore", VersionMismatchWarning)
     if address == LOCAL:
+        # After kill -9 multiprocessing would report what it cleans up.
+        os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker"
         # Encrypted: other users of this machine could run code on open workers.
         with (
             LocalCluster(
@@ -214,11 +218,6 @@ class ClusterPool:
         probe, flight = self._probes.pop(future, None), self._flying.pop(future, None)
         if not probe and not flight:
             return
-        if future.status == "cancelled":
-            raise Unreachable(
-                f"the Dask scheduler at {self._address} has gone, or cancelled the flights",
-                "is it still running? its log says more",
-            )
         try:
             problem = future.exception(_REPLY)
             result: Any = None if problem else future.result(_REPLY)
@@ -227,6 +226,11 @@ class ClusterPool:
             if flight:
                 self._jobs.appendleft(flight.job)
             return
+        except (CancelledError, OSError) as error:
+            raise Unreachable(
+                f"the Dask scheduler at {self._address} has gone, or cancelled the flights",
+                f"is it still running? ({error})",
+            ) from error
         finally:
             future.release()
         if probe:

@@ -12,9 +12,9 @@ import sys
 import threading
 import time
 import warnings
-from asyncio import CancelledError
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import metadata

@@ -114,7 +114,7 @@ def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: 
     eventually(lambda: flies(flying), 30.0)
     assert alive(steady.pid)
     central.end()
-    assert flying.wait(30.0) == 3
+    assert flying.wait(30.0) == 3, flying.log
     assert "has gone" in flying.log
 
 

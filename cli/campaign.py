@@ -114,8 +114,10 @@ def campaign(
     processes: Annotated[
         int | None, Option("Number of processes (default: one per core).", min=1)
     ] = None,
-    dask: Annotated[str, Option("Fly on this Dask scheduler, or local.", metavar="ADDRESS")] = "",
-    insecure: Annotated[bool, Option("Use a scheduler that is open to its network.")] = False,
+    dask: Annotated[
+        str, Option("Fly on the workers of this Dask scheduler, or local.", metavar="ADDRESS")
+    ] = "",
+    insecure: Annotated[bool, Option("Allow a scheduler without encryption on a network.")] = False,
 ) -> None:
     """Fly random missions faster than real time; exit 8 if one breaks a promise.
 

@@ -32,7 +32,7 @@ from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable,
 from quadctl.services.runtime.security import identity
 
 if TYPE_CHECKING:
-    from distributed import Client, Future, Security
+    from distributed import Client, Future
 
 LOCAL = "local"
 _FORM = r"(?:tcp|tls)://(\[[^]]+\]|[^/:]+):\d{1,5}"
@@ -58,9 +58,9 @@ def connect(address: str, processes: int, *, insecure: bool) -> "Iterator[Client
     Raises UsageError for an address that is none or that is open to a network, or without Dask, and
     Unreachable if no scheduler answers.
     """
-    security = None if address == LOCAL else _security(address, insecure=insecure)
+    ours = None if address == LOCAL else _identity(address, insecure=insecure)
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client, LocalCluster, Security
         from distributed.versions import VersionMismatchWarning
     except ImportError as error:
         raise UsageError(
@@ -88,6 +88,12 @@ def connect(address: str, processes: int, *, insecure: bool) -> "Iterator[Client
         ):
             yield client
         return
+    security = ours and Security(
+        require_encryption=True,
+        tls_ca_file=ours.path(identity.FLEET),
+        tls_client_cert=ours.path(identity.CERTIFICATE),
+        tls_client_key=ours.path(identity.KEY),
+    )
     try:
         client = Client(address, timeout=_REPLY, security=security, set_as_default=False)
     except OSError as error:
@@ -99,7 +105,8 @@ def connect(address: str, processes: int, *, insecure: bool) -> "Iterator[Client
         yield client
 
 
-def _security(address: str, *, insecure: bool) -> "Security | None":
+def _identity(address: str, *, insecure: bool) -> identity.Identity | None:
+    """Return our identity for an encrypted scheduler, None for a plain one; raise UsageError."""
     found = re.fullmatch(_FORM, address)
     if not found:
         raise UsageError(
@@ -107,15 +114,7 @@ def _security(address: str, *, insecure: bool) -> "Security | None":
             f"write tls://HOST:PORT, tcp://127.0.0.1:PORT, or {LOCAL} for processes of this machine",
         )
     if address.startswith("tls:"):
-        ours = identity.needed(address)
-        from distributed import Security
-
-        return Security(
-            require_encryption=True,
-            tls_ca_file=ours.path(identity.FLEET),
-            tls_client_cert=ours.path(identity.CERTIFICATE),
-            tls_client_key=ours.path(identity.KEY),
-        )
+        return identity.needed(address)
     if not insecure and not _is_loopback(found[1].strip("[]")):
         raise UsageError(
             f"{address} is neither encrypted nor local: anyone on the network could run programs"
@@ -222,7 +221,7 @@ class ClusterPool:
             problem = future.exception(_REPLY)
             result: Any = None if problem else future.result(_REPLY)
         except TimeoutError:
-            # The worker has gone with its result.
+            # The worker has gone with its result; the next look would drop its probe too.
             if flight:
                 self._jobs.appendleft(flight.job)
             return

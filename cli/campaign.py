@@ -1,9 +1,12 @@
 """`campaign`: many flights in a separate process, and their report."""
 
 import os
+import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 import msgspec
@@ -13,17 +16,17 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.progress import Progress
 from quadctl.services.runtime.errors import (
-    NotAllowed,
+    Invalid,
     QuadctlError,
     TimedOut,
     Unreachable,
     UsageError,
 )
+from quadctl.services.runtime.params import load
+from quadctl.services.runtime.params.names import flatten
 
+_KINDS = (QuadctlError, UsageError, Unreachable, TimedOut, Invalid)
 _COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign")
-_ERRORS = {
-    error.code: error for error in (QuadctlError, UsageError, Unreachable, NotAllowed, TimedOut)
-}
 _END = 5.0  # s for the process to end before it is killed
 
 
@@ -57,8 +60,7 @@ class CampaignProcess:
         for line in self._popen.stdout:
             message: dict[str, Any] = msgspec.json.decode(line)
             if "error" in message:
-                code, *said = message["error"].values()
-                raise _ERRORS[code](*said)
+                raise _error(*message["error"])
             if "report" in message:
                 self.report = message["report"]
                 return
@@ -68,12 +70,17 @@ class CampaignProcess:
         )
 
 
-def lines(report: dict[str, Any], order: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines of the report of an order."""
+def _error(exit_code: int, message: str, hint: str) -> QuadctlError:
+    kinds = {kind.exit_code: kind for kind in _KINDS}
+    return kinds[exit_code](message, hint)
+
+
+def lines(report: dict[str, Any], seconds: float, again: str) -> Iterator[str]:
+    """Yield the lines of a report; `again` is the command for one of its flights."""
     yield from report.get("log", ())
     worst = report["worst"]
     yield (
-        f"{report['flights']} flights of {order['seconds']:g} s, worst excursion beyond the cage "
+        f"{report['flights']} flights of {seconds:g} s, worst excursion beyond the cage "
         f"{report['worst_excursion']:.2g} m (seed {worst['seed']}, at {worst['at']:.2f} s)"
     )
     for name in ("transitions", "refusals", "stops"):
@@ -85,15 +92,13 @@ def lines(report: dict[str, Any], order: dict[str, Any]) -> Iterator[str]:
         yield f"{'arrivals':12} {arrivals['count']:8}  in " + ", ".join(
             f"{arrivals[part]:.2f} s ({part})" for part in parts
         )
-    more = (" --faults" if order["faults"] else "") + (
-        f" --wind {order['wind']:g}" if order["wind"] else ""
-    )
     for violation in report["violations"]:
         yield f"VIOLATION    seed {violation['seed']}: {'; '.join(violation['what'])}"
-        yield f"  again: quadctl campaign --replay {violation['seed']} --seconds {order['seconds']:g}{more}"
+        yield f"  again: {again} --replay {violation['seed']}"
     yield f"SHA-256      {report['hash']}"
 
 
+_LINE_EVERY = 3.0  # s between two lines of progress where there is no terminal
 _MOST = 1_000_000  # flights of a campaign: the number of seeds reserved for each
 _STRONGEST = 6.0  # m/s of wind: with its gusts about the most that the tilt can hold against
 _LARGEST = 2**53  # all JSON readers agree on whole numbers up to this one
@@ -104,10 +109,22 @@ def campaign(
     flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
     seed: Annotated[int, Option("Seed of all random numbers.", min=0)] = 0,
     seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
-    faults: Annotated[bool, Option("Lose, delay and falsify poses and setpoints.")] = False,
+    faults: Annotated[
+        bool, Option("Lose, delay and falsify messages; let vehicle and processes fail.")
+    ] = False,
     wind: Annotated[
         float, Option("Mean wind, m/s, in any direction, with gusts of a quarter.")
     ] = 0.0,
+    config: Annotated[
+        Path | None, Option("Fly with the safety and dynamics parameters of this TOML file.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        Option("Fly with this parameter.", ("--set",), "NAME=VALUE", complete="setting"),
+    ] = None,
+    db: Annotated[
+        str, Option("Keep the flights in this SQLite file; those in it are not flown again.")
+    ] = "",
     replay: Annotated[
         int | None, Option("Fly the flight of this seed again, with its log.", min=0)
     ] = None,
@@ -136,33 +153,84 @@ def campaign(
             f"--flights {flights}, --seed {seed}: too large",
             f"give at most {_MOST} flights, and a seed up to {_LARGEST // _MOST}",
         )
+    if db and replay is not None:
+        raise UsageError("--db and --replay: a replay is not kept", "leave one out")
+    given = _given(config, settings or [])
+    if wind:
+        if any(setting.startswith("dynamics.wind.") for setting in settings or ()):
+            raise UsageError("--wind and --set dynamics.wind: two winds", "leave one out")
+        given = {
+            name: value for name, value in given.items() if not name.startswith("dynamics.wind.")
+        }
     order = {
         "flights": flights if replay is None else 1,
         "seed": seed if replay is None else replay,
-        "seconds": seconds,
-        "faults": faults,
-        "wind": wind,
         "processes": processes or _cores(),
-        "replay": replay is not None,
+        "conditions": {"seconds": seconds, "faults": faults, "wind": wind, "given": given},
+        "db": db,
         "dask": dask,
         "insecure": insecure,
+        "replay": replay is not None,
     }
     report = _fly(order, quiet=options.json)
     if options.json:
         output.document(report)
     else:
-        for line in lines(report, order):
+        again = [
+            "quadctl",
+            "campaign",
+            "--seconds",
+            f"{seconds:g}",
+            *(["--faults"] if faults else []),
+        ]
+        again += ["--wind", f"{wind:g}"] if wind else []
+        again += ["--config", str(config)] if config else []
+        again += [word for setting in settings or () for word in ("--set", setting)]
+        for line in lines(report, seconds, shlex.join(again)):
             output.line(line)
     output.end(ok=not report["violations"])
 
 
+_UNUSED = ("dynamics.seed", "dynamics.rate", "dynamics.speed")
+"""Parameters of the two nodes without an effect on a campaign."""
+
+
+def _given(config: Path | None, settings: list[str]) -> dict[str, Any]:
+    """Return the parameters of the file and the settings, by name; raise Invalid for a wrong one."""
+    table, source = load.gather(config, settings)
+    checked = dict(flatten(msgspec.to_builtins(load.check(table, source))))
+
+    def used(name: str) -> bool:
+        return name.startswith(("safety.", "dynamics.")) and name not in _UNUSED
+
+    for name, _ in flatten(load.gather(None, settings)[0]):
+        if not used(name):
+            raise UsageError(
+                f"--set {name}: no effect on a campaign", "it flies with safety.* and dynamics.*"
+            )
+    return {name: checked[name] for name, _ in flatten(table) if used(name)}
+
+
 def _fly(order: dict[str, Any], *, quiet: bool) -> dict[str, Any]:
-    with CampaignProcess(order) as running, Progress("flying", quiet=quiet) as progress:
+    began, before = time.monotonic(), 0
+    with (
+        CampaignProcess(order) as running,
+        Progress("flying", quiet=quiet, line_every=0.0 if quiet else _LINE_EVERY) as progress,
+    ):
         for message in running:
-            if "flown" in message:
-                done = message["flown"]
-                progress.update(done / order["flights"], f"{done} of {order['flights']}")
-            elif "note" in message:
+            if "ready" in message:
+                began, before = time.monotonic(), message["ready"]
+                if before:
+                    output.note(f"{before} of {order['flights']} flights are in {order['db']}")
+            elif "flown" in message:
+                done, whole = message["flown"], order["flights"]
+                rate = (done - before) / (time.monotonic() - began)
+                progress.update(
+                    done / whole,
+                    f"{done} of {whole}, {rate:.0f}/s, worst excursion"
+                    f" {1000 * message['worst']:.2g} mm, {(whole - done) / rate:.0f} s left",
+                )
+            else:
                 output.note(message["note"])
         return running.report
 

@@ -92,13 +92,17 @@ COMMON: dict[str, tuple[type, str]] = {
 
 
 class Options(Struct, frozen=True):
-    """Values of the common options; `named` is the vehicle that they name, or empty."""
+    """Values of the common options; `named` is the vehicle that they name, or empty.
+
+    `realm_given`: the command line itself names the realm.
+    """
 
     realm: str
     connect: str
     named: str
     json: bool
     timeout: float
+    realm_given: bool = False
 
     @property
     def vehicle(self) -> str:
@@ -138,6 +142,7 @@ def options_of(values: Mapping[str, Any]) -> Options:
         named=vehicle_name(named) if named else "",
         json=values.get("json", False),
         timeout=timeout,
+        realm_given=bool(values.get("realm")),
     )
 
 

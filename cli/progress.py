@@ -1,16 +1,21 @@
 """Progress bars for one vehicle or a fleet."""
 
 import sys
+import time
 from collections.abc import Iterable
 from typing import Any, Self
 
+from quadctl.cli import output
+
 
 class Progress:
-    """Bar with a fraction and a text, on stderr; hidden unless stdout is a terminal, too."""
+    """Bar with a fraction and a text, on stderr; without a terminal nothing, or lines."""
 
-    def __init__(self, title: str, *, quiet: bool) -> None:
+    def __init__(self, title: str, *, quiet: bool, line_every: float = 0.0) -> None:
+        """Show a bar unless `quiet`; without a terminal write a line every so many s, if any."""
         self._title = title
         self._bar: Any = None
+        self._line_every, self._line_at = line_every, time.monotonic() + line_every
         if not quiet and sys.stderr.isatty() and sys.stdout.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, TextColumn
@@ -38,6 +43,9 @@ class Progress:
         """Show a fraction, from 0 to 1, and a text."""
         if self._bar is not None:
             self._bar.update(self._task, completed=min(max(fraction, 0.0), 1.0), text=text)
+        elif self._line_every and time.monotonic() >= self._line_at:
+            self._line_at = time.monotonic() + self._line_every
+            output.note(text)
 
 
 class FleetProgress(Progress):

@@ -6,6 +6,7 @@ it, and the wording of reasons.
 
 import hashlib
 import struct
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -16,21 +17,22 @@ from quadctl.services.runtime.errors import QuadctlError
 
 _POSE = struct.Struct("<Q14d")
 _PRESSURE = struct.Struct("<3dQd")
+_SLACK = 1e-6  # s of rounding of a time
 _BUSY = "other programs keep this machine too busy; close some and fly again"
 
 
 class Record:
     """Every pose, every transition of safety and every reading of one boot, up to a time."""
 
-    def __init__(self, boot: str, end: float, pressure_rate: float) -> None:
-        """Record the named boot until `end` (s), with `pressure_rate` readings per second."""
+    def __init__(self, boot: str, end: float) -> None:
+        """Record the named boot until `end` (s)."""
         self.stamp = -1.0
         """Simulated time (s) of the latest pose; -1 before the first."""
-        self._boot, self._end, self._rate = boot, end, pressure_rate
+        self._boot, self._end = boot, end
         self._poses: list[bytes] = []
         self._states: list[SafetyState] = []
         self._readings: list[Pressure] = []
-        self._due: list[float] = []
+        self._stamps: list[float] = []
 
     def add(self, message: Pose | SafetyState | Pressure) -> None:
         """Take a message of the flight; raise QuadctlError if a pose was lost or a boot began."""
@@ -41,12 +43,21 @@ class Record:
         else:
             self._add_pose(message)
 
-    def check(self) -> None:
-        """Raise QuadctlError if the record is incomplete."""
+    def check(
+        self, values: Mapping[str, Any], changes: Iterable[tuple[float, Mapping[str, Any]]] = ()
+    ) -> None:
+        """Raise QuadctlError if the record is incomplete.
+
+        The readings that are due depend on the parameters: `values` by dotted name at the start,
+        and `changes` with their times (s), in order.
+        """
+        due = list(self._due(dict(values), list(changes)))
+        # What came before belongs to another boot.
+        del self._readings[: max(0, len(self._readings) - len(due))]
         read = [reading.stamp for reading in self._readings]
-        if self.stamp < self._end or read != self._due:
+        if self.stamp < self._end or read != due:
             raise QuadctlError(
-                f"{len(read)} of {len(self._due)} barometer readings arrived: incomplete record",
+                f"{len(read)} of {len(due)} barometer readings arrived: incomplete record",
                 _BUSY,
             )
 
@@ -91,9 +102,24 @@ class Record:
                 w.z,
             )
         )  # fmt: skip
-        if period(pose.stamp, self._rate) != period(self.stamp, self._rate):
-            self._due.append(pose.stamp)
+        self._stamps.append(pose.stamp)
         self.stamp = pose.stamp
+
+    def _due(
+        self, values: dict[str, Any], changes: list[tuple[float, Mapping[str, Any]]]
+    ) -> Iterator[float]:
+        """Yield the times (s) of the readings that the barometer has to give."""
+        last, before = -1, 0.0
+        for stamp in self._stamps:
+            # A change takes effect after the reading of its pose.
+            while changes and changes[0][0] <= before:
+                values |= changes.pop(0)[1]
+            before, now = stamp, period(stamp, values["pressure.rate"])
+            fault = values["pressure.fault.kind"]
+            old = fault == "delay" and stamp + _SLACK < values["pressure.fault.delay"]
+            if now != last and not (fault == "off" or old) and stamp <= self._end:
+                yield stamp
+            last = now
 
     def _add_state(self, state: SafetyState) -> None:
         """Keep a transition; a state that differs only in stamp or wording is none."""
@@ -103,9 +129,10 @@ class Record:
                 self._states.append(state)
 
     def _add_reading(self, reading: Pressure) -> None:
-        """Keep a reading; those before the first of the boot belong to another one."""
-        expected = reading.stamp > self._readings[-1].stamp if self._readings else not reading.stamp
-        if expected and reading.stamp <= self._end:
+        """Keep a reading in place of those of its time or later, which belong to another boot."""
+        while self._readings and self._readings[-1].stamp >= reading.stamp:
+            self._readings.pop()
+        if reading.stamp <= self._end:
             self._readings.append(reading)
 
     def _without_boot(self, state: SafetyState) -> SafetyState:

@@ -3,8 +3,8 @@
 import os
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,14 +14,18 @@ from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.cli.mission.digest import Record
-from quadctl.cli.mission.mission import MissionFile, Row, mission
+from quadctl.cli.mission.mission import NODES, MissionFile, ParamStep, Row, mission
 from quadctl.cli.progress import Progress
+from quadctl.cli.temporary_run import temporary_run
+from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
     GetParamsRequest,
     GotoResponse,
     ResetRequest,
+    SetParamsRequest,
+    SetParamsResponse,
     ToggleCageRequest,
 )
 from quadctl.schemas.topics import (
@@ -33,13 +37,16 @@ from quadctl.schemas.topics import (
     TOGGLE_CAGE,
     Topic,
     get_params,
+    set_params,
 )
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.scheduled_calls import FutureCall
-from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut, UsageError
 from quadctl.services.runtime.params.load import read
+from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.realm import DEFAULT, listed
+from quadctl.services.runtime.supervisor.launch import Launch
 
-NODES = ("dynamics", "pressure", "safety")
 _BACKLOG = 200_000  # messages that may wait while this process is not scheduled; none may be lost
 _LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
 _PATIENCE = 60.0
@@ -60,7 +67,7 @@ class MissionFlight:
         self._boot = os.urandom(4).hex()
         speed = self.parameters["dynamics.speed"] or 1.0
         self._patience = _PATIENCE + _SLOWER * mission.end / speed
-        self.record = Record(self._boot, mission.end, self.parameters["pressure.rate"])
+        self.record = Record(self._boot, mission.end)
         self._awaited, self._ended = len(NODES), threading.Event()
         topics: tuple[Topic[Any], ...] = (POSE, STATE, PRESSURE)
         self._readings = client.subscribe(*topics, backlog=_BACKLOG)
@@ -71,7 +78,7 @@ class MissionFlight:
         """Fly to the end, reporting the simulated time (s) to `on_progress`.
 
         Raises if the record is incomplete. After any error the vehicle is back at its start and
-        the rest of the mission is dropped.
+        the rest of the mission is dropped. Parameters that rows have set are as before.
         """
         self._call_ahead()
         # Start from a known state. Each answer also confirms that the earlier calls have arrived.
@@ -88,6 +95,8 @@ class MissionFlight:
             with suppress(QuadctlError):
                 self._client.call(RESET, ResetRequest())
             raise
+        finally:
+            self._restore()
 
     def _call_ahead(self) -> None:
         calls = [(row, *row.call()) for row in self._mission.rows]
@@ -149,7 +158,32 @@ class MissionFlight:
             # A refusal is a valid outcome; a call that was not made at its time is not.
             if call.problem is not None and not isinstance(call.problem, Refused):
                 raise call.problem
-        self.record.check()
+        changes = [
+            (row.at, row.values)
+            for row, call in self.rows
+            if isinstance(row, ParamStep) and call.reply and call.reply.success
+        ]
+        self.record.check(self.parameters, changes)
+
+    def _restore(self) -> None:
+        """Set the parameters that rows have set as before; note on stderr if a node refuses."""
+        rows = [row for row in self._mission.rows if isinstance(row, ParamStep)]
+        names = {name for row in rows for name in row.values}
+        for node in NODES:
+            before = {
+                name: value
+                for name, value in self.parameters.items()
+                if name in names and name.partition(".")[0] == node
+            }
+            if not before:
+                continue
+            try:
+                reply = self._client.call(set_params(node), SetParamsRequest(before))
+                problem = reply.reason if not reply.success else ""
+            except QuadctlError as error:
+                problem = error.message
+            if problem:
+                output.note(f"{', '.join(before)}: still as the mission has set it: {problem}")
 
 
 def fly(
@@ -160,17 +194,20 @@ def fly(
     Prints the SHA-256 of every pose, of safety's transitions and of the barometer's readings: the
     same for every flight of the mission with these parameters, at any speed and load.
 
+    A mission with a table [set] of parameters flies in a run of its own.
+
     Example: quadctl fly examples/mission.toml
     """
-    plan = mission(read(mission_file, _EXAMPLE), str(mission_file))
-    with context.connect(options) as client:
+    plan = _read(mission_file)
+    with _connection(options, mission_file, plan.params) as client:
         flight = MissionFlight(client, plan)
         began = time.monotonic()
         try:
             with Progress("flying", quiet=options.json) as progress:
                 flight.fly(lambda at: progress.update(at / plan.end, f"{at:.1f} s"))
         except KeyboardInterrupt:
-            output.note("the mission is dropped: the vehicle is back at its start")
+            if plan.params is None:
+                output.note("the mission is dropped: the vehicle is back at its start")
             raise
         wall = time.monotonic() - began
     digests = flight.record.document()
@@ -190,12 +227,45 @@ def fly(
     output.line(f"all three  {digests['hash']}")
 
 
+def _read(file: Path) -> MissionFile:
+    try:
+        return mission(read(file, _EXAMPLE), str(file))
+    except Invalid as problem:
+        if isinstance(problem.__cause__, FileNotFoundError):
+            others = sorted(map(str, file.parent.glob("*.toml")))
+            there = f"there is {listed(others)}" if others else ""
+            problem.hint = nearest(str(file), others) or there or _EXAMPLE
+        raise
+
+
+@contextmanager
+def _connection(options: Options, file: Path, params: Params | None) -> Iterator[Client]:
+    """Connect to the running system or, given parameters, to a run of the mission's own."""
+    if params is None:
+        with context.connect(options) as client:
+            yield client
+        return
+    if options.connect or options.realm_given:
+        raise UsageError(
+            f"{file} has [set]: it flies in a run of its own, in no other",
+            "leave out --realm and --connect; or fly a mission without [set]",
+        )
+    output.note(f"{file} has [set]: it flies in a run of its own")
+    vehicle = options.named or DEFAULT
+    launch = Launch(f"fly-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()))
+    with temporary_run(launch), Client(launch.realm, vehicle, timeout=options.timeout) as client:
+        yield client
+
+
 def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:
     """Return whether a row was accepted, and the reason if not."""
     if call.problem is not None:
         return {"accepted": False, "reason": call.problem.message, "code": call.problem.code}
     if isinstance(call.reply, GotoResponse):
         return {"accepted": call.reply.accepted, "reason": call.reply.reason}
+    if isinstance(call.reply, SetParamsResponse):
+        reason = call.reply.reason.removeprefix("param set: ")
+        return {"accepted": call.reply.success, "reason": reason}
     more = {"baseline": call.reply.baseline} if isinstance(call.reply, CalibrateResponse) else {}
     return {"accepted": True, "reason": ""} | more
 
@@ -203,4 +273,6 @@ def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:
 def _text(outcome: dict[str, Any]) -> str:
     if not outcome["accepted"]:
         return f"rejected: {outcome['reason']}"
+    if outcome["reason"]:
+        return f"accepted, {outcome['reason']}"
     return f"baseline {outcome['baseline']:.4f} hPa" if "baseline" in outcome else "accepted"

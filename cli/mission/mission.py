@@ -3,8 +3,10 @@
 end = 12.0
 rows = [
 { at = 2.5, do = "goto", x = 1.0, y = 2.0, z = 1.0 },
-{ at = 3.0, do = "cage", on = false },
+{ at = 3.0, do = "param", name = "safety.virtual_cage.x", value = 3.0 },
 ]
+[set]
+dynamics.start.z = 1.0
 """
 
 import re
@@ -13,11 +15,23 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from quadctl.schemas.services import CalibrateRequest, GotoRequest, HoldRequest, ToggleCageRequest
-from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE, Service
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import (
+    CalibrateRequest,
+    GotoRequest,
+    HoldRequest,
+    SetParamsRequest,
+    ToggleCageRequest,
+)
+from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE, Service, set_params
 from quadctl.schemas.units import Metres
 from quadctl.services.runtime.errors import Invalid
-from quadctl.services.runtime.params.names import nearest
+from quadctl.services.runtime.params import catalogue
+from quadctl.services.runtime.params.load import check, check_value
+from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put
+
+NODES = ("dynamics", "pressure", "safety")
+"""Nodes that take part in a mission, with the tables of their parameters."""
 
 AFTER = 5.0
 """Simulated s from the last row to the end of a mission without an `end`."""
@@ -85,30 +99,64 @@ class Calibrate(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do",
         return f"calibrate{' --unset' if self.unset else ''}"
 
 
-Row = GotoStep | CageStep | HoldStep | Calibrate
-_KINDS = {"goto": GotoStep, "cage": CageStep, "hold": HoldStep, "calibrate": Calibrate}
+class ParamStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="param"):
+    """Change of a parameter, or of several in one table."""
+
+    at: Time
+    name: str
+    value: Any
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return the new values by full dotted name."""
+        return dict(flatten({normal_name(self.name): self.value}))
+
+    def call(self) -> tuple[Service[Any, Any], Struct]:
+        """Return the service and its request."""
+        return set_params(normal_name(self.name).partition(".")[0]), SetParamsRequest(self.values)
+
+    def __str__(self) -> str:
+        return f"param set {self.name} {catalogue.word(self.value)}"
+
+
+Row = GotoStep | CageStep | HoldStep | Calibrate | ParamStep
+_KINDS: dict[str, Any] = {
+    "goto": GotoStep,
+    "cage": CageStep,
+    "hold": HoldStep,
+    "calibrate": Calibrate,
+    "param": ParamStep,
+}
 
 
 class MissionFile(Struct, frozen=True):
-    """Rows in the order of their times, equal ones as in the file, and the time (s) of its end."""
+    """Rows in the order of their times, equal ones as in the file, and the time (s) of its end.
+
+    With `params` the mission flies in a run of its own, launched with them.
+    """
 
     rows: list[Row]
     end: float
+    params: Params | None = None
 
 
 class _File(Struct, forbid_unknown_fields=True):
     rows: Annotated[list[dict[str, Any]], Meta(min_length=1, max_length=_MOST)]
     end: Time | None = None
+    settings: dict[str, Any] | None = msgspec.field(name="set", default=None)
 
 
 def mission(tables: dict[str, Any], source: str) -> MissionFile:
-    """Return the mission in a file's tables; raise Invalid, which names the row."""
+    """Return the mission in a file's tables; raise Invalid, which names the row or the setting."""
     try:
         file = msgspec.convert(tables, _File)
     except msgspec.ValidationError as error:
+        swallowed = isinstance(tables.get("set"), dict) and "rows" in tables["set"]
         raise Invalid(
             f"{source}: {_plain(error)}",
-            'a mission is `end = 12.0` and `rows = [{ at = 2.5, do = "goto", x = 1.0, ... }]`',
+            "all that follows [set] belongs to it: move `rows` and `end` above it"
+            if swallowed
+            else 'a mission is `end = 12.0` and `rows = [{ at = 2.5, do = "goto", x = 1.0, ... }]`',
         ) from error
     rows = [_row(table, f"{source}: row {number}") for number, table in enumerate(file.rows, 1)]
     last = max(row.at for row in rows)
@@ -117,7 +165,31 @@ def mission(tables: dict[str, Any], source: str) -> MissionFile:
             f"{source}: end = {file.end:g}: the last row is at {last:g} s", "set a later `end`"
         )
     end = last + AFTER if file.end is None else file.end
-    return MissionFile(sorted(rows, key=lambda row: row.at), end)
+    params = None if file.settings is None else _params(file.settings, f"{source}: [set]")
+    return MissionFile(sorted(rows, key=lambda row: row.at), end, params)
+
+
+def _params(settings: dict[str, Any], place: str) -> Params:
+    """Return the parameters of a run of its own: as fast as it goes, unless the settings differ."""
+    tables: dict[str, Any] = {"dynamics": {"speed": 0.0}}
+    seen: set[str] = set()
+    for name, value in flatten(settings):
+        known = normal_name(name)
+        _refuse_run(known, place)
+        if known in seen:
+            raise Invalid(f"{place}: {known} is set twice", "leave one of the two")
+        seen.add(known)
+        put(tables, known, value, place)
+    return check(tables, place)
+
+
+def _refuse_run(name: str, place: str) -> None:
+    table = name.partition(".")[0]
+    if table in Params.__struct_fields__ and table not in NODES:
+        raise Invalid(
+            f"{place}: {name} is fixed at launch, and belongs to the run, not to the vehicle",
+            f"`quadctl up --set {name}=...`, and fly a mission without [set] in it",
+        )
 
 
 def _row(table: dict[str, Any], place: str) -> Row:
@@ -134,7 +206,18 @@ def _row(table: dict[str, Any], place: str) -> Row:
         hint = nearest(unknown, kind.__struct_fields__) if unknown else ""
         fields = ", ".join(kind.__struct_fields__)
         raise Invalid(f"{place}: {_plain(error)}", hint or f"{do} takes {fields}") from error
+    if isinstance(row, ParamStep):
+        _check_values(row, place)
     return row
+
+
+def _check_values(row: ParamStep, place: str) -> None:
+    for name, value in row.values.items():
+        _refuse_run(name, place)
+        check_value(name, value, place)
+        if catalogue.fixed_at_launch(name):
+            switch = 'use a row with `do = "cage"`, or ' if catalogue.live_switch(name) else ""
+            raise Invalid(f"{place}: {name} is fixed at launch", f"{switch}set it under [set]")
 
 
 def _plain(error: msgspec.ValidationError) -> str:

@@ -7,24 +7,46 @@ import os
 import sys
 import threading
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import msgspec
-from msgspec.structs import replace
+from msgspec import Struct
 
 from quadctl.services.campaign.cluster import ClusterPool, connect
-from quadctl.services.campaign.score import Flown, document, seeds
+from quadctl.services.campaign.database import Database
+from quadctl.services.campaign.mission import Conditions
+from quadctl.services.campaign.score import Flown, Tally, seeds
 from quadctl.services.campaign.vehicles import Plain
-from quadctl.services.campaign.workers import Job, Order, Worker, WorkerPool, batch, emit
+from quadctl.services.campaign.workers import Job, Worker, WorkerPool, batch, emit
 from quadctl.services.runtime.errors import QuadctlError
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 BATCH = 500
 """Flights per job of a worker: enough for its arrays, few enough to share out evenly."""
 FEW = 8
 """The same in plain Python, where it only affects the steps of the progress."""
-PROBE = Job(0, 1, 30.0, faults=True, wind=3.0)
-"""Flight by which a cluster's workers prove that they calculate as this machine does."""
+PROBE = Job(0, 1, Conditions(5.0, faults=True, wind=3.0))
+"""Flight with a hash that differs between versions of the automaton and the dynamics."""
 _PATIENCE = 5.0
 """Time (s) after which a worker that is not ready must be compiling."""
+
+
+class Order(Struct, frozen=True):
+    """Campaign to fly, or with `replay` only the flight of that seed, with its log.
+
+    `dask` is the address of a scheduler, `local`, or empty; `insecure` allows an open one.
+    """
+
+    flights: int
+    seed: int
+    processes: int
+    conditions: Conditions
+    db: str = ""
+    dask: str = ""
+    insecure: bool = False
+    replay: bool = False
 
 
 def main() -> None:
@@ -34,12 +56,20 @@ def main() -> None:
     try:
         _replay(order) if order.replay else _campaign(order)
     except QuadctlError as problem:
-        emit({"error": {"code": problem.code, "message": problem.message, "hint": problem.hint}})
+        emit({"error": (problem.exit_code, problem.message, problem.hint)})
     sys.stdout.flush()
     os._exit(0)
 
 
 def _campaign(order: Order) -> None:
+    if not order.dask:
+        return _fly(order, None)
+    # Before any work: a wrong address is refused at once.
+    with connect(order.dask, order.processes, insecure=order.insecure) as client:
+        return _fly(order, client)
+
+
+def _fly(order: Order, client: "Client | None") -> None:
     every = seeds(order.seed, order.flights)
     is_fast = find_spec("numba") is not None
     if not is_fast:
@@ -49,43 +79,53 @@ def _campaign(order: Order) -> None:
             }
         )
     size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
-    jobs = [
-        Job(first, min(size, every.stop - first), order.seconds, order.faults, order.wind)
-        for first in every[::size]
-    ]
-    flown: list[Flown] = []
-
-    def on_flown(more: list[Flown]) -> None:
-        flown.extend(more)
-        emit({"flown": len(flown)})
-
-    if order.dask:
-        with connect(order.dask, order.processes, insecure=order.insecure) as client:
-            expected = _start_workers(1)[0].fly(PROBE)
-            pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
-            pool.fly(PROBE, expected)
-    else:
-        WorkerPool(jobs, on_flown).fly(_start_workers(min(order.processes, len(jobs))))
-    emit({"report": document(order.seed, flown)})
-
-
-def _start_workers(count: int) -> list[Worker]:
-    """Return workers; if the vehicle is not compiled on this machine, the first compiles it."""
+    count = 1 if client else min(order.processes, -(-order.flights // size))
     workers = [Worker() for _ in range(count)]
     compiling = {"note": "compiling the vehicle, once for this machine"}
     note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
-    workers[0].fly(replace(PROBE, count=0))
+    (probe,) = workers[0].fly(PROBE)
     note.cancel()
-    return workers
+    database = Database(order.db, order.conditions, probe.hash) if order.db else None
+    missing = (
+        database.missing(every, size)
+        if database
+        else (every[first : first + size] for first in range(0, len(every), size))
+    )
+    jobs = [Job(part.start, len(part), order.conditions) for part in missing]
+    tally, worst = Tally(every), 0.0
+    flown = order.flights - sum(job.count for job in jobs)
+    emit({"ready": flown})
+
+    def on_flown(more: list[Flown]) -> None:
+        nonlocal flown, worst
+        flown += len(more)
+        worst = max(worst, *(flight.worst_excursion for flight in more))
+        if database:
+            database.add(more)
+        else:
+            for flight in more:
+                tally.add(flight)
+        emit({"flown": flown, "worst": worst})
+
+    if client:
+        pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
+        pool.fly(PROBE, [probe])
+    else:
+        WorkerPool(jobs, on_flown).fly(workers)
+    for flight in database.flights(every) if database else ():
+        tally.add(flight)
+    emit({"report": tally.document(order.seed)})
 
 
 def _replay(order: Order) -> None:
-    flight = batch(Job(order.seed, 1, order.seconds, order.faults, order.wind), Plain, log=True)
-    flown = flight.fly()
+    flight = batch(Job(order.seed, 1, order.conditions), Plain, log=True)
+    tally = Tally(range(order.seed, order.seed + 1))
+    tally.add(*flight.fly())
     mission, diary = flight.missions[0], flight.lanes[0].diary
-    details = {"start": mission.start, "safety": mission.safety, "log": diary.lines}
-    emit({"report": document(order.seed, flown) | details})
+    start = mission.dynamics.start
+    details = {"start": (start.x, start.y, start.z), "safety": mission.safety, "log": diary.lines}
+    emit({"report": tally.document(order.seed) | details})
 
 
 def _watch_stdin() -> None:

@@ -1,15 +1,15 @@
 """Batch of flights, flown period by period; only the monitors that a pose may move are called."""
 
 from collections.abc import Callable, Sequence
-from math import inf, sqrt
+from math import inf
 
 import numpy as np
 
-from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
+from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.flight import SimulatedFlight
-from quadctl.services.campaign.mission import Mission
-from quadctl.services.campaign.score import Flown, Score, farthest
+from quadctl.services.campaign.mission import Mission, faults_of
+from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
 from quadctl.services.dynamics.simulation import GoalLatch
@@ -24,9 +24,6 @@ _RATCHET = 10
 _SLOW = 0.3
 """Speed (m/s) on an axis below which a vehicle outside is checked."""
 
-GUST = 0.25
-"""Ratio of the gusts' RMS on each axis to the mean wind."""
-
 MakeFleet = Callable[[Sequence[DynamicsParams]], VehicleBatch]
 
 
@@ -36,8 +33,7 @@ class Batch:
     def __init__(self, missions: Sequence[Mission], make: MakeFleet, *, log: bool = False) -> None:
         """Put each vehicle at rest on its start; keep log lines only with `log`."""
         self.missions = missions
-        self._silence, self._grace = DynamicsParams().setpoint_timeout, DynamicsParams().grace
-        self._fleet = make([_params(mission) for mission in missions])
+        self._fleet = make([mission.dynamics for mission in missions])
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
         count = len(missions)
         self._score = Score(count)
@@ -88,12 +84,12 @@ class Batch:
         if lane.seen < period - 1:
             self._catch_up(number, lane, period)
         lane.see(period, here)
-        if lane.act(period, here):
+        if lane.act(period):
             # While no setpoint reaches a vehicle, its excursion does not count.
             self._unscored[number] = True
             self._score.free(number)
         self._send_setpoint(number, lane)
-        if self._unscored[number] and self._sent[number] is not None:
+        if self._unscored[number] and self._sent[number] is not None and not lane.is_astray:
             self._unscored[number] = False
             if lane.cage_on:
                 self._score.confine(number, lane.size, self._farthest(number, motion))
@@ -115,6 +111,8 @@ class Batch:
         if nearest < period - 1:
             # The next pose is compared with it.
             lane.skip(period - 1, track[period - 1].tolist())
+        # Poses came all the time.
+        lane.track(period - 1, track[period - 1].tolist())
 
     def _note(self, number: int, lane: SimulatedFlight) -> None:
         """Note the conditions that a monitor waits for from now on."""
@@ -133,13 +131,31 @@ class Batch:
     def _send_setpoint(self, number: int, lane: SimulatedFlight) -> None:
         """Send the setpoint to the vehicle, or brake it after too long without one."""
         setpoint, now = lane.setpoint(), lane.diary.now
+        params = self.missions[number].dynamics
+        astray = ("astray", lane.astray_to)
+        if lane.is_astray:
+            if self._sent[number] != astray and lane.astray_to:
+                self._fleet.goto(number, *lane.astray_to)
+            elif self._sent[number] != astray:
+                self._fleet.brake(number)
+            self._sent[number] = astray
+            self._unscored[number] = True
+            self._score.free(number)
+            return
+        if self._sent[number] == astray:
+            # It brakes before it obeys again.
+            self._fleet.brake(number)
+            self._sent[number] = None
         if now < lane.mute_until:
-            if now - lane.last_sent > self._silence:
+            if now - lane.last_sent > params.setpoint_timeout:
                 self._fleet.brake(number)
                 self._latches[number].stopped()
             self._sent[number] = None
             return
-        if self._sent[number] is None and now - lane.last_sent <= self._grace + self._silence:
+        if (
+            self._sent[number] is None
+            and now - lane.last_sent <= params.grace + params.setpoint_timeout
+        ):
             self._latches[number].resumed()
         command = (setpoint.brake, setpoint.position)
         if command == self._sent[number]:
@@ -166,15 +182,9 @@ class Batch:
             diary.violated(f"more than {margin:g} m beyond the cage")
         diary.digest.update(repr(worst).encode())
         diary.digest.update(np.ascontiguousarray(self._track[:, :, number]).data)
+        wind, faults = mission.dynamics.wind.mean, faults_of(mission.rows)
         return Flown(
-            mission.seed, worst, at, diary.transitions, diary.refusals, diary.stops,
-            diary.arrivals, diary.violations, diary.digest.hexdigest(),
+            mission.seed, LaunchCage.of(mission.safety), worst, at, diary.transitions, diary.refusals,
+            diary.stops, diary.guards, (wind.x, wind.y), faults, diary.arrivals, diary.violations,
+            diary.digest.hexdigest(),
         )  # fmt: skip
-
-
-def _params(mission: Mission) -> DynamicsParams:
-    east, north = mission.wind
-    gust = GUST * sqrt(east * east + north * north)
-    wind = WindParams(mean=MeanWindParams(east, north), gust=gust)
-    # Neighbouring seeds still give unrelated gusts.
-    return DynamicsParams(start=StartParams(*mission.start), wind=wind, seed=mission.seed % 2**31)

@@ -1,8 +1,12 @@
-"""Safety of one simulated flight: the live monitor, fed with poses and a mission's events."""
+"""Safety of one simulated flight: the live monitor, fed with poses and a mission's events.
 
-from math import inf, isfinite
+Each decision that a fault or a goal demands is judged here a second time, apart from safety's code.
+"""
 
-from msgspec.structs import replace
+from math import dist, inf, isfinite
+
+import numpy as np
+from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import (
     BodyRates,
@@ -13,11 +17,13 @@ from quadctl.schemas.messages import (
     Setpoint,
     Velocity,
 )
-from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.params import SafetyParams
 from quadctl.schemas.topics import SETPOINT
+from quadctl.services.campaign import watch
 from quadctl.services.campaign.mission import (
     CageEvent,
     Deaf,
+    Fault,
     GotoEvent,
     HoldEvent,
     Jump,
@@ -25,18 +31,31 @@ from quadctl.services.campaign.mission import (
     Mission,
     Mute,
     Range,
+    Reboot,
     Resize,
     Row,
+    Runaway,
+    Stall,
+    Stuck,
+    faults_of,
     text,
 )
 from quadctl.services.campaign.score import FlightLog, Point, inside
-from quadctl.services.safety import cage
-from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
+from quadctl.services.safety import automaton, cage
+from quadctl.services.safety.automaton import Rule, always
+from quadctl.services.safety.model import Seen, State
+from quadctl.services.safety.monitor import Monitor
 
 REACTION = 0.3
 """Time (s) without a pose after which a flight must have been stopped."""
-_BOOT = "campaign"
+STANDSTILL = 1.3
+"""Time (s) at a standstill on its way after which a vehicle must have been stopped."""
+REST = 1.0
+"""Time (s) after which a vehicle at rest must be at the goal that safety publishes."""
+NEAR = 0.3
+"""Distance (m) from that goal that still counts as there."""
+PERIOD = 1 / SETPOINT.hz
+ROUNDING = 1e-9
 _LEVEL, _STILL = Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
 
 Motion = list[float]
@@ -54,21 +73,53 @@ class SimulatedFlight:
         """The cage as commanded."""
         self.mute_until = self.last_sent = 0.0
         """End of the vehicle's silence of setpoints (s), and time of the last one before."""
+        self.astray_until: float = 0.0
+        self.astray_to: Point | None = None
+        """End of the time (s) in which the vehicle ignores its setpoints and flies there, m."""
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(
-            self.params, self._on_state, restarted=False, grace=DynamicsParams().grace
-        )
-        self._following = TrackingMonitor()
+            self.params, self._on_state, restarted=False, grace=mission.dynamics.grace,
+            on_rule=self._on_rule,
+        )  # fmt: skip
+        self._timeout, self._grace = mission.dynamics.setpoint_timeout, mission.dynamics.grace
+        faults, wind = faults_of(mission.rows), mission.dynamics.wind
+        self._healthy = not faults and not any((wind.mean.x, wind.mean.y, wind.gust))
+        self._departure = Departure(self.params) if "Runaway" in faults else None
         self._rows, self._next = mission.rows, 0
-        self._blind_until = self._faulty_at = self._pose_at = 0.0
+        self._boot, self._error = 0, (0.0, 0.0, 0.0)
+        self._blind_until = self._stalled_until = self._faulty_at = self._pose_at = 0.0
+        self._still_since = 0.0
+        self._still_goal: Position | None = None
+        self._rule = automaton.RULES[0]
+        """Rule that the last pose took."""
+        self._last, self._motion = self.monitor.pose, [0.0] * 6
+        self._missed, self._was_moving = 0.0, False
+        """Time (s) without a pose up to this one, and whether the flight was MOVING then."""
         self.seen = -1
         """The period of the last pose that was shown."""
 
     @property
+    def is_astray(self) -> bool:
+        """Return whether the vehicle ignores its setpoints."""
+        return self.diary.now < self.astray_until
+
+    @property
+    def _awoke(self) -> bool:
+        """Return whether safety's process ran again only now."""
+        return 0 < self._stalled_until > self.diary.now - PERIOD
+
+    @property
+    def _blindness(self) -> float:
+        """Return how long (s) safety's process has run without a pose."""
+        return self.diary.now - max(self._pose_at, self._stalled_until)
+
+    @property
     def wanted(self) -> float:
         """Return the period in which the monitor must run whatever the vehicle does."""
-        is_faulty = self.diary.now <= max(self._blind_until, self.mute_until, self._faulty_at)
-        if is_faulty or self.monitor.situation.paused:
+        until = max(self._blind_until, self._stalled_until, self.mute_until, self.astray_until)
+        # One more period, in which setpoints arrive again.
+        late = self.diary.now - PERIOD <= max(until, self._faulty_at)
+        if late or self.monitor.situation.paused:
             return 0
         return self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
 
@@ -76,7 +127,7 @@ class SimulatedFlight:
     def due(self) -> float:
         """Return the period in which the vehicle is at fault, if it is at a standstill until then."""
         # One period early, against rounding.
-        return self._following.due * SETPOINT.hz - 1
+        return self.monitor.tracking.due * SETPOINT.hz - 1
 
     @property
     def returning(self) -> float:
@@ -86,43 +137,44 @@ class SimulatedFlight:
 
     def see(self, period: int, motion: Motion) -> None:
         """Show a pose to safety, unless poses are lost."""
-        self.seen = period
+        self.seen, self._motion = period, motion
         self.diary.now = period / SETPOINT.hz
-        if self.diary.now >= self._blind_until:
-            self._show(_pose(period, motion))
+        if self.diary.now < max(self._blind_until, self._stalled_until):
+            return
+        x, y, z = self._error
+        self._error = (0.0, 0.0, 0.0)
+        self._show(self._pose(period, [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]]))
 
     def skip(self, period: int, motion: Motion) -> None:
         """Take a pose that changes nothing, without a step of the automaton."""
         self.seen = period
-        self.monitor.pose = _pose(period, motion)
+        self.monitor.pose = self._pose(period, motion)
 
     def track(self, period: int, motion: Motion) -> None:
         """Take a pose only to find out how long the vehicle stands still on its way."""
-        goal = self.monitor.situation.goal
-        self._following.observe(_pose(period, motion), goal, moving=True)
+        s = self.monitor.situation
+        goal, moving = None if s.brake else s.goal, s.state is State.MOVING
+        self.monitor.tracking.observe(self._pose(period, motion), goal, moving=moving)
 
-    def act(self, period: int, motion: Motion) -> bool:
+    def act(self, period: int) -> bool:
         """Carry out the events that are due; return whether the cage in force has changed."""
-        changed = False
+        if self.diary.now < self._stalled_until:
+            return False
+        changed, first = False, self._next
         while self._next < len(self._rows) and self._rows[self._next].at * SETPOINT.hz <= period:
             row = self._rows[self._next]
+            if self._next == first and self._healthy:
+                self._expect_at_goal()
             self._next += 1
             if self.diary.log:
                 self.diary.add_line(text(row))
             before = self.cage_on, self.size
-            self._do(row, period, motion)
+            self._do(row, period)
             changed |= before != (self.cage_on, self.size)
-        # A sleeping monitor has seen no poses, so a gap means nothing here.
-        moving = self.monitor.situation.state is State.MOVING
-        goal = self.monitor.situation.goal
-        if self._following.observe(self.monitor.pose, goal, moving=moving)[1]:
-            self.monitor.halted(STOOD_STILL)
-        age = self.diary.now - self._pose_at
-        if age > self.params.pose_timeout:
-            self.monitor.lose()
-            self.monitor.silent(age)
-        if age > REACTION and self.monitor.state().state == "MOVING":
-            self.diary.violated(f"MOVING {REACTION:g} s after the last pose")
+        # After a stall the poses that have queued up count first.
+        age = None if self._awoke else self.diary.now - self._pose_at
+        self.monitor.watch(self.monitor.pose, age, self._timeout)
+        self._expect_stops(acted=self._next > first)
         return changed
 
     def setpoint(self) -> Setpoint:
@@ -132,73 +184,208 @@ class SimulatedFlight:
             self._expect_permitted(setpoint.position, "sent")
         return setpoint
 
-    def _do(self, row: Row, period: int, motion: Motion) -> None:
+    def _do(self, row: Row, period: int) -> None:
         match row:
             case GotoEvent(_, x, y, z, change):
                 reason = self.monitor.goto(Position(x, y, z), replace=change)
                 self.diary.requested((x, y, z), reason)
-                if not reason and self.diary.now - self._pose_at > REACTION:
+                if not reason and self._blindness > REACTION:
                     self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
+                if reason.startswith(("outside", "below")) and self._permits((x, y, z)):
+                    self.diary.violated("a goal inside was refused")
+                if not reason and self._departure and self._departure.allowed == inf:
+                    self._confine()
             case HoldEvent():
                 self.monitor.hold()
             case CageEvent(_, on):
                 self.cage_on = on
                 self.monitor.toggle(cage_on=on)
+                self._confine()
             case Resize(_, x, y, z):
                 self.size = x, y, z
                 cage = self.params.virtual_cage
                 cage.x, cage.y, cage.z = x, y, z
                 self.monitor.resize()
+                self._confine()
             case Range(_, metres):
                 self.params.acceptance_range = metres
                 self.monitor.resize()
+                self._confine()
             case _:
-                self._fail(row, period, motion)
+                self._fail(row, period)
 
-    def _fail(self, row: Deaf | Mute | Jump | Late, period: int, motion: Motion) -> None:
-        self._faulty_at = self.diary.now
+    def _fail(self, row: Fault, period: int) -> None:
+        now = self._faulty_at = self.diary.now
         match row:
             case Deaf(at, seconds):
                 self._blind_until = at + seconds
             case Mute(at, seconds):
-                if self.diary.now >= self.mute_until:
-                    self.last_sent = self.diary.now - 1 / SETPOINT.hz
-                self.mute_until = max(self.mute_until, at + seconds)
+                self._silence(at + seconds)
+            case Stall(at, seconds):
+                self._stalled_until = at + seconds
+                self._silence(at + seconds)
+            case Stuck(at, seconds):
+                self.astray_until, self.astray_to = at + seconds, None
+            case Runaway(at, seconds, x, y, z):
+                self.astray_until, self.astray_to = at + seconds, (x, y, z)
+            case Reboot():
+                old = self._pose(period + 1, self._motion)
+                self._boot += 1
+                self._show(self._pose(period, self._motion))
+                self._show(old)
+                if self.monitor.pose.boot == old.boot:
+                    self.diary.violated("a pose of a boot that is over was taken")
+                self._confine()
             case Jump(_, x, y, z):
-                self._show(
-                    _pose(period, [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]])
-                )
+                self._error = x, y, z
+                self._faulty_at = now + PERIOD
             case Late(_, age):
                 before = self.monitor.pose
-                late = _pose(max(period - round(age * SETPOINT.hz), 0), motion)
-                self._show(late)
+                self._show(self._pose(max(period - round(age * SETPOINT.hz), 0), self._motion))
                 if self.monitor.pose.stamp < before.stamp:
                     self.diary.violated("an old pose was taken")
 
+    def _silence(self, end: float) -> None:
+        """Let no setpoint reach the vehicle until a time, s."""
+        if self.diary.now >= self.mute_until:
+            self.last_sent = self.diary.now - PERIOD
+        self.mute_until = max(self.mute_until, end)
+
     def _show(self, pose: Pose) -> None:
-        if not self.monitor.ignores(pose):
-            # A sleeping monitor has missed no pose.
-            if self._blind_until > self._pose_at:
-                self.monitor.silent(self.diary.now - self._pose_at)
-            self._pose_at = self.diary.now
-            self.monitor.see(pose)
+        if self.monitor.ignores(pose):
+            return
+        before, first = self.monitor.pose, pose.boot != self.monitor.situation.boot
+        # A sleeping monitor has missed no pose.
+        if max(self._blind_until, self._stalled_until) > self._pose_at:
+            self._missed = self.diary.now - self._pose_at
+            stalled = self._stalled_until > self._pose_at
+            self._was_moving = self.monitor.situation.state is State.MOVING
+            self.monitor.silent(self._missed, self._missed if stalled else 0.0)
+        self._pose_at = self.diary.now
+        self.monitor.see(pose)
+        self._last = pose if first else before
+        if first:
+            self._confine()
+        else:
+            self._judge_pose(before, pose)
+
+    def _judge_pose(self, before: Pose, pose: Pose) -> None:
+        way = dist(astuple(pose.position), astuple(before.position))
+        most = self.params.max_speed * (pose.stamp - before.stamp) + self.params.margin
+        jumped = self._rule.do is automaton.stop_pose_jump
+        if abs(way - most) > ROUNDING and jumped is not (way > most):
+            self.diary.violated(
+                "a sound pose was taken for a jump" if jumped else "a jump of the pose was missed"
+            )
+        stopped = jumped or self._rule.do is automaton.stop
+        if self._healthy and stopped:
+            self.diary.violated("a sound vehicle was stopped on its way out of the cage")
+        if self._departure and self.cage_on:
+            if not stopped and self._departure.is_due(pose, self.size):
+                self.diary.violated("the vehicle left the cage, and safety did not stop it")
+            if stopped:
+                self._departure.allowed = inf
+            elif self._rule.when is always:
+                self._departure.returned(before, pose, self.size)
+
+    def _confine(self) -> None:
+        """Allow the vehicle to stop as far outside as it now has to."""
+        if self._departure and self.cage_on:
+            self._departure.confine(self._last, self.monitor.pose, self.size)
+
+    def _permits(self, place: Point) -> bool:
+        return (
+            inside(place, self.size)
+            if self.cage_on
+            else all(map(isfinite, place)) and place[2] >= 0
+        )
+
+    def _expect_at_goal(self) -> None:
+        s, pose = self.monitor.situation, self.monitor.pose
+        rests = s.state is State.HOVERING and self.diary.now - self.diary.changed_at > REST
+        if rests and cage.at_rest(pose) and dist(astuple(s.goal), astuple(pose.position)) > NEAR:
+            self.diary.violated("it rests away from the goal that safety publishes")
+
+    def _expect_stops(self, *, acted: bool) -> None:
+        s, now = self.monitor.situation, self.diary.now
+        moving = s.state is State.MOVING
+        if moving and self._blindness > REACTION:
+            self.diary.violated(f"MOVING {REACTION:g} s after the last pose")
+        if moving and self._was_moving and not acted:
+            if self._missed > self._grace + PERIOD:
+                self.diary.violated(f"MOVING after {self._grace:g} s without a pose")
+            if self._missed > self._timeout + PERIOD and not s.reason:
+                self.diary.violated("a pause was not reported")
+        self._missed, self._was_moving = 0.0, False
+        # In periods with a fault this sees every pose.
+        still = moving and self.wanted == 0 and cage.at_rest(self.monitor.pose)
+        goal = s.goal if still and not self._awoke else None
+        if goal is None or goal != self._still_goal:
+            self._still_since, self._still_goal = now, goal
+        elif now - self._still_since > STANDSTILL:
+            self.diary.violated(f"MOVING after {STANDSTILL:g} s at a standstill")
 
     def _on_state(self, state: SafetyState, line: str) -> None:
         self.diary.published(state, line)
         if state.state == "MOVING":
             self._expect_permitted(state.goal, "MOVING")
 
+    def _on_rule(self, rule: Rule) -> None:
+        """Count a rule, but not a pose that changes nothing: a sleeping monitor misses some."""
+        if rule.on is Seen:
+            self._rule = rule
+        if rule.when is not always or rule.on is not Seen:
+            self.diary.guards[str(rule)] += 1
+
     def _expect_permitted(self, goal: Position, how: str) -> None:
         place: Point = (goal.x, goal.y, goal.z)
         if self.cage_on:
             if not inside(place, self.size):
                 self.diary.violated(f"{how} to a goal outside with the cage on")
-        elif not (all(map(isfinite, place)) and goal.z >= 0.0):
+        elif not self._permits(place):
             self.diary.violated(f"{how} to an invalid goal")
 
+    def _pose(self, period: int, motion: Motion) -> Pose:
+        # The automaton uses neither attitude nor body rates.
+        x, y, z, vx, vy, vz = motion
+        stamp = period / SETPOINT.hz
+        place, speed = Position(x, y, z), Velocity(vx, vy, vz)
+        return Pose(f"campaign{self._boot or ''}", period, stamp, place, speed, _LEVEL, _STILL)
 
-def _pose(period: int, motion: Motion) -> Pose:
-    # The automaton uses neither attitude nor body rates.
-    x, y, z, vx, vy, vz = motion
-    stamp = period / SETPOINT.hz
-    return Pose(_BOOT, period, stamp, Position(x, y, z), Velocity(vx, vy, vz), _LEVEL, _STILL)
+
+class Departure:
+    """How far outside the cage (m) a vehicle may come to a stop before safety has to stop it."""
+
+    def __init__(self, params: SafetyParams) -> None:
+        """Start without a limit."""
+        self.allowed = inf
+        self._params, self._since = params, 0.0
+
+    def is_due(self, pose: Pose, size: Point) -> bool:
+        """Return whether the vehicle can no longer stop within the limit and the margin."""
+        x, y, z, vx, vy, vz = _motion(pose)
+        k = 0.5 / self._params.max_deceleration
+        place = x + k * vx * abs(vx), y + k * vy * abs(vy), z + k * vz * abs(vz)
+        return watch.outside(*place, *size) > self.allowed + self._params.margin + ROUNDING
+
+    def confine(self, last: Pose, pose: Pose, size: Point) -> None:
+        """Set the limit when the cage changes, from safety's last two poses."""
+        self.allowed, self._since = self._leeway(last, pose, size) + cage.SLACK, pose.stamp
+
+    def returned(self, last: Pose, pose: Pose, size: Point) -> None:
+        """Lower the limit for a vehicle that has come nearer."""
+        if self.allowed < inf and pose.stamp >= self._since + cage.REACTION:
+            self.allowed = min(self.allowed, self._leeway(last, pose, size))
+
+    def _leeway(self, last: Pose, pose: Pose, size: Point) -> float:
+        # The first pose of a boot is its own predecessor.
+        seconds = pose.stamp - last.stamp or PERIOD
+        notes = np.zeros((len(watch.ROWS), 1))
+        braking = self._params.max_deceleration
+        notes[[watch.BRAKING, watch.SIZE, watch.SIZE_Y, watch.SIZE_Z], 0] = (braking, *size)
+        before, now = (np.array([_motion(each)]).T for each in (last, pose))
+        return watch.leeway(notes, 0, now, before, seconds)
+
+
+def _motion(pose: Pose) -> Motion:
+    return [*astuple(pose.position), *astuple(pose.velocity)]

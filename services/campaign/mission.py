@@ -1,12 +1,22 @@
 """Random missions: the events of a flight and their generation."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from math import inf, nan, nextafter
+from math import inf, nan, nextafter, sqrt
 from typing import Any, Protocol, TypeVar
 
+import msgspec
 from msgspec import Struct, structs
 
-from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.schemas.params import (
+    CageParams,
+    DynamicsParams,
+    MeanWindParams,
+    SafetyParams,
+    StartParams,
+    WindParams,
+)
+from quadctl.schemas.topics import SETPOINT
 
 
 class _Event(Struct, frozen=True, tag=True):
@@ -60,8 +70,33 @@ class Mute(_Event, frozen=True):
     seconds: float
 
 
+class Stall(_Event, frozen=True):
+    """Time (s) in which safety's process does not run."""
+
+    seconds: float
+
+
+class Stuck(_Event, frozen=True):
+    """Time (s) in which the vehicle stops, whatever the setpoint is."""
+
+    seconds: float
+
+
+class Runaway(_Event, frozen=True):
+    """Time (s) in which the vehicle flies to this place (m), whatever the setpoint is."""
+
+    seconds: float
+    x: float
+    y: float
+    z: float
+
+
+class Reboot(_Event, frozen=True):
+    """New boot of the simulation, and then a pose of the old one."""
+
+
 class Jump(_Event, frozen=True):
-    """One pose that is off by this much, m."""
+    """The next pose is off by this much, m."""
 
     x: float
     y: float
@@ -74,17 +109,30 @@ class Late(_Event, frozen=True):
     age: float
 
 
-Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Deaf | Mute | Jump | Late
+Fault = Deaf | Mute | Stall | Stuck | Runaway | Reboot | Jump | Late
+Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Fault
+
+
+class Conditions(Struct, frozen=True):
+    """Conditions of every flight of a campaign.
+
+    Length (s), whether messages, processes and the vehicle fail, mean wind (m/s), and the parameters,
+    by dotted name, that are not random.
+    """
+
+    seconds: float
+    faults: bool = False
+    wind: float = 0.0
+    given: dict[str, Any] = {}
 
 
 class Mission(Struct, frozen=True):
-    """One flight: seed, parameters at launch, start (m), mean wind (m/s, ENU), events in order."""
+    """One flight: seed, length (s), parameters at launch, events in order."""
 
     seed: int
     seconds: float
     safety: SafetyParams
-    start: tuple[float, float, float]
-    wind: tuple[float, float]
+    dynamics: DynamicsParams
     rows: tuple[Row, ...]
 
 
@@ -99,11 +147,19 @@ def text(row: Row) -> str:
     return f"{type(row).__name__.removesuffix('Event').lower()} {fields}".rstrip()
 
 
+def faults_of(rows: Sequence[Row]) -> dict[str, int]:
+    """Return how many rows of each kind of fault there are."""
+    return Counter(type(row).__name__ for row in rows if isinstance(row, Fault))
+
+
 T = TypeVar("T")
+Parameters = TypeVar("Parameters", SafetyParams, DynamicsParams)
 Point = tuple[float, float, float]
 
 MARGIN, MARGIN_IN_WIND = 0.01, 0.05
 """Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""
+GUST = 0.25
+"""Ratio of the gusts' RMS on each axis to the mean wind."""
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Directions of the wind, east and north: few, so that vehicles of a batch share weather."""
 FAR = 10_000.0
@@ -120,23 +176,54 @@ class RandomSource(Protocol):
         """Return a uniformly distributed number in [a, b]."""
 
 
-def mission(
-    seed: int, draws: RandomSource, seconds: float, *, wind: float = 0.0, faults: bool = False
-) -> Mission:
-    """Return a random mission in wind (m/s); `faults` lose messages and falsify poses."""
-    size = _size(draws)
+def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:
+    """Return a random mission; the given parameters replace random ones, which are drawn anyway."""
+    wind, given = conditions.wind, conditions.given
     safety = SafetyParams(
+        virtual_cage=CageParams(*_size(draws)),
         acceptance_range=_range(draws),
         cage_on=draws.random() < 0.85,
-        virtual_cage=CageParams(*size),
         takeoff=_one(draws, (1.0, 1.0, 0.0, draws.uniform(0.1, 4.0))),
         margin=MARGIN + MARGIN_IN_WIND * wind * wind,
     )
+    safety = _with(safety, "safety", given)
+    cage = safety.virtual_cage
+    size = cage.x, cage.y, cage.z
     x, y, z = (0.0, 0.0, 0.0) if draws.random() < 0.6 else _point(draws, size)
     start = (x, y, max(z, 0.0)) if abs(x) + abs(y) + abs(z) < FAR else (0.0, 0.0, 0.0)
-    east, north = _one(draws, DIRECTIONS)
-    rows = tuple(_rows(draws, seconds, size, faults=faults))
-    return Mission(seed, seconds, safety, start, (wind * east, wind * north), rows)
+    east, north = (wind * part for part in _one(draws, DIRECTIONS))
+    dynamics = DynamicsParams(
+        start=StartParams(*start),
+        wind=WindParams(mean=MeanWindParams(east, north), gust=GUST * wind),
+        # Neighbouring seeds still give unrelated gusts.
+        seed=seed % 2**31,
+    )
+    dynamics = _with(dynamics, "dynamics", given)
+    rows = tuple(
+        row
+        for row in _rows(draws, conditions.seconds, size, faults=conditions.faults)
+        if not (isinstance(row, Resize) and any(name.startswith(_CAGE) for name in given))
+        and not (isinstance(row, Range) and _RANGE in given)
+    )
+    return Mission(seed, conditions.seconds, safety, dynamics, rows)
+
+
+_CAGE, _RANGE = "safety.virtual_cage.", "safety.acceptance_range"
+
+
+def _with(section: Parameters, node: str, given: dict[str, Any]) -> Parameters:
+    """Return a node's parameters with the given ones."""
+    if not given:
+        return section
+    tables = msgspec.to_builtins(section)
+    for name, value in given.items():
+        first, *path, last = name.split(".")
+        table = tables
+        for part in path if first == node else ():
+            table = table[part]
+        if first == node:
+            table[last] = value
+    return msgspec.convert(tables, type(section))
 
 
 def _rows(draws: RandomSource, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:
@@ -156,19 +243,40 @@ def _rows(draws: RandomSource, seconds: float, size: Point, *, faults: bool) -> 
         elif kind < 1.0:
             yield HoldEvent(at)
         else:
-            yield _fault(draws, at)
+            yield _fault(draws, at, size)
         at += _gap(draws)
 
 
-def _fault(draws: RandomSource, at: float) -> Row:
+def _fault(draws: RandomSource, at: float, size: Point) -> Row:
     kind = draws.random()
-    if kind < 0.3:
+    if kind < 0.2:
         return Deaf(at, draws.uniform(0.05, 2.0))
-    if kind < 0.6:
+    if kind < 0.4:
         return Mute(at, draws.uniform(0.05, 2.0))
-    if kind < 0.8:
-        return Jump(at, *(draws.uniform(-3.0, 3.0) for _ in range(3)))
+    if kind < 0.5:
+        return Stall(at, draws.uniform(0.05, 2.0))
+    if kind < 0.55:
+        return Stuck(at, draws.uniform(0.5, 3.0))
+    if kind < 0.7:
+        x, y, z = (draws.uniform(-3.0, 3.0) * bound for bound in size)
+        return Runaway(at, draws.uniform(0.5, 3.0), x, y, abs(z))
+    if kind < 0.75:
+        return Reboot(at)
+    if kind < 0.9:
+        return Jump(at, *_jump(draws))
     return Late(at, draws.uniform(0.05, 1.0))
+
+
+def _jump(draws: RandomSource) -> Point:
+    """Return the error of a pose, often close to the longest way of a vehicle in one period."""
+    x, y, z = (draws.uniform(-1.0, 1.0) for _ in range(3))
+    period = 1.0 / SETPOINT.hz
+    longest = SafetyParams().max_speed * period
+    length = _one(
+        draws, (3.0, 2.0 * draws.random() * longest, longest + 2.0 * MARGIN * draws.random())
+    )
+    part = length / (sqrt(x * x + y * y + z * z) or 1.0)
+    return part * x, part * y, part * z
 
 
 def _gap(draws: RandomSource) -> float:

@@ -9,28 +9,55 @@ again once it has come nearer.
 """
 
 import hashlib
+from bisect import bisect
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from itertools import accumulate
 from math import sqrt
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from msgspec import Struct, msgpack
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import SafetyState, without_wording
+from quadctl.schemas.params import SafetyParams
+from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.watch import Floats
 
 
+class LaunchCage(Struct, frozen=True):
+    """Cage at the launch: whether it is on, and its bounds, m."""
+
+    on: bool
+    x: float
+    y: float
+    z: float
+
+    @classmethod
+    def of(cls, safety: SafetyParams) -> Self:
+        """Return the cage in safety's parameters."""
+        size = safety.virtual_cage
+        return cls(safety.cage_on, size.x, size.y, size.z)
+
+
 class Flown(Struct, frozen=True):
-    """Figures of one flight: worst excursion (m) and its time (s), counts, arrival times (s)."""
+    """Figures of one flight.
+
+    Worst excursion (m) and its time (s); how often each transition, refusal, stop, rule of the
+    automaton (`guards`) and fault occurred; mean wind (m/s, east and north), arrival times (s).
+    """
 
     seed: int
-    worst: float
+    cage: LaunchCage
+    worst_excursion: float
     at: float
     transitions: dict[str, int]
     refusals: dict[str, int]
     stops: dict[str, int]
+    guards: dict[str, int]
+    wind: tuple[float, float]
+    faults: dict[str, int]
     arrivals: list[float]
     violations: list[str]
     hash: str
@@ -46,8 +73,11 @@ class FlightLog:
         self.violations: list[str] = []
         self.digest = hashlib.sha256()
         self.transitions, self.refusals, self.stops = Counter[str](), Counter[str](), Counter[str]()
+        self.guards = Counter[str]()
         self.arrivals: list[float] = []
         self.log = log
+        self.changed_at = 0.0
+        """Time (s) of the last state that was published."""
         self._state, self._reason, self._moving_since = "HOVERING", "", 0.0
         self._verdict: tuple[Any, ...] = ()
 
@@ -71,6 +101,7 @@ class FlightLog:
     def published(self, state: SafetyState, line: str) -> None:
         """Record a state that safety published."""
         # Unless it differs from the last in stamp or wording alone, the digest covers the state.
+        self.changed_at = self.now
         verdict = without_wording(replace(state, stamp=0.0))
         if verdict != self._verdict:
             self._verdict = verdict
@@ -106,40 +137,65 @@ def seeds(seed: int, flights: int) -> range:
     return range(seed * APART, seed * APART + flights)
 
 
-def document(seed: int, flown: Sequence[Flown]) -> dict[str, Any]:
-    """Return the campaign's figures, m and s."""
-    flown = sorted(flown, key=lambda flight: flight.seed)
-    worst = max(flown, key=lambda flight: flight.worst)
-    whole = hashlib.sha256("".join(flight.hash for flight in flown).encode())
-    return {
-        "flights": len(flown),
-        "seed": seed,
-        "worst_excursion": worst.worst,
-        "worst": {"seed": worst.seed, "at": worst.at},
-        "transitions": _sum(flight.transitions for flight in flown),
-        "refusals": _sum(flight.refusals for flight in flown),
-        "stops": _sum(flight.stops for flight in flown),
-        "arrivals": arrivals([time for flight in flown for time in flight.arrivals]),
-        "violations": [
-            {"seed": each.seed, "what": each.violations} for each in flown if each.violations
-        ],
-        "hash": whole.hexdigest(),
-    }
+class Tally:
+    """Figures of a campaign, which grow with each flight; its memory does not."""
+
+    def __init__(self, seeds: range) -> None:
+        """Start without a flight of these seeds."""
+        self.flights = 0
+        self.worst: Flown | None = None
+        self._next, self._early = seeds.start, dict[int, str]()
+        self._digest = hashlib.sha256()
+        self._counts = {name: Counter[str]() for name in ("transitions", "refusals", "stops")}
+        self._arrivals = Counter[int]()
+        self._violations: list[dict[str, Any]] = []
+
+    def add(self, flight: Flown) -> None:
+        """Add a flight; the digest takes those that come early in the order of their seeds."""
+        self.flights += 1
+        if self.worst is None or _rank(flight) > _rank(self.worst):
+            self.worst = flight
+        for name, counts in self._counts.items():
+            counts.update(getattr(flight, name))
+        self._arrivals.update(round(seconds * SETPOINT.hz) for seconds in flight.arrivals)
+        if flight.violations:
+            self._violations.append({"seed": flight.seed, "what": flight.violations})
+        self._early[flight.seed] = flight.hash
+        while (found := self._early.pop(self._next, None)) is not None:
+            self._digest.update(found.encode())
+            self._next += 1
+
+    def document(self, seed: int) -> dict[str, Any]:
+        """Return the figures of all flights of a campaign's seed, m and s."""
+        worst = self.worst
+        assert worst is not None  # noqa: S101 - a campaign has at least one flight
+        return {
+            "flights": self.flights,
+            "seed": seed,
+            "worst_excursion": worst.worst_excursion,
+            "worst": {"seed": worst.seed, "at": worst.at},
+            **{name: dict(sorted(counts.items())) for name, counts in self._counts.items()},
+            "arrivals": arrivals(self._arrivals),
+            "violations": sorted(self._violations, key=lambda each: each["seed"]),
+            "hash": self._digest.hexdigest(),
+        }
 
 
-def arrivals(times: list[float]) -> dict[str, float]:
-    """Return statistics of the times (s) of the flights that reached their goal."""
-    times = sorted(times)
+def _rank(flight: Flown) -> tuple[float, int]:
+    """Return the place of a flight among the worst; of two equal ones the first seed is worse."""
+    return flight.worst_excursion, -flight.seed
+
+
+def arrivals(periods: Counter[int]) -> dict[str, float]:
+    """Return statistics (s) of the times, in periods of the setpoint, to reach a goal."""
+    count = periods.total()
     parts = {"median": 0.5, "p90": 0.9, "p99": 0.99, "most": 1.0}
-    found = {name: times[round(part * (len(times) - 1))] for name, part in parts.items() if times}
-    return {"count": len(times), **found}
-
-
-def _sum(counts: Iterable[dict[str, int]]) -> dict[str, int]:
-    total = Counter[str]()
-    for each in counts:
-        total.update(each)
-    return dict(sorted(total.items()))
+    ordered = sorted(periods)
+    ends = list(accumulate(periods[each] for each in ordered))
+    places = {
+        name: bisect(ends, round(part * (count - 1))) for name, part in parts.items() if count
+    }
+    return {"count": count, **{name: ordered[n] / SETPOINT.hz for name, n in places.items()}}
 
 
 Point = tuple[float, float, float]

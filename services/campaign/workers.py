@@ -20,7 +20,7 @@ from msgspec import Struct
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.batch import Batch, MakeFleet
-from quadctl.services.campaign.mission import mission
+from quadctl.services.campaign.mission import Conditions, mission
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain, VehicleBatch
 from quadctl.services.dynamics.compiled import kernel, source
@@ -28,31 +28,12 @@ from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.filelock import turn
 
 
-class Order(Struct, frozen=True):
-    """Campaign to fly, or with `replay` only the flight of that seed, with its log.
-
-    `dask` is the address of a scheduler, `local`, or empty; `insecure` allows an open one.
-    """
-
-    flights: int
-    seed: int
-    seconds: float
-    faults: bool
-    wind: float
-    processes: int
-    replay: bool = False
-    dask: str = ""
-    insecure: bool = False
-
-
 class Job(Struct, frozen=True):
     """Flights with these seeds, for a worker; with none it only gets ready."""
 
     first: int
     count: int
-    seconds: float
-    faults: bool
-    wind: float
+    conditions: Conditions
 
 
 def emit(value: Any) -> None:
@@ -118,11 +99,11 @@ class WorkerPool:
                 return
             try:
                 flown = worker.fly(job)
+                with self._lock:
+                    self._on_flown(flown)
             except QuadctlError as problem:
                 self.problem = problem
                 return
-            with self._lock:
-                self._on_flown(flown)
 
 
 _GARBAGE = 50_000
@@ -149,7 +130,7 @@ def load_kernel() -> ModuleType:
     """
     module = source.load_module("kernel", kernel.kernel_source() + watch.compiled_source())
     with turn(source.cache_folder() / "kernel.lock"):
-        batch(Job(0, 1, 1.0, faults=False, wind=0.0), lambda params: Compiled(params, module)).fly()
+        batch(Job(0, 1, Conditions(1.0)), lambda params: Compiled(params, module)).fly()
         vehicle = Compiled([DynamicsParams()], module)
         vehicle.goto(0, 1.0, 0.0, 1.0)
         vehicle.brake(0)
@@ -160,9 +141,7 @@ def load_kernel() -> ModuleType:
 def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
     """Return the flights of a job."""
     seeds = range(job.first, job.first + job.count)
-    missions = [
-        mission(seed, Random(seed), job.seconds, wind=job.wind, faults=job.faults) for seed in seeds
-    ]
+    missions = [mission(seed, Random(seed), job.conditions) for seed in seeds]
     return Batch(missions, make, log=log)
 
 

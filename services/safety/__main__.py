@@ -31,8 +31,7 @@ from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
-from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
+from quadctl.services.safety.monitor import Monitor
 
 _FIRST_POSE = 1.0
 """Time (s) that readiness waits for a first pose, so that a client can fly at once."""
@@ -57,7 +56,6 @@ class Safety:
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._stall = time.monotonic(), 0.0
         self._newest, self._deciding = self.monitor.pose, False
-        self._following = TrackingMonitor()
         self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
         self._poses = node.listen(POSE, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
@@ -83,19 +81,8 @@ class Safety:
         self._stall, self._ticked = now - self._ticked, now
         if self._is_stepped:
             return
-        age = time.monotonic() - self._seen
-        if not held_up and age > self._params.safety.pose_timeout:
-            self.monitor.lose()
-            self.monitor.silent(age)
-            self._send_setpoint()
-        s, limit = self.monitor.situation, self._params.dynamics.setpoint_timeout
-        goal, moving = None if s.brake else s.goal, s.state is State.MOVING
-        gap, stuck = self._following.observe(self._newest, goal, moving=moving)
-        if stuck:
-            self.monitor.halted(STOOD_STILL)
-        elif gap > limit:
-            self.monitor.lagged(f"the vehicle received no setpoint for {gap:.2g} s", gap)
-        if stuck or gap > limit:
+        age = None if held_up else now - self._seen
+        if self.monitor.watch(self._newest, age, self._params.dynamics.setpoint_timeout):
             self._send_setpoint()
 
     @property

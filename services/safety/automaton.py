@@ -270,6 +270,9 @@ class Rule(NamedTuple):
     to: State
     do: Callable[[Situation, Event, World], Situation]
 
+    def __str__(self) -> str:
+        return f"{self.at.name} {self.on.__name__} {self.when.__name__}"
+
 
 HOVERING, VERIFYING, MOVING = State
 
@@ -347,12 +350,21 @@ _TABLE = by_place(RULES)
 
 
 def step(
-    situation: Situation, event: Event, world: World, rules: tuple[Rule, ...] = RULES
+    situation: Situation,
+    event: Event,
+    world: World,
+    rules: tuple[Rule, ...] = RULES,
+    on_rule: Callable[[Rule], None] | None = None,
 ) -> Situation:
-    """Return the situation after an event; pure. Raise LookupError if no rule fits."""
+    """Return the situation after an event; pure. Raise LookupError if no rule fits.
+
+    `on_rule` is called with the rule taken.
+    """
     table = _TABLE if rules is RULES else by_place(rules)
     for rule in table.get((situation.state, type(event)), ()):
         if rule.when(situation, event, world):
+            if on_rule is not None:
+                on_rule(rule)
             after = rule.do(situation, event, world)
             return after if after.state is rule.to else replace(after, state=rule.to)
     raise LookupError(f"no rule for {situation.state} and {event}")

@@ -1,4 +1,4 @@
-"""Monitor: feeds the automaton; TrackingMonitor: detects a vehicle that does not follow."""
+"""Monitor: feeds the automaton, watches the poses' age; TrackingMonitor: a vehicle's obedience."""
 
 from collections.abc import Callable
 from math import inf
@@ -18,7 +18,7 @@ from quadctl.schemas.messages import (
     Velocity,
 )
 from quadctl.schemas.params import SafetyParams
-from quadctl.services.safety.automaton import step
+from quadctl.services.safety.automaton import Rule, step
 from quadctl.services.safety.cage import at_rest, why_outside
 from quadctl.services.safety.model import (
     Booted,
@@ -97,13 +97,16 @@ class Monitor:
         *,
         restarted: bool,
         grace: float,
+        on_rule: Callable[[Rule], None] | None = None,
     ) -> None:
         """Start; after a restart turn the cage on, and leave the vehicle where it hovers.
 
-        A silence within the grace (s) pauses a flight, a longer one ends it.
+        A silence within the grace (s) pauses a flight, a longer one ends it. `on_rule` is called
+        with each rule taken.
         """
         self._params, self._on_state, self._restarted = params, on_state, restarted
-        self._grace = grace
+        self._grace, self._on_rule = grace, on_rule
+        self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh = False
         self._void: set[str] = set()
@@ -128,6 +131,25 @@ class Monitor:
         """Return whether a pose is older than the last one, or of an earlier boot."""
         late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
         return late or pose.boot in self._void
+
+    def watch(self, newest: Pose, age: float | None, setpoint_timeout: float) -> bool:
+        """Stop or pause the flight if poses or setpoints are missing; return whether any were.
+
+        `age` (s) is that of the newest pose; it is None after a delay of the caller itself, when the
+        poses in its queue count first.
+        """
+        late = age is not None and age > self._params.pose_timeout
+        if age is not None and late:
+            self.lose()
+            self.silent(age)
+        s = self.situation
+        goal, moving = None if s.brake else s.goal, s.state is State.MOVING
+        gap, stuck = self.tracking.observe(newest, goal, moving=moving)
+        if stuck:
+            self.halted(STOOD_STILL)
+        elif gap > setpoint_timeout:
+            self.lagged(f"the vehicle received no setpoint for {gap:.2g} s", gap)
+        return late or stuck or gap > setpoint_timeout
 
     def lose(self) -> None:
         """Record that poses are older than allowed."""
@@ -207,7 +229,7 @@ class Monitor:
         world = World(
             self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
         )
-        self.situation = after = step(before, event, world)
+        self.situation = after = step(before, event, world, on_rule=self._on_rule)
         # A change of `beyond` and `since` alone is not published.
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
         if not same or isinstance(event, Resized):

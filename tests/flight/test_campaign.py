@@ -2,8 +2,10 @@
 
 import re
 import signal
+import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -69,6 +71,46 @@ def test_a_flight_can_be_replayed_with_its_log(module_lab: Lab, report: dict[str
     assert told.out.splitlines()[-1] == f"SHA-256      {again.json['hash']}"
 
 
+def test_a_killed_campaign_continues_from_its_database(lab: Lab):
+    words = ("campaign", "--flights", 1200, "--seconds", 20, "--json")
+    compiled_kernel()
+    database = lab.folder / "flights.sqlite"
+
+    def kept() -> int:
+        with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as opened:
+            return int(opened.execute("SELECT count(*) FROM flights").fetchone()[0])
+
+    flying = lab.spawn(*lab.command(*words, "--db", database.name, "--processes", 1))
+    eventually(lambda: database.exists() and kept() > 0, 60.0)
+    flying.send(signal.SIGKILL)
+    flying.wait()
+    eventually(lambda: not lab.processes(), 3.0)
+    assert 0 < kept() < 1200
+    again = lab.quadctl(*words, "--db", database.name, timeout=100.0)
+    assert f" of 1200 flights are in {database.name}" in again.err
+    assert kept() == 1200
+    assert again.json == lab.quadctl(*words, timeout=100.0).json
+
+
+def test_a_campaign_flies_the_given_parameters(lab: Lab):
+    lab.file("[safety.virtual_cage]\nx = 0.5\ny = 1.0\n[pressure]\nnoise = 1.0\n", "own.toml")
+    words = ("campaign", "--seconds", 2, "--config", "own.toml", "--set", "safety.takeoff=2")
+    safety = lab.quadctl(*words, "--replay", 0, "--json").json["safety"]
+    assert (safety["virtual_cage"]["x"], safety["virtual_cage"]["y"]) == (0.5, 1.0)
+    assert safety["takeoff"] == 2
+    for code, what in (
+        (2, "pressure.noise=1"),
+        (2, "dynamics.speed=2"),
+        (6, "safety.takeof=1"),
+        (6, "safety.takeoff=high"),
+        (6, "dynamics.vehicle.mass=40"),
+    ):
+        assert lab.quadctl("campaign", "--set", what).code == code, what
+    assert lab.quadctl("campaign", "--wind", 1, "--set", "dynamics.wind.gust=1").code == 2
+    assert lab.quadctl("campaign", "--replay", 1, "--db", "x.sqlite").code == 2
+    assert lab.quadctl("campaign", "--db", "own.toml").code == 6
+
+
 def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):
     flying = lab.spawn(*lab.command("campaign", "--flights", 1000, "--processes", 2))
     # The command, the campaign's own process, and at least one worker.
@@ -93,7 +135,7 @@ def test_a_violation_exits_8_and_prints_the_command_to_replay_it(
     assert ended.value.code == 8
     said = capsys.readouterr().out
     assert "VIOLATION    seed 3000001: MOVING to a goal outside" in said
-    assert "again: quadctl campaign --replay 3000001 --seconds 4 --faults" in said
+    assert "again: quadctl campaign --seconds 4 --faults --replay 3000001" in said
 
 
 @pytest.mark.prove
@@ -123,7 +165,6 @@ def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Pr
 
 
 def test_the_report_names_flights_excursion_and_transitions(report: dict[str, Any]):
-    order = {"seconds": 4.0, "faults": False, "wind": 0.0}
-    first, *rest = lines(report, order)
+    first, *rest = lines(report, 4.0, "quadctl campaign")
     assert first.startswith("6 flights of 4 s, worst excursion beyond the cage ")
     assert any(line.startswith("transitions") and "VERIFYING -> MOVING" in line for line in rest)

@@ -130,7 +130,7 @@ def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
 def test_a_command_that_ends_leaves_no_worker(lab: Lab, end: int):
-    flying = lab.spawn(*lab.command(*ENDLESS, "local", "--processes", 1))
+    flying = lab.spawn(*lab.command(*ENDLESS, "local", "--processes", 1, "--json"))
     # The command, the campaign, its own worker, and Dask's: a worker and the tracker of resources.
     eventually(lambda: len(lab.processes()) >= 5, 30.0)
     flying.send(end)

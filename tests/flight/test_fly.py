@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.compiled import compiled_vehicle
 from tests.support.lab import Lab, private_lab
-from tests.support.missions import busy, fly, same, start
+from tests.support.missions import MISSION, busy, fly, same, start
 from tests.support.running import eventually
 
 SETTINGS = {
@@ -106,7 +106,10 @@ def test_an_invalid_mission_is_reported_by_row_before_the_flight(lab: Lab):
     wrong = lab.quadctl("fly", "mission.toml", "--json")
     assert (wrong.code, wrong.out) == (6, "")
     assert wrong.error["message"] == "mission.toml: row 1: object missing required field z"
-    assert lab.quadctl("fly", "nowhere.toml").code == 6
+    wrong = lab.quadctl("fly", "misson.toml")
+    assert wrong.code == 6
+    assert "misson.toml cannot be read: No such file or directory" in wrong.err
+    assert "did you mean mission.toml?" in wrong.err
     lab.file('rows = [{ at = 1.0, do = "hold" }]', "mission.toml")
     assert lab.quadctl("fly", "mission.toml").code == 3
 
@@ -119,6 +122,83 @@ def test_a_missing_service_is_reported_before_the_flight(lab: Lab):
     done = lab.quadctl("fly", "mission.toml", "--timeout", 1)
     assert done.code == 3
     assert "nobody served uav/@srv/toggle_cage within 1 s" in done.err
+
+
+PARAMS = """
+end = 6.0
+rows = [
+    { at = 1.0, do = "goto", x = 1.5, y = 0.0, z = 1.0 },
+    { at = 1.2, do = "param", name = "dynamics.control.max_speed", value = 1.0 },
+    { at = 2.0, do = "param", name = "safety.virtual_cage.x", value = 1.0 },
+    { at = 2.5, do = "param", name = "dynamics.rate", value = 30 },
+    { at = 3.0, do = "param", name = "pressure", value = { rate = 25, fault = { kind = "off" } } },
+    { at = 4.0, do = "param", name = "pressure.fault.kind", value = "delay" },
+]
+"""
+"""Changes of parameters: at once, from a standstill, refused, and of the barometer's readings."""
+
+
+def test_rows_set_parameters_for_one_flight(fast: Lab):
+    fast.file(PARAMS, "params.toml")
+    before = fast.quadctl("param", "dump").out
+    first, again = (fast.quadctl("fly", "params.toml", "--json").json for _ in range(2))
+    assert same(again) == same(first)
+    assert fast.quadctl("param", "dump").out == before
+    _, waits, cage, refused, *others = first["rows"]
+    assert (waits["accepted"], waits["reason"]) == (True, "from the next standstill")
+    assert (cage["value"], cage["accepted"], cage["reason"]) == (1.0, True, "")
+    assert not refused["accepted"]
+    assert refused["reason"].startswith("dynamics: rate 30.0 Hz: 1000 / rate must be a whole")
+    assert [row["accepted"] for row in others] == [True, True]
+    # 10 Hz to 3 s, then none, and from 5 s on those of 1 s before, at 25 Hz.
+    assert first["counts"]["pressure"] == 31 + 50
+    told = fast.quadctl("fly", "params.toml").out
+    assert re.search(
+        r"^1\.20 s +param set dynamics\.control\.max_speed 1\.0 +accepted, from the next standstill$",
+        told,
+        re.MULTILINE,
+    )
+
+
+def test_settings_fly_in_a_run_of_their_own(lab: Lab, fast: Lab):
+    own = lab.file(f"{MISSION}\n[set]\n", "mission.toml")
+    assert same(fly(lab)) == same(fly(fast))
+    own.write_text(f"{PARAMS}\n[set]\n'safety.virtual_cage.x' = 1.2\n", encoding="utf-8")
+    first = lab.quadctl("fly", "mission.toml", "--json")
+    assert first.err == "mission.toml has [set]: it flies in a run of its own\n"
+    assert first.json["rows"][0]["reason"] == "outside the cage: x = 1.5 is beyond [-1.2, 1.2]"
+    with own.open("a", encoding="utf-8") as text:
+        text.write("dynamics.speed = 10\n")
+    assert same(fly(lab)) == same(first.json)
+    assert lab.is_gone()
+
+
+def test_wrong_settings_start_no_run(lab: Lab):
+    own = lab.file(f"{MISSION}\n[set]\n", "mission.toml")
+    for words in (("--realm", lab.realm), ("--connect", "tcp/127.0.0.1:1")):
+        assert lab.quadctl("fly", "mission.toml", *words).code == 2
+    own.write_text(f"{MISSION}\n[set]\nsafety.takeof = 1\n", encoding="utf-8")
+    wrong = lab.quadctl("fly", "mission.toml", "--json")
+    assert wrong.code == 6
+    assert wrong.error["message"] == "mission.toml: [set]: unknown parameter safety.takeof"
+    assert not [*lab.runtime.glob("quadctl/*")]
+
+
+@pytest.mark.parametrize(("victim", "code"), [("fly", 130), ("safety", 3)])
+def test_a_run_of_its_own_ends_with_its_mission(lab: Lab, victim: str, code: int):
+    lab.file(f"{LONG}\n[set]\ndynamics.speed = 10\n", "long.toml")
+    flying = lab.spawn(*lab.command("fly", "long.toml"))
+    [record] = eventually(lambda: [*lab.runtime.glob("quadctl/fly-*/run.json")])
+    lab.realm = record.parent.name
+    eventually(lab.is_ready)
+    with lab.first_bare() as bare:
+        bare.watch("uav/pose").until(lambda p: p["stamp"] > 5)
+    if victim == "fly":
+        flying.send(signal.SIGINT)
+    else:
+        lab.signal(victim, signal.SIGKILL)
+    assert flying.wait() == code, flying.log
+    eventually(lab.is_gone)
 
 
 LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 1.0 }]'

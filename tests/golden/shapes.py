@@ -17,6 +17,7 @@ rows = [
     { at = 0.2, do = "goto", x = 0.5, y = 0.0, z = 1.0 },
     { at = 0.3, do = "goto", x = 9.0, y = 0.0, z = 1.0, replace = true },
     { at = 0.4, do = "hold" },
+    { at = 0.4, do = "param", name = "safety.acceptance_range", value = 0.4 },
 ]
 """
 

@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from quadctl.services.campaign.batch import Batch
-from quadctl.services.campaign.mission import Mission, mission
+from quadctl.services.campaign.mission import Conditions, Mission, mission
 from quadctl.services.campaign.vehicles import Plain
 from quadctl.services.campaign.watch import Floats
 from quadctl.services.safety import automaton, monitor
@@ -15,7 +15,7 @@ from quadctl.services.safety.automaton import RULES, Rule
 
 
 def missions(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> list[Mission]:
-    return [mission(seed, Random(seed), seconds, faults=faults) for seed in seeds]
+    return [mission(seed, Random(seed), Conditions(seconds, faults)) for seed in seeds]
 
 
 def batch(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> Batch:

@@ -58,6 +58,23 @@ def check(table: Mapping[str, Any], source: str) -> Params:
     return params
 
 
+def check_value(name: str, value: Any, source: str) -> None:
+    """Check the type and bounds of one parameter; raises Invalid with the source.
+
+    Rules between several parameters are left to the node, which knows the others.
+    """
+    type_: Any = Params
+    for part in name.split("."):
+        table = getattr(type_, "__origin__", type_)  # without its Annotated
+        type_ = getattr(table, "__annotations__", {}).get(part)
+    if type_ is None:
+        raise Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
+    try:
+        msgspec.convert(value, type_)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), f"{source}: {name}") from error
+
+
 def read(file: Path, hint: str = _WRITTEN) -> dict[str, Any]:
     """Read the unchecked tables of a TOML file; raises Invalid, with `hint` if it is unreadable."""
     return parse(read_text(file, hint), str(file))

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position
-from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.schemas.params import CageParams, DynamicsParams, SafetyParams, StartParams
 from quadctl.services.campaign.batch import Batch
 from quadctl.services.campaign.mission import CageEvent, Deaf, GotoEvent, Mission, Mute, Resize
 from quadctl.services.campaign.score import Flown
@@ -24,6 +24,7 @@ MIDDLE = (0.0, 0.0, 0.75)
 SIDES = ((HALF, 0, 0), (-HALF, 0, 0), (0, HALF, 0), (0, -HALF, 0), (0, 0, TOP / 2))
 DISTANCES = (0.3, 2.0, 6.0)
 ON, BACK, END = 5.0, 5.5, 11.0
+STILL = DynamicsParams(start=StartParams(z=1.0))
 
 
 def mission(side: tuple[float, float, float], distance: float) -> Mission:
@@ -36,7 +37,7 @@ def mission(side: tuple[float, float, float], distance: float) -> Mission:
         GotoEvent(ON, x, y, z, replace=False),
         GotoEvent(BACK, 0.5, -0.5, 0.5, replace=False),
     )
-    return Mission(0, END, safety, MIDDLE, (0.0, 0.0), rows)
+    return Mission(0, END, safety, DynamicsParams(start=StartParams(*MIDDLE)), rows)
 
 
 def test_a_vehicle_outside_hovers_accepts_goals_inside_and_returns():
@@ -47,7 +48,7 @@ def test_a_vehicle_outside_hovers_accepts_goals_inside_and_returns():
     for number, ((_, distance), flight) in enumerate(zip(places, flown, strict=True)):
         assert flight.violations == []
         assert flight.refusals == {"outside the cage": 1}
-        assert flight.worst < 0.001
+        assert flight.worst_excursion < 0.001
         path = batch._track[:, :3, number]
         outs = np.maximum(np.maximum(path - size, -size * (1, 1, 0) - path), 0.0)
         beyond = np.sqrt((outs * outs).sum(axis=1))
@@ -68,7 +69,7 @@ def flown() -> list[Flown]:
 
 def test_flights_have_no_violation(flown: list[Flown]):
     assert [flight.violations for flight in flown] == [[] for _ in SEEDS]
-    assert max(flight.worst for flight in flown) < 0.01
+    assert max(flight.worst_excursion for flight in flown) < 0.01
     assert sum(flight.transitions["VERIFYING -> MOVING"] for flight in flown) > 20
     assert sum(flight.transitions.get("VERIFYING -> HOVERING", 0) for flight in flown) > 5
 
@@ -102,7 +103,7 @@ def test_a_flight_survives_missing_poses_only_within_the_grace(seconds, stops, a
         Mute(1.6, seconds),
         GotoEvent(9.0, 4.0, 0.0, 1.0, False),
     )
-    calm = replace(missions([0], 15.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
+    calm = replace(missions([0], 15.0)[0], dynamics=STILL, rows=rows)
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
     assert flight.violations == []
     assert flight.stops == stops
@@ -112,7 +113,7 @@ def test_a_flight_survives_missing_poses_only_within_the_grace(seconds, stops, a
 @pytest.mark.parametrize(("seconds", "stops", "arrivals"), [(0.9, {}, 1), (1.5, {"no pose": 1}, 0)])
 def test_safety_without_poses_continues_only_within_the_grace(seconds, stops, arrivals):
     rows = (GotoEvent(1.0, 4.0, 0.0, 1.0, False), Deaf(1.6, seconds))
-    calm = replace(missions([0], 9.0)[0], start=(0.0, 0.0, 1.0), wind=(0.0, 0.0), rows=rows)
+    calm = replace(missions([0], 9.0)[0], dynamics=STILL, rows=rows)
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
     assert (flight.violations, flight.stops) == ([], stops)
     assert len(flight.arrivals) == arrivals

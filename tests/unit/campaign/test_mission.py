@@ -7,21 +7,23 @@ from random import Random
 import pytest
 
 from quadctl.services.campaign.mission import (
+    Conditions,
     Deaf,
+    Fault,
     GotoEvent,
-    Jump,
     Late,
     Mission,
-    Mute,
+    Range,
     Resize,
     Row,
+    faults_of,
     mission,
     text,
 )
 from quadctl.services.campaign.score import inside
 from tests.support.campaign_flights import missions
 
-FAULTS = (Deaf, Mute, Jump, Late)
+FAULTS = Fault.__args__
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +32,34 @@ def made() -> list[Mission]:
 
 
 def test_the_same_seed_makes_the_same_mission():
-    first, second, other = (mission(7, Random(seed), 60.0, faults=True) for seed in (7, 7, 8))
+    first, second, other = (
+        mission(7, Random(seed), Conditions(60.0, faults=True)) for seed in (7, 7, 8)
+    )
     assert repr(first) == repr(second)  # by their text: nan is not equal to itself
     assert first.rows != other.rows
+
+
+def test_given_parameters_replace_random_ones_and_their_changes():
+    given = {
+        "safety.virtual_cage.x": 0.5,
+        "safety.acceptance_range": 0.1,
+        "dynamics.vehicle.mass": 2.0,
+    }
+    for seed in range(30):
+        random = mission(seed, Random(seed), Conditions(60.0))
+        one = mission(seed, Random(seed), Conditions(60.0, given=given))
+        assert (one.safety.virtual_cage.x, one.safety.acceptance_range) == (0.5, 0.1)
+        assert one.dynamics.vehicle.mass == 2.0
+        assert one.safety.virtual_cage.y == random.safety.virtual_cage.y
+        assert not [row for row in one.rows if isinstance(row, Resize | Range)]
+        assert [row.at for row in one.rows] == [
+            row.at for row in random.rows if not isinstance(row, Resize | Range)
+        ]
+
+
+def test_faults_are_counted_by_kind():
+    rows = (Deaf(1.0, 2.0), GotoEvent(1.0, 0.0, 0.0, 1.0, True), Late(2.0, 0.1), Deaf(3.0, 1.0))
+    assert faults_of(rows) == {"Deaf": 2, "Late": 1}
 
 
 def test_rows_are_sorted_by_time_and_within_the_flight(made: list[Mission]):

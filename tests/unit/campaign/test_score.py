@@ -1,13 +1,22 @@
 """Score and digest of a campaign flight."""
 
+import hashlib
+from typing import Any
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from quadctl.schemas.messages import PAUSED, CageSize, Position, SafetyState
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.score import (
     FlightLog,
+    Flown,
+    LaunchCage,
     Score,
+    Tally,
     farthest,
     inside,
 )
@@ -63,6 +72,37 @@ def test_a_state_that_differs_only_in_wording_is_not_counted():
     for reason in (FAR, "farther", FAR):
         log.published(state(reason), reason)
     assert log.digest.hexdigest() == USUAL
+
+
+def flown(seed: int, **fields: Any) -> Flown:
+    one = {"x": 1}
+    cage = LaunchCage(on=True, x=5.0, y=5.0, z=5.0)
+    quiet = Flown(seed, cage, 0.0, 0.0, one, one, one, one, (0.0, 0.0), {}, [], [], f"h{seed}")
+    return replace(quiet, **fields)
+
+
+@given(st.permutations(range(7, 12)))
+def test_a_tally_is_independent_of_the_order_of_flights(order: list[int]):
+    tally = Tally(range(7, 12))
+    for seed in order:
+        bad = ["MOVING to a goal outside"] if seed % 2 else []
+        tally.add(flown(seed, worst_excursion=0.1 * (seed > 8), violations=bad))
+    document = tally.document(0)
+    assert document["hash"] == hashlib.sha256(b"h7h8h9h10h11").hexdigest()
+    assert (document["flights"], document["stops"]) == (5, {"x": 5})
+    assert document["worst"]["seed"] == 9
+    assert [each["seed"] for each in document["violations"]] == [7, 9, 11]
+
+
+@given(st.lists(st.integers(1, 400), min_size=1, max_size=60))
+def test_arrivals_have_the_quantiles_of_the_sorted_times(periods: list[int]):
+    tally = Tally(range(1))
+    tally.add(flown(0, arrivals=[count / 20 for count in periods]))
+    ordered = sorted(periods)
+    parts = {"median": 0.5, "p90": 0.9, "p99": 0.99, "most": 1.0}
+    assert tally.document(0)["arrivals"] == {"count": len(periods)} | {
+        name: ordered[round(part * (len(periods) - 1))] / 20 for name, part in parts.items()
+    }
 
 
 SIZE = (5.0, 4.0, 2.0)

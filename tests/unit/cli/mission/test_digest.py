@@ -18,7 +18,16 @@ from quadctl.schemas.messages import (
 )
 from quadctl.services.runtime.errors import QuadctlError
 
-END, HZ = 0.3, 10.0
+END = 0.3
+PARAMETERS = {
+    "pressure.rate": 10.0,
+    "pressure.fault.kind": "none",
+    "pressure.fault.delay": 0.1,
+}
+
+
+Change = tuple[float, dict[str, Any]]
+"""Time (s) of a change in flight, and the new values of parameters."""
 
 
 def pose(seq: int, boot: str = "b") -> Pose:
@@ -43,11 +52,11 @@ def flight() -> list[Any]:
     return [*before, *poses, *states, *(reading(stamp) for stamp in (0.0, 0.1, 0.2, 0.3))]
 
 
-def digests(messages: list[Any], boot: str = "b") -> dict[str, Any]:
-    record = Record(boot, END, HZ)
+def digests(messages: list[Any], boot: str = "b", *changes: Change) -> dict[str, Any]:
+    record = Record(boot, END)
     for message in messages:
         record.add(message)
-    record.check()
+    record.check(PARAMETERS, changes)
     return record.document()
 
 
@@ -119,14 +128,47 @@ def test_a_lost_reading_voids_the_record():
         digests(flight()[:-1])
 
 
+@pytest.mark.parametrize(
+    ("changes", "stamps"),
+    [
+        ([(0.0, {"pressure.rate": 5.0})], (0.0, 0.2)),
+        ([(0.1, {"pressure.rate": 20.0})], (0.0, 0.1, 0.11, 0.15, 0.2, 0.25, 0.3)),
+        ([(0.095, {"pressure.fault.kind": "off"})], (0.0, 0.1)),
+        (
+            [(0.1, {"pressure.fault.kind": "off"}), (0.2, {"pressure.fault.kind": "none"})],
+            (0.0, 0.1, 0.3),
+        ),
+        (
+            [(0, {"pressure.fault.kind": "delay"}), (0.1, {"pressure.fault.delay": 0.3})],
+            (0.1, 0.3),
+        ),
+    ],
+)
+def test_readings_are_due_by_parameters_set_in_flight(changes: list[Change], stamps: list[float]):
+    messages = [m for m in flight() if not isinstance(m, Pressure)]
+    messages += [reading(stamp) for stamp in stamps]
+    lost = [m for m in messages if getattr(m, "stamp", 0) != stamps[-1] or isinstance(m, Pose)]
+    digests(messages, "b", *changes)
+    with pytest.raises(QuadctlError, match="incomplete"):
+        digests(lost, "b", *changes)
+
+
+def test_a_reading_after_an_end_between_two_poses_is_not_due():
+    record = Record("b", 0.295)
+    for message in flight():
+        record.add(message)
+    record.check(PARAMETERS)
+    assert record.document()["counts"] == {"poses": 31, "transitions": 2, "pressure": 3}
+
+
 def test_a_new_boot_voids_the_record():
     with pytest.raises(QuadctlError, match=r"restarted after 0\.06 s"):
         digests([*flight()[:10], pose(0, "c")])
 
 
 def test_a_missing_end_voids_the_record():
-    record = Record("b", END, HZ)
+    record = Record("b", END)
     record.add(pose(0))
     record.add(reading(0.0))
     with pytest.raises(QuadctlError, match="incomplete"):
-        record.check()
+        record.check(PARAMETERS)

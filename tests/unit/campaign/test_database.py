@@ -1,0 +1,67 @@
+"""Database of a campaign: flights in and out, gaps, and files of something else."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quadctl.services.campaign.database import Database
+from quadctl.services.campaign.mission import Conditions
+from quadctl.services.runtime.errors import Invalid, QuadctlError
+from tests.support.campaign_flights import batch
+
+CONDITIONS = Conditions(2.0, faults=True, given={"safety.takeoff": 2.0})
+
+
+def test_flights_come_back_as_they_were_and_in_order(tmp_path: Path):
+    file = str(tmp_path / "flights.sqlite")
+    flown = batch(range(4), 2.0, faults=True).fly()
+    Database(file, CONDITIONS, "probe").add(reversed(flown))
+    again = Database(file, CONDITIONS, "probe")
+    again.add(flown)
+    assert list(again.flights(range(10))) == flown
+    assert list(again.flights(range(1, 3))) == flown[1:3]
+
+
+@settings(max_examples=50)
+@given(st.sets(st.integers(0, 12)), st.integers(1, 5))
+def test_the_missing_seeds_are_those_without_a_flight(stored: set[int], longest: int):
+    database = Database(":memory:", CONDITIONS, "probe")
+    rows = [(seed, *["{}"] * 12) for seed in stored]
+    database.connection.executemany(
+        "INSERT INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows
+    )
+    found = list(database.missing(range(2, 11), longest))
+    assert all(1 <= len(part) <= longest for part in found)
+    assert [seed for part in found for seed in part] == sorted(set(range(2, 11)) - stored)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "probe", "what"),
+    [(Conditions(3.0), "probe", "other conditions"), (CONDITIONS, "new", "another version")],
+)
+def test_flights_of_another_campaign_are_refused(
+    tmp_path: Path, conditions: Conditions, probe: str, what: str
+):
+    file = str(tmp_path / "flights.sqlite")
+    Database(file, CONDITIONS, "probe")
+    with pytest.raises(Invalid, match=what):
+        Database(file, conditions, probe)
+
+
+def test_a_file_that_is_no_database_is_refused_unchanged(tmp_path: Path):
+    file = tmp_path / "notes.txt"
+    file.write_text("notes" * 100)
+    with pytest.raises(Invalid, match="not a database"):
+        Database(str(file), CONDITIONS, "probe")
+    assert file.read_text() == "notes" * 100
+    with pytest.raises(Invalid, match="unable to open"):
+        Database(str(tmp_path / "none" / "x"), CONDITIONS, "probe")
+
+
+def test_a_file_that_cannot_be_written_is_an_error():
+    database = Database(":memory:", CONDITIONS, "probe")
+    database.connection.execute("PRAGMA query_only = on")
+    with pytest.raises(QuadctlError, match="readonly"):
+        database.add(batch([0], 1.0).fly())

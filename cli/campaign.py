@@ -15,10 +15,17 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.progress import Progress
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
+from quadctl.services.runtime.errors import (
+    Invalid,
+    QuadctlError,
+    TimedOut,
+    Unreachable,
+    UsageError,
+)
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.params.names import flatten
 
+_KINDS = (QuadctlError, UsageError, Unreachable, TimedOut, Invalid)
 _COMMAND = (sys.executable, "-P", "-m", "quadctl.services.campaign")
 _END = 5.0  # s for the process to end before it is killed
 
@@ -64,7 +71,7 @@ class CampaignProcess:
 
 
 def _error(exit_code: int, message: str, hint: str) -> QuadctlError:
-    kinds = {kind.exit_code: kind for kind in (QuadctlError, UsageError, Unreachable, Invalid)}
+    kinds = {kind.exit_code: kind for kind in _KINDS}
     return kinds[exit_code](message, hint)
 
 
@@ -125,6 +132,10 @@ def campaign(
     processes: Annotated[
         int | None, Option("Number of processes (default: one per core).", min=1)
     ] = None,
+    dask: Annotated[
+        str, Option("Fly on the workers of this Dask scheduler, or local.", metavar="ADDRESS")
+    ] = "",
+    insecure: Annotated[bool, Option("Allow a scheduler without encryption on a network.")] = False,
 ) -> None:
     """Fly random missions faster than real time; exit 8 if one breaks a promise.
 
@@ -143,8 +154,8 @@ def campaign(
             f"--flights {flights}, --seed {seed}: too large",
             f"give at most {_MOST} flights, and a seed up to {_LARGEST // _MOST}",
         )
-    if (db or report) and replay is not None:
-        raise UsageError("--replay: neither kept nor reported", "leave out --db and --report")
+    if (db or report or dask) and replay is not None:
+        raise UsageError("--replay flies one flight here", "leave out --db, --report and --dask")
     given = _given(config, settings or [])
     if wind:
         if any(setting.startswith("dynamics.wind.") for setting in settings or ()):
@@ -173,6 +184,8 @@ def campaign(
         "db": db,
         "report": report,
         "command": command,
+        "dask": dask,
+        "insecure": insecure,
         "replay": replay is not None,
     }
     found = _fly(order, quiet=options.json)

@@ -8,7 +8,7 @@ import sys
 import threading
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from msgspec import Struct
@@ -19,6 +19,9 @@ from quadctl.services.campaign.score import Flown, Tally, seeds
 from quadctl.services.campaign.vehicles import Plain
 from quadctl.services.campaign.workers import Job, Worker, WorkerPool, batch, emit
 from quadctl.services.runtime.errors import QuadctlError
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 BATCH = 500
 """Flights per job of a worker: enough for its arrays, few enough to share out evenly."""
@@ -31,7 +34,10 @@ _PATIENCE = 5.0
 
 
 class Order(Struct, frozen=True):
-    """Campaign to fly, or with `replay` only the flight of that seed, with its log."""
+    """Campaign to fly, or with `replay` only the flight of that seed, with its log.
+
+    `dask` is the address of a scheduler, `local`, or empty; `insecure` allows an open one.
+    """
 
     flights: int
     seed: int
@@ -41,6 +47,8 @@ class Order(Struct, frozen=True):
     report: str = ""
     command: str = ""
     """Command line of this order, for the report; with `--replay SEED` it is one for a flight."""
+    dask: str = ""
+    insecure: bool = False
     replay: bool = False
 
 
@@ -57,6 +65,16 @@ def main() -> None:
 
 
 def _campaign(order: Order) -> None:
+    if not order.dask:
+        return _fly(order, None)
+    from quadctl.services.campaign.cluster import connect
+
+    # Before any work: a wrong address is refused at once.
+    with connect(order.dask, order.processes, insecure=order.insecure) as client:
+        return _fly(order, client)
+
+
+def _fly(order: Order, client: "Client | None") -> None:
     every = seeds(order.seed, order.flights)
     is_fast = find_spec("numba") is not None
     if not is_fast:
@@ -66,7 +84,8 @@ def _campaign(order: Order) -> None:
             }
         )
     size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
-    workers = [Worker() for _ in range(min(order.processes, -(-order.flights // size)))]
+    count = 1 if client else min(order.processes, -(-order.flights // size))
+    workers = [Worker() for _ in range(count)]
     compiling = {"note": "compiling the vehicle, once for this machine"}
     note = threading.Timer(_PATIENCE, emit, [compiling])
     note.start()
@@ -96,7 +115,13 @@ def _campaign(order: Order) -> None:
                 tally.add(flight)
         emit({"flown": flown, "worst": worst})
 
-    WorkerPool(jobs, on_flown).fly(workers)
+    if client and jobs:
+        from quadctl.services.campaign.cluster import ClusterPool
+
+        pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
+        pool.fly(PROBE, [probe])
+    else:
+        WorkerPool(jobs, on_flown).fly(workers)
     for flight in database.flights(every) if database else ():
         tally.add(flight)
     figures = tally.document(order.seed)

@@ -92,6 +92,11 @@ def lines(report: dict[str, Any], seconds: float, again: str) -> Iterator[str]:
         yield f"{'arrivals':12} {arrivals['count']:8}  in " + ", ".join(
             f"{arrivals[part]:.2f} s ({part})" for part in parts
         )
+    if near := report.get("separation"):
+        yield (
+            f"least distance between two vehicles {near['worst']:.2g} m"
+            f" (seed {near['seed']}, at {near['at']:.2f} s)"
+        )
     for violation in report["violations"]:
         yield f"VIOLATION    seed {violation['seed']}: {'; '.join(violation['what'])}"
         yield f"  again: {again} --replay {violation['seed']}"
@@ -100,6 +105,7 @@ def lines(report: dict[str, Any], seconds: float, again: str) -> Iterator[str]:
 
 _LINE_EVERY = 3.0  # s between two lines of progress where there is no terminal
 _MOST = 1_000_000  # flights of a campaign: the number of seeds reserved for each
+_CROWD = 100  # vehicles of a flight: a job then has five flights
 _STRONGEST = 6.0  # m/s of wind: with its gusts about the most that the tilt can hold against
 _LARGEST = 2**53  # all JSON readers agree on whole numbers up to this one
 
@@ -109,6 +115,7 @@ def campaign(
     flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
     seed: Annotated[int, Option("Seed of all random numbers.", min=0)] = 0,
     seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
+    vehicles: Annotated[int, Option("Vehicles in each flight.", min=1)] = 1,
     faults: Annotated[
         bool, Option("Lose, delay and falsify messages; let vehicle and processes fail.")
     ] = False,
@@ -154,6 +161,8 @@ def campaign(
             f"--flights {flights}, --seed {seed}: too large",
             f"give at most {_MOST} flights, and a seed up to {_LARGEST // _MOST}",
         )
+    if vehicles > _CROWD:
+        raise UsageError(f"--vehicles {vehicles}: too many", f"give at most {_CROWD}")
     if (db or report or dask) and replay is not None:
         raise UsageError("--replay flies one flight here", "leave out --db, --report and --dask")
     given = _given(config, settings or [])
@@ -173,6 +182,7 @@ def campaign(
         *(["--faults"] if faults else []),
     ]
     words += ["--wind", f"{wind:g}"] if wind else []
+    words += ["--vehicles", str(vehicles)] if vehicles > 1 else []
     words += ["--config", str(config)] if config else []
     words += [word for setting in settings or () for word in ("--set", setting)]
     command = shlex.join(words)
@@ -180,7 +190,13 @@ def campaign(
         "flights": flights if replay is None else 1,
         "seed": seed if replay is None else replay,
         "processes": processes or _cores(),
-        "conditions": {"seconds": seconds, "faults": faults, "wind": wind, "given": given},
+        "conditions": {
+            "seconds": seconds,
+            "faults": faults,
+            "wind": wind,
+            "given": given,
+            "vehicles": vehicles,
+        },
         "db": db,
         "report": report,
         "command": command,

@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,7 +84,10 @@ def _fly(order: Order, client: "Client | None") -> None:
                 "note": "without numba (`pip install '.[fleet]'` in the checkout) this takes much longer"
             }
         )
-    size = min(BATCH if is_fast else FEW, -(-order.flights // order.processes))
+    size = min(
+        (BATCH if is_fast else FEW) // order.conditions.vehicles or 1,
+        -(-order.flights // order.processes),
+    )
     count = 1 if client else min(order.processes, -(-order.flights // size))
     workers = [Worker() for _ in range(count)]
     compiling = {"note": "compiling the vehicle, once for this machine"}
@@ -148,9 +152,12 @@ def _replay(order: Order) -> None:
     flight = batch(Job(order.seed, 1, order.conditions), Plain, log=True)
     tally = Tally(range(order.seed, order.seed + 1))
     tally.add(*flight.fly())
-    mission, diary = flight.missions[0], flight.lanes[0].diary
+    mission, logs = flight.missions[0], [lane.diary.lines for lane in flight.lanes]
+    if len(logs) > 1:
+        named = [[f"{line}  (uav{n})" for line in lines] for n, lines in enumerate(logs)]
+        logs = [sorted(chain(*named), key=lambda line: float(line.split()[0]))]
     start = mission.dynamics.start
-    details = {"start": (start.x, start.y, start.z), "safety": mission.safety, "log": diary.lines}
+    details = {"start": (start.x, start.y, start.z), "safety": mission.safety, "log": logs[0]}
     emit({"report": tally.document(order.seed) | details})
 
 

@@ -1,9 +1,12 @@
 """Batch of flights, flown period by period; only the monitors that a pose may move are called."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 from math import inf
 
 import numpy as np
+from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.topics import SETPOINT
@@ -28,15 +31,20 @@ MakeFleet = Callable[[Sequence[DynamicsParams]], VehicleBatch]
 
 
 class Batch:
-    """Independent flights of one length."""
+    """Independent flights of one length, each with as many vehicles."""
 
-    def __init__(self, missions: Sequence[Mission], make: MakeFleet, *, log: bool = False) -> None:
-        """Put each vehicle at rest on its start; keep log lines only with `log`."""
-        self.missions = missions
+    def __init__(
+        self, missions: Sequence[Mission], make: MakeFleet, *, vehicles: int = 1, log: bool = False
+    ) -> None:
+        """Put each vehicle at rest on its start; keep log lines only with `log`.
+
+        The missions of a flight's vehicles are neighbours.
+        """
+        self.missions, self._vehicles = missions, vehicles
         self._fleet = make([mission.dynamics for mission in missions])
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
         count = len(missions)
-        self._score = Score(count)
+        self._score = Score(count, vehicles)
         # All monitors are wanted in the first period.
         self._notes, self._found = np.zeros((len(ROWS), count)), np.empty(count, dtype=np.int64)
         self._sent: list[object] = [None] * count
@@ -60,7 +68,7 @@ class Batch:
                         self._score.nearer(number, self._farthest(number, motion))
             if period < self._periods:
                 motion = self._advance(period)[-1]
-        return [self._flown(number) for number in range(len(self.lanes))]
+        return [self._flown(first) for first in range(0, len(self.lanes), self._vehicles)]
 
     def path(self, number: int) -> Floats:
         """Return the positions of a flight that is over, m, (periods + 1, 3)."""
@@ -177,7 +185,37 @@ class Batch:
         here = motion[:3, number].tolist()
         return farthest([here, *self._fleet.room(number)], self.lanes[number].size)
 
-    def _flown(self, number: int) -> Flown:
+    def worst(self, first: int) -> int:
+        """Return the vehicle with the worst excursion in the flight that begins with this one."""
+        return first + int(self._score.worst[first : first + self._vehicles].argmax())
+
+    def _flown(self, first: int) -> Flown:
+        """Return the figures of the flight that begins with this vehicle."""
+        whole = self._flown_alone(first)
+        if self._vehicles == 1:
+            return whole
+        flown = [whole, *map(self._flown_alone, range(first + 1, first + self._vehicles))]
+        counts = {
+            name: sum((Counter(getattr(each, name)) for each in flown), Counter())
+            for name in ("transitions", "refusals", "stops", "guards", "faults")
+        }
+        worst = flown[self.worst(first) - first]
+        flight = first // self._vehicles
+        separation = self._score.separation[flight].item(), self._score.separation_at[flight].item()
+        return replace(
+            whole,
+            **counts,
+            worst_excursion=worst.worst_excursion,
+            at=worst.at,
+            arrivals=[seconds for each in flown for seconds in each.arrivals],
+            violations=[
+                f"uav{n}: {what}" for n, each in enumerate(flown) for what in each.violations
+            ],
+            hash=sha256("".join(each.hash for each in flown).encode()).hexdigest(),
+            separation=separation,
+        )
+
+    def _flown_alone(self, number: int) -> Flown:
         diary, mission = self.lanes[number].diary, self.missions[number]
         worst, at = self._score.worst[number].item(), self._score.at[number].item()
         margin = mission.safety.margin

@@ -14,7 +14,7 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError
 COLUMNS = {
     "seed": "INTEGER PRIMARY KEY", "cage": "JSON", "worst_excursion": "REAL", "at": "REAL",
     "transitions": "JSON", "refusals": "JSON", "stops": "JSON", "guards": "JSON", "wind": "JSON",
-    "faults": "JSON", "arrivals": "JSON", "violations": "JSON", "hash": "TEXT",
+    "faults": "JSON", "arrivals": "JSON", "violations": "JSON", "hash": "TEXT", "separation": "JSON",
 }  # fmt: skip
 """Columns of the table `flights`: the fields of Flown, in their order."""
 _TABLES = (
@@ -23,7 +23,7 @@ _TABLES = (
 )
 
 
-_INSERT = "INSERT OR IGNORE INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_INSERT = "INSERT OR IGNORE INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _RANGE = "FROM flights WHERE seed BETWEEN ? AND ? ORDER BY seed"
 
 

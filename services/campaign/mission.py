@@ -1,8 +1,8 @@
 """Random missions: the events of a flight and their generation."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from math import inf, nan, nextafter, sqrt
+from collections.abc import Callable, Iterator, Sequence
+from math import ceil, inf, nan, nextafter, sqrt
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -116,14 +116,15 @@ Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Fault
 class Conditions(Struct, frozen=True):
     """Conditions of every flight of a campaign.
 
-    Length (s), whether messages, processes and the vehicle fail, mean wind (m/s), and the parameters,
-    by dotted name, that are not random.
+    Length (s), whether messages, processes and the vehicle fail, mean wind (m/s), the parameters,
+    by dotted name, that are not random, and the number of vehicles.
     """
 
     seconds: float
     faults: bool = False
     wind: float = 0.0
     given: dict[str, Any] = {}
+    vehicles: int = 1
 
 
 class Mission(Struct, frozen=True):
@@ -160,6 +161,8 @@ MARGIN, MARGIN_IN_WIND = 0.01, 0.05
 """Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""
 GUST = 0.25
 """Ratio of the gusts' RMS on each axis to the mean wind."""
+GRID = 2.0
+"""Metres between neighbouring vehicles at the start."""
 DIRECTIONS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 """Directions of the wind, east and north: few, so that vehicles of a batch share weather."""
 FAR = 10_000.0
@@ -174,6 +177,28 @@ class RandomSource(Protocol):
 
     def uniform(self, a: float, b: float, /) -> float:
         """Return a uniformly distributed number in [a, b]."""
+
+
+def missions(
+    seed: int, conditions: Conditions, draws: Callable[[int | str], RandomSource]
+) -> list[Mission]:
+    """Return the missions of one flight: several vehicles share cage and wind, and start on a grid."""
+    first = mission(seed, draws(seed), conditions)
+    if conditions.vehicles == 1:
+        return [first]
+    cage, mean, given = first.safety.virtual_cage, first.dynamics.wind.mean, conditions.given
+    columns = ceil(sqrt(conditions.vehicles))
+    made = []
+    for number in range(conditions.vehicles):
+        column, row = number % columns, number // columns
+        shared = {
+            "safety.virtual_cage.x": cage.x, "safety.virtual_cage.y": cage.y, "safety.virtual_cage.z": cage.z,
+            "dynamics.wind.mean.x": mean.x, "dynamics.wind.mean.y": mean.y,
+            "dynamics.start.x": GRID * column, "dynamics.start.y": GRID * row, "dynamics.start.z": 0.0,
+        }  # fmt: skip
+        own = structs.replace(conditions, given=shared | given)
+        made.append(mission(seed, draws(f"{seed}/{number}"), own))
+    return made
 
 
 def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:

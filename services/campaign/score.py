@@ -13,7 +13,7 @@ from bisect import bisect
 from collections import Counter
 from collections.abc import Sequence
 from itertools import accumulate
-from math import sqrt
+from math import inf, sqrt
 from typing import Any, Self
 
 import numpy as np
@@ -45,7 +45,8 @@ class Flown(Struct, frozen=True):
     """Figures of one flight.
 
     Worst excursion (m) and its time (s); how often each transition, refusal, stop, rule of the
-    automaton (`guards`) and fault occurred; mean wind (m/s, east and north), arrival times (s).
+    automaton (`guards`) and fault occurred; mean wind (m/s, east and north), arrival times (s). With
+    several vehicles, the least distance between two (m), and its time (s).
     """
 
     seed: int
@@ -61,6 +62,7 @@ class Flown(Struct, frozen=True):
     arrivals: list[float]
     violations: list[str]
     hash: str
+    separation: tuple[float, float] | None = None
 
 
 class FlightLog:
@@ -149,6 +151,7 @@ class Tally:
         self._counts = {name: Counter[str]() for name in ("transitions", "refusals", "stops")}
         self._arrivals = Counter[int]()
         self._violations: list[dict[str, Any]] = []
+        self._nearest: Flown | None = None
 
     def add(self, flight: Flown) -> None:
         """Add a flight; the digest takes those that come early in the order of their seeds."""
@@ -160,6 +163,8 @@ class Tally:
         self._arrivals.update(round(seconds * SETPOINT.hz) for seconds in flight.arrivals)
         if flight.violations:
             self._violations.append({"seed": flight.seed, "what": flight.violations})
+        if flight.separation and (self._nearest is None or _near(flight) < _near(self._nearest)):
+            self._nearest = flight
         self._early[flight.seed] = flight.hash
         while (found := self._early.pop(self._next, None)) is not None:
             self._digest.update(found.encode())
@@ -169,6 +174,7 @@ class Tally:
         """Return the figures of all flights of a campaign's seed, m and s."""
         worst = self.worst
         assert worst is not None  # noqa: S101 - a campaign has at least one flight
+        near = self._nearest
         return {
             "flights": self.flights,
             "seed": seed,
@@ -177,6 +183,7 @@ class Tally:
             **{name: dict(sorted(counts.items())) for name, counts in self._counts.items()},
             "arrivals": arrivals(self._arrivals),
             "violations": sorted(self._violations, key=lambda each: each["seed"]),
+            **({"separation": _separation(near)} if near else {}),
             "hash": self._digest.hexdigest(),
         }
 
@@ -184,6 +191,15 @@ class Tally:
 def _rank(flight: Flown) -> tuple[float, int]:
     """Return the place of a flight among the worst; of two equal ones the first seed is worse."""
     return flight.worst_excursion, -flight.seed
+
+
+def _near(flight: Flown) -> tuple[float, int]:
+    return (flight.separation or (inf,))[0], flight.seed
+
+
+def _separation(flight: Flown) -> dict[str, float]:
+    worst, at = flight.separation or (inf, 0.0)
+    return {"worst": worst, "seed": flight.seed, "at": at}
 
 
 def arrivals(periods: Counter[int]) -> dict[str, float]:
@@ -222,10 +238,15 @@ def _walls(size: Point) -> tuple[tuple[float, float], ...]:
 
 
 class Score:
-    """Worst excursion of each vehicle of a batch, m."""
+    """Worst excursion of each vehicle of a batch, m, and least distance in each flight."""
 
-    def __init__(self, count: int) -> None:
-        """Start without a cage in force."""
+    def __init__(self, count: int, vehicles: int = 1) -> None:
+        """Start without a cage in force; each flight has as many vehicles."""
+        self._vehicles = vehicles
+        self.separation = np.full(count // vehicles, np.inf)
+        """Least distance between two vehicles of a flight, m."""
+        self.separation_at = np.zeros(count // vehicles)
+        """Its time, s."""
         self.worst = np.zeros(count)
         self.at = np.zeros(count)
         """Its time, s."""
@@ -253,4 +274,7 @@ class Score:
 
     def sample(self, motions: Floats, times: Sequence[float], loops: Any) -> None:
         """Record positions (m), (times, 6, vehicles), at some times (s); `loops` as in vehicles.py."""
-        loops.score(motions, np.array(times), self._size, self.allowed, self.worst, self.at)
+        moments = np.array(times)
+        loops.score(motions, moments, self._size, self.allowed, self.worst, self.at)
+        if self._vehicles > 1:
+            loops.separate(motions, moments, self._vehicles, self.separation, self.separation_at)

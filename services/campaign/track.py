@@ -23,9 +23,10 @@ class FlightTrack(NamedTuple):
 
 
 def retrace(batch: Batch) -> FlightTrack:
-    """Fly a batch to its end, and return the track of its first flight."""
+    """Fly a batch to its end, and return the track of its first flight's worst vehicle."""
     batch.fly()
-    mission, positions = batch.missions[0], batch.path(0)
+    worst = batch.worst(0)
+    mission, positions = batch.missions[worst], batch.path(worst)
     times = np.arange(len(positions)) / SETPOINT.hz
     return FlightTrack(times, positions, _cages(mission, times), mission.safety.margin)
 

@@ -140,12 +140,30 @@ def score(
                 at[n] = times[sample]
 
 
+def separate(motions: Floats, times: Floats, vehicles: int, least: Floats, at: Floats) -> None:
+    """Record the least distance (m) between two vehicles of each flight, and its time, s.
+
+    The vehicles of a flight are neighbours in `motions`, (samples, 6, vehicles).
+    """
+    for sample in range(motions.shape[0]):
+        for flight in range(least.shape[0]):
+            for one in range(flight * vehicles, (flight + 1) * vehicles):
+                for other in range(flight * vehicles, one):
+                    dx = motions[sample, 0, one] - motions[sample, 0, other]
+                    dy = motions[sample, 1, one] - motions[sample, 1, other]
+                    dz = motions[sample, 2, one] - motions[sample, 2, other]
+                    distance = sqrt(dx * dx + dy * dy + dz * dz)
+                    if distance < least[flight]:
+                        least[flight] = distance
+                        at[flight] = times[sample]
+
+
 def compiled_source() -> str:
     """Return the source of the loops for numba, to go after a kernel's source."""
     names = ("AT_REST", "GENTLE", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
     lines = ["", "Floats = Ints = None", *(f"{name} = {globals()[name]!r}" for name in names)]
     # Each after those that it calls.
-    for function in (outside, gently, leeway, awaits, look, score):
-        cached = ", nogil=True, cache=True" if function in {look, score} else ""
+    for function in (outside, gently, leeway, awaits, look, score, separate):
+        cached = ", nogil=True, cache=True" if function in {look, score, separate} else ""
         lines += [f"@njit(error_model='numpy'{cached})", inspect.getsource(function)]
     return "\n".join(lines)

@@ -20,7 +20,7 @@ from msgspec import Struct
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.batch import Batch, MakeFleet
-from quadctl.services.campaign.mission import Conditions, mission
+from quadctl.services.campaign.mission import Conditions, missions
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain, VehicleBatch
 from quadctl.services.dynamics.compiled import kernel, source
@@ -130,7 +130,8 @@ def load_kernel() -> ModuleType:
     """
     module = source.load_module("kernel", kernel.kernel_source() + watch.compiled_source())
     with turn(source.cache_folder() / "kernel.lock"):
-        batch(Job(0, 1, Conditions(1.0)), lambda params: Compiled(params, module)).fly()
+        pair = Conditions(1.0, vehicles=2)
+        batch(Job(0, 1, pair), lambda params: Compiled(params, module)).fly()
         vehicle = Compiled([DynamicsParams()], module)
         vehicle.goto(0, 1.0, 0.0, 1.0)
         vehicle.brake(0)
@@ -141,8 +142,8 @@ def load_kernel() -> ModuleType:
 def batch(job: Job, make: MakeFleet, *, log: bool = False) -> Batch:
     """Return the flights of a job."""
     seeds = range(job.first, job.first + job.count)
-    missions = [mission(seed, Random(seed), job.conditions) for seed in seeds]
-    return Batch(missions, make, log=log)
+    flown = [each for seed in seeds for each in missions(seed, job.conditions, Random)]
+    return Batch(flown, make, vehicles=job.conditions.vehicles, log=log)
 
 
 def main() -> None:

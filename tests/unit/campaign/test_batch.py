@@ -8,10 +8,20 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, DynamicsParams, SafetyParams, StartParams
+from quadctl.services.campaign import workers
 from quadctl.services.campaign.batch import Batch
-from quadctl.services.campaign.mission import CageEvent, Deaf, GotoEvent, Mission, Mute, Resize
+from quadctl.services.campaign.mission import (
+    CageEvent,
+    Conditions,
+    Deaf,
+    GotoEvent,
+    Mission,
+    Mute,
+    Resize,
+)
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain
+from quadctl.services.campaign.workers import Job
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Check, Resized, State, Toggle
 from tests.support.campaign_flights import Sleepless, batch, inject, missions
@@ -117,6 +127,32 @@ def test_safety_without_poses_continues_only_within_the_grace(seconds, stops, ar
     (flight,) = Batch([replace(calm, safety=SafetyParams())], Plain).fly()
     assert (flight.violations, flight.stops) == ([], stops)
     assert len(flight.arrivals) == arrivals
+
+
+def test_vehicles_of_a_flight_share_the_cage_and_are_summed_up():
+    conditions = Conditions(8.0, wind=1.0, vehicles=3)
+    one, two = (
+        workers.batch(Job(5, 2, conditions), Plain),
+        workers.batch(Job(6, 1, conditions), Plain),
+    )
+    cages = {repr(mission.safety.virtual_cage) for mission in one.missions[:3]}
+    assert len(cages) == 1
+    assert len({repr(mission.dynamics.wind) for mission in one.missions[:3]}) == 1
+    starts = [mission.dynamics.start for mission in one.missions[:3]]
+    assert [(start.x, start.y) for start in starts] == [(0, 0), (2, 0), (0, 2)]
+    flown = one.fly()
+    assert flown[1:] == two.fly()
+    assert flown[0].violations == []
+    alone = Batch(one.missions[:3], Plain).fly()
+    assert flown[0].worst_excursion == max(each.worst_excursion for each in alone)
+    assert len(flown[0].arrivals) == sum(len(each.arrivals) for each in alone)
+    assert flown[0].guards["HOVERING Goto always"] == sum(
+        each.guards["HOVERING Goto always"] for each in alone
+    )
+    distance, at = flown[0].separation or (0.0, 0.0)
+    assert 0 < distance <= 2.0
+    assert 0 <= at <= 8.0
+    assert alone[0].separation is None
 
 
 def unverified(rule: Rule) -> Rule:

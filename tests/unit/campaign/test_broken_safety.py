@@ -14,7 +14,7 @@ from quadctl.services.safety.monitor import Monitor, TrackingMonitor
 from tests.support.campaign_flights import inject, missions
 from tests.support.compiled import compiled_kernel
 
-FLIGHTS, PART = 2000, 100
+FLIGHTS, PART = 2000, 40
 """Flights in which a broken safety must be detected, and flights flown at once."""
 
 Breaks = Callable[[pytest.MonkeyPatch], None]

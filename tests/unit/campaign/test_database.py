@@ -28,9 +28,9 @@ def test_flights_come_back_as_they_were_and_in_order(tmp_path: Path):
 @given(st.sets(st.integers(0, 12)), st.integers(1, 5))
 def test_the_missing_seeds_are_those_without_a_flight(stored: set[int], longest: int):
     database = Database(":memory:", CONDITIONS, "probe")
-    rows = [(seed, *["{}"] * 12) for seed in stored]
+    rows = [(seed, *["{}"] * 13) for seed in stored]
     database.connection.executemany(
-        "INSERT INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows
+        "INSERT INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows
     )
     found = list(database.missing(range(2, 11), longest))
     assert all(1 <= len(part) <= longest for part in found)

@@ -119,3 +119,20 @@ def test_excursions_are_the_same_compiled(places: list[Any]):
         found.append((score.worst.tolist(), score.at.tolist()))
     assert found[0] == found[1]
     assert found[0][0][1] == 0.0
+
+
+@pytest.mark.parametrize("kind", ["plain", "compiled"])
+@given(vehicles=st.integers(2, 4), seed=st.integers(0, 999))
+def test_the_separation_is_the_least_distance_in_each_flight(kind: str, vehicles: int, seed: int):
+    flights, samples = 3, 5
+    motions = np.random.default_rng(seed).normal(size=(samples, 6, flights * vehicles))
+    score = Score(flights * vehicles, vehicles)
+    times = [0.1 * number for number in range(samples)]
+    score.sample(motions, times, loops_of(kind))
+    for flight in range(flights):
+        own = motions[:, :3, flight * vehicles : (flight + 1) * vehicles]
+        apart = np.sqrt(((own[:, :, :, None] - own[:, :, None, :]) ** 2).sum(axis=1))
+        apart[:, range(vehicles), range(vehicles)] = np.inf
+        assert score.separation[flight] == pytest.approx(apart.min())
+        when = times[int(apart.min(axis=(1, 2)).argmin())]
+        assert score.separation_at[flight] == when

@@ -2,10 +2,8 @@
 
 import re
 import signal
-import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 
 import pytest
@@ -13,6 +11,8 @@ import pytest
 from quadctl.cli import campaign as command
 from quadctl.cli.campaign import lines
 from quadctl.cli.context import options_of
+from quadctl.services.runtime import procfs
+from tests.support.campaign_flights import kept
 from tests.support.compiled import compiled_kernel
 from tests.support.lab import Lab, private_lab
 from tests.support.proofs import Proofs
@@ -76,22 +76,18 @@ def test_a_killed_campaign_continues_from_its_database(lab: Lab):
     compiled_kernel()
     database = lab.folder / "flights.sqlite"
 
-    def kept() -> int:
-        with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as opened:
-            return int(opened.execute("SELECT count(*) FROM flights").fetchone()[0])
-
     flying = lab.spawn(*lab.command(*words, "--db", database.name, "--processes", 1))
-    eventually(lambda: database.exists() and kept() > 0, 60.0)
+    eventually(lambda: kept(database) > 0, 60.0)
     flying.send(signal.SIGKILL)
     flying.wait()
     eventually(lambda: not lab.processes(), 3.0)
-    assert 0 < kept() < 1200
+    assert 0 < kept(database) < 1200
     again = lab.quadctl(*words, "--db", database.name, "--report", "page.html", timeout=100.0)
     page = (lab.folder / "page.html").read_text()
     assert again.json["hash"] in page
     assert f"--replay {again.json['worst']['seed']}<" in page
     assert f" of 1200 flights are in {database.name}" in again.err
-    assert kept() == 1200
+    assert kept(database) == 1200
     assert again.json == lab.quadctl(*words, timeout=100.0).json
 
 
@@ -166,6 +162,32 @@ def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Pr
             assert alarms == 0
         assert done.code == 0, done.json["violations"]
         assert done.json["worst_excursion"] <= most
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1800)
+def test_the_memory_does_not_grow_with_the_flights(lab: Lab, proofs: Proofs):
+    compiled_kernel()
+    flying = lab.spawn(*lab.command("campaign", "--flights", 100_000, "--seed", 2))
+    most: dict[bool, int] = {}
+
+    def measured() -> bool:
+        late = re.findall(r"^(\d+) of 100000", flying.log, re.MULTILINE)
+        if late and int(late[-1]) > 5000:
+            memory = sum(procfs.stats_of(pid).rss or 0 for pid in lab.processes())
+            half = int(late[-1]) > 50_000
+            most[half] = max(most.get(half, 0), memory)
+        return flying.ended
+
+    eventually(measured, 1500.0)
+    assert flying.wait() == 0, flying.log
+    growth = most[True] / most[False] - 1
+    proofs.add(
+        "memory of a campaign of 100 000 flights: growth from the first half to the second",
+        f"{100 * growth:.1f} % of {most[False] / 1e6:.0f} MB",
+        "less than 2 %",
+    )
+    assert growth < 0.02
 
 
 def test_the_report_names_flights_excursion_and_transitions(report: dict[str, Any]):

@@ -10,8 +10,10 @@ import pytest
 
 from quadctl.services.campaign.cluster import connect
 from quadctl.services.runtime.errors import UsageError
+from tests.support.campaign_flights import kept
 from tests.support.compiled import compiled_kernel
 from tests.support.lab import Lab, private_lab
+from tests.support.proofs import Proofs
 from tests.support.running import Foreground, alive, eventually
 
 FLIGHTS = ("campaign", "--flights", 40, "--seconds", 4, "--seed", 3, "--faults", "--json")
@@ -116,6 +118,44 @@ def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: 
     central.end()
     assert flying.wait(30.0) == 3, flying.log
     assert "has gone" in flying.log
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1800)
+def test_20_000_flights_have_one_hash_however_they_are_flown(lab: Lab, proofs: Proofs):
+    compiled_kernel()
+    words = ("campaign", "--flights", 20_000, "--seed", 11, "--json")
+
+    def digest(*more: object) -> str:
+        done = lab.quadctl(*words, *more, timeout=600.0)
+        assert done.code == 0, done.err
+        return str(done.json["hash"])
+
+    hashes = {f"{count} processes": digest("--processes", count) for count in (1, 2, 4)}
+    hashes["Dask's own"] = digest("--dask", "local")
+
+    _, address = scheduler(lab)
+    workers = worker(lab, "steady"), worker(lab, "dying")
+    eventually(lambda: all("Registered to:" in each.log for each in workers), 60.0)
+    flying = lab.spawn(*lab.command(*words, "--db", "dask.sqlite", "--dask", address))
+    eventually(lambda: kept(lab.folder / "dask.sqlite") > 4000, 300.0)
+    workers[1].send(signal.SIGKILL)
+    assert flying.wait(600.0) == 0
+    hashes["a cluster, a worker killed"] = digest("--db", "dask.sqlite")
+
+    flying = lab.spawn(*lab.command(*words, "--db", "killed.sqlite"))
+    eventually(lambda: kept(lab.folder / "killed.sqlite") > 4000, 300.0)
+    flying.send(signal.SIGKILL)
+    flying.wait()
+    assert kept(lab.folder / "killed.sqlite") < 20_000
+    hashes["killed and continued"] = digest("--db", "killed.sqlite")
+    proofs.add(
+        "20 000 flights: different hashes by 1, 2 and 4 processes, by Dask, by a cluster of which a"
+        " worker is killed, and continued after kill -9",
+        f"{len(set(hashes.values()))} of {len(hashes)}",
+        "1",
+    )
+    assert len(set(hashes.values())) == 1, hashes
 
 
 def flies(campaign: Foreground) -> bool:

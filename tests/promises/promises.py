@@ -100,6 +100,18 @@ the vehicle overshoots a wall
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = still air <- 10 000 flights of 60 s in still air
   = wind and faults <- 10 000 flights of 60 s in wind
+a campaign that others cannot repeat
+  the same SHA-256 however many processes, machines or interruptions; its memory does not grow
+  - flight/campaign: a_campaign_is_independent_of_the_number_of_processes
+    a_killed_campaign_continues_from_its_database the_memory_does_not_grow_with_the_flights
+  - flight/campaign_cluster: workers_that_die_or_differ_leave_the_report_the_same
+    20_000_flights_have_one_hash_however_they_are_flown
+  = one hash <- 20 000 flights: different hashes
+  = memory <- memory of a campaign of 100 000 flights
+a fault in safety itself
+  the campaign, which judges each decision a second time, detects 17 of 17 broken versions
+  - unit/campaign/broken_safety: the_campaign_detects_a_broken_safety
+    the_campaign_finds_no_fault_in_the_sound_safety
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
   - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit

@@ -1,7 +1,10 @@
 """Batches of random flights in plain Python, and automata with an injected fault."""
 
+import sqlite3
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from functools import partial
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -20,6 +23,15 @@ def missions(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> l
 
 def batch(seeds: Iterable[int], seconds: float, *, faults: bool = False) -> Batch:
     return Batch(missions(seeds, seconds, faults=faults), Plain)
+
+
+def kept(database: Path) -> int:
+    """Return how many flights a campaign's database has; 0 while there is none."""
+    if not database.exists():
+        return 0
+    with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as opened:
+        tables = opened.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        return int(opened.execute("SELECT count(*) FROM flights").fetchone()[0]) if tables else 0
 
 
 class Sleepless(Batch):

@@ -134,7 +134,7 @@ def test_20_000_flights_have_one_hash_however_they_are_flown(lab: Lab, proofs: P
     hashes = {f"{count} processes": digest("--processes", count) for count in (1, 2, 4)}
     hashes["Dask's own"] = digest("--dask", "local")
 
-    _, address = scheduler(lab)
+    central, address = scheduler(lab)
     workers = worker(lab, "steady"), worker(lab, "dying")
     eventually(lambda: all("Registered to:" in each.log for each in workers), 60.0)
     flying = lab.spawn(*lab.command(*words, "--db", "dask.sqlite", "--dask", address))
@@ -142,6 +142,8 @@ def test_20_000_flights_have_one_hash_however_they_are_flown(lab: Lab, proofs: P
     workers[1].send(signal.SIGKILL)
     assert flying.wait(600.0) == 0
     hashes["a cluster, a worker killed"] = digest("--db", "dask.sqlite")
+    central.end()
+    workers[0].end()
 
     flying = lab.spawn(*lab.command(*words, "--db", "killed.sqlite"))
     eventually(lambda: kept(lab.folder / "killed.sqlite") > 4000, 300.0)

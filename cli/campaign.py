@@ -14,6 +14,7 @@ import msgspec
 from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
+from quadctl.cli.mission.writer import MissionWriter
 from quadctl.cli.progress import Progress
 from quadctl.services.runtime.errors import (
     Invalid,
@@ -37,8 +38,10 @@ class CampaignProcess:
         self.report: dict[str, Any] = {}
         # A separate session: only this process gets Ctrl-C. The child ends when its stdin closes.
         self._popen = subprocess.Popen(
-            _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
+            _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
+            # The search's matrices are small: threads of numpy's BLAS would only wait for each other.
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
         assert self._popen.stdin is not None  # noqa: S101 - a pipe, requested above
         self._popen.stdin.write(msgspec.json.encode(order) + b"\n")
         self._popen.stdin.flush()
@@ -107,14 +110,19 @@ _LINE_EVERY = 3.0  # s between two lines of progress where there is no terminal
 _MOST = 1_000_000  # flights of a campaign: the number of seeds reserved for each
 _CROWD = 100  # vehicles of a flight: a job then has five flights
 _STRONGEST = 6.0  # m/s of wind: with its gusts about the most that the tilt can hold against
+_LONGEST_SEARCH = 86_400  # s
 _LARGEST = 2**53  # all JSON readers agree on whole numbers up to this one
 
 
 def campaign(
     options: Options,
-    flights: Annotated[int, Option("How many flights.", min=1)] = 1000,
+    flights: Annotated[
+        int | None, Option("How many flights (default: 1000, in a search no limit).", min=1)
+    ] = None,
     seed: Annotated[int, Option("Seed of all random numbers.", min=0)] = 0,
-    seconds: Annotated[float, Option("Simulated seconds of a flight.")] = 60.0,
+    seconds: Annotated[
+        float | None, Option("Simulated seconds of a flight (default: 60, in a search 14).")
+    ] = None,
     vehicles: Annotated[int, Option("Vehicles in each flight.", min=1)] = 1,
     faults: Annotated[
         bool, Option("Lose, delay and falsify messages; let vehicle and processes fail.")
@@ -133,6 +141,9 @@ def campaign(
         str, Option("Keep the flights in this SQLite file; those in it are not flown again.")
     ] = "",
     report: Annotated[str, Option("Write a report as one HTML page.", metavar="FILE")] = "",
+    search: Annotated[
+        int | None, Option("Search for the worst flight for so many seconds.", min=5)
+    ] = None,
     replay: Annotated[
         int | None, Option("Fly the flight of this seed again, with its log.", min=0)
     ] = None,
@@ -150,6 +161,8 @@ def campaign(
 
     Example: quadctl campaign --flights 10000 --seed 1
     """
+    flights = flights or (0 if search else 1000)
+    seconds = seconds if seconds is not None else 14.0 if search else 60.0
     if not 0.05 <= seconds <= 3600:
         raise UsageError(f"--seconds {seconds:g}: not a possible length", "give 0.05 to 3600 s")
     if not 0 <= wind <= _STRONGEST:
@@ -163,8 +176,6 @@ def campaign(
         )
     if vehicles > _CROWD:
         raise UsageError(f"--vehicles {vehicles}: too many", f"give at most {_CROWD}")
-    if (db or report or dask) and replay is not None:
-        raise UsageError("--replay flies one flight here", "leave out --db, --report and --dask")
     given = _given(config, settings or [])
     if wind:
         if any(setting.startswith("dynamics.wind.") for setting in settings or ()):
@@ -203,7 +214,12 @@ def campaign(
         "dask": dask,
         "insecure": insecure,
         "replay": replay is not None,
+        "search": search or 0,
     }
+    _check_combination(order)
+    if search:
+        _search(order, as_json=options.json)
+        return
     found = _fly(order, quiet=options.json)
     if options.json:
         output.document(found)
@@ -211,6 +227,24 @@ def campaign(
         for line in lines(found, seconds, command):
             output.line(line)
     output.end(ok=not found["violations"])
+
+
+def _check_combination(order: dict[str, Any]) -> None:
+    """Raise UsageError for options that exclude each other, and for too long a search."""
+    shared, replay, search = (
+        order["db"] or order["report"] or order["dask"],
+        order["replay"],
+        order["search"],
+    )
+    if shared and replay:
+        raise UsageError("--replay flies one flight here", "leave out --db, --report and --dask")
+    if search and (shared or replay or order["conditions"]["vehicles"] > 1):
+        raise UsageError(
+            "--search flies one vehicle, on this machine, and keeps only the worst flight",
+            "leave out --db, --report, --dask, --replay and --vehicles",
+        )
+    if search > _LONGEST_SEARCH:
+        raise UsageError(f"--search {search}: too long", f"give 5 to {_LONGEST_SEARCH} s, a day")
 
 
 _UNUSED = ("dynamics.seed", "dynamics.rate", "dynamics.speed")
@@ -255,6 +289,54 @@ def _fly(order: dict[str, Any], *, quiet: bool) -> dict[str, Any]:
             else:
                 output.note(message["note"])
         return running.report
+
+
+def _search(order: dict[str, Any], *, as_json: bool) -> None:
+    """Search, and report the worst flight so far also after Ctrl-C; exit 8 if it breaks a promise."""
+    file, began, found = MissionWriter(f"worst_{order['seed']}"), time.monotonic(), dict[str, Any]()
+    try:
+        with (
+            CampaignProcess(order) as running,
+            Progress(
+                "searching", quiet=as_json, line_every=0.0 if as_json else _LINE_EVERY
+            ) as progress,
+        ):
+            for message in running:
+                if "ready" in message:
+                    began = time.monotonic()
+                elif "found" in message:
+                    found = message["found"]
+                    file.write(found["mission"])
+                elif "flown" in message:
+                    found["evaluations"] = message["flown"]
+                    past = time.monotonic() - began
+                    progress.update(
+                        past / order["search"],
+                        f"{message['flown']} flights, {message['flown'] / past:.0f}/s, worst excursion"
+                        f" {1000 * found['worst_excursion']:.2g} mm,"
+                        f" {max(order['search'] - past, 0):.0f} s left",
+                    )
+                else:
+                    output.note(message["note"])
+            found = running.report
+    finally:
+        if found:
+            found["mission"] = str(file.path)
+            output.document({"search": found}) if as_json else output.line(_worst(found))
+    output.end(ok=not found["violations"])
+
+
+def _worst(found: dict[str, Any]) -> str:
+    """Return the lines on the worst flight of a search."""
+    worst, allowed = 1000 * found["worst_excursion"], 1000 * found["allowed"]
+    return "\n".join(
+        (
+            f"{found['evaluations']} flights, worst excursion beyond the cage {worst:.3g} mm",
+            f"at {found['at']:.2f} s; allowed are {allowed:.3g} mm",
+            *(f"VIOLATION    {what}" for what in found["violations"]),
+            f"again: quadctl fly {shlex.quote(found['mission'])}",
+        )
+    )
 
 
 def _cores() -> int:

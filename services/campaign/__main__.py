@@ -6,6 +6,8 @@
 import os
 import sys
 import threading
+import time
+from collections.abc import Iterator
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
@@ -15,7 +17,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.services.campaign.database import Database
-from quadctl.services.campaign.mission import Conditions
+from quadctl.services.campaign.mission import Conditions, Mission
 from quadctl.services.campaign.score import Flown, Tally, seeds
 from quadctl.services.campaign.vehicles import Plain
 from quadctl.services.campaign.workers import Job, Worker, WorkerPool, batch, emit
@@ -38,6 +40,7 @@ class Order(Struct, frozen=True):
     """Campaign to fly, or with `replay` only the flight of that seed, with its log.
 
     `dask` is the address of a scheduler, `local`, or empty; `insecure` allows an open one.
+    With `search` a search of so many s for the worst flight, in at most `flights`; 0 is no limit.
     """
 
     flights: int
@@ -51,6 +54,7 @@ class Order(Struct, frozen=True):
     dask: str = ""
     insecure: bool = False
     replay: bool = False
+    search: float = 0.0
 
 
 def main() -> None:
@@ -58,7 +62,7 @@ def main() -> None:
     order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
     threading.Thread(target=_watch_stdin, daemon=True).start()
     try:
-        _replay(order) if order.replay else _campaign(order)
+        (_replay if order.replay else _search if order.search else _campaign)(order)
     except QuadctlError as problem:
         emit({"error": (problem.exit_code, problem.message, problem.hint)})
     sys.stdout.flush()
@@ -77,24 +81,12 @@ def _campaign(order: Order) -> None:
 
 def _fly(order: Order, client: "Client | None") -> None:
     every = seeds(order.seed, order.flights)
-    is_fast = find_spec("numba") is not None
-    if not is_fast:
-        emit(
-            {
-                "note": "without numba (`pip install '.[fleet]'` in the checkout) this takes much longer"
-            }
-        )
     size = min(
-        (BATCH if is_fast else FEW) // order.conditions.vehicles or 1,
+        (BATCH if _is_fast() else FEW) // order.conditions.vehicles or 1,
         -(-order.flights // order.processes),
     )
     count = 1 if client else min(order.processes, -(-order.flights // size))
-    workers = [Worker() for _ in range(count)]
-    compiling = {"note": "compiling the vehicle, once for this machine"}
-    note = threading.Timer(_PATIENCE, emit, [compiling])
-    note.start()
-    (probe,) = workers[0].fly(PROBE)
-    note.cancel()
+    workers, probe = _started(count)
     # Without a name the database is a temporary file.
     kept = order.db or order.report
     database = Database(order.db, order.conditions, probe.hash) if kept else None
@@ -146,6 +138,59 @@ def _write_report(order: Order, database: Database, figures: dict[str, Any]) -> 
         lambda seed: f"{order.command} --replay {seed}",
         lambda seed: retrace(batch(Job(seed, 1, order.conditions), Plain)),
     )
+
+
+def _is_fast() -> bool:
+    return find_spec("numba") is not None
+
+
+def _started(count: int) -> tuple[list[Worker], Flown]:
+    """Start workers; return them, and the probe's flight, when the first is ready."""
+    if not _is_fast():
+        emit(
+            {
+                "note": "without numba (`pip install '.[fleet]'` in the checkout) this takes much longer"
+            }
+        )
+    workers = [Worker() for _ in range(count)]
+    compiling = {"note": "compiling the vehicle, once for this machine"}
+    note = threading.Timer(_PATIENCE, emit, [compiling])
+    note.start()
+    (probe,) = workers[0].fly(PROBE)
+    note.cancel()
+    return workers, probe
+
+
+def _search(order: Order) -> None:
+    try:
+        from quadctl.services.campaign.search import POPULATION, RUNS, Search
+    except ImportError as error:
+        raise QuadctlError(
+            f"the search is not installed: {error}",
+            "`pip install '.[fleet]'` in quadctl's checkout, into the same environment",
+        ) from error
+    workers, _ = _started(order.processes)
+    # Whole runs, which share constants; two jobs for each worker, so that none waits for long.
+    size = POPULATION * max(1, RUNS // (2 * order.processes)) if _is_fast() else FEW
+    search, end = Search(order.seed, order.conditions), time.monotonic() + order.search
+    left = order.flights or sys.maxsize
+    emit({"ready": 0})
+
+    def jobs(missions: list[Mission]) -> Iterator[Job]:
+        for first in range(0, len(missions), size):
+            if time.monotonic() >= end:
+                return
+            part = missions[first : first + size]
+            yield Job(first, len(part), order.conditions, part)
+
+    while left and time.monotonic() < end:
+        flights: list[Flown] = []
+        WorkerPool(jobs(search.ask()[:left]), flights.extend).fly(workers)
+        left -= len(flights)
+        if search.tell(flights):
+            emit({"found": search.document()})
+        emit({"flown": search.evaluations})
+    emit({"report": search.document()})
 
 
 def _replay(order: Order) -> None:

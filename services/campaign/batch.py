@@ -2,20 +2,22 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from copy import deepcopy
+from functools import partial
 from hashlib import sha256
 from math import inf
 
 import numpy as np
 from msgspec.structs import replace
 
-from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.params import DynamicsParams, Params
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.campaign.flight import SimulatedFlight
-from quadctl.services.campaign.mission import Mission, faults_of
+from quadctl.services.campaign.flight import SimulatedFlight, serve
+from quadctl.services.campaign.mission import Mission, Param, faults_of
 from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
-from quadctl.services.dynamics.simulation import GoalLatch
+from quadctl.services.dynamics.simulation import GoalLatch, still_in_force
 from quadctl.services.safety.model import State
 
 _STEPS = round(1000 / SETPOINT.hz)
@@ -43,6 +45,9 @@ class Batch:
         self.missions, self._vehicles = missions, vehicles
         self._fleet = make([mission.dynamics for mission in missions])
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
+        for number, mission in enumerate(missions):
+            if any(isinstance(row, Param) for row in mission.rows):
+                self._serve_dynamics(number)
         count = len(missions)
         self._score = Score(count, vehicles)
         # All monitors are wanted in the first period.
@@ -52,6 +57,21 @@ class Batch:
         self._unscored = [True] * count
         self._periods = round(missions[0].seconds * SETPOINT.hz)
         self._track = np.empty((self._periods + 1, 6, count))
+
+    def _serve_dynamics(self, number: int) -> None:
+        params, fleet = deepcopy(self.missions[number].dynamics), self._fleet
+        self.lanes[number].served["dynamics"] = serve(
+            "dynamics",
+            Params(dynamics=params),
+            partial(fleet.configure, number, params),
+            lambda: still_in_force(fleet.in_force(number), params),
+        )
+
+    @property
+    def nearest(self) -> list[float]:
+        """Return how near to a wall each flight came (m, negative inside), or how far beyond it."""
+        nearest: list[float] = self._score.nearest.tolist()
+        return nearest
 
     def fly(self) -> list[Flown]:
         """Fly all to their end."""

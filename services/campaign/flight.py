@@ -3,7 +3,9 @@
 Each decision that a fault or a goal demands is judged here a second time, apart from safety's code.
 """
 
+from collections.abc import Callable
 from math import dist, inf, isfinite
+from typing import Any
 
 import numpy as np
 from msgspec.structs import astuple, replace
@@ -17,7 +19,8 @@ from quadctl.schemas.messages import (
     Setpoint,
     Velocity,
 )
-from quadctl.schemas.params import SafetyParams
+from quadctl.schemas.params import Params, SafetyParams
+from quadctl.schemas.services import SetParamsRequest
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.mission import (
@@ -30,6 +33,7 @@ from quadctl.services.campaign.mission import (
     Late,
     Mission,
     Mute,
+    Param,
     Range,
     Reboot,
     Resize,
@@ -41,6 +45,7 @@ from quadctl.services.campaign.mission import (
     text,
 )
 from quadctl.services.campaign.score import FlightLog, Point, inside
+from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.safety import automaton, cage
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Seen, State
@@ -81,9 +86,15 @@ class SimulatedFlight:
             self.params, self._on_state, restarted=False, grace=mission.dynamics.grace,
             on_rule=self._on_rule,
         )  # fmt: skip
+        self.served = {"safety": serve("safety", Params(safety=self.params), self.monitor.resize)}
+        """Live parameters by the name of their node."""
         self._timeout, self._grace = mission.dynamics.setpoint_timeout, mission.dynamics.grace
         faults, wind = faults_of(mission.rows), mission.dynamics.wind
-        self._healthy = not faults and not any((wind.mean.x, wind.mean.y, wind.gust))
+        disturbed = any((wind.mean.x, wind.mean.y, wind.gust)) or any(
+            isinstance(row, Param) and row.name.startswith(("dynamics.wind", "dynamics.fault"))
+            for row in mission.rows
+        )
+        self._healthy = not (faults or disturbed)
         self._departure = Departure(self.params) if "Runaway" in faults else None
         self._rows, self._next = mission.rows, 0
         self._boot, self._error = 0, (0.0, 0.0, 0.0)
@@ -210,6 +221,12 @@ class SimulatedFlight:
             case Range(_, metres):
                 self.params.acceptance_range = metres
                 self.monitor.resize()
+                self._confine()
+            case Param(_, name, value):
+                answer = self.served[name.partition(".")[0]].set(SetParamsRequest({name: value}))
+                self.diary.add_line(answer.reason)
+                cage = self.params.virtual_cage
+                self.size = cage.x, cage.y, cage.z
                 self._confine()
             case _:
                 self._fail(row, period)
@@ -351,6 +368,13 @@ class SimulatedFlight:
         stamp = period / SETPOINT.hz
         place, speed = Position(x, y, z), Velocity(vx, vy, vz)
         return Pose(f"campaign{self._boot or ''}", period, stamp, place, speed, _LEVEL, _STILL)
+
+
+def serve(
+    node: str, params: Params, changed: Callable[[], None], in_force: Callable[[], Any] = dict
+) -> LiveParams:
+    """Return a node's live parameters, as `quadctl param set` sets them; no file keeps them."""
+    return LiveParams(node, params, lambda _: None, changed, in_force)
 
 
 class Departure:

@@ -58,6 +58,13 @@ class Range(_Event, frozen=True):
     metres: float
 
 
+class Param(_Event, frozen=True):
+    """Live change of a parameter, by its dotted name."""
+
+    name: str
+    value: float
+
+
 class Deaf(_Event, frozen=True):
     """Time (s) in which no pose reaches safety."""
 
@@ -110,7 +117,7 @@ class Late(_Event, frozen=True):
 
 
 Fault = Deaf | Mute | Stall | Stuck | Runaway | Reboot | Jump | Late
-Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Fault
+Row = GotoEvent | HoldEvent | CageEvent | Resize | Range | Param | Fault
 
 
 class Conditions(Struct, frozen=True):
@@ -211,7 +218,7 @@ def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:
         takeoff=_one(draws, (1.0, 1.0, 0.0, draws.uniform(0.1, 4.0))),
         margin=MARGIN + MARGIN_IN_WIND * wind * wind,
     )
-    safety = _with(safety, "safety", given)
+    safety = with_given(safety, "safety", given)
     cage = safety.virtual_cage
     size = cage.x, cage.y, cage.z
     x, y, z = (0.0, 0.0, 0.0) if draws.random() < 0.6 else _point(draws, size)
@@ -223,7 +230,7 @@ def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:
         # Neighbouring seeds still give unrelated gusts.
         seed=seed % 2**31,
     )
-    dynamics = _with(dynamics, "dynamics", given)
+    dynamics = with_given(dynamics, "dynamics", given)
     rows = tuple(
         row
         for row in _rows(draws, conditions.seconds, size, faults=conditions.faults)
@@ -236,7 +243,7 @@ def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:
 _CAGE, _RANGE = "safety.virtual_cage.", "safety.acceptance_range"
 
 
-def _with(section: Parameters, node: str, given: dict[str, Any]) -> Parameters:
+def with_given(section: Parameters, node: str, given: dict[str, Any]) -> Parameters:
     """Return a node's parameters with the given ones."""
     if not given:
         return section

@@ -250,6 +250,8 @@ class Score:
         self.worst = np.zeros(count)
         self.at = np.zeros(count)
         """Its time, s."""
+        self.nearest = np.full(count, -np.inf)
+        """Distance from the nearest wall or the top, m: negative inside; the floor does not count."""
         self.allowed = np.full(count, np.inf)
         """Permitted distance of each beyond the cage, m."""
         self._size = np.zeros((3, count))
@@ -275,6 +277,6 @@ class Score:
     def sample(self, motions: Floats, times: Sequence[float], loops: Any) -> None:
         """Record positions (m), (times, 6, vehicles), at some times (s); `loops` as in vehicles.py."""
         moments = np.array(times)
-        loops.score(motions, moments, self._size, self.allowed, self.worst, self.at)
+        loops.score(motions, moments, self._size, self.allowed, self.worst, self.at, self.nearest)
         if self._vehicles > 1:
             loops.separate(motions, moments, self._vehicles, self.separation, self.separation_at)

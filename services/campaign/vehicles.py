@@ -9,8 +9,9 @@ import numpy as np
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.watch import Floats
-from quadctl.services.dynamics.compiled.fleet import CompiledFleet
+from quadctl.services.dynamics.compiled.fleet import CompiledFleet, flat
 from quadctl.services.dynamics.compiled.kernel import CONSTANTS, MOTION, span
+from quadctl.services.dynamics.compiled.single import lane_of
 from quadctl.services.dynamics.flight_modes import Point, periods_of, room
 from quadctl.services.dynamics.vehicle import Vehicle
 
@@ -30,6 +31,12 @@ class VehicleBatch(Protocol):
     def brake(self, number: int) -> None:
         """Bring one vehicle to rest."""
 
+    def configure(self, number: int, params: DynamicsParams) -> None:
+        """Give one vehicle new parameters; body, gains and limits count from its next standstill."""
+
+    def in_force(self, number: int) -> DynamicsParams:
+        """Return the parameters that one vehicle flies by."""
+
     def fly(self, steps: int, samples: int) -> Floats:
         """Fly all, some steps of 1 ms for each sample; return m and m/s, (samples, 6, vehicles)."""
 
@@ -44,7 +51,7 @@ class Plain:
 
     def __init__(self, params: Sequence[DynamicsParams]) -> None:
         """Put each at rest on its start."""
-        self._vehicles = [_Braking(each) for each in params]
+        self._vehicles = [_Lane(each) for each in params]
 
     def goto(self, number: int, x: float, y: float, z: float) -> None:
         """Send one vehicle to a point, m."""
@@ -53,6 +60,14 @@ class Plain:
     def brake(self, number: int) -> None:
         """Bring one vehicle to rest."""
         self._vehicles[number].brake()
+
+    def configure(self, number: int, params: DynamicsParams) -> None:
+        """Give one vehicle new parameters; body, gains and limits count from its next standstill."""
+        self._vehicles[number].configure(params)
+
+    def in_force(self, number: int) -> DynamicsParams:
+        """Return the parameters that one vehicle flies by."""
+        return self._vehicles[number].in_force
 
     def fly(self, steps: int, samples: int) -> Floats:
         """Fly all, some steps of 1 ms for each sample; return m and m/s, (samples, 6, vehicles)."""
@@ -77,6 +92,43 @@ class Compiled(CompiledFleet):
         self.loops: Any = kernel
         limits = self.constants[self._places[:, 0], span(CONSTANTS, "limits")]
         self._periods = [periods_of(tuple(row)) for row in limits.tolist()]
+        self._params = params
+        self._configured: dict[int, _Lane] = {}
+        self._waiting: set[int] = set()
+        """Vehicles with parameters that wait for a standstill."""
+
+    def configure(self, number: int, params: DynamicsParams) -> None:
+        """Give one vehicle new parameters; body, gains and limits count from its next standstill."""
+        if number not in self._configured:
+            self._configured[number] = _Lane(self._params[number])
+        self._configured[number].load(self.numbers(number))
+        self._configured[number].configure(params)
+        self._store(number)
+
+    def in_force(self, number: int) -> DynamicsParams:
+        """Return the parameters that one vehicle flies by."""
+        vehicle = self._configured.get(number)
+        return vehicle.in_force if vehicle else self._params[number]
+
+    def fly(self, steps: int, samples: int = 1) -> Floats:
+        """Fly all, some steps of 1 ms for each sample; return m and m/s, (samples, 6, vehicles)."""
+        if not self._waiting:
+            return super().fly(steps, samples)
+        motions = []
+        for _ in range(samples):
+            motions.append(super().fly(steps))
+            for number in tuple(self._waiting):
+                # Vehicle.advance does the same after its steps.
+                self._configured[number].load(self.numbers(number))
+                if self._configured[number].settles():
+                    self._store(number)
+        return np.concatenate(motions)
+
+    def _store(self, number: int) -> None:
+        vehicle = self._configured[number]
+        self.put(number, *vehicle.flat())
+        self._periods[number] = vehicle.periods
+        (self._waiting.add if vehicle.waits else self._waiting.discard)(number)
 
     def room(self, number: int) -> Box:
         """Return the box that a vehicle would stay in if it braked now."""
@@ -86,7 +138,33 @@ class Compiled(CompiledFleet):
         return found
 
 
-class _Braking(Vehicle):
+class _Lane(Vehicle):
+    """Vehicle of a batch: alone in plain Python, or the parameters of one that flies compiled."""
+
+    @property
+    def waits(self) -> bool:
+        """Return whether parameters wait for a standstill."""
+        return self._wanted is not None
+
+    @property
+    def periods(self) -> int:
+        """Return the control periods for which a stop is sampled."""
+        return periods_of(self._constants[3])
+
     def room(self) -> Box:
-        limits = self._constants[3]
-        return room(self._plan, self._mode, limits, periods_of(limits))
+        """Return the box that it would stay in if it braked now."""
+        return room(self._plan, self._mode, self._constants[3], self.periods)
+
+    def load(self, numbers: Sequence[float]) -> None:
+        """Take a compiled vehicle's changing numbers."""
+        self._state, self._command, self._plan, self._mode, self._air = lane_of(numbers)
+
+    def settles(self) -> bool:
+        """Adopt waiting parameters at a standstill; return whether none wait any more."""
+        self._settle()
+        return not self.waits
+
+    def flat(self) -> tuple[list[float], tuple[float, ...]]:
+        """Return its changing numbers, and its constants, in the order of the kernel."""
+        numbers = self._state, self._command, self._plan, self._mode, self._air
+        return flat(numbers), tuple(flat(self._constants))

@@ -128,9 +128,13 @@ def look(
 
 
 def score(
-    motions: Floats, times: Floats, size: Floats, allowed: Floats, worst: Floats, at: Floats
-) -> None:
-    """Record the worst excursion (m) of each vehicle, and its time, from (samples, 6, vehicles)."""
+    motions: Floats, times: Floats, size: Floats, allowed: Floats, worst: Floats, at: Floats,
+    nearest: Floats,
+) -> None:  # fmt: skip
+    """Record the worst excursion (m) of each vehicle, and its time, from (samples, 6, vehicles).
+
+    Also the distance from the nearest wall, negative inside, which tells the better of two flights inside.
+    """
     for sample in range(motions.shape[0]):
         for n in range(motions.shape[2]):
             x, y, z = motions[sample, 0, n], motions[sample, 1, n], motions[sample, 2, n]
@@ -138,6 +142,8 @@ def score(
             if excursion > worst[n]:
                 worst[n] = excursion
                 at[n] = times[sample]
+            near = max(abs(x) - size[0, n], abs(y) - size[1, n], z - size[2, n]) - allowed[n]
+            nearest[n] = max(nearest[n], near)
 
 
 def separate(motions: Floats, times: Floats, vehicles: int, least: Floats, at: Floats) -> None:

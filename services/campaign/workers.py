@@ -8,19 +8,19 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from queue import SimpleQueue
 from random import Random
 from types import ModuleType
 from typing import Any
 
 import msgspec
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.batch import Batch, MakeFleet
-from quadctl.services.campaign.mission import Conditions, missions
+from quadctl.services.campaign.mission import Conditions, Mission, missions
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain, VehicleBatch
 from quadctl.services.dynamics.compiled import kernel, source
@@ -29,11 +29,16 @@ from quadctl.services.runtime.filelock import turn
 
 
 class Job(Struct, frozen=True):
-    """Flights with these seeds, for a worker; with none it only gets ready."""
+    """Random flights with these seeds, for a worker; with none it only gets ready.
+
+    Or these missions, for a search: the excursion of a flight that stays inside is then negative,
+    its distance from the nearest wall.
+    """
 
     first: int
     count: int
     conditions: Conditions
+    missions: list[Mission] = []
 
 
 def emit(value: Any) -> None:
@@ -74,9 +79,9 @@ class Worker:
 class WorkerPool:
     """Workers that each take the next job when they finish one."""
 
-    def __init__(self, jobs: list[Job], on_flown: Callable[[list[Flown]], None]) -> None:
+    def __init__(self, jobs: Iterable[Job], on_flown: Callable[[list[Flown]], None]) -> None:
         """Call `on_flown` with the results of each job, one job at a time."""
-        self._jobs: Iterator[Job] = iter(jobs)
+        self._jobs = iter(jobs)
         self._on_flown = on_flown
         self._lock = threading.Lock()
         self.problem: QuadctlError | None = None
@@ -156,7 +161,17 @@ def main() -> None:
     gc.set_threshold(_GARBAGE)
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
-        emit(batch(job, make).fly() if job.count else [])
+        emit(_flown(job, make))
+
+
+def _flown(job: Job, make: MakeFleet) -> list[Flown]:
+    if not job.missions:
+        return batch(job, make).fly() if job.count else []
+    flights = Batch(job.missions, make)
+    return [
+        each if each.worst_excursion else structs.replace(each, worst_excursion=nearest)
+        for each, nearest in zip(flights.fly(), flights.nearest, strict=True)
+    ]
 
 
 def _read(take: Callable[[bytes], None]) -> None:

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import structs
 
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
-from quadctl.schemas.params import FROM_STANDSTILL, FlightFaultParams, Params
+from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, FlightFaultParams, Params
 from quadctl.schemas.topics import POSE, SETPOINT
 from quadctl.services.dynamics.vehicle import Fly, Vehicle
 from quadctl.services.runtime.errors import Refused
@@ -87,6 +87,18 @@ class FaultyPose:
         return structs.replace(pose, position=place)
 
 
+def still_in_force(flown: DynamicsParams, wanted: DynamicsParams) -> dict[str, Any]:
+    """Return the values that a vehicle flies by, by name, of those that wait for a standstill."""
+    before, after = (
+        dict(flatten(msgspec.to_builtins(each), "dynamics")) for each in (flown, wanted)
+    )
+    return {
+        name: value
+        for name, value in before.items()
+        if name.startswith(FROM_STANDSTILL) and value != after[name]
+    }
+
+
 _STEPS_PER_SECOND = 1000
 _REPUBLISH = 0.25
 """Time (s) after which, in lock-step, an unanswered pose is published again."""
@@ -137,15 +149,7 @@ class Simulation:
 
     def in_force(self) -> dict[str, Any]:
         """Return the values still in force, by name, of parameters that wait for a standstill."""
-        flown, wanted = (
-            dict(flatten(msgspec.to_builtins(each), "dynamics"))
-            for each in (self._vehicle.in_force, self._params)
-        )
-        return {
-            name: value
-            for name, value in flown.items()
-            if name.startswith(FROM_STANDSTILL) and value != wanted[name]
-        }
+        return still_in_force(self._vehicle.in_force, self._params)
 
     def advance(self) -> None:
         """Fly one pose's time, and publish the pose."""

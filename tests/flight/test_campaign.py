@@ -120,8 +120,50 @@ def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):
     eventually(lambda: not lab.processes(), 3.0)
 
 
+def test_a_search_writes_the_worst_flight_as_a_mission(lab: Lab):
+    compiled_kernel()
+    words = ("campaign", "--search", 60, "--flights", 300, "--seed", 1, "--seconds", 6, "--json")
+    found = []
+    for processes in (1, 2):
+        done = lab.quadctl(*words, "--processes", processes, timeout=60.0)
+        assert done.code == 0
+        found.append(done.json["search"])
+    files = [lab.folder / search.pop("mission") for search in found]
+    assert [file.name for file in files] == ["worst_1.toml", "worst_1_1.toml"]
+    assert found[0] == found[1]
+    assert files[0].read_bytes() == files[1].read_bytes()
+    assert (found[0]["evaluations"], found[0]["violations"]) == (300, [])
+    assert 0.0 < found[0]["worst_excursion"] < found[0]["allowed"] == 0.01
+    flown = lab.quadctl("fly", files[0].name, "--json", timeout=60.0)
+    assert flown.code == 0
+    assert flown.json["simulated_seconds"] == 6
+    assert any(row["accepted"] for row in flown.json["rows"])
+
+
+def test_a_search_that_breaks_a_promise_exits_8(lab: Lab):
+    compiled_kernel()
+    weak = ("campaign", "--search", 60, "--flights", 64, "--set", "dynamics.vehicle.mass=0.13")
+    done = lab.quadctl(*weak, timeout=60.0)
+    assert done.code == 8
+    assert "VIOLATION    more than 0.01 m beyond the cage" in done.out
+    assert done.out.endswith("again: quadctl fly worst_0.toml\n")
+
+
+def test_ctrl_c_in_a_search_reports_the_worst_flight_so_far(lab: Lab):
+    compiled_kernel()
+    searching = lab.spawn(*lab.command("campaign", "--search", 600, "--seed", 4))
+    eventually((lab.folder / "worst_4.toml").exists, 60.0)
+    searching.send(signal.SIGINT)
+    assert searching.wait() == 130
+    assert "again: quadctl fly worst_4.toml" in searching.log
+    eventually(lambda: not lab.processes(), 3.0)
+
+
 def test_an_impossible_campaign_is_a_usage_error(lab: Lab):
-    for words in ("--seconds 0", "--flights 0", "--flights 2000000", "--seed -1", "--replay x"):
+    for words in (
+        "--seconds 0", "--flights 0", "--flights 2000000", "--seed -1", "--replay x", "--search 4",
+        "--search 86401", "--search 9 --replay 1", "--search 9 --db x.sqlite",
+    ):  # fmt: skip
         assert lab.quadctl("campaign", *words.split()).code == 2, words
 
 

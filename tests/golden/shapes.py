@@ -25,6 +25,7 @@ OFFLINE = (
     "--version",
     "campaign --flights 1 --seconds 4 --seed 3",
     "campaign --replay 3000000 --seconds 4",
+    "campaign --search 60 --flights 8 --seconds 4",
     "type list",
     "type show goto",
     "type show Pose",

@@ -64,11 +64,13 @@ class CompiledFleet:
         self.blocks = aligned(len(rows), ROWS * WIDTH)
         """The vehicles' numbers, see kernel.py."""
         # A lane without a vehicle holds one at rest on the floor.
-        still = initial(DynamicsParams())
-        self._rows[:, :STORED, :] = np.array(flat(still))[None, :, None]
+        self._still = np.array(flat(initial(DynamicsParams())))
+        self._rows[:, :STORED, :] = self._still[None, :, None]
         self._rows[self._places[:, 0], :STORED, self._places[:, 1]] = [
             flat(initial(each)) for each in params
         ]
+        self._filled: dict[tuple[float, ...], tuple[int, int]] = {}
+        """Newest block for vehicles that came to these constants in flight, and its vehicles."""
 
     @property
     def _rows(self) -> npt.NDArray[np.float64]:
@@ -92,6 +94,34 @@ class CompiledFleet:
         self.steps += steps * samples
         # Contiguous: what reads them is compiled for one layout.
         return np.ascontiguousarray(motions[:, :, self._columns])
+
+    def numbers(self, number: int) -> tuple[float, ...]:
+        """Return the changing numbers of one vehicle, in the order of a block's rows."""
+        block, lane = self._homes[number]
+        return tuple(self._rows[block, :STORED, lane].tolist())
+
+    def put(self, number: int, numbers: Sequence[float], constants: tuple[float, ...]) -> None:
+        """Change the numbers of one vehicle; with other constants it moves to another block."""
+        block, lane = self._homes[number]
+        if constants != tuple(self.constants[block]):
+            self._rows[block, :STORED, lane] = self._still
+            block, lane = self._filled.get(constants, (0, WIDTH))
+            if lane == WIDTH:
+                block, lane = self._added(constants), 0
+            self._filled[constants] = block, lane + 1
+            self._homes[number] = block, lane
+            self._places[number] = block, lane
+            self._columns = self._places[:, 0] * WIDTH + self._places[:, 1]
+        self._rows[block, :STORED, lane] = numbers
+
+    def _added(self, constants: tuple[float, ...]) -> int:
+        """Add a block with these constants; return its number."""
+        before = self.blocks
+        self.blocks = aligned(len(before) + 1, ROWS * WIDTH)
+        self.blocks[:-1] = before
+        self._rows[-1, :STORED] = self._still[:, None]
+        self.constants = np.vstack((self.constants, constants))
+        return len(before)
 
     def states(self) -> npt.NDArray[np.float64]:
         """Return the states, (vehicles, 17), in the order of rigidbody.py."""

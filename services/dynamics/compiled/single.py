@@ -53,10 +53,11 @@ class Single:
         x, y, z, *others = plan
         NUMBERS.pack_into(self._numbers, 0, *state, *command, *x, *y, *z, *others, *mode, *air)
         self._step(start, steps)
-        return _lane(NUMBERS.unpack(self._numbers))
+        return lane_of(NUMBERS.unpack(self._numbers))
 
 
-def _lane(v: Any) -> Lane:
+def lane_of(v: Any) -> Lane:
+    """Return a vehicle from its changing numbers, a tuple in the order of a block's rows."""
     plan = (v[21:30], v[30:39], v[39:48], v[48], v[49], v[50], v[51])
     return v[0:17], v[17:21], plan, v[52:60], v[60:66]
 

@@ -115,6 +115,7 @@ class Batch:
         here = motion[:, number].tolist()
         if lane.seen < period - 1:
             self._catch_up(number, lane, period)
+        lane.moved_at = self._notes[MOVED, number] / SETPOINT.hz
         lane.see(period, here)
         if lane.act(period):
             # While no setpoint reaches a vehicle, its excursion does not count.

@@ -38,6 +38,7 @@ class Sleepless(Batch):
     """Batch in which every monitor receives every pose, as in a live flight."""
 
     def awake(self, period: int, motion: Floats) -> list[int]:
+        super().awake(period, motion)  # notes the last pose in motion
         return list(range(len(self.lanes)))
 
 

@@ -206,6 +206,42 @@ def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Pr
         assert done.json["worst_excursion"] <= most
 
 
+CAGES = (
+    (0.2, 0.2, 0.2), (0.25, 0.25, 0.5), (0.5, 0.5, 1.0), (1.0, 1.0, 2.0), (2.5, 2.5, 5.0),
+    (5.0, 5.0, 10.0), (20.0, 20.0, 20.0), (0.2, 5.0, 3.0), (5.0, 5.0, 0.5), (0.5, 0.5, 10.0),
+    (5.0, 2.0, 1.5), (10.0, 0.3, 2.0),
+)  # fmt: skip
+"""Bounds of twelve cages, m: cubes, slits, a slab and a shaft among them."""
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(7200)
+def test_a_search_finds_no_way_out_of_twelve_cages(lab: Lab, proofs: Proofs):
+    compiled_kernel()
+    # Not always the same flights: each run of the proof searches elsewhere.
+    seed = int(time.time())
+    worst: dict[tuple[float, ...], float] = {}
+    for size in CAGES:
+        words = [
+            f"safety.virtual_cage.{axis}={value}" for axis, value in zip("xyz", size, strict=True)
+        ]
+        done = lab.quadctl(
+            "campaign", "--search", 3600, "--flights", 100_000, "--seed", seed, "--json",
+            *(word for setting in words for word in ("--set", setting)), timeout=3700.0,
+        )  # fmt: skip
+        assert done.code in {0, 8}, done.err
+        found = done.json["search"]
+        worst[size] = found["worst_excursion"]
+        assert not found["violations"], (size, found, (lab.folder / found["mission"]).read_text())
+    most = max(worst, key=lambda size: worst[size])
+    proofs.add(
+        "a search of 100 000 flights in each of twelve cages: worst excursion",
+        f"{1000 * worst[most]:.3g} mm, in {most[0]:g} x {most[1]:g} x {most[2]:g} m (seed {seed})",
+        "10 mm",
+    )
+    assert worst[most] <= MARGIN
+
+
 @pytest.mark.prove
 @pytest.mark.timeout(1800)
 def test_the_memory_does_not_grow_with_the_flights(lab: Lab, proofs: Proofs):

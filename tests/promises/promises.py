@@ -81,7 +81,9 @@ goals inside, replaced in flight
   - unit/dynamics/vehicle_goals: 2000_flights_of_replaced_goals_stay_inside
   - unit/dynamics/trajectory: moved_goals_are_not_overshot_beyond_the_farthest
   - unit/dynamics/vehicle_goals: 50_000_flights_of_replaced_goals
+  - flight/campaign: a_search_finds_no_way_out_of_twelve_cages
   = 50 000 flights of replaced goals
+  = search <- a search of 100 000 flights
 body, gains or limits set in flight
   they take effect at the next standstill, and `param set` reports this; at most 10 mm out of the
   cage. A vehicle that is unstable or cannot hold itself is refused, at launch and live, exit 6

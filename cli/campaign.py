@@ -131,18 +131,22 @@ def campaign(
         float, Option("Mean wind, m/s, in any direction, with gusts of a quarter.")
     ] = 0.0,
     config: Annotated[
-        Path | None, Option("Fly with the safety and dynamics parameters of this TOML file.")
+        Path | None,
+        Option("Fly with the safety and dynamics parameters of this TOML file.", metavar="FILE"),
     ] = None,
     settings: Annotated[
         list[str] | None,
         Option("Fly with this parameter.", ("--set",), "NAME=VALUE", complete="setting"),
     ] = None,
     db: Annotated[
-        str, Option("Keep the flights in this SQLite file; those in it are not flown again.")
+        str,
+        Option(
+            "Keep the flights in this SQLite file; those in it are not flown again.", metavar="FILE"
+        ),
     ] = "",
     report: Annotated[str, Option("Write a report as one HTML page.", metavar="FILE")] = "",
     search: Annotated[
-        int | None, Option("Search for the worst flight for so many seconds.", min=5)
+        int | None, Option("Search for the worst flight for so long.", min=5, metavar="SECONDS")
     ] = None,
     replay: Annotated[
         int | None, Option("Fly the flight of this seed again, with its log.", min=0)

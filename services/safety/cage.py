@@ -65,8 +65,9 @@ RISE = 0.4
 """Seconds of these in which its speed may still change as before."""
 GENTLE = 0.05
 """Share of the deceleration that a sound vehicle brakes with at least."""
-SLACK = 0.1
-"""Metres that a vehicle may go on while its poses do not show yet that it speeds up."""
+SLACK = 0.5
+"""Metres that a vehicle needs which speeds up as hard as it can (5 m/s^2, 40 m/s^3) for the 0.25 s that
+its lags hide from its poses, and then brakes as hard."""
 AT_REST = 0.05
 """Speed (m/s) below which a vehicle has come to rest."""
 

@@ -48,6 +48,8 @@ class Rig:
         """Take off, and hover at rest one metre up."""
         self.at(GROUND)
         assert self.at(ONE_UP).state == "HOVERING"
+        # The next pose shows that it can stop inside, so that no slack of the boot is left.
+        self.at(ONE_UP)
         return self
 
     def moving(self) -> "Rig":

@@ -67,11 +67,15 @@ class Batch:
             lambda: still_in_force(fleet.in_force(number), params),
         )
 
-    @property
-    def nearest(self) -> list[float]:
-        """Return how near to a wall each flight came (m, negative inside), or how far beyond it."""
-        nearest: list[float] = self._score.nearest.tolist()
-        return nearest
+    def fly_near(self) -> list[Flown]:
+        """Fly all to their end; a flight that stays inside has its distance from a wall, negative."""
+        self._score.nearest = nearest = np.full(len(self.lanes), -np.inf)
+        return [
+            flight
+            if flight.worst_excursion
+            else replace(flight, worst_excursion=nearest[number].item())
+            for number, flight in enumerate(self.fly())
+        ]
 
     def fly(self) -> list[Flown]:
         """Fly all to their end."""
@@ -145,7 +149,7 @@ class Batch:
             # The next pose is compared with it.
             lane.skip(period - 1, track[period - 1].tolist())
         # Poses came all the time.
-        lane.track(period - 1, track[period - 1].tolist())
+        lane.monitor.tracking.stamp = (period - 1) / SETPOINT.hz
 
     def _note(self, number: int, lane: SimulatedFlight) -> None:
         """Note the conditions that a monitor waits for from now on."""
@@ -165,20 +169,8 @@ class Batch:
         """Send the setpoint to the vehicle, or brake it after too long without one."""
         setpoint, now = lane.setpoint(), lane.diary.now
         params = self.missions[number].dynamics
-        astray = ("astray", lane.astray_to)
-        if lane.is_astray:
-            if self._sent[number] != astray and lane.astray_to:
-                self._fleet.goto(number, *lane.astray_to)
-            elif self._sent[number] != astray:
-                self._fleet.brake(number)
-            self._sent[number] = astray
-            self._unscored[number] = True
-            self._score.free(number)
+        if not lane.sound and self._strays(number, lane):
             return
-        if self._sent[number] == astray:
-            # It brakes before it obeys again.
-            self._fleet.brake(number)
-            self._sent[number] = None
         if now < lane.mute_until:
             if now - lane.last_sent > params.setpoint_timeout:
                 self._fleet.brake(number)
@@ -200,6 +192,23 @@ class Batch:
             self._fleet.brake(number)
         elif accepts:
             self._fleet.goto(number, place.x, place.y, place.z)
+
+    def _strays(self, number: int, lane: SimulatedFlight) -> bool:
+        """Let a vehicle that ignores its setpoints fly elsewhere; return whether it does."""
+        astray = ("astray", lane.astray_to)
+        if lane.is_astray:
+            if self._sent[number] != astray and lane.astray_to:
+                self._fleet.goto(number, *lane.astray_to)
+            elif self._sent[number] != astray:
+                self._fleet.brake(number)
+            self._sent[number] = astray
+            self._unscored[number] = True
+            self._score.free(number)
+        elif self._sent[number] == astray:
+            # It brakes before it obeys again.
+            self._fleet.brake(number)
+            self._sent[number] = None
+        return lane.is_astray
 
     def _farthest(self, number: int, motion: Floats) -> float:
         """Return how far beyond its cage (m) one vehicle would get if it braked now."""
@@ -248,6 +257,12 @@ class Batch:
         wind, faults = mission.dynamics.wind.mean, faults_of(mission.rows)
         return Flown(
             mission.seed, LaunchCage.of(mission.safety), worst, at, diary.transitions, diary.refusals,
-            diary.stops, diary.guards, (wind.x, wind.y), faults, diary.arrivals, diary.violations,
+            diary.stops, _counted(diary.fired), (wind.x, wind.y), faults, diary.arrivals, diary.violations,
             diary.digest.hexdigest(),
         )  # fmt: skip
+
+
+def _counted(rules: list[object]) -> dict[str, int]:
+    """Return how often each rule stands in a list, by its text, which is slow to make."""
+    texts = {id(rule): str(rule) for rule in {id(rule): rule for rule in rules}.values()}
+    return Counter(texts[id(rule)] for rule in rules)

@@ -61,6 +61,7 @@ NEAR = 0.3
 """Distance (m) from that goal that still counts as there."""
 PERIOD = 1 / SETPOINT.hz
 ROUNDING = 1e-9
+_STOPS = (automaton.stop, automaton.stop_pose_jump)
 _LEVEL, _STILL = Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
 
 Motion = list[float]
@@ -86,18 +87,24 @@ class SimulatedFlight:
             self.params, self._on_state, restarted=False, grace=mission.dynamics.grace,
             on_rule=self._on_rule,
         )  # fmt: skip
-        self.served = {"safety": serve("safety", Params(safety=self.params), self.monitor.resize)}
-        """Live parameters by the name of their node."""
+        self.served: dict[str, LiveParams] = {}
+        """Live parameters by the name of their node, if any change in flight."""
+        if any(isinstance(row, Param) for row in mission.rows):
+            params = Params(safety=self.params)
+            self.served["safety"] = serve("safety", params, self.monitor.resize)
         self._timeout, self._grace = mission.dynamics.setpoint_timeout, mission.dynamics.grace
         faults, wind = faults_of(mission.rows), mission.dynamics.wind
         disturbed = any((wind.mean.x, wind.mean.y, wind.gust)) or any(
             isinstance(row, Param) and row.name.startswith(("dynamics.wind", "dynamics.fault"))
             for row in mission.rows
         )
-        self._healthy = not (faults or disturbed)
+        self.sound = not faults
+        """True if nothing fails in this flight."""
+        self._healthy = self.sound and not disturbed
         self._departure = Departure(self.params) if "Runaway" in faults else None
         self._rows, self._next = mission.rows, 0
-        self._boot, self._error = 0, (0.0, 0.0, 0.0)
+        self._boot = "campaign"
+        self._error: Point | None = None
         self._blind_until = self._stalled_until = self._faulty_at = self._pose_at = 0.0
         self._still_since = 0.0
         self._still_goal: Position | None = None
@@ -129,11 +136,12 @@ class SimulatedFlight:
     @property
     def wanted(self) -> float:
         """Return the period in which the monitor must run whatever the vehicle does."""
-        until = max(self._blind_until, self._stalled_until, self.mute_until, self.astray_until)
-        # One more period, in which setpoints arrive again.
-        late = self.diary.now - PERIOD <= max(until, self._faulty_at)
-        if late or self.monitor.situation.paused:
-            return 0
+        if not self.sound:
+            until = max(self._blind_until, self._stalled_until, self.mute_until, self.astray_until)
+            # One more period, in which setpoints arrive again.
+            late = self.diary.now - PERIOD <= max(until, self._faulty_at)
+            if late or self.monitor.situation.paused:
+                return 0
         return self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
 
     @property
@@ -152,11 +160,14 @@ class SimulatedFlight:
         """Show a pose to safety, unless poses are lost."""
         self.seen, self._motion = period, motion
         self.diary.now = period / SETPOINT.hz
-        if self.diary.now < max(self._blind_until, self._stalled_until):
-            return
-        x, y, z = self._error
-        self._error = (0.0, 0.0, 0.0)
-        self._show(self._pose(period, [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]]))
+        if not self.sound:
+            if self.diary.now < max(self._blind_until, self._stalled_until):
+                return
+            if self._error:
+                x, y, z = self._error
+                self._error = None
+                motion = [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]]
+        self._show(self._pose(period, motion))
 
     def skip(self, period: int, motion: Motion) -> None:
         """Take a pose that changes nothing, without a step of the automaton."""
@@ -185,9 +196,10 @@ class SimulatedFlight:
             self._do(row, period)
             changed |= before != (self.cage_on, self.size)
         # After a stall the poses that have queued up count first.
-        age = None if self._awoke else self.diary.now - self._pose_at
+        age = None if not self.sound and self._awoke else self.diary.now - self._pose_at
         self.monitor.watch(self.monitor.pose, age, self._timeout)
-        self._expect_stops(acted=self._next > first)
+        if not self.sound:
+            self._expect_stops(acted=self._next > first)
         return changed
 
     def setpoint(self) -> Setpoint:
@@ -249,7 +261,7 @@ class SimulatedFlight:
                 self.astray_until, self.astray_to = at + seconds, (x, y, z)
             case Reboot():
                 old = self._pose(period + 1, self._motion)
-                self._boot += 1
+                self._boot += "'"
                 self._show(self._pose(period, self._motion))
                 self._show(old)
                 if self.monitor.pose.boot == old.boot:
@@ -275,7 +287,7 @@ class SimulatedFlight:
             return
         before, first = self.monitor.pose, pose.boot != self.monitor.situation.boot
         # A sleeping monitor has missed no pose.
-        if max(self._blind_until, self._stalled_until) > self._pose_at:
+        if not self.sound and max(self._blind_until, self._stalled_until) > self._pose_at:
             self._missed = self.diary.now - self._pose_at
             stalled = self._stalled_until > self._pose_at
             self._was_moving = self.monitor.situation.state is State.MOVING
@@ -285,20 +297,21 @@ class SimulatedFlight:
         self._last = pose if first else before
         if first:
             self._confine()
-        else:
+        elif not self.sound or self._rule.do in _STOPS:
             self._judge_pose(before, pose)
 
     def _judge_pose(self, before: Pose, pose: Pose) -> None:
+        jumped, stopped = self._rule.do is automaton.stop_pose_jump, self._rule.do in _STOPS
+        if self.sound:
+            if self._healthy:
+                self.diary.violated("a sound vehicle was stopped on its way out of the cage")
+            return
         way = dist(astuple(pose.position), astuple(before.position))
         most = self.params.max_speed * (pose.stamp - before.stamp) + self.params.margin
-        jumped = self._rule.do is automaton.stop_pose_jump
         if abs(way - most) > ROUNDING and jumped is not (way > most):
             self.diary.violated(
                 "a sound pose was taken for a jump" if jumped else "a jump of the pose was missed"
             )
-        stopped = jumped or self._rule.do is automaton.stop
-        if self._healthy and stopped:
-            self.diary.violated("a sound vehicle was stopped on its way out of the cage")
         if self._departure and self.cage_on:
             if not stopped and self._departure.is_due(pose, self.size):
                 self.diary.violated("the vehicle left the cage, and safety did not stop it")
@@ -355,7 +368,7 @@ class SimulatedFlight:
         if rule.on is Seen:
             self._rule = rule
         if rule.when is not always or rule.on is not Seen:
-            self.diary.guards[str(rule)] += 1
+            self.diary.fired.append(rule)
 
     def _expect_permitted(self, goal: Position, how: str) -> None:
         place: Point = (goal.x, goal.y, goal.z)
@@ -370,7 +383,7 @@ class SimulatedFlight:
         x, y, z, vx, vy, vz = motion
         stamp = period / SETPOINT.hz
         place, speed = Position(x, y, z), Velocity(vx, vy, vz)
-        return Pose(f"campaign{self._boot or ''}", period, stamp, place, speed, _LEVEL, _STILL)
+        return Pose(self._boot, period, stamp, place, speed, _LEVEL, _STILL)
 
 
 def serve(

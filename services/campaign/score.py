@@ -75,7 +75,8 @@ class FlightLog:
         self.violations: list[str] = []
         self.digest = hashlib.sha256()
         self.transitions, self.refusals, self.stops = Counter[str](), Counter[str](), Counter[str]()
-        self.guards = Counter[str]()
+        self.fired: list[object] = []
+        """Rules of the automaton, in their order; their text is their name."""
         self.arrivals: list[float] = []
         self.log = log
         self.changed_at = 0.0
@@ -250,8 +251,8 @@ class Score:
         self.worst = np.zeros(count)
         self.at = np.zeros(count)
         """Its time, s."""
-        self.nearest = np.full(count, -np.inf)
-        """Distance from the nearest wall or the top, m: negative inside; the floor does not count."""
+        self.nearest: Floats | None = None
+        """If wanted, the distance from the nearest wall or the top, m: negative inside."""
         self.allowed = np.full(count, np.inf)
         """Permitted distance of each beyond the cage, m."""
         self._size = np.zeros((3, count))
@@ -277,6 +278,8 @@ class Score:
     def sample(self, motions: Floats, times: Sequence[float], loops: Any) -> None:
         """Record positions (m), (times, 6, vehicles), at some times (s); `loops` as in vehicles.py."""
         moments = np.array(times)
-        loops.score(motions, moments, self._size, self.allowed, self.worst, self.at, self.nearest)
+        loops.score(motions, moments, self._size, self.allowed, self.worst, self.at)
+        if self.nearest is not None:
+            loops.approach(motions, self._size, self.allowed, self.nearest)
         if self._vehicles > 1:
             loops.separate(motions, moments, self._vehicles, self.separation, self.separation_at)

@@ -128,13 +128,9 @@ def look(
 
 
 def score(
-    motions: Floats, times: Floats, size: Floats, allowed: Floats, worst: Floats, at: Floats,
-    nearest: Floats,
-) -> None:  # fmt: skip
-    """Record the worst excursion (m) of each vehicle, and its time, from (samples, 6, vehicles).
-
-    Also the distance from the nearest wall, negative inside, which tells the better of two flights inside.
-    """
+    motions: Floats, times: Floats, size: Floats, allowed: Floats, worst: Floats, at: Floats
+) -> None:
+    """Record the worst excursion (m) of each vehicle, and its time, from (samples, 6, vehicles)."""
     for sample in range(motions.shape[0]):
         for n in range(motions.shape[2]):
             x, y, z = motions[sample, 0, n], motions[sample, 1, n], motions[sample, 2, n]
@@ -142,6 +138,13 @@ def score(
             if excursion > worst[n]:
                 worst[n] = excursion
                 at[n] = times[sample]
+
+
+def approach(motions: Floats, size: Floats, allowed: Floats, nearest: Floats) -> None:
+    """Record how near to a wall each vehicle comes, m: negative inside; the floor does not count."""
+    for sample in range(motions.shape[0]):
+        for n in range(motions.shape[2]):
+            x, y, z = motions[sample, 0, n], motions[sample, 1, n], motions[sample, 2, n]
             near = max(abs(x) - size[0, n], abs(y) - size[1, n], z - size[2, n]) - allowed[n]
             nearest[n] = max(nearest[n], near)
 
@@ -169,7 +172,7 @@ def compiled_source() -> str:
     names = ("AT_REST", "GENTLE", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
     lines = ["", "Floats = Ints = None", *(f"{name} = {globals()[name]!r}" for name in names)]
     # Each after those that it calls.
-    for function in (outside, gently, leeway, awaits, look, score, separate):
-        cached = ", nogil=True, cache=True" if function in {look, score, separate} else ""
+    for function in (outside, gently, leeway, awaits, look, score, approach, separate):
+        cached = ", nogil=True, cache=True" if function in {look, score, approach, separate} else ""
         lines += [f"@njit(error_model='numpy'{cached})", inspect.getsource(function)]
     return "\n".join(lines)

@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 import msgspec
-from msgspec import Struct, structs
+from msgspec import Struct
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign import watch
@@ -141,6 +141,9 @@ def load_kernel() -> ModuleType:
         vehicle.goto(0, 1.0, 0.0, 1.0)
         vehicle.brake(0)
         vehicle.room(0)
+        Batch(
+            missions(0, Conditions(1.0), Random), lambda params: Compiled(params, module)
+        ).fly_near()
     return module
 
 
@@ -167,11 +170,7 @@ def main() -> None:
 def _flown(job: Job, make: MakeFleet) -> list[Flown]:
     if not job.missions:
         return batch(job, make).fly() if job.count else []
-    flights = Batch(job.missions, make)
-    return [
-        each if each.worst_excursion else structs.replace(each, worst_excursion=nearest)
-        for each, nearest in zip(flights.fly(), flights.nearest, strict=True)
-    ]
+    return Batch(job.missions, make).fly_near()
 
 
 def _read(take: Callable[[bytes], None]) -> None:

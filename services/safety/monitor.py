@@ -52,7 +52,8 @@ class TrackingMonitor:
     """
 
     def __init__(self) -> None:
-        self._boot, self._stamp = "", 0.0
+        self._boot, self.stamp = "", 0.0
+        """Boot and stamp (s) of the last pose."""
         self._goal: Position | None = None
         self._still_since: float | None = None
 
@@ -68,8 +69,8 @@ class TrackingMonitor:
         is new since the previous call reaches the vehicle now.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
-        gap = pose.stamp - self._stamp if same else 0.0
-        self._boot, self._stamp, self._goal = pose.boot, pose.stamp, goal
+        gap = pose.stamp - self.stamp if same else 0.0
+        self._boot, self.stamp, self._goal = pose.boot, pose.stamp, goal
         if not (same and moving and at_rest(pose)):
             self._still_since = None
         elif self._still_since is None:

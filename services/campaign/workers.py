@@ -111,10 +111,6 @@ class WorkerPool:
                 return
 
 
-_GARBAGE = 50_000
-"""Allocated objects between garbage collections."""
-
-
 def compiled() -> MakeFleet | None:
     """Return the maker of vehicles compiled by numba, None without numba."""
     try:
@@ -161,10 +157,12 @@ def main() -> None:
     make = compiled() or Plain
     # Numba's objects stay, and flights leave almost nothing that is not freed at once.
     gc.freeze()
-    gc.set_threshold(_GARBAGE)
+    gc.disable()
     while True:
         job = msgspec.json.decode(jobs.get(), type=Job)
         emit(_flown(job, make))
+        # The monitors of a batch refer to its flights, and these to them.
+        gc.collect()
 
 
 def _flown(job: Job, make: MakeFleet) -> list[Flown]:

@@ -15,8 +15,8 @@ Why the proof holds for the code:
 - Numbers are IEEE doubles, NaN and infinities included, and `inside` is written here once more, in
   the solver's terms. All that the invariant needs are comparisons, and they are exact.
 - Geometry is replaced by more than it can do (`abstracted`): `leeway` and `stopping_excess` return
-  any number at each call; `dist`, sums and products any, but equal for equal arguments. So the proof
-  says nothing about where the guards trip; it holds wherever they do.
+  any number at each call; `dist`, sums and products any, but equal for equal arguments (a sum with a
+  known infinity is exact). So it holds wherever the guards trip, and says nothing about where.
 - Boots are compared for equality alone, so the unset boot, the present one, a new one and one that
   is over stand for all. A reason may be any text.
 
@@ -27,6 +27,8 @@ Assumptions:
   the one thread on which all calls run. `on_state` and `on_rule` do not call the monitor back.
 - For `step` alone: the pose is fresh at `Seen` and `Booted`, is so no more after `Lost`, and changes
   at no other event. The second induction proves this of `Monitor`.
+- The geometry raises no error: the deceleration is positive. The bounds of the cage are finite, for
+  one clause: otherwise a goal at infinity could be refused without a reason. A boot has a name.
 - The tracking monitor may report anything. Python, msgspec and the solver are right.
 """
 

@@ -220,11 +220,6 @@ def from_flight(s: Situation, _e: Event, _w: World) -> bool:
     return s.back is State.MOVING
 
 
-def stranded(s: Situation, e: Event, w: World) -> bool:
-    """Return whether the request came in flight, and that flight's goal is now outside."""
-    return s.back is State.MOVING and barred(s, e, w)
-
-
 def arrived(s: Situation, _e: Event, w: World) -> bool:
     """Return whether the vehicle is within the acceptance range of its goal."""
     return dist(astuple(w.pose.position), astuple(s.goal)) < w.acceptance_range
@@ -300,7 +295,7 @@ RULES = (
     Rule(HOVERING,  Resized, barred,      HOVERING,  resize_and_stop),
     Rule(HOVERING,  Resized, always,      HOVERING,  resize),
     Rule(VERIFYING, Check,   permitted,   MOVING,    take),
-    Rule(VERIFYING, Check,   stranded,    HOVERING,  stop),
+    Rule(VERIFYING, Check,   barred,      HOVERING,  stop),
     Rule(VERIFYING, Check,   from_flight, MOVING,    refuse),
     Rule(VERIFYING, Check,   always,      HOVERING,  refuse),
     Rule(VERIFYING, Goto,    always,      VERIFYING, refuse_busy),

@@ -114,6 +114,14 @@ a fault in safety itself
   the campaign, which judges each decision a second time, detects 17 of 17 broken versions
   - unit/campaign/broken_safety: the_campaign_detects_a_broken_safety
     the_campaign_finds_no_fault_in_the_sound_safety
+a sequence of events that no test tries
+  an induction over the rule table, checked by an SMT solver: after any events, nothing is MOVING to
+  a goal outside with the cage on, no setpoint is outside except to brake, every stop ends, and only a
+  goal accepted with a pose, or a flight resumed with one, sends the vehicle off
+  - unit/safety/proof: every_event_keeps_the_invariants
+    every_call_of_the_monitor_keeps_the_invariants the_proof_fails_on_a_broken_automaton
+    the_proof_fails_on_a_broken_monitor
+  = obligations of the proof about safety
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
   - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit

@@ -105,6 +105,14 @@ def test_an_old_or_reordered_pose_is_ignored():
     assert not rig.monitor.fresh
 
 
+def test_a_pose_of_a_boot_that_is_over_is_ignored():
+    rig = Rig().hovering()
+    rig.at(ONE_UP, boot="b2")
+    now = rig.monitor.pose
+    assert rig.at(INSIDE, boot="b1").boot == "b2"
+    assert rig.monitor.pose is now
+
+
 def test_a_new_boot_drops_the_goal_and_takes_off_again():
     rig = Rig().moving()
     rig.monitor.see(rig.pose(0.0, Position(0.0, 0.0, 0.5), boot="b2"))

@@ -46,6 +46,11 @@ def test_a_pose_that_jumps_stops_the_vehicle(start: str):
     assert rig.monitor.setpoint().brake
 
 
+def test_a_pose_within_the_margin_of_the_top_speed_is_no_jump():
+    rig = Rig(cage_on=False).hovering()
+    assert rig.at(along(10.009)).reason == ""
+
+
 def test_a_new_boot_at_another_place_is_no_jump():
     rig = Rig().hovering()
     assert rig.at(Position(30.0, 0.0, 1.0), boot="b2").reason.startswith("the simulation restarted")

@@ -1,0 +1,451 @@
+"""Proof about the safety automaton and its monitor: induction over events and over calls.
+
+Claim: the clauses of `invariant` hold after every sequence of events of any length, and those of
+`transition` for every event. Base: the situation that `Monitor` starts with. Step: for every
+situation that satisfies the invariant, every event and every world, the situation that `step`
+returns satisfies both. A second induction is over the calls of a `Monitor`, one at a time, in any
+order, with any arguments; there VERIFYING never outlasts a call.
+
+Why the proof holds for the code:
+
+- It has no model of the code. `unknown` makes the arguments from the types of `model.py`, so a new
+  field, state or event is included; tests/support/symbolic.py then runs the real `step` with its
+  table, conditions and actions, and the real methods of `Monitor`. Each path is taken that the
+  conditions allow, and an exception on any path fails the proof.
+- Numbers are IEEE doubles, NaN and infinities included, and `inside` is written here once more, in
+  the solver's terms. All that the invariant needs are comparisons, and they are exact.
+- Geometry is replaced by more than it can do (`abstracted`): `leeway` and `stopping_excess` return
+  any number at each call; `dist`, sums and products any, but equal for equal arguments (a sum with a
+  known infinity is exact). So it holds wherever the guards trip, and says nothing about where.
+- Boots are compared for equality alone, so the unset boot, the present one, a new one and one that
+  is over stand for all. A reason may be any text.
+
+Assumptions:
+
+- `Event`, `Situation` and `World` hold values of their types: decoding checks them at the edge.
+- The cage changes with `Resized` alone: `Node.params_changed` calls `Monitor.resize` at once, on
+  the one thread on which all calls run. `on_state` and `on_rule` do not call the monitor back.
+- For `step` alone: the pose is fresh at `Seen` and `Booted`, is so no more after `Lost`, and changes
+  at no other event. The second induction proves this of `Monitor`.
+- The geometry raises no error: the deceleration is positive. The bounds of the cage are finite, for
+  one clause: otherwise a goal at infinity could be refused without a reason. A boot has a name.
+- The tracking monitor may report anything. Python, msgspec and the solver are right.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from copy import copy
+from functools import partial
+from itertools import product
+from math import inf
+from typing import Any, NamedTuple
+
+import pytest
+import z3
+from msgspec.structs import asdict, astuple, replace
+
+from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.services.safety import automaton, cage, monitor
+from quadctl.services.safety.model import (
+    Booted,
+    Check,
+    Event,
+    Gone,
+    Goto,
+    Halted,
+    Hold,
+    Lost,
+    Resized,
+    Seen,
+    Situation,
+    State,
+    Toggle,
+    World,
+)
+from quadctl.services.safety.monitor import Monitor
+from tests.support.symbolic import Number, Truth, known, opaque, paths, term, unknown, violation
+
+HOVERING, VERIFYING, MOVING = State
+Clauses = dict[str, z3.BoolRef]
+
+
+class Failure(NamedTuple):
+    """Counterexample: the clause, and values that violate it: situation, event or call, world."""
+
+    clause: str
+    values: tuple[Any, ...]
+
+
+class Proof:
+    """Obligations checked so far; `check` yields the failed ones."""
+
+    def __init__(self) -> None:
+        self.obligations = 0
+
+    def check(
+        self,
+        given: Clauses,
+        run: Callable[[], Any],
+        clauses: Callable[[Any], Clauses],
+        *values: Any,
+    ) -> Iterator[Failure]:
+        """Yield a failure for each clause that the result of a path through `run` can violate."""
+        for solver, result in paths(list(given.values()), run):
+            found = clauses(result)
+            self.obligations += len(found)
+            if violation(solver, z3.simplify(z3.And(*found.values()))):
+                for name, clause in found.items():
+                    if model := violation(solver, clause):
+                        yield Failure(name, known(model, values))
+
+
+@contextmanager
+def abstracted() -> Iterator[None]:
+    """Replace the geometry by unknown numbers."""
+    with pytest.MonkeyPatch.context() as patch:
+        for owner in (automaton, cage):
+            patch.setattr(owner, "dist", lambda a, b: opaque("dist", *a, *b))
+            patch.setattr(owner, "leeway", lambda _w: Number())
+        patch.setattr(automaton, "stopping_excess", lambda _w: Number())
+        patch.setattr(automaton, "isfinite", lambda number: Truth(finite(number)))
+        yield
+
+
+@contextmanager
+def summarized() -> Iterator[None]:
+    """Replace `why_outside` by what `prove_cage` proves of it: one decision for its six."""
+    with pytest.MonkeyPatch.context() as patch:
+        for owner in (automaton, monitor):
+            patch.setattr(
+                owner, "why_outside", lambda p, c: "" if Truth(inside(p, c)) else "outside"
+            )
+        yield
+
+
+def finite(number: object) -> z3.BoolRef:
+    return z3.Not(z3.Or(z3.fpIsNaN(term(number)), z3.fpIsInf(term(number))))
+
+
+def inside(point: Position, cage: CageSize) -> z3.BoolRef:
+    """Return whether a point is in the cage, the walls included; NaN is not."""
+    x, y, z = map(term, astuple(point))
+    a, b, c = map(term, astuple(cage))
+    return z3.And(-a <= x, x <= a, -b <= y, y <= b, term(0.0) <= z, z <= c)
+
+
+def place(point: Position) -> z3.BoolRef:
+    """Return whether a point is finite and not below the floor."""
+    return z3.And(*map(finite, astuple(point)), term(point.z) >= term(0.0))
+
+
+def same(a: Position, b: Position) -> z3.BoolRef:
+    """Return whether two points are the same to the last bit."""
+    return z3.And(*(term(x) == term(y) for x, y in zip(astuple(a), astuple(b), strict=True)))
+
+
+def invariant(s: Situation, cage: CageSize, fresh: z3.BoolRef) -> Clauses:
+    """Return the clauses that hold between any two events."""
+    brake, settling, on = term(s.brake), term(s.settling), term(s.cage_on)
+    moving, flying, paused = s.state is MOVING, z3.Not(brake), s.paused is not None
+    returns = s.state is VERIFYING and s.back is MOVING
+    legal = z3.Implies(on, inside(s.goal, cage))
+    later = s.paused.goal if s.paused else None
+    resumable = z3.And(place(later), z3.Implies(on, inside(later, cage))) if later else True
+    return {
+        "never MOVING with the cage on and the goal outside": z3.Implies(moving, legal),
+        "no setpoint outside with the cage on, but to brake": z3.Implies(
+            z3.And(s.state is not VERIFYING, flying), legal
+        ),
+        "no setpoint that is no place, or below the floor, but to brake": z3.Implies(
+            flying, place(s.goal)
+        ),
+        "MOVING does not brake": z3.Implies(moving or returns, flying),
+        "only a vehicle that brakes settles": z3.Implies(settling, brake),
+        "a pause brakes, and its goal is inside if the cage is on": z3.Implies(
+            paused, z3.And(s.state is HOVERING, brake, settling, resumable)
+        ),
+        "a flight is verified from HOVERING or MOVING": z3.BoolVal(s.back is not VERIFYING),
+        "nothing is verified or MOVING without a pose": z3.Implies(s.state is not HOVERING, fresh),
+    }
+
+
+def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
+    """Return the clauses that hold for an event."""
+    check = isinstance(e, Check) and s.state is VERIFYING
+    candidate, fresh = s.candidate.goal, term(w.fresh)
+    continues = z3.And(z3.Not(term(s.brake)), same(after.goal, s.goal))
+    accepts = z3.And(check, same(after.goal, candidate), fresh)
+    resumed = s.paused.goal if s.paused else s.goal
+    resumes = z3.And(isinstance(e, Seen), bool(s.paused), same(after.goal, resumed), fresh)
+    started = after.state is MOVING and s.state is HOVERING
+    verdict = after.state is MOVING and s.state is VERIFYING and s.back is HOVERING
+    braked = z3.And(after.state is HOVERING, term(after.brake), after.paused is None)
+    ends = (Hold, Booted) if s.state is HOVERING and not s.paused else (Hold, Booted, Gone)
+    ends = ends if s.state is HOVERING else (*ends, Halted)
+    rests = isinstance(e, Seen) and s.state is HOVERING and s.paused is None
+    rested = z3.And(z3.Not(term(after.settling)), braked, same(after.goal, w.pose.position))
+    again = s.beyond is not inf
+    leaves = (Seen, Gone, Hold, Booted, Toggle, Resized)
+    return {
+        "a vehicle is sent off only by an accepted goal or a resumed flight, with a pose": z3.Implies(
+            z3.Not(term(after.brake)), z3.Or(continues, accepts, resumes)
+        ),
+        "MOVING begins only by an accepted goal or a resumed flight, with a pose": z3.And(
+            z3.Implies(started, resumes), z3.Implies(verdict, accepts)
+        ),
+        "a hold, a new boot, and a silence or halt of a flight stop it": z3.Implies(
+            isinstance(e, ends), braked
+        ),
+        "without poses a flight brakes": z3.Implies(
+            isinstance(e, Lost) and s.state is not HOVERING,
+            z3.And(after.state is HOVERING, term(after.brake)),
+        ),
+        "a pause ends with the next pose, a stop, a change of the cage or a goal": z3.Implies(
+            z3.And(bool(s.paused), z3.Or(isinstance(e, leaves), z3.And(isinstance(e, Goto), fresh))),
+            after.paused is None,
+        ),
+        "a stop ends at rest, at a pose that is no jump; one guard may stop it once more": z3.Implies(
+            z3.And(
+                rests, term(s.settling), term(cage.at_rest(w.pose)),
+                z3.Not(term(automaton.jumped(s, e, w))),
+            ),
+            z3.Or(rested, z3.And(again, braked, term(after.beyond) == term(inf))),
+        ),
+        "a place inside is accepted": z3.Implies(
+            z3.And(check, place(candidate), z3.Or(z3.Not(term(s.cage_on)), inside(candidate, w.cage))),
+            z3.And(after.state is MOVING, same(after.goal, candidate)),
+        ),
+    }  # fmt: skip
+
+
+def step(s: Situation, e: Event, w: World) -> Situation:
+    """Return the situation after an event, by the step of the monitor: a test may break it."""
+    after: Situation = vars(monitor)["step"](s, e, w)
+    return after
+
+
+def prove_start(proof: Proof) -> Iterator[Failure]:
+    """Check the situation that a monitor starts with."""
+    for restarted in (False, True):
+        (params,) = unknown(SafetyParams)
+        size = next(unknown(CageSize))
+        yield from proof.check(
+            {},
+            lambda: Monitor(params, print, restarted=restarted, grace=1.0).situation,  # noqa: B023
+            lambda s: invariant(s, size, z3.BoolVal(False)),  # noqa: B023
+            restarted,
+        )
+
+
+def prove_cage(proof: Proof) -> Iterator[Failure]:
+    """Check that `why_outside` gives a reason exactly for the points that are not inside."""
+    point, size = next(unknown(Position)), next(unknown(CageSize))
+    yield from proof.check(
+        {},
+        lambda: cage.why_outside(point, size),
+        lambda reason: {"a reason is given outside alone": z3.Xor(bool(reason), inside(point, size))},
+        point, size,
+    )  # fmt: skip
+
+
+def prove_step(proof: Proof) -> Iterator[Failure]:
+    """Check every event in every situation."""
+    for e, s in product(list(unknown(Event)), list(unknown(Situation))):
+        # After a guard has stopped the vehicle `beyond` is infinite, and stays so to the next cage.
+        for before in (s, replace(s, beyond=inf)) if isinstance(e, Seen) else (s,):
+            (w,) = unknown(World)
+            before_fresh, size = term(w.fresh), w.cage
+            given: Clauses = {}
+            if isinstance(e, Seen | Booted):
+                before_fresh, given = z3.FreshBool(), {"news": term(w.fresh)}
+            if isinstance(e, Resized):
+                size = next(unknown(CageSize))
+            after_fresh = z3.And(term(w.fresh), not isinstance(e, Lost))
+            yield from proof.check(
+                given | invariant(before, size, before_fresh),
+                lambda: step(before, e, w),  # noqa: B023
+                lambda after: (
+                    invariant(after, w.cage, after_fresh) | transition(before, e, w, after)  # noqa: B023
+                ),
+                before, e, w,
+            )  # fmt: skip
+
+
+class Told(NamedTuple):
+    """Monitor before and after a call: its situation and freshness; the call's result."""
+
+    s: Situation
+    fresh: z3.BoolRef
+    after: Monitor
+    result: Any
+
+
+Call = tuple[Callable[[Monitor], Any], Callable[[Told], Clauses]]
+
+
+def calls(boot: str) -> Iterator[tuple[str, Call]]:
+    """Yield each call of a monitor with unknown arguments, and what it ensures."""
+    number: Any = Number()
+    toggled: Any = Truth()
+    reason = "any"
+    goal, (pose,), (size,) = next(unknown(Position)), unknown(Pose), unknown(CageParams)
+    yield "lose", (Monitor.lose, lost)
+    ages: tuple[Any, ...] = (None, Number())
+    for age in ages:
+        watch = partial(Monitor.watch, newest=pose, age=age, setpoint_timeout=number)
+        yield "watch", (watch, partial(watched, age))
+    yield "silent", (lambda m: m.silent(number, number), partial(silenced, number))
+    yield "lagged", (lambda m: m.lagged(reason, number), nothing)
+    yield "halted", (lambda m: m.halted(reason), stopped)
+    asked: dict[str, Any] = {"replace": Truth(), "takeoff": Truth()}
+    yield "goto", (lambda m: m.goto(goal, **asked), partial(answered, goal))
+    yield "hold", (Monitor.hold, stopped)
+    yield "toggle", (lambda m: m.toggle(cage_on=toggled), nothing)
+    yield "resize", (partial(_resize, size), nothing)
+    for seen_boot in dict.fromkeys((NEW, GONE, boot or NEW)):
+        yield f"see a pose of {seen_boot}", (partial(_see, replace(pose, boot=seen_boot)), seen)
+
+
+GONE, NOW, NEW = "a boot that is over", "the present boot", "a new boot"
+"""Names of boots, and "" before the first; a boot has a name."""
+
+
+def _see(pose: Pose, m: Monitor) -> tuple[Pose, bool]:
+    """Return the new pose, and whether a pose of the boot before is ignored from now on."""
+    before = m.pose
+    m.see(pose)
+    return pose, m.situation.boot == before.boot or m.ignores(replace(pose, boot=before.boot))
+
+
+def _resize(size: CageParams, m: Monitor) -> None:
+    m._params.virtual_cage = size
+    m.resize()
+
+
+def nothing(_told: Told) -> Clauses:
+    return {}
+
+
+def seen(told: Told) -> Clauses:
+    pose, gone = told.result
+    void = pose.boot == GONE
+    return {
+        "a pose of a boot that is over changes nothing": z3.Implies(
+            void, z3.And(told.after.situation is told.s, told.after.pose is not pose)
+        ),
+        "a new boot ends the one before": z3.BoolVal(gone),
+        "a pose that is taken may be relied on": z3.Implies(
+            told.after.pose is pose, term(told.after.fresh)
+        ),
+    }
+
+
+def stopped(told: Told) -> Clauses:
+    s = told.after.situation
+    return {"a stop brakes": z3.Or(told.s.state is HOVERING, term(s.brake))}
+
+
+def lost(told: Told) -> Clauses:
+    return {"a lost pose is not relied on": z3.Not(term(told.after.fresh))}
+
+
+def watched(age: Number | None, told: Told) -> Clauses:
+    late = z3.BoolVal(False) if age is None else age.term > term(told.after._params.pose_timeout)
+    return {f"a late pose: {name}": z3.Implies(late, clause) for name, clause in lost(told).items()}
+
+
+def silenced(seconds: Number, told: Told) -> Clauses:
+    limits = (told.after._grace, told.after._params.pose_timeout)
+    over = z3.And(*(seconds.term > term(limit) for limit in limits))
+    return {
+        "a silence beyond the grace ends a flight and a pause": z3.Implies(
+            over,
+            z3.And(told.after.situation.state is HOVERING, told.after.situation.paused is None),
+        )
+    }
+
+
+def answered(goal: Position, told: Told) -> Clauses:
+    s, accepted, size = told.after.situation, told.result == "", astuple(told.after._cage())
+    unchanged = z3.And(same(s.goal, told.s.goal), term(s.brake) == term(told.s.brake))
+    return {
+        "a goal is accepted with a pose alone, and flown to": z3.Implies(
+            z3.And(accepted, *map(finite, size)),
+            z3.And(told.fresh, s.state is MOVING, same(s.goal, goal)),
+        ),
+        "a goal that is refused changes nothing": z3.Or(accepted, unchanged, term(s.brake)),
+    }
+
+
+class Published(Situation, frozen=True):
+    """Situation of a monitor that always publishes: it does nothing else if nothing changed."""
+
+    def __eq__(self, _other: object) -> bool:
+        return False
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class Reports:
+    """Tracking monitor that may report anything."""
+
+    def observe(self, *_pose: object, **_moving: object) -> tuple[Number, Truth]:
+        return Number(), Truth()
+
+
+def prove_monitor(proof: Proof) -> Iterator[Failure]:
+    """Check every call of a monitor, between two calls of which nothing is being verified."""
+    with summarized():
+        yield from _prove_monitor(proof)
+
+
+def _prove_monitor(proof: Proof) -> Iterator[Failure]:
+    for s, boot in product(list(unknown(Situation)), (NOW, "")):
+        if (
+            s.state is VERIFYING
+            or s.back is VERIFYING
+            or (not boot and (s.paused or s.state is MOVING))
+        ):
+            continue
+        before = Published(**asdict(s) | {"boot": boot, "reason": "earlier"})
+        (params,) = unknown(SafetyParams)
+        (pose,), (last,), fresh, grace = unknown(Pose), unknown(Pose), Truth(), Number()
+        size = CageSize(*astuple(params.virtual_cage))
+        restarted = Truth()
+        for name, (act, ensures) in calls(boot):
+
+            def run() -> Told:
+                m = Monitor(copy(params), lambda *_: None, restarted=restarted, grace=grace)  # type: ignore[arg-type] # noqa: B023
+                m.situation, m.fresh, m.tracking = before, fresh, Reports()  # type: ignore[assignment] # noqa: B023
+                m.pose, m._last = (replace(each, boot=boot) for each in (pose, last))  # noqa: B023
+                m._void |= {GONE}
+                return Told(before, fresh.term, m, act(m))  # noqa: B023
+
+            def clauses(told: Told) -> Clauses:
+                after, setpoint = told.after, told.after.setpoint()
+                sent = same(setpoint.position, after.situation.goal)
+                brakes = term(setpoint.brake) == term(after.situation.brake)
+                return {
+                    "nothing is being verified between two calls": z3.BoolVal(
+                        after.situation.state is not VERIFYING
+                    ),
+                    "the setpoint is that of the situation": z3.And(sent, brakes),
+                    "before the first boot no pose is relied on, and nothing flies": z3.Or(
+                        bool(after.situation.boot),
+                        z3.And(
+                            z3.Not(term(after.fresh)),
+                            after.situation.state is HOVERING,
+                            after.situation.paused is None,
+                        ),
+                    ),
+                    **invariant(after.situation, after._cage(), term(after.fresh)),
+                    **ensures(told),  # noqa: B023
+                }
+
+            given = invariant(before, size, fresh.term)
+            given |= {"before the first boot": z3.Or(bool(boot), z3.Not(fresh.term))}
+            yield from proof.check(given, run, clauses, before, name, params)
+
+
+PARTS = (prove_start, prove_cage, prove_step, prove_monitor)

@@ -212,6 +212,14 @@ def test_a_wind_beyond_the_envelope_lands_the_vehicle(tuned: Lab, session: Bare)
     assert tuned.quadctl("goto", landed["x"], landed["y"], 1).code == 0
 
 
+def test_a_launch_tells_of_limits_beyond_the_body():
+    with private_lab() as lab:
+        done = lab.quadctl("up", "-d", "--set", "dynamics.control.max_acceleration=20")
+        line = "max_acceleration 20: the body can do 6.3 m/s^2, flown with 5.1\n"
+        assert (done.code, done.err.startswith(line)) == (0, True)
+        eventually(lambda: line in lab.log("dynamics"))
+
+
 def test_an_unknown_parameter_is_named_in_the_error(tuned: Lab, session: Bare):
     done = tuned.quadctl("param", "set", "safety.cage", "3", "--json")
     assert done.code == 6

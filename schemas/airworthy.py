@@ -1,16 +1,28 @@
-"""Check that a vehicle can hold its place with its controller in its wind. SI units.
+"""Envelope of a vehicle: whether it can hold its place in its wind, and the limits that it can fly.
 
 The spare acceleration is in closed form, for the worst direction. The damping is that of the linear
-loop from position to thrust: cascaded gains, and the motors' lag plus half a control period.
+loop from position to thrust: cascaded gains, and the motors' lag plus half a control period. The
+torque is what roll and pitch have in hover before the mixer adds thrust to make room for them.
+SI units.
+
+Not covered: feedback so soft that it leaves the errors of a slow motor (position_gain 0.01, or
+motor_lag 0.1 with soft gains, are centimetres off in still air), weak motors as a fault, and gusts
+beyond twice their RMS.
 """
 
 from math import cos, hypot, sin, sqrt, tan
+
+from msgspec.structs import replace
 
 from quadctl.schemas.params import WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
+LEAST_LAG = 0.05
+"""Shortest lag of the setpoint, s: with 0.03, short diagonal climbs, and goals replaced back and
+forth in a descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm
+off."""
 LEAST_DAMPING = 0.1
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
 _LIFT = 0.9
@@ -19,12 +31,34 @@ _SINK = 0.8
 """Share of gravity that the vehicle may fall with."""
 _GUSTS = 2.0
 """RMS values of the gusts added to the mean wind."""
+_ROUNDED = 1.1
+"""Factor on sums of measured moments of inertia, against their errors."""
+_FLOWN = 0.8
+"""Share of the spare acceleration that the setpoint may ask for; the rest corrects errors."""
+_AT_SPEED, _UPWIND = 0.88, 0.5
+"""Shares of that acceleration which are left at the highest speed: against the drag of still air,
+where the vehicle must keep within 1 cm, and against the wind, where its margin is larger."""
+_STEADY = 2 / 3
+"""Share of the torque that the setpoint may ask for; the rest corrects errors."""
+_SNAP = 0.63
+"""Highest snap after a reversed jerk, in jerks per lag: 2 t/T^2 exp(-t/T), led by less than T."""
+_UPRIGHT = 0.17
+"""Attitude error (rad, ten degrees) that the torque must be able to correct."""
+_LEAST_SPARE = 0.05
+"""Least spare acceleration, m/s^2: with less, a flight takes minutes."""
+_HALVINGS = 30
+"""Bisection steps for a speed: to 1e-9 of the limit."""
 _CLOSE = 1e-12
 """Relative precision of roots; it takes some ten rounds."""
 
 
 def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
     """Return why these do not fly, or an empty string if they do."""
+    moments = sorted((vehicle.inertia.x, vehicle.inertia.y, vehicle.inertia.z))
+    if moments[2] > _ROUNDED * (moments[0] + moments[1]):
+        return (
+            f"no body has this inertia: {moments[2]:g} kg m^2 is more than the other two together"
+        )
     damped = damping(vehicle, control)
     if damped < LEAST_DAMPING:
         kind = "unstable" if damped <= 0 else "hardly damped"
@@ -32,31 +66,128 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
             f"{kind}: the gains and motor_lag {vehicle.motor_lag:g} s give a damping of"
             f" {damped:.2g}, below {LEAST_DAMPING:g}"
         )
-    spare, cause = min(_spare(vehicle, control, wind), key=lambda each: each[0])
-    return f"it cannot hold itself: {cause}" if spare <= 0 else ""
+    if why := why_not_held(vehicle, control, wind):
+        return why
+    # Beyond this error the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
+    error = _turning(vehicle) / (control.rate_gain * control.attitude_gain)
+    if error < _UPRIGHT:
+        return (
+            f"its torque corrects an attitude error of {error:.2g} rad, less than {_UPRIGHT:g}:"
+            " too much inertia, or gains too hard for its arms and motors"
+        )
+    return ""
+
+
+def why_not_held(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
+    """Return why a vehicle that flies in still air cannot hold its place, or an empty string."""
+    spare, cause = _spare(vehicle, control, *_air(wind))
+    return f"it cannot hold itself: {cause}" if spare < _LEAST_SPARE else ""
+
+
+def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> ControlParams:
+    """Return the controller with the limits that the vehicle can fly in its wind.
+
+    In a wind that it cannot hold, those of still air: it has to stop and land there.
+    """
+    if why_not_held(vehicle, control, wind):
+        wind = WindParams()
+    across, up = _air(wind)
+    acceleration = min(control.max_acceleration, _FLOWN * _spare(vehicle, control, across, up)[0])
+
+    def is_held(speed: float) -> bool:
+        """Return whether enough acceleration is left against the air at this speed, m/s."""
+        return all(
+            _spare(vehicle, control, *air)[0] >= share * acceleration
+            for share, x, z in ((_AT_SPEED, 0.0, 0.0), (_UPWIND, across, up))
+            for air in ((x + speed, z), (x, z + speed), (x, z - speed))
+        )
+
+    speed, step = control.max_speed, 0.5 * control.max_speed
+    if not is_held(speed):
+        speed = 0.0
+        for _ in range(_HALVINGS):
+            speed += step if is_held(speed + step) else 0.0
+            step *= 0.5
+    lag = max(vehicle.motor_lag + 0.5 * CONTROL_PERIOD, LEAST_LAG)
+    jerk = _STEADY * _turning(vehicle) * vehicle.gravity * lag / _SNAP
+    return replace(
+        control,
+        max_acceleration=acceleration,
+        max_speed=speed,
+        max_jerk=min(control.max_jerk, jerk),
+    )
+
+
+def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> list[str]:
+    """Return a line on a wind that it cannot hold, or one for each limit that it flies with less of."""
+    if why := why_not_held(vehicle, control, wind):
+        return [why]
+    less = flown(vehicle, control, wind)
+    spare, _ = _spare(vehicle, control, *_air(wind))
+    reasons = {
+        "max_acceleration": f"the body can do {spare:.2g} m/s^2, flown with",
+        "max_speed": "against the air flown with",
+        "max_jerk": "for its torque flown with",
+    }
+    return [
+        f"{name} {getattr(control, name):g}: {reason} {getattr(less, name):.2g}"
+        for name, reason in reasons.items()
+        if getattr(less, name) < getattr(control, name)
+    ]
+
+
+def _air(wind: WindParams) -> tuple[float, float]:
+    """Return the horizontal and the upward wind to hold against, m/s; gusts count as horizontal."""
+    return hypot(wind.mean.x, wind.mean.y) + _GUSTS * wind.gust, wind.mean.z
+
+
+def _turning(vehicle: VehicleParams) -> float:
+    """Return the angular acceleration (rad/s^2) about x and y that leaves the hover thrust as it is.
+
+    In X configuration, the worst direction takes an equal share of roll and pitch.
+    """
+    hover = 0.25 * vehicle.mass * vehicle.gravity
+    room = min(hover, vehicle.thrust_coefficient * vehicle.max_motor_speed**2 - hover)
+    return 2 * vehicle.arm * room / max(vehicle.inertia.x, vehicle.inertia.y)
 
 
 def _spare(
-    vehicle: VehicleParams, control: ControlParams, wind: WindParams
-) -> tuple[tuple[float, str], ...]:
-    """Return the spare acceleration in every direction while it holds itself, by each cause."""
+    vehicle: VehicleParams, control: ControlParams, across: float, up: float
+) -> tuple[float, str]:
+    """Return the spare acceleration (m/s^2) in every direction in this air, m/s, and its limit.
+
+    With gravity g, drag d and lift w: A cos f + d <= tan(tilt) (g - w + A sin f) for all f, in
+    closed form.
+    """
     g, tilt = vehicle.gravity, control.max_tilt
     full = 4 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2 / vehicle.mass
-    hover = sqrt(0.25 * vehicle.mass * g / vehicle.thrust_coefficient)
-    speed = hypot(wind.mean.x, wind.mean.y) + _GUSTS * wind.gust
-    linear = vehicle.linear_drag + 4 * hover * vehicle.rotor_drag.across
-    drag = (vehicle.drag * speed + linear) * speed / vehicle.mass
-    held = g * tan(tilt)
-    return (
-        (_SINK * g, "without gravity it can neither sink nor accelerate sideways"),
+    turning = 4 * sqrt(0.25 * vehicle.mass * g / vehicle.thrust_coefficient)
+    speed = hypot(across, up)
+    linear = vehicle.linear_drag + vehicle.drag * speed
+    drag = (linear + turning * vehicle.rotor_drag.across) * across / vehicle.mass
+    lift = (linear + turning * vehicle.rotor_drag.along) * up / vehicle.mass
+    held = (g - lift) * tan(tilt)
+    return min(
         (
-            g * sin(tilt) - drag * cos(tilt),
+            _SINK * g - lift,
+            (
+                f"the air lifts it by {lift:.3g} m/s^2, and it sinks with at most {_SINK * g:.3g}"
+                if lift
+                else "without gravity it can neither sink nor accelerate sideways"
+            ),
+        ),
+        (
+            (g - lift) * sin(tilt) - drag * cos(tilt),
             f"wind of {speed:.3g} m/s pushes by {drag:.3g} m/s^2, max_tilt holds {held:.3g}",
         ),
         (
-            _LIFT * full - g,
-            f"its motors lift {_LIFT * full:.3g} m/s^2 at most, and gravity pulls {g:g}",
+            _LIFT * full - g + lift,
+            (
+                f"its motors lift {_LIFT * full:.3g} m/s^2 at most, and gravity"
+                f"{' and wind pull' if lift < 0 else ' pulls'} {g - lift:.3g}"
+            ),
         ),
+        key=lambda each: each[0],
     )
 
 

@@ -57,6 +57,8 @@ def set_(
         waits = any(leaf == name or leaf.startswith(f"{name}.") for leaf in reply.waits)
         when = " (from the next standstill)" if waits else ""
         output.line(f"{name}: {catalogue.word(value)}{when}")
+    if told := reply.reason.removeprefix("from the next standstill").removeprefix("; "):
+        output.note(told)
 
 
 def _hint(values: Values) -> str:

@@ -14,6 +14,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import DEFAULT_FILE, status
 from quadctl.cli.run.screen import Screen, for_lines, is_live
+from quadctl.schemas.airworthy import limited
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
@@ -65,6 +66,10 @@ def up(
     recording = "" if record is None else _recording(record)
     launch = Launch(options.realm, parameters, without or [], str(folder), recording, insecure)
     begin(launch, options, detach=detach)
+    bodies = (each.dynamics for each in parameters.values() if detach)
+    limits = (line for each in bodies for line in limited(each.vehicle, each.control, each.wind))
+    for line in dict.fromkeys(limits):
+        output.note(line)
 
 
 def hub_settings(listen: list[str] | None, connect: str) -> list[str]:

@@ -1,4 +1,12 @@
-"""Simulation of the vehicle's process: boots, the setpoints that each follows, poses."""
+"""Simulation of the vehicle's process: boots, the setpoints that each follows, poses, landings.
+
+A vehicle that cannot hold itself stops and lands where it is, whatever safety requests; on the
+floor it can be blown no farther. It decides this by itself, as autopilots do: it alone knows its
+setpoint and estimates the wind, and a stopped vehicle would go on drifting. There are two signs:
+the mean wind that its controller knows is beyond its envelope, or it is far off its setpoint, e.g.
+in a wind that nobody told. It stays on the floor until the known wind is one that it can hold, and
+then flies to a new goal only.
+"""
 
 import math
 import os
@@ -9,6 +17,7 @@ from typing import Any
 import msgspec
 from msgspec import structs
 
+from quadctl.schemas import airworthy
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, FlightFaultParams, Params
 from quadctl.schemas.topics import POSE, SETPOINT
@@ -99,6 +108,11 @@ def still_in_force(flown: DynamicsParams, wanted: DynamicsParams) -> dict[str, A
     }
 
 
+_ASTRAY = 2.0
+"""Distance (m) from its setpoint at which a vehicle cannot hold itself; the strongest gusts of a
+campaign, and motors at half their thrust, move it by less than 1 m."""
+_DROP = 0.1
+"""Height (m) from which such a vehicle drops: blown along, it might not come nearer to the floor."""
 _STEPS_PER_SECOND = 1000
 _REPUBLISH = 0.25
 """Time (s) after which, in lock-step, an unanswered pose is published again."""
@@ -117,6 +131,7 @@ class Simulation:
         self._faster = faster
         self._reported = FaultyPose(params.dynamics.fault)
         self._boots: set[str] = set()
+        self._limited: list[str] = []
         self._unsent: list[Pose] = []
         self.boot()
         self.poses = node.publisher(
@@ -141,11 +156,22 @@ class Simulation:
         self._boots.add(self._boot)
         self._answered, self._braked, self.last_setpoint = -1, True, 0.0
         self._latch, self._ignores, self._alone = GoalLatch(), False, False
+        self._lands = False
         self._node.log.info("boot %s", self._boot)
+        self._log_limits()
 
     def configure(self) -> None:
         """Take the parameters' new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
+        self._log_limits()
+
+    def _log_limits(self) -> None:
+        params = self._params
+        now = airworthy.limited(params.vehicle, params.control, params.wind)
+        for line in now:
+            if line not in self._limited:
+                self._node.log.warning(line)
+        self._limited = now
 
     def in_force(self) -> dict[str, Any]:
         """Return the values still in force, by name, of parameters that wait for a standstill."""
@@ -156,9 +182,33 @@ class Simulation:
         if self._faster and not self._is_fast and (fly := self._faster()):
             self._vehicle.fly, self._is_fast = fly, True
         self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
+        self._hold_or_land()
         self._seq += 1
         self.publish()
         self.advance_time()
+
+    def _hold_or_land(self) -> None:
+        """Begin or continue a landing if the vehicle cannot hold itself; end it when it can."""
+        if not self._answer_is_due:
+            return
+        vehicle = self._vehicle
+        flown = vehicle.in_force
+        why = airworthy.why_not_held(flown.vehicle, flown.control, flown.wind)
+        if not (why or vehicle.standing or math.dist(vehicle.position, vehicle.setpoint) < _ASTRAY):
+            why = f"the vehicle is {_ASTRAY:g} m off its setpoint"
+        if why and not self._lands:
+            self._node.log.warning("stopped and landing, no goal is taken: %s", why)
+            self._lands = self._braked = self._ignores = True
+            self._latch.stopped()
+            vehicle.brake()
+            x, y, _ = vehicle.goal
+            vehicle.goto(x, y, 0.0)
+        elif self._lands and not vehicle.standing and vehicle.position[2] < _DROP:
+            vehicle.stand()
+        elif self._lands and vehicle.standing and not why:
+            self._node.log.warning("the vehicle can hold itself again: it takes a new goal")
+            self._lands = False
+            vehicle.stand()
 
     def advance_time(self) -> None:
         """Execute the calls that were held for this pose."""
@@ -183,7 +233,7 @@ class Simulation:
 
     def brake(self) -> None:
         """Come to a hover at the stopping point."""
-        if not self._braked:
+        if not self._braked and not self._lands:
             self._braked = True
             self._node.log.warning(
                 "no setpoint for %g s: braking to a hover", self._params.setpoint_timeout
@@ -229,6 +279,9 @@ class Simulation:
             self._node.log.info("setpoints are back after %.2g s: flying on", silence)
         self._alone = False
         accepts = self._latch.accepts(setpoint.position, brake=setpoint.brake)
+        if self._lands:
+            self._latch.stopped()
+            return
         if not (accepts or self._ignores):
             self._node.log.warning("setpoints are back: hovering until a new goal is requested")
         self._ignores = not accepts

@@ -18,6 +18,7 @@ Over 500 lines: axes, shares and lags are one computation, and each can only be 
 
 from math import exp, sqrt
 
+from quadctl.schemas.airworthy import LEAST_LAG, flown
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics.controller import PERIOD, Setpoint, lead
 
@@ -364,9 +365,6 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     )
 
 
-LEAST_LAG = 0.05
-"""Shortest lag, s: with 0.03, short diagonal climbs, and goals replaced back and forth in a
-descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm off."""
 LAGS_TO_SETTLE = 40.0
 """Lags after which a decay is below the rounding of its start value: e^-40 is 4e-18."""
 REDIVIDE = 25.0
@@ -380,8 +378,8 @@ BRAKES; periods since the limits were shared, up to REDIVIDE; periods at rest.""
 
 
 def limits_of(params: DynamicsParams) -> Limits:
-    """Return the parameters that the setpoint uses, in the order of use."""
-    limits = params.control
+    """Return the parameters that the setpoint uses, in the order of use: what the body can fly."""
+    limits = flown(params.vehicle, params.control, params.wind)
     lag = max(lead(params), LEAST_LAG)
     ratio = PERIOD / lag
     return (

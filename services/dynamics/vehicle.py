@@ -16,7 +16,7 @@ from quadctl.services.dynamics.controller import PERIOD, control_constants
 from quadctl.services.dynamics.flight_modes import Constants, FlightMode, fresh
 from quadctl.services.dynamics.rigidbody import STEP, Motors, State, body_constants
 from quadctl.services.dynamics.rotor import hover_speed, mixer_constants
-from quadctl.services.dynamics.trajectory import Plan, limits_of
+from quadctl.services.dynamics.trajectory import Limits, Plan, limits_of
 from quadctl.services.dynamics.wind import Air, initial_air, weather_of
 
 LAGS_TO_SPIN_UP = 5.0
@@ -68,7 +68,7 @@ class Vehicle:
     idle motors. At rest its state does not change until the next command.
 
     Body, gains and limits change only at a standstill, all together: in flight, new ones could make
-    the goal one that it can no longer stop at.
+    the goal one that it can no longer stop at. So do limits that follow from a new wind.
     """
 
     def __init__(self, params: DynamicsParams) -> None:
@@ -89,25 +89,28 @@ class Vehicle:
         Wind and faults take effect at once; body, gains and limits at the next standstill. A later
         call replaces values that still wait.
         """
-        now = self.in_force
+        now, limits = self.in_force, self._constants[3]
         wanted = deepcopy(params)
-        self._use(replace(wanted, vehicle=now.vehicle, control=now.control))
-        waits = (wanted.vehicle, wanted.control) != (now.vehicle, now.control)
+        self._use(replace(wanted, vehicle=now.vehicle, control=now.control), limits)
+        waits = (wanted.vehicle, wanted.control, limits_of(wanted)) != (
+            now.vehicle, now.control, limits,
+        )  # fmt: skip
         self._wanted = wanted if waits else None
         self._settle()
 
-    def _use(self, params: DynamicsParams) -> None:
-        self.in_force, self._constants = params, constants_of(params)
+    def _use(self, params: DynamicsParams, limits: Limits) -> None:
+        made = constants_of(params)
+        self.in_force, self._constants = params, (*made[:3], limits, *made[4:])
         self._mode = flight_modes.woken(self._mode)
         self._air = wind.changed(self._air, self._constants[6])
 
     def _settle(self) -> None:
         """Adopt waiting parameters if the vehicle is on the floor or its setpoint at rest."""
-        wanted, limits = self._wanted, self._constants[3]
-        if wanted is None or not (self.standing or trajectory.at_rest(self._plan, limits)):
+        wanted = self._wanted
+        if wanted is None or not (self.standing or self.setpoint_rests):
             return
         before = hover_speed(self.in_force.vehicle)
-        self._use(wanted)
+        self._use(wanted, limits_of(wanted))
         self._wanted = None
         x, y, z = (axis[3] for axis in self._plan[:3])
         self._plan = trajectory.resting(x, y, z, self._constants[3])
@@ -173,9 +176,20 @@ class Vehicle:
         return self._plan[0][3], self._plan[1][3], self._plan[2][3]
 
     @property
+    def setpoint_rests(self) -> bool:
+        """Return whether the setpoint rests on the goal, wherever the vehicle is."""
+        return trajectory.at_rest(self._plan, self._constants[3])
+
+    @property
     def standing(self) -> bool:
         """Return whether it is on the floor with idle motors."""
         return self._mode[0] > 0.0
+
+    def stand(self) -> None:
+        """Let the motors idle, with the setpoint on the floor below."""
+        x, y, _ = self.position
+        self._plan = trajectory.resting(x, y, 0.0, self._constants[3])
+        self._mode = fresh(standing=True)
 
     def goto(self, x: float, y: float, z: float) -> None:
         """Fly to this point, m, world; a repeated goal changes nothing."""

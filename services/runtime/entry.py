@@ -155,7 +155,9 @@ def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
     for vehicle in vehicles:
         running = None if options.config else live.read_values(realm, vehicle)
         table, source = parameters.gather(options.config, options.set, running)
-        found[vehicle] = parameters.check(table_of(table, vehicle, vehicles), source)
+        found[vehicle] = parameters.check(
+            table_of(table, vehicle, vehicles), source, in_wind=running is None
+        )
     return found
 
 

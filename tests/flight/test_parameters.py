@@ -180,9 +180,7 @@ def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
     for words, said in (
         ("dynamics.vehicle.motor_lag 0.5", "unstable"),
         ("dynamics.vehicle.mass 4", "its motors lift 8.32 m/s^2 at most"),
-        ("dynamics.wind.mean.x 12", "wind of 12 m/s"),
-        # The wind takes effect at once, the tilt limit only at the next standstill.
-        ("dynamics.wind.mean.x=10 dynamics.control.max_tilt=1.2", "until the vehicle's next"),
+        ("dynamics.wind.mean.x=12 dynamics.control.max_tilt=0.8", "wind of 12 m/s"),
     ):
         done = tuned.quadctl("param", "set", *words.split())
         assert (done.code, done.out) == (6, "")
@@ -190,6 +188,36 @@ def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
     assert "in_force" not in session.call("dynamics/get_params", names=[]).value
     started = tuned.quadctl("up", "--realm", "other", "--set", "dynamics.vehicle.motor_lag=0.5")
     assert (started.code, "unstable" in started.err) == (6, True)
+
+
+def test_limits_beyond_the_body_are_accepted_and_told(tuned: Lab, session: Bare):
+    assert session.call("hold").ok
+    name = "dynamics.control.max_acceleration"
+    done = tuned.quadctl("param", "set", name, "20")
+    assert (done.code, "can do 6.3 m/s^2, flown with 5.1" in done.err) == (0, True)
+    assert tuned.quadctl("param", "set", name, "5").err == ""
+
+
+def test_a_wind_beyond_the_envelope_lands_the_vehicle(tuned: Lab, session: Bare):
+    assert tuned.quadctl("goto", 0, 0, 1, "--replace").code == 0
+    done = tuned.quadctl("param", "set", "dynamics.wind.mean.x", "10")
+    assert (done.code, "cannot hold itself: wind of 10 m/s" in done.err) == (0, True)
+    poses = session.watch("uav/pose")
+    landed = poses.until(lambda p: p["position"]["z"] < 0.01 and speed(p) < 0.01)["position"]
+    refused = tuned.quadctl("goto", 1, 1, 1)
+    assert (refused.code, "stood still" in refused.err) == (5, True)
+    assert gap(poses.next(1)[0]["position"], landed) < 0.2
+    assert "stopped and landing, no goal is taken" in tuned.log("dynamics")
+    assert tuned.quadctl("param", "set", "dynamics.wind.mean.x", "0").code == 0
+    assert tuned.quadctl("goto", landed["x"], landed["y"], 1).code == 0
+
+
+def test_a_launch_tells_of_limits_beyond_the_body():
+    with private_lab() as lab:
+        done = lab.quadctl("up", "-d", "--set", "dynamics.control.max_acceleration=20")
+        line = "max_acceleration 20: the body can do 6.3 m/s^2, flown with 5.1\n"
+        assert (done.code, done.err.startswith(line)) == (0, True)
+        eventually(lambda: line in lab.log("dynamics"))
 
 
 def test_an_unknown_parameter_is_named_in_the_error(tuned: Lab, session: Bare):

@@ -90,6 +90,15 @@ body, gains or limits set in flight
   - flight/parameters_in_flight: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
   - flight/parameters: a_limit_set_in_flight_is_reported_as_waiting
     a_vehicle_that_would_not_fly_is_refused
+limits, a body or a wind beyond the envelope
+  limits beyond the body are flown with what it can do, at most 10 mm out of the cage in still air, and
+  `param set` reports this; a body that cannot fly is refused. In a wind beyond it the vehicle stops and
+  lands, and follows no goal until the wind is less
+  - unit/campaign/envelope: limits_beyond_the_body_keep_300_flights_inside
+    a_body_flies_inside_or_is_refused
+  - unit/dynamics/simulation: a_vehicle_that_cannot_hold_itself_lands_until_it_can
+  - flight/parameters: a_wind_beyond_the_envelope_lands_the_vehicle
+    limits_beyond_the_body_are_accepted_and_told
 the path to a goal leaves the cage
   the whole path is inside, also that of the setpoint; from outside it only leads towards the cage
   - unit/safety/automaton: never_moving_with_the_cage_on_and_the_path_outside

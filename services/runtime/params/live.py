@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from quadctl.schemas import airworthy
 from quadctl.schemas.params import FIXED_AT_LAUNCH, FROM_STANDSTILL, LIVE_SWITCHES, Params
 from quadctl.schemas.services import (
     GetParamsRequest,
@@ -51,7 +52,7 @@ def _write(folder: Path, name: str, table: Any) -> None:
 def read_values(realm: Realm, vehicle: str) -> Params | None:
     """Return a vehicle's parameters; None if nothing runs, or the run has no such vehicle."""
     tables = run_files.tables(realm, vehicle)
-    return check(tables, str(realm.params / vehicle)) if tables else None
+    return check(tables, str(realm.params / vehicle), in_wind=False) if tables else None
 
 
 class LiveParams:
@@ -88,10 +89,13 @@ class LiveParams:
         return GetParamsResponse(found, in_force)
 
     def set(self, request: SetParamsRequest) -> SetParamsResponse:
-        """Check all values, save them, then apply all of them."""
+        """Check all values, save them, then apply all of them; the reason tells what limits them.
+
+        Nobody can refuse a wind: a vehicle is judged in it only if body or gains are set.
+        """
+        before = self._limited()
         try:
             fresh = self._checked(request.values)
-            self._check_until_standstill(fresh)
         except Invalid as error:
             return SetParamsResponse(False, "; ".join(filter(None, (error.message, error.hint))))
         self._save(msgspec.to_builtins(fresh))
@@ -99,29 +103,30 @@ class LiveParams:
         self._changed()
         requested = {normal_name(name) for name, _ in flatten(request.values)}
         waits = sorted(requested & self._in_force().keys())
-        return SetParamsResponse(True, "from the next standstill" if waits else "", waits)
+        told = [line for line in self._limited() if line not in before]
+        reason = "; ".join(["from the next standstill"] * bool(waits) + told)
+        return SetParamsResponse(True, reason, waits)
+
+    def _limited(self) -> list[str]:
+        dynamics = self._params.dynamics
+        if self._name != "dynamics":
+            return []
+        return airworthy.limited(dynamics.vehicle, dynamics.control, dynamics.wind)
 
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}
+        in_wind = False
         for name, value in flatten(values):
             if normal_name(name).partition(".")[0] != self._name:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             put(tables, name, value, "param set")
+            in_wind = in_wind or normal_name(name).startswith(FROM_STANDSTILL)
             if normal_name(name) in FIXED_AT_LAUNCH:
                 ways = (LIVE_SWITCHES.get(normal_name(name)), f"`quadctl up --set {name}=...`")
                 hint = f"use {', or '.join(filter(None, ways))}"
                 raise Invalid(f"{name} is fixed at launch", hint)
-        checked: Struct = getattr(check(tables, "param set"), self._name)
+        checked: Struct = getattr(check(tables, "param set", in_wind=in_wind), self._name)
         return checked
-
-    def _check_until_standstill(self, fresh: Struct) -> None:
-        """Raise Invalid if the new values and those in force until a standstill cannot fly."""
-        tables = {self._name: msgspec.to_builtins(fresh)}
-        in_force = dict(flatten(self._table(), self._name)) | self._in_force()
-        for name, value in in_force.items():
-            if name.startswith(FROM_STANDSTILL):
-                put(tables, name, value, "param set")
-        check(tables, "param set: until the vehicle's next standstill")
 
     def _table(self) -> dict[str, Any]:
         table: dict[str, Any] = msgspec.to_builtins(getattr(self._params, self._name, {}))

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas import airworthy
-from quadctl.schemas.params import Params
+from quadctl.schemas.params import Params, WindParams
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import flatten, nearest, put, value_of
 from quadctl.services.runtime.realm import DEFAULT, listed
@@ -46,14 +46,19 @@ def gather(
     return table, source
 
 
-def check(table: Mapping[str, Any], source: str) -> Params:
-    """Convert plain tables to Params of a vehicle that can fly; raises Invalid with the source."""
+def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Params:
+    """Convert plain tables to Params of a vehicle that can fly; raises Invalid with the source.
+
+    A running vehicle may be in a wind that it cannot hold: without `in_wind` it is judged in still
+    air.
+    """
     try:
         params = msgspec.convert(table, Params)
     except msgspec.ValidationError as error:
         raise _explain(str(error), source) from error
     dynamics = params.dynamics
-    if why := airworthy.why_not(dynamics.vehicle, dynamics.control, dynamics.wind):
+    wind = dynamics.wind if in_wind else WindParams()
+    if why := airworthy.why_not(dynamics.vehicle, dynamics.control, wind):
         raise Invalid(f"{source}: dynamics: this vehicle would not fly: {why}", _AIRWORTHY)
     return params
 

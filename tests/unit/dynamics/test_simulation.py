@@ -1,11 +1,18 @@
 """Faulty poses, weak motors, and the setpoints that a vehicle accepts after a stop."""
 
+from math import dist
+from typing import cast
+
+import pytest
 from msgspec import structs
 
-from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
-from quadctl.schemas.params import DynamicsParams, FlightFaultParams
-from quadctl.services.dynamics.simulation import FaultyPose, GoalLatch
+from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
+from quadctl.schemas.params import DynamicsParams, FlightFaultParams, Params
+from quadctl.schemas.topics import SETPOINT
+from quadctl.services.dynamics.simulation import FaultyPose, GoalLatch, Simulation
 from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.testing import FakeNode
 
 
 def pose(seq: int, boot: str = "a") -> Pose:
@@ -103,3 +110,63 @@ def test_a_stop_without_a_goal_locks_no_goal():
     assert latch.accepts(GOAL, brake=True)
     latch.stopped()
     assert latch.accepts(GOAL, brake=False)
+
+
+class Blown:
+    """Vehicle in the air, with setpoints to one goal until another is set."""
+
+    def __init__(self) -> None:
+        self.params = Params()
+        self.params.dynamics.start.z = 1.0
+        self.node = FakeNode("dynamics", self.params, [], [])
+        self.simulation = Simulation(cast("Node", self.node), self.params)
+        self.vehicle = self.simulation._vehicle
+        self.goal = Position(0.0, 0.0, 1.5)
+
+    def fly(self, seconds: float) -> None:
+        for count in range(round(100 * seconds)):
+            if count % 5 == 0:
+                boot = self.simulation._boot
+                setpoint = Setpoint(boot, count, self.goal, brake=False)
+                self.node._listeners[SETPOINT.name].take(setpoint)
+            self.simulation.advance()
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_vehicle_that_cannot_hold_itself_lands_until_it_can(is_known: bool):
+    blown = Blown()
+    blown.fly(2.0)
+    if is_known:
+        blown.params.dynamics.wind.mean.x = 10.0
+        blown.simulation.configure()
+    else:
+        blown.vehicle._air = (11.0, 0.0, 0.0, *blown.vehicle._air[3:])
+    blown.fly(6.0)
+    landed = blown.vehicle.position
+    assert blown.vehicle.standing
+    assert 0 < landed[0] < 8
+    if is_known:
+        # A goal requested in that wind is void for good.
+        blown.goal = Position(1.0, 0.0, 1.0)
+    blown.fly(1.0)
+    assert blown.vehicle.position == landed
+    blown.params.dynamics.wind.mean.x = 0.0
+    blown.vehicle._air = (0.0, 0.0, 0.0, *blown.vehicle._air[3:])
+    blown.simulation.configure()
+    blown.fly(1.0)
+    blown.goal = Position(2.0, 0.0, 1.0)
+    blown.fly(8.0)
+    assert dist(blown.vehicle.position, (2.0, 0.0, 1.0)) < 0.01
+
+
+def test_limits_that_follow_from_a_wind_wait_for_a_standstill():
+    blown = Blown()
+    blown.goal = Position(4.0, 0.0, 1.5)
+    blown.fly(0.5)
+    limits = blown.vehicle._constants[3]
+    blown.params.dynamics.wind.mean.x = -6.0
+    blown.simulation.configure()
+    assert blown.vehicle._constants[3] == limits
+    blown.fly(8.0)
+    assert blown.vehicle._constants[3][1] < limits[1]
+    assert dist(blown.vehicle.position, (4.0, 0.0, 1.5)) < 0.01

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from quadctl.schemas import airworthy
 from quadctl.schemas.params import MeanWindParams, WindParams
-from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.schemas.vehicle import ControlParams, InertiaParams, VehicleParams
 from quadctl.services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
 
 GAIN = st.floats(-2, 3).map(lambda power: 10**power)
@@ -64,6 +64,10 @@ def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
         ({"mass": 4.0}, {}, 0.0, "its motors lift 8.32 m/s^2"),
         ({"max_motor_speed": 100.0}, {}, 0.0, "its motors lift"),
         ({"gravity": 0.0}, {}, 0.0, "without gravity"),
+        ({"inertia": InertiaParams(z=0.02)}, {}, 0.0, "no body has this inertia"),
+        ({"inertia": InertiaParams(0.02, 0.02)}, {}, 0.0, "an attitude error of 0.078 rad"),
+        ({"mass": 0.3}, {}, 0.0, "an attitude error of 0.095 rad"),
+        ({"arm": 0.02}, {}, 0.0, "an attitude error of 0.079 rad"),
         ({}, {}, 9.2, "wind of 9.2 m/s pushes by 8.46 m/s^2, max_tilt holds 8.26"),
     ],
 )
@@ -75,3 +79,41 @@ def test_a_vehicle_that_cannot_hover_is_refused(vehicle, control, wind, reason):
 def test_twice_the_gust_strength_counts_as_wind():
     wind = WindParams(MeanWindParams(5.0), gust=2.1)
     assert "wind of 9.2 m/s" in reason_against(wind=wind)
+
+
+def test_wind_upwards_counts_as_lift():
+    assert "the air lifts it by 10 m/s^2" in reason_against(wind=WindParams(MeanWindParams(z=10.0)))
+    assert reason_against(wind=WindParams(MeanWindParams(z=-10.0))) == ""
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "control", "wind", "lines"),
+    [
+        ({}, {}, 0.0, []),
+        ({}, {"max_acceleration": 20.0}, 0.0, ["can do 6.3 m/s^2, flown with 5.1", "max_speed"]),
+        ({}, {"max_tilt": 0.3}, 0.0, ["can do 2.9 m/s^2, flown with 2.3", "max_speed 5: against"]),
+        (
+            {"mass": 3.0},
+            {},
+            0.0,
+            ["can do 1.3 m/s^2, flown with 1", "max_speed", "max_jerk 40: for"],
+        ),
+        ({}, {"max_jerk": 200.0}, 0.0, ["max_jerk 200: for its torque flown with 42"]),
+        (
+            {},
+            {},
+            8.0,
+            ["max_acceleration 5: the body can do 1.4 m/s^2, flown with 1.1", "max_speed"],
+        ),
+        ({}, {}, 10.0, ["it cannot hold itself: wind of 10 m/s"]),
+    ],
+)
+def test_each_limit_that_is_lowered_has_its_line(vehicle, control, wind, lines):
+    told = airworthy.limited(VehicleParams(**vehicle), ControlParams(**control), blowing(wind))
+    assert len(told) == len(lines), told
+    assert all(line in said for line, said in zip(lines, told, strict=True)), told
+
+
+def test_in_a_wind_beyond_the_envelope_the_limits_are_those_of_still_air():
+    body = VehicleParams(), ControlParams(max_acceleration=20.0)
+    assert airworthy.flown(*body, blowing(12.0)) == airworthy.flown(*body, WindParams())

@@ -30,7 +30,9 @@ def kept(database: Path) -> int:
     if not database.exists():
         return 0
     with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as opened:
-        tables = opened.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        tables = opened.execute(
+            "SELECT count(*) FROM sqlite_master WHERE name = 'flights'"
+        ).fetchone()[0]
         return int(opened.execute("SELECT count(*) FROM flights").fetchone()[0]) if tables else 0
 
 

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from quadctl.schemas.params import DynamicsParams, Params
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.flight import SimulatedFlight, serve
-from quadctl.services.campaign.mission import Mission, Param, faults_of
+from quadctl.services.campaign.mission import Mission, faults_of
 from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
@@ -45,8 +45,8 @@ class Batch:
         self.missions, self._vehicles = missions, vehicles
         self._fleet = make([mission.dynamics for mission in missions])
         self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
-        for number, mission in enumerate(missions):
-            if any(isinstance(row, Param) for row in mission.rows):
+        for number, lane in enumerate(self.lanes):
+            if lane.served:
                 self._serve_dynamics(number)
         count = len(missions)
         self._score = Score(count, vehicles)
@@ -197,11 +197,12 @@ class Batch:
         """Let a vehicle that ignores its setpoints fly elsewhere; return whether it does."""
         astray = ("astray", lane.astray_to)
         if lane.is_astray:
-            if self._sent[number] != astray and lane.astray_to:
-                self._fleet.goto(number, *lane.astray_to)
-            elif self._sent[number] != astray:
-                self._fleet.brake(number)
-            self._sent[number] = astray
+            if self._sent[number] != astray:
+                self._sent[number] = astray
+                if lane.astray_to:
+                    self._fleet.goto(number, *lane.astray_to)
+                else:
+                    self._fleet.brake(number)
             self._unscored[number] = True
             self._score.free(number)
         elif self._sent[number] == astray:

@@ -371,12 +371,9 @@ class SimulatedFlight:
             self.diary.fired.append(rule)
 
     def _expect_permitted(self, goal: Position, how: str) -> None:
-        place: Point = (goal.x, goal.y, goal.z)
-        if self.cage_on:
-            if not inside(place, self.size):
-                self.diary.violated(f"{how} to a goal outside with the cage on")
-        elif not self._permits(place):
-            self.diary.violated(f"{how} to an invalid goal")
+        if not self._permits((goal.x, goal.y, goal.z)):
+            kind = "a goal outside with the cage on" if self.cage_on else "an invalid goal"
+            self.diary.violated(f"{how} to {kind}")
 
     def _pose(self, period: int, motion: Motion) -> Pose:
         # The automaton uses neither attitude nor body rates.

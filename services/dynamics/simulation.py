@@ -132,6 +132,9 @@ class Simulation:
         self._reported = FaultyPose(params.dynamics.fault)
         self._boots: set[str] = set()
         self._limited: list[str] = []
+        self._judged: DynamicsParams | None = None
+        self._unheld = ""
+        """Reason why a vehicle with the parameters judged last cannot hold itself, or empty."""
         self._unsent: list[Pose] = []
         self.boot()
         self.poses = node.publisher(
@@ -193,7 +196,11 @@ class Simulation:
             return
         vehicle = self._vehicle
         flown = vehicle.in_force
-        why = airworthy.why_not_held(flown.vehicle, flown.control, flown.wind)
+        if flown is not self._judged:
+            # A change replaces them; judging 20 times a second would cost each hover.
+            self._judged = flown
+            self._unheld = airworthy.why_not_held(flown.vehicle, flown.control, flown.wind)
+        why = self._unheld
         if not (why or vehicle.standing or math.dist(vehicle.position, vehicle.setpoint) < _ASTRAY):
             why = f"the vehicle is {_ASTRAY:g} m off its setpoint"
         if why and not self._lands:

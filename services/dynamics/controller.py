@@ -26,10 +26,10 @@ TINY = 1e-12
 """Added under a root that is a divisor: above 0, and far below any value that matters."""
 
 Gains = tuple[float, ...]
-"""23 floats made by `control_constants`."""
+"""24 floats made by `control_constants`."""
 
 Setpoint = tuple[float, ...]
-"""15 floats: position, velocity, acceleration, jerk and led snap, each x, y, z, world frame."""
+"""18 floats: position, velocity, acceleration, jerk, snap and crackle, each x, y, z, world frame."""
 
 
 def lead(params: DynamicsParams) -> float:
@@ -43,8 +43,6 @@ def control_constants(params: DynamicsParams) -> Gains:
     gains = params.control
     inertia = vehicle.inertia
     wind = params.wind.mean
-    # Rotor drag in hover: across the rotors for horizontal motion, along them for vertical.
-    turning = 4.0 * hover_speed(vehicle) / vehicle.mass
     full = 4.0 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2
     return (
         gains.position_gain,
@@ -62,11 +60,12 @@ def control_constants(params: DynamicsParams) -> Gains:
         inertia.x,
         inertia.y,
         inertia.z,
-        inertia.z - inertia.y,
-        inertia.x - inertia.z,
+        inertia.x + inertia.z - inertia.y,
+        inertia.x - inertia.z - inertia.y,
         inertia.y - inertia.x,
-        vehicle.linear_drag / vehicle.mass + turning * vehicle.rotor_drag.across,
-        turning * (vehicle.rotor_drag.along - vehicle.rotor_drag.across),
+        vehicle.linear_drag / vehicle.mass,
+        vehicle.rotor_drag.across / vehicle.mass,
+        vehicle.rotor_drag.across - vehicle.rotor_drag.along,
         wind.x,
         wind.y,
         wind.z,
@@ -82,10 +81,10 @@ def specific_force(
     Position to velocity to acceleration. Drag is fed forward at the setpoint's velocity, not the
     vehicle's, so that it cannot feed on itself.
     """
-    px, py, pz, vx, vy, vz, _, _, _, _, _, _, _, _, _, _, _ = state
-    rx, ry, rz, sx, sy, sz, ax, ay, az, _, _, _, _, _, _ = setpoint
+    px, py, pz, vx, vy, vz, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
+    rx, ry, rz, sx, sy, sz, ax, ay, az, _, _, _, _, _, _, _, _, _ = setpoint
     (kp, fastest, kv, drag, g, least, most, tilt, _, _, _, _, _, _, _, _, _, _,
-     linear, upward, ux, uy, uz) = gains
+     linear, across, _, ux, uy, uz) = gains
     # Only the correction is limited: the setpoint keeps its own speed limit.
     ex = kp * (rx - px)
     ey = kp * (ry - py)
@@ -95,15 +94,51 @@ def specific_force(
     ux = sx - ux
     uy = sy - uy
     uz = sz - uz
-    d = linear + drag * sqrt(ux * ux + uy * uy + uz * uz)
+    d = linear + across * (m0 + m1 + m2 + m3) + drag * sqrt(ux * ux + uy * uy + uz * uz)
     fx = ax + kv * (k * ex + sx - vx) + d * ux
     fy = ay + kv * (k * ey + sy - vy) + d * uy
-    fz = az + kv * (k * ez + sz - vz) + d * uz + upward * uz + g
+    fz = az + kv * (k * ez + sz - vz) + d * uz + g
     fz = least if fz < least else fz
     fz = most if fz > most else fz
     h = sqrt(fx * fx + fy * fy + TINY)
     k = fz * tilt / h if h > fz * tilt else 1.0
     return fx * k, fy * k, fz, 1.0 if k == 1.0 else 0.0
+
+
+def specific_force_rates(
+    state: State, setpoint: Setpoint, gains: Gains, fx: float, fy: float, fz: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return the first and second rate of the setpoint's specific force, with those of drag.
+
+    Drag is d u, with u the speed through the air and d = linear + drag |u|; its rotors' part counts
+    as constant.
+    """
+    _, _, _, _, _, _, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
+    _, _, _, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz, _, _, _ = setpoint
+    (_, _, _, drag, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
+     linear, across, _, ux, uy, uz) = gains
+    ux = sx - ux
+    uy = sy - uy
+    uz = sz - uz
+    n = sqrt(ux * ux + uy * uy + uz * uz + TINY)
+    m = across * (m0 + m1 + m2 + m3)
+    d = linear + m + drag * n
+    # First and second rate of n, then of d; the motors' speed goes with the root of the force.
+    e = (ux * ax + uy * ay + uz * az) / n
+    k = (ux * jx + uy * jy + uz * jz + ax * ax + ay * ay + az * az - e * e) / n
+    f = 1.0 / (fx * fx + fy * fy + fz * fz)
+    r = 0.5 * f * (fx * jx + fy * jy + fz * jz)
+    q = 0.5 * f * (fx * nx + fy * ny + fz * nz + jx * jx + jy * jy + jz * jz) - 3.0 * r * r
+    e = drag * e + m * r
+    k = drag * k + m * q
+    return (
+        jx + d * ax + e * ux,
+        jy + d * ay + e * uy,
+        jz + d * az + e * uz,
+        nx + d * jx + 2.0 * e * ax + k * ux,
+        ny + d * jy + 2.0 * e * ay + k * uy,
+        nz + d * jz + 2.0 * e * az + k * uz,
+    )
 
 
 def control(
@@ -114,40 +149,38 @@ def control(
     The attitude error is Lee, Leok and McClamroch's on SO(3) (CDC 2010), 0.5 (Rd^T R - R^T Rd);
     body rates and angular acceleration from jerk and snap follow Mellinger and Kumar (ICRA 2011).
     """
-    _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, _, _, _, _ = state
-    _, _, _, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz = setpoint
-    (_, _, _, drag, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz,
-     linear, _, ux, uy, uz) = gains
+    _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
+    _, _, _, sx, sy, sz, ax, ay, az, _, _, _, _, _, _, cx, cy, cz = setpoint
+    (_, _, _, _, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz,
+     _, _, axial, ux, uy, uz) = gains
     fx, fy, fz, free = specific_force(state, setpoint, gains)
+    jx, jy, jz, nx, ny, nz = specific_force_rates(state, setpoint, gains, fx, fy, fz)
     f = 1.0 / sqrt(fx * fx + fy * fy + fz * fz)
     zx = fx * f
     zy = fy * f
     zz = fz * f
-    # Snap and jerk of the specific force: the setpoint's plus drag's, without drag's minor terms.
-    ux = sx - ux
-    uy = sy - uy
-    uz = sz - uz
-    air = sqrt(ux * ux + uy * uy + uz * uz + TINY)
-    d = linear + drag * air
-    k = drag / air
-    e = k * (ux * jx + uy * jy + uz * jz)
-    nx = nx + d * jx + e * ux
-    ny = ny + d * jy + e * uy
-    nz = nz + d * jz + e * uz
-    e = k * (ux * ax + uy * ay + uz * az)
-    jx = jx + d * ax + e * ux
-    jy = jy + d * ay + e * uy
-    jz = jz + d * az + e * uz
-    # First and second rate of the thrust's direction, across it; 0 while the tilt is clamped.
+    r = 0.5 * f * (zx * jx + zy * jy + zz * jz)
+    # Rates of the thrust's direction z, across it, from those of f = |f| z; 0 while its tilt is
+    # clamped. The third one leads the second, and jerk the force, as thrust and torque lag behind
+    # their commands.
     k = f * free
-    along = jx * zx + jy * zy + jz * zz
-    ox = (jx - along * zx) * k
-    oy = (jy - along * zy) * k
-    oz = (jz - along * zz) * k
-    along = 2.0 * along
-    nx = (nx - along * ox) * k
-    ny = (ny - along * oy) * k
-    nz = (nz - along * oz) * k
+    e = (jx * zx + jy * zy + jz * zz) * f
+    ox = jx * k - e * free * zx
+    oy = jy * k - e * free * zy
+    oz = jz * k - e * free * zz
+    n = (nx * zx + ny * zy + nz * zz) * f
+    nx = nx * k - n * free * zx - 2.0 * e * ox
+    ny = ny * k - n * free * zy - 2.0 * e * oy
+    nz = nz * k - n * free * zz - 2.0 * e * oz
+    along = (cx * zx + cy * zy + cz * zz) * f
+    n = 3.0 * n + 2.0 * (ox * ox + oy * oy + oz * oz)
+    e = 3.0 * e
+    nx = nx + ahead * (cx * k - along * free * zx - e * nx - n * ox)
+    ny = ny + ahead * (cy * k - along * free * zy - e * ny - n * oy)
+    nz = nz + ahead * (cz * k - along * free * zz - e * nz - n * oz)
+    fx = fx + ahead * jx
+    fy = fy + ahead * jy
+    fz = fz + ahead * jz
     # Columns of the true attitude, then of the wanted one: z along the force, y level (yaw 0).
     xx = 1.0 - 2.0 * (qy * qy + qz * qz)
     xy = 2.0 * (qx * qy + qw * qz)
@@ -167,9 +200,17 @@ def control(
     tx = 0.5 * ((zx * yx + zy * yy + zz * yz) - (by * ly + bz * lz))
     ty = 0.5 * ((mx * bx + my * by + mz * bz) - (xx * zx + xy * zy + xz * zz))
     tz = 0.5 * ((xy * ly + xz * lz) - (yx * mx + yy * my + yz * mz))
+    # Air that streams through the rotors changes their lift: this much per thrust direction.
+    ux = sx - ux
+    uy = sy - uy
+    uz = sz - uz
+    m = axial * (m0 + m1 + m2 + m3)
+    e = ux * bx + uy * by + uz * bz
+    e = e + ahead * (r * e + ax * bx + ay * by + az * bz + ux * ox + uy * oy + uz * oz)
     # Attitude to body rates to torque.
     return (
-        mass * ((fx + ahead * jx) * bx + (fy + ahead * jy) * by + (fz + ahead * jz) * bz),
+        mass * (fx * bx + fy * by + fz * bz)
+        - m * e,
         ix * (kr * (-ka * tx - (ox * yx + oy * yy + oz * yz) - wx) - (nx * yx + ny * yy + nz * yz))
         + gx * wy * wz,
         iy * (kr * (-ka * ty + (ox * xx + oy * xy + oz * xz) - wy) + (nx * xx + ny * xy + nz * xz))

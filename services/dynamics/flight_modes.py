@@ -22,8 +22,8 @@ NEAR = 0.01
 """Distance (m) of a place on the floor that needs no hop: the vehicle is there."""
 FLAT = 0.05
 """Slope (height over way) below which a climb begins with a hop."""
-CLOSE = 0.05
-"""Distance (m) to the end of a leg at which the next one begins."""
+CLOSE, ABOVE = 0.05, 0.002
+"""Distances (m) to the end of a leg at which the next one begins, and to a landing's place."""
 TOUCHDOWN = 0.01
 """Height (m) under which a vehicle with its setpoint on the floor may drop."""
 REST = 1e-9
@@ -64,18 +64,20 @@ def goto(
     z = z if z > 0.0 else 0.0
     if (x != tx) | (y != ty) | (z != tz) | (braking > 0.0):
         sx, sy, sz = place(plan, limits)
+        ex, ey, ez = trajectory.stopping_place(plan, limits)
         way = (x - sx) * (x - sx) + (y - sy) * (y - sy)
-        here = way <= NEAR * NEAR
+        # Passing over a place is not being there.
+        passed = (x - ex) * (x - ex) + (y - ey) * (y - ey)
+        here = (way <= NEAR * NEAR) & (passed <= NEAR * NEAR)
         calm = 0.0
         braking = 0.0
         if (standing == 0.0) | (z > 0.0) | (here == 0.0):
             low = (z < HOP) & (here == 0.0)
             # A flat climb, or one begun in motion over the floor, would scrape it, too.
-            moves = (here == 0.0) & (plan[6] == 0.0)
+            moves = (here == 0.0) & (plan[6] < limits[6])
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
-            hops = (sz < HOP) & (low | moves | flat)
             # A hop begun in motion starts where that motion can end, not at the place of request.
-            ex, ey = trajectory.stopping_place(plan, limits)
+            hops = ((sz < HOP) | (ez < HOP)) & (low | moves | flat)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
             hop = (1.0 if hops else 0.0) + (1.0 if low else 0.0)
@@ -97,19 +99,19 @@ def brake(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Plan, FlightMod
 
 def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
     """Return the setpoint's position, m."""
-    x, _, _, _, _ = trajectory.filtered(plan[0], limits)
-    y, _, _, _, _ = trajectory.filtered(plan[1], limits)
-    z, _, _, _, _ = trajectory.filtered(plan[2], limits)
+    x, _, _, _, _, _ = trajectory.filtered(plan[0], limits)
+    y, _, _, _, _, _ = trajectory.filtered(plan[1], limits)
+    z, _, _, _, _, _ = trajectory.filtered(plan[2], limits)
     return x, y, z
 
 
-def ends_leg(plan: Plan, limits: Limits) -> bool:
-    """Return whether the setpoint is near enough to the end of its leg to begin the next."""
+def ends_leg(plan: Plan, close: float, limits: Limits) -> bool:
+    """Return whether the setpoint is at most `close` (m) from the end of its leg."""
     x, y, z = place(plan, limits)
     dx = x - plan[0][3]
     dy = y - plan[1][3]
     dz = z - plan[2][3]
-    return dx * dx + dy * dy + dz * dz < CLOSE * CLOSE
+    return dx * dx + dy * dy + dz * dz < close * close
 
 
 def select_mode(
@@ -150,7 +152,8 @@ def next_leg(plan: Plan, mode: FlightMode, kind: float, limits: Limits) -> tuple
     if kind == 2.0:
         plan = trajectory.advance(plan, limits)
         if hop > 0.0:
-            near = ends_leg(plan, limits)
+            lands = (hop == 1.0) & (tz < HOP)
+            near = ends_leg(plan, ABOVE if lands else CLOSE, limits)
             if near:
                 hop = hop - 1.0
                 plan = trajectory.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
@@ -261,7 +264,7 @@ def room(plan: Plan, mode: FlightMode, limits: Limits, periods: int) -> tuple[Po
     """Return the box, m, that the setpoint would stay in, with its lag, if it braked now."""
     low = place(plan, limits)
     high = low
-    if plan[6] < limits[7]:
+    if plan[6] < limits[6]:
         plan, _ = brake(plan, mode, limits)
         # An axis that gains share on its way stops nearer.
         low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))

@@ -163,8 +163,8 @@ LONG = 2.0
 """Seconds of braking after which an axis may claim a larger share."""
 
 Limits = tuple[float, ...]
-"""8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
-the period in lags, the snap's lead in lags, and the periods until the lagged path is at rest."""
+"""7 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
+the period in lags, and the periods until the lagged path is at rest."""
 
 Axis = tuple[float, ...]
 """9 floats: position, velocity and acceleration of the path, the goal, the heading (see
@@ -389,7 +389,6 @@ def limits_of(params: DynamicsParams) -> Limits:
         lag,
         exp(-ratio),
         ratio,
-        lead(params) / lag,
         float(int(LAGS_TO_SETTLE / ratio)),
     )
 
@@ -401,21 +400,21 @@ def standing_at(position: float) -> Axis:
 
 def resting(x: float, y: float, z: float, limits: Limits) -> Plan:
     """Return a plan at rest at a point, m."""
-    return (standing_at(x), standing_at(y), standing_at(z), 0.0, 0.0, 0.0, limits[7])
+    return (standing_at(x), standing_at(y), standing_at(z), 0.0, 0.0, 0.0, limits[6])
 
 
 def at_rest(plan: Plan, limits: Limits) -> bool:
     """Return whether the setpoint rests on the goal, for good."""
-    return plan[6] >= limits[7]
+    return plan[6] >= limits[6]
 
 
-def filtered(axis: Axis, limits: Limits) -> tuple[float, float, float, float, float]:
-    """Return position, velocity, acceleration, jerk and led snap of the path after three lags.
+def filtered(axis: Axis, limits: Limits) -> tuple[float, float, float, float, float, float]:
+    """Return position, velocity, acceleration, jerk, snap and crackle of the path after three lags.
 
     The output of each lag is behind its input by the lag times its own rate.
     """
     p, v, a, _, _, _, j1, j2, j3 = axis
-    _, _, _, lag, _, _, led, _ = limits
+    lag = limits[3]
     a1 = a - lag * j1
     a2 = a1 - lag * j2
     a3 = a2 - lag * j3
@@ -424,21 +423,21 @@ def filtered(axis: Axis, limits: Limits) -> tuple[float, float, float, float, fl
     v3 = v2 - lag * a3
     s3 = (j2 - j3) / lag
     s2 = (j1 - j2) / lag
-    return p - lag * (v1 + v2 + v3), v3, a3, j3, s3 + led * (s2 - s3)
+    return p - lag * (v1 + v2 + v3), v3, a3, j3, s3, (s2 - s3) / lag
 
 
 def setpoint_of(plan: Plan, limits: Limits) -> Setpoint:
     """Return the present setpoint, in the order that `controller.control` takes."""
-    px, vx, ax, jx, sx = filtered(plan[0], limits)
-    py, vy, ay, jy, sy = filtered(plan[1], limits)
-    pz, vz, az, jz, sz = filtered(plan[2], limits)
-    return (px, py, pz, vx, vy, vz, ax, ay, az, jx, jy, jz, sx, sy, sz)
+    px, vx, ax, jx, sx, cx = filtered(plan[0], limits)
+    py, vy, ay, jy, sy, cy = filtered(plan[1], limits)
+    pz, vz, az, jz, sz, cz = filtered(plan[2], limits)
+    return (px, py, pz, vx, vy, vz, ax, ay, az, jx, jy, jz, sx, sy, sz, cx, cy, cz)
 
 
 def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
     """Return an axis one period later, and 1 if it moved, else 0."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
-    most_v, most_a, most_j, _, decay, ratio, _, _ = limits
+    most_v, most_a, most_j, _, decay, ratio, _ = limits
     moves = (v != 0.0) | (a != 0.0) | (p != goal)
     jerk = 0.0
     if moves:
@@ -474,7 +473,7 @@ def settle(axis: Axis) -> Axis:
 def advance(plan: Plan, limits: Limits) -> Plan:
     """Return the plan one control period later."""
     x, y, z, moving, crowded, periods, still = plan
-    if still < limits[7]:
+    if still < limits[6]:
         x, mx = follow(x, limits)
         y, my = follow(y, limits)
         z, mz = follow(z, limits)
@@ -487,7 +486,7 @@ def advance(plan: Plan, limits: Limits) -> Plan:
                 x, y, z = divide(x, y, z, limits)
         moving = now
         still = 0.0 if now > 0.0 else still + 1.0
-        if still >= limits[7]:
+        if still >= limits[6]:
             x = settle(x)
             y = settle(y)
             z = settle(z)
@@ -514,11 +513,12 @@ def end(axis: Axis, limits: Limits) -> Axis:
     return (p, v, a, goal, 0.0, share, j1, j2, j3)
 
 
-def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float]:
-    """Return the soonest stopping place of x and y, m."""
+def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
+    """Return the place where the axes stop as soon as each can, m."""
     x = end(plan[0], limits)
     y = end(plan[1], limits)
-    return x[3], y[3]
+    z = end(plan[2], limits)
+    return x[3], y[3], z[3]
 
 
 def halt(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:

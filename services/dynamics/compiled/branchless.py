@@ -27,7 +27,7 @@ RARE = 2.0
 def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
     """Return an axis one period later, 1 if it moved, and 1 if it should have begun to brake."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
-    most_v, most_a, most_j, _, decay, ratio, _, _ = limits
+    most_v, most_a, most_j, _, decay, ratio, _ = limits
     most_v = share * most_v
     most_a = share * most_a
     most_j = share * most_j
@@ -68,6 +68,6 @@ def glide(plan: Plan, limits: Limits) -> tuple[Plan, float]:
     periods = 0.0 if periods + 1.0 == REDIVIDE else periods + 1.0
     rests = 0.0 if now > 0.0 else still + 1.0
     divides = (now < moving) | ((crowded > 0.0) & (periods == 0.0))
-    rare = (tx + ty + tz > 0.0) | divides | (rests >= limits[7])
+    rare = (tx + ty + tz > 0.0) | divides | (rests >= limits[6])
     kind = RARE if rare else PLAIN
-    return (x, y, z, now, crowded, periods, rests), kind if still < limits[7] else NOTHING
+    return (x, y, z, now, crowded, periods, rests), kind if still < limits[6] else NOTHING

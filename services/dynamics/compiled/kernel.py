@@ -41,12 +41,12 @@ WIDTH = 64
 """Vehicles in a block."""
 
 LAYOUT = {
-    "state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 15, "kind": 1, "rare": 1,
+    "state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 18, "kind": 1, "rare": 1,
 }  # fmt: skip
 """Rows of a block; the last three pass values from one loop to the next."""
 
 CONSTANTS = {
-    "body": 18, "gains": 23, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 5,
+    "body": 18, "gains": 24, "mixer": 6, "limits": 7, "weight": 1, "spin_up": 1, "weather": 5,
 }  # fmt: skip
 """A block's constants, in one row."""
 

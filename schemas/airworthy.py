@@ -11,8 +11,7 @@ beyond twice their RMS.
 """
 
 from math import cos, hypot, sin, sqrt, tan
-
-from msgspec.structs import replace
+from typing import NamedTuple
 
 from quadctl.schemas.params import WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
@@ -33,11 +32,10 @@ _GUSTS = 2.0
 """RMS values of the gusts added to the mean wind."""
 _ROUNDED = 1.1
 """Factor on sums of measured moments of inertia, against their errors."""
-_FLOWN = 0.8
+_FLOWN = 0.9
 """Share of the spare acceleration that the setpoint may ask for; the rest corrects errors."""
-_AT_SPEED, _UPWIND = 0.88, 0.5
-"""Shares of that acceleration which are left at the highest speed: against the drag of still air,
-where the vehicle must keep within 1 cm, and against the wind, where its margin is larger."""
+_AT_SPEED = 0.5
+"""Least share of the highest acceleration that is left to speed up at the highest speed."""
 _STEADY = 2 / 3
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
@@ -84,38 +82,43 @@ def why_not_held(vehicle: VehicleParams, control: ControlParams, wind: WindParam
     return f"it cannot hold itself: {cause}" if spare < _LEAST_SPARE else ""
 
 
-def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> ControlParams:
-    """Return the controller with the limits that the vehicle can fly in its wind.
+class FlownLimits(NamedTuple):
+    """Limits of the setpoint: those of the parameters, or less where the vehicle cannot fly them."""
+
+    max_speed: float
+    """m/s"""
+    max_acceleration: float
+    """m/s^2"""
+    acceleration_at_speed: float
+    """Acceleration (m/s^2) to speed up with at the highest speed; drag takes the rest."""
+    max_jerk: float
+    """m/s^3"""
+
+
+def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> FlownLimits:
+    """Return the limits that the vehicle can fly in its wind.
 
     In a wind that it cannot hold, those of still air: it has to stop and land there.
     """
     if why_not_held(vehicle, control, wind):
         wind = WindParams()
     across, up = _air(wind)
-    acceleration = min(control.max_acceleration, _FLOWN * _spare(vehicle, control, across, up)[0])
+    most = min(control.max_acceleration, _FLOWN * _spare(vehicle, control, across, up)[0])
 
-    def is_held(speed: float) -> bool:
-        """Return whether enough acceleration is left against the air at this speed, m/s."""
-        return all(
-            _spare(vehicle, control, *air)[0] >= share * acceleration
-            for share, x, z in ((_AT_SPEED, 0.0, 0.0), (_UPWIND, across, up))
-            for air in ((x + speed, z), (x, z + speed), (x, z - speed))
-        )
+    def left(speed: float) -> float:
+        """Return the acceleration left at this speed (m/s) against the air, m/s^2."""
+        airs = (across + speed, up), (across, up + speed), (across, up - speed)
+        return _FLOWN * min(_spare(vehicle, control, *air)[0] for air in airs)
 
     speed, step = control.max_speed, 0.5 * control.max_speed
-    if not is_held(speed):
+    if left(speed) < _AT_SPEED * most:
         speed = 0.0
         for _ in range(_HALVINGS):
-            speed += step if is_held(speed + step) else 0.0
+            speed += step if left(speed + step) >= _AT_SPEED * most else 0.0
             step *= 0.5
     lag = max(vehicle.motor_lag + 0.5 * CONTROL_PERIOD, LEAST_LAG)
     jerk = _STEADY * _turning(vehicle) * vehicle.gravity * lag / _SNAP
-    return replace(
-        control,
-        max_acceleration=acceleration,
-        max_speed=speed,
-        max_jerk=min(control.max_jerk, jerk),
-    )
+    return FlownLimits(speed, most, min(most, left(speed)), min(control.max_jerk, jerk))
 
 
 def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> list[str]:

@@ -85,6 +85,7 @@ def advance_axis(
     heading: float,
     most_v: float,
     most_a: float,
+    least_a: float,
     j: float,
 ) -> tuple[float, float, float, float]:
     """Return the motion one period later, and the new heading.
@@ -95,7 +96,7 @@ def advance_axis(
     if heading == 0.0:
         p, v, a = decelerate(p, v, a, goal, most_a, j, PERIOD)
     else:
-        p1, v1, a1, jerk, past = accelerate(p, v, a, goal, heading, most_v, most_a, j)
+        p1, v1, a1, jerk, past = accelerate(p, v, a, goal, heading, most_v, most_a, least_a, j)
         if past > 0.0:
             t = switch(p, v, a, jerk, goal, heading, most_a, j)
             p1, v1, a1 = ramp(p, v, a, jerk, t)
@@ -113,10 +114,12 @@ def accelerate(
     heading: float,
     most_v: float,
     most_a: float,
+    least_a: float,
     j: float,
 ) -> tuple[float, float, float, float, float]:
     """Return the motion one period later at the highest acceleration permitted towards the heading.
 
+    It falls from `most_a` at rest to `least_a` at `most_v`: drag takes the rest of the force.
     Also the jerk for it, m/s^3, and how far a stop from there would pass the goal, m.
     """
     h = PERIOD
@@ -128,8 +131,9 @@ def accelerate(
     cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
     high = -cap if over > 0.0 else cap
     high = high if high > -most_a else -most_a
+    most = most_a + (least_a - most_a) * v0 / most_v
     # While moving away, a pull back beyond the limit is held, as the stop holds it.
-    most = a0 if (v0 < 0.0) & (a0 > most_a) else most_a
+    most = (a0 if a0 > most_a else most_a) if v0 < 0.0 else most
     high = high if high < most else most
     high = high if high < a0 + j * h else a0 + j * h
     high = high if high > a0 - j * h else a0 - j * h
@@ -163,8 +167,9 @@ LONG = 2.0
 """Seconds of braking after which an axis may claim a larger share."""
 
 Limits = tuple[float, ...]
-"""7 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period,
-the period in lags, and the periods until the lagged path is at rest."""
+"""8 floats made by `limits_of`: speed, acceleration and jerk, the lag (s), its decay in a period, the
+period in lags, the periods until the lagged path is at rest, and the acceleration to speed up with
+at the highest speed."""
 
 Axis = tuple[float, ...]
 """9 floats: position, velocity and acceleration of the path, the goal, the heading (see
@@ -390,6 +395,7 @@ def limits_of(params: DynamicsParams) -> Limits:
         exp(-ratio),
         ratio,
         float(int(LAGS_TO_SETTLE / ratio)),
+        limits.acceleration_at_speed,
     )
 
 
@@ -437,13 +443,21 @@ def setpoint_of(plan: Plan, limits: Limits) -> Setpoint:
 def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
     """Return an axis one period later, and 1 if it moved, else 0."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
-    most_v, most_a, most_j, _, decay, ratio, _ = limits
+    most_v, most_a, most_j, _, decay, ratio, _, least_a = limits
     moves = (v != 0.0) | (a != 0.0) | (p != goal)
     jerk = 0.0
     if moves:
         old = a
         p, v, a, heading = advance_axis(
-            p, v, a, goal, heading, share * most_v, share * most_a, share * most_j
+            p,
+            v,
+            a,
+            goal,
+            heading,
+            share * most_v,
+            share * most_a,
+            share * least_a,
+            share * most_j,
         )
         jerk = (a - old) / PERIOD
     j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)

@@ -27,14 +27,15 @@ RARE = 2.0
 def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
     """Return an axis one period later, 1 if it moved, and 1 if it should have begun to brake."""
     p, v, a, goal, heading, share, j1, j2, j3 = axis
-    most_v, most_a, most_j, _, decay, ratio, _ = limits
+    most_v, most_a, most_j, _, decay, ratio, _, least_a = limits
     most_v = share * most_v
     most_a = share * most_a
+    least_a = share * least_a
     most_j = share * most_j
     moves = (v != 0.0) | (a != 0.0) | (p != goal)
     brakes = heading == 0.0
     p1, v1, a1 = decelerate(p, v, a, goal, most_a, most_j, PERIOD)
-    p2, v2, a2, _, past = accelerate(p, v, a, goal, heading, most_v, most_a, most_j)
+    p2, v2, a2, _, past = accelerate(p, v, a, goal, heading, most_v, most_a, least_a, most_j)
     p2 = p1 if brakes else p2
     v2 = v1 if brakes else v2
     a2 = a1 if brakes else a2

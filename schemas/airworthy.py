@@ -10,7 +10,7 @@ motor_lag 0.1 with soft gains, are centimetres off in still air), weak motors as
 beyond twice their RMS.
 """
 
-from math import cos, hypot, sin, sqrt, tan
+from math import cos, hypot, inf, pi, sin, sqrt, tan
 from typing import NamedTuple
 
 from quadctl.schemas.params import WindParams
@@ -22,7 +22,7 @@ LEAST_LAG = 0.05
 """Shortest lag of the setpoint, s: with 0.03, short diagonal climbs, and goals replaced back and
 forth in a descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm
 off."""
-LEAST_DAMPING = 0.1
+LEAST_DAMPING = 0.2
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
 _LIFT = 0.9
 """Share of the full thrust that the vertical may take."""
@@ -36,14 +36,18 @@ _FLOWN = 0.9
 """Share of the spare acceleration that the setpoint may ask for; the rest corrects errors."""
 _AT_SPEED = 0.5
 """Least share of the highest acceleration that is left to speed up at the highest speed."""
-_STEADY = 2 / 3
+_STEADY = 0.7
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
 """Highest snap after a reversed jerk, in jerks per lag: 2 t/T^2 exp(-t/T), led by less than T."""
+_KINK = 0.1
+"""Share of the torque that a step of drag's second rate may ask for: |v| v has one at rest."""
 _UPRIGHT = 0.17
 """Attitude error (rad, ten degrees) that the torque must be able to correct."""
-_LEAST_SPARE = 0.05
+_LEAST_SPARE = 0.12
 """Least spare acceleration, m/s^2: with less, a flight takes minutes."""
+_CLIMBS = tuple(pi / 6 * step for step in range(-3, 4))
+"""Angles of motion, rad, at which the acceleration left is compared: steepest sinking to climb."""
 _HALVINGS = 30
 """Bisection steps for a speed: to 1e-9 of the limit."""
 _CLOSE = 1e-12
@@ -103,11 +107,16 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
     if why_not_held(vehicle, control, wind):
         wind = WindParams()
     across, up = _air(wind)
-    most = min(control.max_acceleration, _FLOWN * _spare(vehicle, control, across, up)[0])
+    snap = _turning(vehicle) * vehicle.gravity
+    most = min(
+        control.max_acceleration,
+        _FLOWN * _spare(vehicle, control, across, up)[0],
+        sqrt(_KINK * snap * vehicle.mass / (4 * vehicle.drag)) if vehicle.drag else inf,
+    )
 
     def left(speed: float) -> float:
         """Return the acceleration left at this speed (m/s) against the air, m/s^2."""
-        airs = (across + speed, up), (across, up + speed), (across, up - speed)
+        airs = ((across + speed * cos(a), up + speed * sin(a)) for a in _CLIMBS)
         return _FLOWN * min(_spare(vehicle, control, *air)[0] for air in airs)
 
     speed, step = control.max_speed, 0.5 * control.max_speed
@@ -117,7 +126,9 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
             speed += step if left(speed + step) >= _AT_SPEED * most else 0.0
             step *= 0.5
     lag = max(vehicle.motor_lag + 0.5 * CONTROL_PERIOD, LEAST_LAG)
-    jerk = _STEADY * _turning(vehicle) * vehicle.gravity * lag / _SNAP
+    # Drag's second rate goes with the jerk, and adds to the snap.
+    rate = _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
+    jerk = _STEADY * snap / (_SNAP / lag + rate)
     return FlownLimits(speed, most, min(most, left(speed)), min(control.max_jerk, jerk))
 
 
@@ -144,6 +155,13 @@ def _air(wind: WindParams) -> tuple[float, float]:
     return hypot(wind.mean.x, wind.mean.y) + _GUSTS * wind.gust, wind.mean.z
 
 
+def _linear_drag(vehicle: VehicleParams, speed: float) -> float:
+    """Return the rate of drag with the speed through the air, N/(m/s), at this speed, m/s."""
+    turning = 4 * sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_coefficient)
+    most = max(vehicle.rotor_drag.across, vehicle.rotor_drag.along)
+    return vehicle.linear_drag + turning * most + 2 * vehicle.drag * speed
+
+
 def _turning(vehicle: VehicleParams) -> float:
     """Return the angular acceleration (rad/s^2) about x and y that leaves the hover thrust as it is.
 
@@ -168,7 +186,9 @@ def _spare(
     speed = hypot(across, up)
     linear = vehicle.linear_drag + vehicle.drag * speed
     drag = (linear + turning * vehicle.rotor_drag.across) * across / vehicle.mass
-    lift = (linear + turning * vehicle.rotor_drag.along) * up / vehicle.mass
+    # Rotors that are dragged more across than along tilt the lift: the larger of both counts.
+    along = max(vehicle.rotor_drag.across, vehicle.rotor_drag.along)
+    lift = (linear + turning * along) * up / vehicle.mass
     held = (g - lift) * tan(tilt)
     return min(
         (
@@ -184,7 +204,7 @@ def _spare(
             f"wind of {speed:.3g} m/s pushes by {drag:.3g} m/s^2, max_tilt holds {held:.3g}",
         ),
         (
-            _LIFT * full - g + lift,
+            _LIFT * full - hypot(g - lift, drag),
             (
                 f"its motors lift {_LIFT * full:.3g} m/s^2 at most, and gravity"
                 f"{' and wind pull' if lift < 0 else ' pulls'} {g - lift:.3g}"

@@ -71,10 +71,10 @@ class ControlParams(Struct, forbid_unknown_fields=True):
     ] = 28.0
     max_tilt: Annotated[float, described("tilt limit", "rad", ge=0.05, le=1.4)] = 0.7
     max_speed: Annotated[
-        float, described("speed limit of the setpoint", "m/s", ge=0.01, le=100)
+        float, described("speed limit of the setpoint", "m/s", ge=0.1, le=100)
     ] = 5.0
     max_acceleration: Annotated[
-        float, described("acceleration limit of the setpoint", "m/s^2", ge=0.01, le=100)
+        float, described("acceleration limit of the setpoint", "m/s^2", ge=0.1, le=100)
     ] = 5.0
     max_jerk: Annotated[
         float, described("jerk limit of the setpoint", "m/s^3", ge=0.1, le=10_000)

@@ -10,9 +10,9 @@ from quadctl.schemas.params import DynamicsParams
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.watch import Floats
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet, flat
-from quadctl.services.dynamics.compiled.kernel import CONSTANTS, MOTION, span
+from quadctl.services.dynamics.compiled.kernel import MOTION
 from quadctl.services.dynamics.compiled.single import lane_of
-from quadctl.services.dynamics.flight_modes import Point, periods_of, room
+from quadctl.services.dynamics.flight_modes import Point, room
 from quadctl.services.dynamics.vehicle import Vehicle
 
 Box = tuple[Point, Point]
@@ -90,8 +90,6 @@ class Compiled(CompiledFleet):
         """Put each at rest on its start; `kernel` is the module from `load_kernel`."""
         super().__init__(params, kernel)
         self.loops: Any = kernel
-        limits = self.constants[self._places[:, 0], span(CONSTANTS, "limits")]
-        self._periods = [periods_of(tuple(row)) for row in limits.tolist()]
         self._params = params
         self._configured: dict[int, _Lane] = {}
         self._waiting: set[int] = set()
@@ -127,14 +125,11 @@ class Compiled(CompiledFleet):
     def _store(self, number: int) -> None:
         vehicle = self._configured[number]
         self.put(number, *vehicle.flat())
-        self._periods[number] = vehicle.periods
         (self._waiting.add if vehicle.waits else self._waiting.discard)(number)
 
     def room(self, number: int) -> Box:
         """Return the box that a vehicle would stay in if it braked now."""
-        found: Box = self._kernel.room(
-            self.blocks, self.constants, *self._homes[number], self._periods[number]
-        )
+        found: Box = self._kernel.room(self.blocks, self.constants, *self._homes[number])
         return found
 
 
@@ -146,14 +141,9 @@ class _Lane(Vehicle):
         """Return whether parameters wait for a standstill."""
         return self._wanted is not None
 
-    @property
-    def periods(self) -> int:
-        """Return the control periods for which a stop is sampled."""
-        return periods_of(self._constants[3])
-
     def room(self) -> Box:
         """Return the box that it would stay in if it braked now."""
-        return room(self._plan, self._mode, self._constants[3], self.periods)
+        return room(self._plan, self._mode, self._constants[3])
 
     def load(self, numbers: Sequence[float]) -> None:
         """Take a compiled vehicle's changing numbers."""

@@ -197,8 +197,8 @@ def control(
     mx = ly * zz - lz * zy
     my = lz * zx
     mz = -ly * zx
-    tx = 0.5 * ((zx * yx + zy * yy + zz * yz) - (by * ly + bz * lz))
-    ty = 0.5 * ((mx * bx + my * by + mz * bz) - (xx * zx + xy * zy + xz * zz))
+    tx = zx * yx + zy * yy + zz * yz
+    ty = -(xx * zx + xy * zy + xz * zz)
     tz = 0.5 * ((xy * ly + xz * lz) - (yx * mx + yy * my + yz * mz))
     # Air that streams through the rotors changes their lift: this much per thrust direction.
     ux = sx - ux

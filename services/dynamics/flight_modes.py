@@ -236,17 +236,12 @@ def fly(
     return state, command, plan, mode, air
 
 
-LAGS = 6.0
-"""Lags of the setpoint after which it is on the last stretch of its path."""
+SETTLED = 0.15
+"""Share of the time to rest, 6 of 40 lags, after which the setpoint is all but at its stop."""
 EVERY = 4
 """Control periods between the sampled points of a stop."""
 
 Point = tuple[float, float, float]
-
-
-def periods_of(limits: Limits) -> int:
-    """Return the control periods for which a stop is sampled."""
-    return round(LAGS * limits[3] / PERIOD)
 
 
 def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:
@@ -260,7 +255,7 @@ def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:
     )
 
 
-def room(plan: Plan, mode: FlightMode, limits: Limits, periods: int) -> tuple[Point, Point]:
+def room(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Point, Point]:
     """Return the box, m, that the setpoint would stay in, with its lag, if it braked now."""
     low = place(plan, limits)
     high = low
@@ -268,8 +263,9 @@ def room(plan: Plan, mode: FlightMode, limits: Limits, periods: int) -> tuple[Po
         plan, _ = brake(plan, mode, limits)
         # An axis that gains share on its way stops nearer.
         low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))
-        for count in range(periods):
-            plan = trajectory.advance(plan, limits)
-            if count % EVERY == 0:
-                low, high = widened(low, high, place(plan, limits))
+        # A stop that turns round has been beyond its end.
+        while plan[6] < SETTLED * limits[6]:
+            for _ in range(EVERY):
+                plan = trajectory.advance(plan, limits)
+            low, high = widened(low, high, place(plan, limits))
     return low, high

@@ -32,9 +32,9 @@ def brake(blocks, constants, b, lane):
     _put_mode(q, n, mode)
 
 @njit(error_model='numpy', cache=True)
-def room(blocks, constants, b, lane, periods):
+def room(blocks, constants, b, lane):
     q, n = blocks[b], np.uint64(lane)
-    return flight_modes__room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]), periods)
+    return flight_modes__room(_plan_of(_plan(q, n)), _mode(q, n), _get_limits(constants[b]))
 """
 
 WIDTH = 64

@@ -85,6 +85,9 @@ from math import sqrt
 from numba import carray, njit, types
 """
 
+_CONSTANTS = (0 if size == 1 else size for size in CONSTANTS.values())
+"""Sizes of the constants' tuples, 0 for a number."""
+
 _FLY = f"""
 _doubles = types.CPointer(types.float64)
 
@@ -99,7 +102,7 @@ def fly(numbers, fixed, start, steps):
         {_items("q", 0, 17, 4)},
         ({_items("q", 21, 9, 9, 9, 0, 0, 0, 0)}),
         {_items("q", 52, 8, 6)},
-        ({_items("c", 0, 18, 23, 6, 8, 0, 0, 5)}),
+        ({_items("c", 0, *_CONSTANTS)}),
         start, steps)
     flown = (*state, *command, *plan[0], *plan[1], *plan[2], *plan[3:], *mode, *air)
     for i in range({STORED}):

@@ -5,9 +5,7 @@ loop from position to thrust: cascaded gains, and the motors' lag plus half a co
 torque is what roll and pitch have in hover before the mixer adds thrust to make room for them.
 SI units.
 
-Not covered: feedback so soft that it leaves the errors of a slow motor (position_gain 0.01, or
-motor_lag 0.1 with soft gains, are centimetres off in still air), weak motors as a fault, and gusts
-beyond twice their RMS.
+Not covered: weak motors as a fault, and gusts beyond four times their RMS.
 """
 
 from math import cos, hypot, inf, pi, sin, sqrt, tan
@@ -28,8 +26,8 @@ _LIFT = 0.9
 """Share of the full thrust that the vertical may take."""
 _SINK = 0.8
 """Share of gravity that the vehicle may fall with."""
-_GUSTS = 2.0
-"""RMS values of the gusts added to the mean wind."""
+_GUSTS, _STORM = 2.0, 4.0
+"""RMS values of the gusts added to the mean wind: to fly in it, and to hold one's place for hours."""
 _ROUNDED = 1.1
 """Factor on sums of measured moments of inertia, against their errors."""
 _FLOWN = 0.9
@@ -44,8 +42,8 @@ _KINK = 0.1
 """Share of the torque that a step of drag's second rate may ask for: |v| v has one at rest."""
 _UPRIGHT = 0.17
 """Attitude error (rad, ten degrees) that the torque must be able to correct."""
-_LEAST_SPARE = 0.12
-"""Least spare acceleration, m/s^2: with less, a flight takes minutes."""
+_LEAST_SPARE, _LEAST_SPEED = 0.12, 0.1
+"""Least spare acceleration, m/s^2, and speed, m/s: with less, safety takes a flight for a standstill."""
 _CLIMBS = tuple(pi / 6 * step for step in range(-3, 4))
 """Angles of motion, rad, at which the acceleration left is compared: steepest sinking to climb."""
 _HALVINGS = 30
@@ -70,6 +68,9 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         )
     if why := why_not_held(vehicle, control, wind):
         return why
+    fastest = flown(vehicle, control, wind).max_speed
+    if fastest < _LEAST_SPEED:
+        return f"against its drag it flies at {fastest:.2g} m/s at most, below {_LEAST_SPEED:g}"
     # Beyond this error the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
     error = _turning(vehicle) / (control.rate_gain * control.attitude_gain)
     if error < _UPRIGHT:
@@ -82,7 +83,7 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
 
 def why_not_held(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
     """Return why a vehicle that flies in still air cannot hold its place, or an empty string."""
-    spare, cause = _spare(vehicle, control, *_air(wind))
+    spare, cause = _spare(vehicle, control, *_air(wind, _STORM))
     return f"it cannot hold itself: {cause}" if spare < _LEAST_SPARE else ""
 
 
@@ -138,8 +139,10 @@ def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         return [why]
     less = flown(vehicle, control, wind)
     spare, _ = _spare(vehicle, control, *_air(wind))
+    is_dragged = less.max_acceleration < _FLOWN * spare
     reasons = {
-        "max_acceleration": f"the body can do {spare:.2g} m/s^2, flown with",
+        "max_acceleration": f"{'for its drag' if is_dragged else f'the body can do {spare:.2g} m/s^2,'}"
+        " flown with",
         "max_speed": "against the air flown with",
         "max_jerk": "for its torque flown with",
     }
@@ -150,16 +153,20 @@ def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
     ]
 
 
-def _air(wind: WindParams) -> tuple[float, float]:
-    """Return the horizontal and the upward wind to hold against, m/s; gusts count as horizontal."""
-    return hypot(wind.mean.x, wind.mean.y) + _GUSTS * wind.gust, wind.mean.z
+def _air(wind: WindParams, gusts: float = _GUSTS) -> tuple[float, float]:
+    """Return the horizontal and the upward wind, m/s, with so many RMS values of gusts across."""
+    return hypot(wind.mean.x, wind.mean.y) + gusts * wind.gust, wind.mean.z
 
 
 def _linear_drag(vehicle: VehicleParams, speed: float) -> float:
     """Return the rate of drag with the speed through the air, N/(m/s), at this speed, m/s."""
-    turning = 4 * sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_coefficient)
     most = max(vehicle.rotor_drag.across, vehicle.rotor_drag.along)
-    return vehicle.linear_drag + turning * most + 2 * vehicle.drag * speed
+    return vehicle.linear_drag + _rotation(vehicle) * most + 2 * vehicle.drag * speed
+
+
+def _rotation(vehicle: VehicleParams) -> float:
+    """Return the sum of the motor speeds in hover, rad/s."""
+    return 4 * sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_coefficient)
 
 
 def _turning(vehicle: VehicleParams) -> float:
@@ -182,13 +189,13 @@ def _spare(
     """
     g, tilt = vehicle.gravity, control.max_tilt
     full = 4 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2 / vehicle.mass
-    turning = 4 * sqrt(0.25 * vehicle.mass * g / vehicle.thrust_coefficient)
+    rotation = _rotation(vehicle)
     speed = hypot(across, up)
     linear = vehicle.linear_drag + vehicle.drag * speed
-    drag = (linear + turning * vehicle.rotor_drag.across) * across / vehicle.mass
+    drag = (linear + rotation * vehicle.rotor_drag.across) * across / vehicle.mass
     # Rotors that are dragged more across than along tilt the lift: the larger of both counts.
     along = max(vehicle.rotor_drag.across, vehicle.rotor_drag.along)
-    lift = (linear + turning * along) * up / vehicle.mass
+    lift = (linear + rotation * along) * up / vehicle.mass
     held = (g - lift) * tan(tilt)
     return min(
         (

@@ -70,9 +70,9 @@ class ControlParams(Struct, forbid_unknown_fields=True):
         float, described("body rate error to angular acceleration", "1/s", ge=0.01, le=1000)
     ] = 28.0
     max_tilt: Annotated[float, described("tilt limit", "rad", ge=0.05, le=1.4)] = 0.7
-    max_speed: Annotated[
-        float, described("speed limit of the setpoint", "m/s", ge=0.1, le=100)
-    ] = 5.0
+    max_speed: Annotated[float, described("speed limit of the setpoint", "m/s", ge=0.1, le=100)] = (
+        5.0
+    )
     max_acceleration: Annotated[
         float, described("acceleration limit of the setpoint", "m/s^2", ge=0.1, le=100)
     ] = 5.0

@@ -70,7 +70,7 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         return why
     fastest = flown(vehicle, control, wind).max_speed
     if fastest < _LEAST_SPEED:
-        return f"against its drag it flies at {fastest:.2g} m/s at most, below {_LEAST_SPEED:g}"
+        return f"against the air it flies at {fastest:.2g} m/s at most, below {_LEAST_SPEED:g}"
     # Beyond this error the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
     error = _turning(vehicle) / (control.rate_gain * control.attitude_gain)
     if error < _UPRIGHT:

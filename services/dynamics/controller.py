@@ -12,7 +12,6 @@ from math import sqrt, tan
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics.rigidbody import STEP, State
-from quadctl.services.dynamics.rotor import hover_speed
 
 STEPS = 4
 """Integration steps per control period: 250 Hz."""
@@ -106,13 +105,14 @@ def specific_force(
 
 
 def specific_force_rates(
-    state: State, setpoint: Setpoint, gains: Gains, fx: float, fy: float, fz: float
+    state: State, setpoint: Setpoint, gains: Gains, force: tuple[float, float, float, float]
 ) -> tuple[float, float, float, float, float, float]:
     """Return the first and second rate of the setpoint's specific force, with those of drag.
 
-    Drag is d u, with u the speed through the air and d = linear + drag |u|; its rotors' part counts
-    as constant.
+    Drag is d u, with u the speed through the air and d = linear + drag |u|; its rotors' part goes
+    with their speed, and that with the root of the force.
     """
+    fx, fy, fz, _ = force
     _, _, _, _, _, _, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
     _, _, _, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz, _, _, _ = setpoint
     (_, _, _, drag, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
@@ -123,7 +123,7 @@ def specific_force_rates(
     n = sqrt(ux * ux + uy * uy + uz * uz + TINY)
     m = across * (m0 + m1 + m2 + m3)
     d = linear + m + drag * n
-    # First and second rate of n, then of d; the motors' speed goes with the root of the force.
+    # First and second rate of n; r and q, those of the root of the force, in roots; then of d.
     e = (ux * ax + uy * ay + uz * az) / n
     k = (ux * jx + uy * jy + uz * jz + ax * ax + ay * ay + az * az - e * e) / n
     f = 1.0 / (fx * fx + fy * fy + fz * fz)
@@ -141,28 +141,24 @@ def specific_force_rates(
     )
 
 
-def control(
-    state: State, setpoint: Setpoint, gains: Gains
-) -> tuple[float, float, float, float]:
-    """Return thrust (N, along body z) and torques (N m, body frame) to follow the setpoint.
+def direction_rates(
+    force: tuple[float, float, float, float],
+    rates: tuple[float, float, float, float, float, float],
+    setpoint: Setpoint,
+    ahead: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Return the first and the led second rate of the thrust's direction z, across it.
 
-    The attitude error is Lee, Leok and McClamroch's on SO(3) (CDC 2010), 0.5 (Rd^T R - R^T Rd);
-    body rates and angular acceleration from jerk and snap follow Mellinger and Kumar (ICRA 2011).
+    They follow from those of the force f = |f| z, and are 0 while its tilt is clamped. The torque
+    lags by `ahead` (s) behind its command, so the third rate leads the second.
     """
-    _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
-    _, _, _, sx, sy, sz, ax, ay, az, _, _, _, _, _, _, cx, cy, cz = setpoint
-    (_, _, _, _, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz,
-     _, _, axial, ux, uy, uz) = gains
-    fx, fy, fz, free = specific_force(state, setpoint, gains)
-    jx, jy, jz, nx, ny, nz = specific_force_rates(state, setpoint, gains, fx, fy, fz)
+    fx, fy, fz, free = force
+    jx, jy, jz, nx, ny, nz = rates
+    _, _, _, _, _, _, _, _, _, _, _, _, _, _, _, cx, cy, cz = setpoint
     f = 1.0 / sqrt(fx * fx + fy * fy + fz * fz)
     zx = fx * f
     zy = fy * f
     zz = fz * f
-    r = 0.5 * f * (zx * jx + zy * jy + zz * jz)
-    # Rates of the thrust's direction z, across it, from those of f = |f| z; 0 while its tilt is
-    # clamped. The third one leads the second, and jerk the force, as thrust and torque lag behind
-    # their commands.
     k = f * free
     e = (jx * zx + jy * zy + jz * zz) * f
     ox = jx * k - e * free * zx
@@ -172,15 +168,43 @@ def control(
     nx = nx * k - n * free * zx - 2.0 * e * ox
     ny = ny * k - n * free * zy - 2.0 * e * oy
     nz = nz * k - n * free * zz - 2.0 * e * oz
-    along = (cx * zx + cy * zy + cz * zz) * f
+    c = (cx * zx + cy * zy + cz * zz) * f
+    # Less one |z'|^2 z', as the body's axes turn with z.
     n = 3.0 * n + 2.0 * (ox * ox + oy * oy + oz * oz)
     e = 3.0 * e
-    nx = nx + ahead * (cx * k - along * free * zx - e * nx - n * ox)
-    ny = ny + ahead * (cy * k - along * free * zy - e * ny - n * oy)
-    nz = nz + ahead * (cz * k - along * free * zz - e * nz - n * oz)
-    fx = fx + ahead * jx
-    fy = fy + ahead * jy
-    fz = fz + ahead * jz
+    return (
+        ox,
+        oy,
+        oz,
+        nx + ahead * (cx * k - c * free * zx - e * nx - n * ox),
+        ny + ahead * (cy * k - c * free * zy - e * ny - n * oy),
+        nz + ahead * (cz * k - c * free * zz - e * nz - n * oz),
+    )
+
+
+def control(
+    state: State, setpoint: Setpoint, gains: Gains
+) -> tuple[float, float, float, float]:
+    """Return thrust (N, along body z) and torques (N m, body frame) to follow the setpoint.
+
+    The attitude error is that of the thrust's direction, z_b x z_d (Brescianini, Hehn and D'Andrea,
+    2013), and of the yaw; so a vehicle that yaws flies on. Body rates and angular acceleration from
+    jerk and snap follow Mellinger and Kumar (ICRA 2011). Thrust lags as the torque does, and is led
+    by the jerk.
+    """
+    _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
+    _, _, _, sx, sy, sz, ax, ay, az, _, _, _, _, _, _, _, _, _ = setpoint
+    (_, _, _, _, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz,
+     _, _, axial, ux, uy, uz) = gains
+    force = specific_force(state, setpoint, gains)
+    rates = specific_force_rates(state, setpoint, gains, force)
+    ox, oy, oz, nx, ny, nz = direction_rates(force, rates, setpoint, ahead)
+    fx, fy, fz, _ = force
+    jx, jy, jz, _, _, _ = rates
+    f = 1.0 / sqrt(fx * fx + fy * fy + fz * fz)
+    zx = fx * f
+    zy = fy * f
+    zz = fz * f
     # Columns of the true attitude, then of the wanted one: z along the force, y level (yaw 0).
     xx = 1.0 - 2.0 * (qy * qy + qz * qz)
     xy = 2.0 * (qx * qy + qw * qz)
@@ -200,17 +224,17 @@ def control(
     tx = zx * yx + zy * yy + zz * yz
     ty = -(xx * zx + xy * zy + xz * zz)
     tz = 0.5 * ((xy * ly + xz * lz) - (yx * mx + yy * my + yz * mz))
-    # Air that streams through the rotors changes their lift: this much per thrust direction.
+    # Air that streams along the rotors' axes changes their lift: e per sum of their speeds.
     ux = sx - ux
     uy = sy - uy
     uz = sz - uz
-    m = axial * (m0 + m1 + m2 + m3)
     e = ux * bx + uy * by + uz * bz
+    r = 0.5 * f * (zx * jx + zy * jy + zz * jz)
     e = e + ahead * (r * e + ax * bx + ay * by + az * bz + ux * ox + uy * oy + uz * oz)
     # Attitude to body rates to torque.
     return (
-        mass * (fx * bx + fy * by + fz * bz)
-        - m * e,
+        mass * ((fx + ahead * jx) * bx + (fy + ahead * jy) * by + (fz + ahead * jz) * bz)
+        - axial * (m0 + m1 + m2 + m3) * e,
         ix * (kr * (-ka * tx - (ox * yx + oy * yy + oz * yz) - wx) - (nx * yx + ny * yy + nz * yz))
         + gx * wy * wz,
         iy * (kr * (-ka * ty + (ox * xx + oy * xy + oz * xz) - wy) + (nx * xx + ny * xy + nz * xz))

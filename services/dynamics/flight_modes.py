@@ -10,7 +10,7 @@ World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 from math import nan
 
 from quadctl.services.dynamics import trajectory, wind
-from quadctl.services.dynamics.controller import PERIOD, STEPS, Gains, Setpoint, control
+from quadctl.services.dynamics.controller import STEPS, Gains, Setpoint, control
 from quadctl.services.dynamics.rigidbody import Body, Motors, State, step
 from quadctl.services.dynamics.rotor import Mixer, mix
 from quadctl.services.dynamics.trajectory import Limits, Plan
@@ -238,8 +238,8 @@ def fly(
 
 SETTLED = 0.15
 """Share of the time to rest, 6 of 40 lags, after which the setpoint is all but at its stop."""
-EVERY = 4
-"""Control periods between the sampled points of a stop."""
+EVERY, LONGEST = 4, 25000
+"""Control periods between the sampled points of a stop, and of the longest stop: 100 s."""
 
 Point = tuple[float, float, float]
 
@@ -263,8 +263,10 @@ def room(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Point, Point]:
         plan, _ = brake(plan, mode, limits)
         # An axis that gains share on its way stops nearer.
         low, high = widened(low, high, (plan[0][3], plan[1][3], plan[2][3]))
-        # A stop that turns round has been beyond its end.
-        while plan[6] < SETTLED * limits[6]:
+        count = 0
+        # A stop that turns round has been beyond its end. One that is not a number never rests.
+        while (plan[6] < SETTLED * limits[6]) & (count < LONGEST):
+            count = count + EVERY
             for _ in range(EVERY):
                 plan = trajectory.advance(plan, limits)
             low, high = widened(low, high, place(plan, limits))

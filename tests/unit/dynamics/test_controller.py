@@ -27,7 +27,7 @@ def level(
 
 def setpoint(**given: tuple[float, float, float]) -> tuple[float, ...]:
     zero = (0.0, 0.0, 0.0)
-    names = ("position", "velocity", "acceleration", "jerk", "snap")
+    names = ("position", "velocity", "acceleration", "jerk", "snap", "crackle")
     return tuple(x for name in names for x in given.get(name, zero))
 
 
@@ -55,7 +55,10 @@ def test_a_setpoint_above_increases_the_thrust():
 def test_body_rates_are_damped():
     _, *torques = control(level(rates=(1.0, 1.0, 1.0)), setpoint(), GAINS)
     inertia = PARAMS.vehicle.inertia
-    gyroscopic = (inertia.z - inertia.y, inertia.x - inertia.z, 0.0)
+    # The thrust's direction turns with two rates at once; then come Euler's equations.
+    gyroscopic = (
+        inertia.x + inertia.z - inertia.y, inertia.x - inertia.z - inertia.y, 0.0,
+    )  # fmt: skip
     damping = [-28.0 * j for j in (inertia.x, inertia.y, inertia.z)]
     assert torques == pytest.approx([d + g for d, g in zip(damping, gyroscopic, strict=True)])
 
@@ -67,10 +70,14 @@ def test_yaw_is_turned_back_to_zero():
 
 def test_jerk_and_snap_are_fed_forward():
     inertia = PARAMS.vehicle.inertia
-    _, tx, ty, _ = control(level(), setpoint(jerk=(9.81, -19.62, 0.0)), GAINS)
-    assert (tx, ty) == pytest.approx((2.0 * 28.0 * inertia.x, 28.0 * inertia.y))
-    _, tx, ty, _ = control(level(), setpoint(snap=(9.81, -19.62, 0.0)), GAINS)
-    assert (tx, ty) == pytest.approx((2.0 * inertia.x, inertia.y))
+    # As small as here, the rates of the thrust's direction do not depend on each other.
+    small = (0.0981, -0.1962, 0.0)
+    _, tx, ty, _ = control(level(), setpoint(jerk=small), GAINS)
+    assert (tx, ty) == pytest.approx((0.02 * 28.0 * inertia.x, 0.01 * 28.0 * inertia.y), rel=1e-4)
+    _, tx, ty, _ = control(level(), setpoint(snap=small), GAINS)
+    assert (tx, ty) == pytest.approx((0.02 * inertia.x, 0.01 * inertia.y))
+    _, tx, ty, _ = control(level(), setpoint(crackle=small), GAINS)
+    assert (tx, ty) == pytest.approx((0.02 * 0.022 * inertia.x, 0.01 * 0.022 * inertia.y))
 
 
 def test_drag_is_compensated():

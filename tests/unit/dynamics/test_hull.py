@@ -20,11 +20,11 @@ def test_an_axis_speeds_up_only_if_it_can_still_stop_at_its_goal(
     for name in ("ramp", "decelerate"):
         monkeypatch.setattr(trajectory, name, lambda *_: (Number(), Number(), Number()))
     monkeypatch.setattr(trajectory, "switch", lambda *_: Number())
-    values: Any = [Number() for _ in range(7)]
-    p, v, a, goal, most_v, most_a, j = values
+    values: Any = [Number() for _ in range(8)]
+    p, v, a, goal, most_v, most_a, least_a, j = values
     kept = 0
     for solver, (p1, v1, a1, side) in paths(
-        [], lambda: trajectory.advance_axis(p, v, a, goal, heading, most_v, most_a, j)
+        [], lambda: trajectory.advance_axis(p, v, a, goal, heading, most_v, most_a, least_a, j)
     ):
         assert side in {heading, 0.0}
         if side == heading:
@@ -78,7 +78,7 @@ def test_the_setpoint_is_the_path_after_three_equal_lags():
     jerks: Any = trajectory.lagged(*map(rated, (j1, j2, j3, jerk)), *weights)
     axis: Any = (*now, 0.0, 0.0, 1.0, *jerks)
     limits: Any = (0.0, 0.0, 0.0, Rated(lag), 0.0, 0.0, 0.0, 0.0)
-    y, y1, y2, y3, _ = map(rated, trajectory.filtered(axis, limits))
+    y, y1, y2, y3, *_ = map(rated, trajectory.filtered(axis, limits))
     solver = z3.Solver()
     solver.add(lag > 0, decay > 0)
     path = rated(now[0]).value

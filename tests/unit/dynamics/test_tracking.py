@@ -1,10 +1,12 @@
 """Tracking error on a smooth setpoint: the benefit of feed-forward."""
 
 from math import cos, dist, sin
+from typing import Any
 
 import pytest
 
 from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.schemas.vehicle import RotorDragParams, VehicleParams
 from quadctl.services.dynamics.controller import PERIOD, STEPS
 from quadctl.services.dynamics.flight_modes import motor_commands
 from quadctl.services.dynamics.rigidbody import step
@@ -13,16 +15,17 @@ from quadctl.services.dynamics.vehicle import Vehicle, constants_of, initial
 CALM = (0.0, 0.0, 0.0)
 
 
-def circle(radius: float, speed: float, t: float, led: float) -> tuple[float, ...]:
-    """Return position to snap on a circle 10 m up; the snap is that of `led` seconds later."""
+def circle(radius: float, speed: float, t: float) -> tuple[float, ...]:
+    """Return position to crackle on a circle 10 m up."""
     w = speed / radius
-    c, s, ahead = cos(w * t), sin(w * t), w * (t + led)
+    c, s = cos(w * t), sin(w * t)
     return (
         radius * c, radius * s, 10.0,
         -radius * w * s, radius * w * c, 0.0,
         -radius * w**2 * c, -radius * w**2 * s, 0.0,
         radius * w**3 * s, -radius * w**3 * c, 0.0,
-        radius * w**4 * cos(ahead), radius * w**4 * sin(ahead), 0.0,
+        radius * w**4 * c, radius * w**4 * s, 0.0,
+        -radius * w**5 * s, radius * w**5 * c, 0.0,
     )  # fmt: skip
 
 
@@ -35,10 +38,10 @@ def test_circle_at_4_m_per_s_is_tracked_within_3_cm(jerk, within):
     errors = []
     for number in range(3000):
         t = number * PERIOD
-        wanted = circle(4.0, 4.0, t, gains[8])
+        wanted = circle(4.0, 4.0, t)
         errors.append(dist(state[:3], wanted[:3]))
         if not jerk:
-            wanted = (*wanted[:9], *(0.0,) * 6)
+            wanted = (*wanted[:9], *(0.0,) * 9)
         command = motor_commands(state, wanted, 2.0, weight, gains, mixer)
         for _ in range(STEPS):
             state = step(state, command, CALM, body)
@@ -48,7 +51,7 @@ def test_circle_at_4_m_per_s_is_tracked_within_3_cm(jerk, within):
     assert jerk or settled > 0.06
 
 
-def test_one_metre_move_is_tracked_within_7_mm_without_overshoot():
+def test_one_metre_move_is_tracked_within_1_mm_without_overshoot():
     vehicle = Vehicle(DynamicsParams(start=StartParams(0.0, 0.0, 10.0)))
     vehicle.goto(1.0, 0.0, 10.0)
     off, furthest = 0.0, 0.0
@@ -56,7 +59,7 @@ def test_one_metre_move_is_tracked_within_7_mm_without_overshoot():
         vehicle.advance(4)
         off = max(off, dist(vehicle.position, vehicle.setpoint))
         furthest = max(furthest, vehicle.position[0])
-    assert off < 0.007
+    assert off < 0.001
     assert furthest < 1.0 + 1e-4
     assert dist(vehicle.position, (1.0, 0.0, 10.0)) < 1e-4
 
@@ -75,3 +78,33 @@ def test_a_goal_moved_in_flight_does_not_jerk_the_vehicle():
         before, last = vehicle.velocity, now
     # The setpoint's jerk is at most 40 m/s^3, shared by three axes; nothing adds a step to it.
     assert max(jerks) < 2.0 * 40.0
+
+
+ZIGZAG = {0: (0.9, 0.3, 9.1), 350: (-0.9, 0.0, 10.9), 800: (0.9, -0.3, 9.1), 1200: (0.0, 0.0, 10.0)}
+"""Goals by the time (ms) at which each replaces the one before."""
+
+
+@pytest.mark.parametrize(
+    ("body", "within"),
+    [
+        ({}, 0.0005),
+        ({"drag": 1.0}, 0.002),
+        ({"rotor_drag": RotorDragParams(1e-4)}, 0.001),
+        ({"rotor_drag": RotorDragParams(0.0, 1e-4)}, 0.001),
+        ({"motor_lag": 0.04}, 0.001),
+        # Next to no torque about z: the vehicle yaws as it likes.
+        ({"torque_coefficient": 1e-10}, 0.01),
+    ],
+)
+def test_turns_on_all_axes_are_tracked_within_millimetres(body: dict[str, Any], within: float):
+    """A missing term of the feed-forward costs 3 to 14 mm here."""
+    vehicle = Vehicle(
+        DynamicsParams(start=StartParams(0.0, 0.0, 10.0), vehicle=VehicleParams(**body))
+    )
+    off = 0.0
+    for now in range(0, 3000, STEPS):
+        if now in ZIGZAG:
+            vehicle.goto(*ZIGZAG[now])
+        vehicle.advance(STEPS)
+        off = max(off, dist(vehicle.position, vehicle.setpoint))
+    assert off < within

@@ -225,7 +225,7 @@ class Params(Struct, forbid_unknown_fields=True):
 FIXED_AT_LAUNCH = frozenset(
     (
         "safety.cage_on", "pressure.source", "pressure.iio", "dynamics.speed", "dynamics.seed",
-        "dynamics.setpoint_timeout", "dynamics.grace", "hub.transport", "hub.listen", "hub.connect",
+        "dynamics.grace", "hub.transport", "hub.listen", "hub.connect",
     )
 )  # fmt: skip
 """Parameters shared by all processes, or with irreversible effects: `param set` refuses these."""

@@ -2,15 +2,18 @@
 
 import time
 
+from msgspec import convert
 from msgspec.structs import replace
 
-from quadctl.schemas.messages import CageSize, Info, Pose, Position, SafetyState, Waypoint
+from quadctl.schemas import airworthy
+from quadctl.schemas.messages import CageSize, Called, Info, Pose, Position, SafetyState, Waypoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     GotoRequest,
     GotoResponse,
     HoldRequest,
     HoldResponse,
+    SetParamsRequest,
     ToggleCageRequest,
     ToggleCageResponse,
 )
@@ -25,10 +28,13 @@ from quadctl.schemas.topics import (
     STATE,
     TOGGLE_CAGE,
     TOPICS,
+    called,
+    set_params,
 )
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.monitor import Monitor
@@ -60,7 +66,20 @@ class Safety:
         self._poses = node.listen(POSE, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
         node.on_params = self.monitor.resize
+        self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_wind)
+        node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
+        self._judge_wind()
         self.publish()
+
+    def _on_vehicle_params(self, call: Called) -> None:
+        """Follow the parameters of dynamics: its wind, and its patience for setpoints."""
+        if call.response.get("success"):
+            self._vehicle.set(convert(call.request, SetParamsRequest))
+
+    def _judge_wind(self) -> None:
+        flown = self._params.dynamics
+        self.monitor.lands(airworthy.why_not_held(flown.vehicle, flown.control, flown.wind))
+        self._send_setpoint()
 
     def serve(self) -> None:
         """Declare the services."""

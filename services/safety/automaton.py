@@ -81,9 +81,9 @@ def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
     return replace(s, request=s.request + 1, reason=reason)
 
 
-def refuse_blind(s: Situation, _e: Event, _w: World) -> Situation:
-    """Refuse a goal without a pose."""
-    reason = "no pose: dynamics is silent"
+def refuse_blind(s: Situation, _e: Event, w: World) -> Situation:
+    """Refuse a goal without a pose, or while the vehicle lands by itself."""
+    reason = w.unready
     if s.paused:
         reason = f"{PAUSED}{reason}; no goal is taken during a pause"
     return replace(s, request=s.request + 1, reason=reason)
@@ -126,8 +126,8 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
             reason = f"{why}: stopped"
         case Halted(why):
             reason = f"stopped, {why}"
-        case Hold():
-            reason = "hold: stopped on request"
+        case Hold(reason):
+            pass
         case Seen():
             reason = f"stopped, the path led out of the cage by {stopping_excess(w):.2g} m"
         case _:

@@ -64,6 +64,8 @@ class Booted(Struct, frozen=True):
 class Hold(Struct, frozen=True):
     """Request to stop."""
 
+    reason: str = "hold: stopped on request"
+
 
 class Toggle(Struct, frozen=True):
     """Request to turn the cage on or off."""
@@ -87,7 +89,7 @@ class Envelope(Struct, frozen=True):
 
 
 class World(Struct, frozen=True):
-    """Input of the automaton. `fresh` means that the pose may be relied on.
+    """Input of the automaton. `fresh` means that the pose may be relied on, else `unready` tells why.
 
     `last` is the previous pose of the same boot, or for the first one of a boot the same pose.
     """
@@ -98,6 +100,7 @@ class World(Struct, frozen=True):
     cage: CageSize
     acceptance_range: float
     envelope: Envelope
+    unready: str = "no pose: dynamics is silent"
 
 
 class Situation(Struct, frozen=True):

@@ -109,7 +109,7 @@ class Monitor:
         self._grace, self._on_rule = grace, on_rule
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
-        self.fresh = False
+        self.fresh, self._landing = False, ""
         self._void: set[str] = set()
         self.situation = Situation(
             state=State.HOVERING,
@@ -187,6 +187,12 @@ class Monitor:
         """Stop at the stopping point."""
         self._feed(Hold())
 
+    def lands(self, why: str) -> None:
+        """Stop, and refuse all goals, while the vehicle lands by itself; `why` is empty afterwards."""
+        if why and why != self._landing and self.situation.boot:
+            self._feed(Hold(f"stopped and landing, {why}"))
+        self._landing = why
+
     def toggle(self, *, cage_on: bool) -> None:
         """Turn the cage on or off."""
         self._feed(Toggle(cage_on))
@@ -230,6 +236,8 @@ class Monitor:
         world = World(
             self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
         )
+        if self._landing:
+            world = replace(world, fresh=False, unready=f"the vehicle lands: {self._landing}")
         self.situation = after = step(before, event, world, on_rule=self._on_rule)
         # A change of `beyond` and `since` alone is not published.
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before

@@ -237,7 +237,7 @@ def test_a_frozen_vehicle_is_listed_with_its_known_fields(fleet: tuple[Lab, Lab]
 
 
 def test_a_vehicle_lands_in_gusts_with_a_small_acceptance_range(lab: Lab):
-    wind = ("dynamics.wind.gust=1.5", "dynamics.wind.mean.x=5", "dynamics.seed=3")
+    wind = ("dynamics.wind.gust=0.9", "dynamics.wind.mean.x=5", "dynamics.seed=3")
     safety = ("safety.acceptance_range=0.02", "safety.margin=1.3")
     words = (word for each in (*wind, *safety, "dynamics.speed=5") for word in ("--set", each))
     assert lab.quadctl("up", "-d", *LONG_TIMEOUTS, *words).code == 0

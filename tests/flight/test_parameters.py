@@ -7,6 +7,7 @@ from itertools import pairwise
 import pytest
 
 from tests.support.bare import Bare, gap, speed
+from tests.support.doctored import frozen
 from tests.support.lab import PATIENT, Lab, private_lab
 from tests.support.running import eventually
 
@@ -194,7 +195,7 @@ def test_limits_beyond_the_body_are_accepted_and_told(tuned: Lab, session: Bare)
     assert session.call("hold").ok
     name = "dynamics.control.max_acceleration"
     done = tuned.quadctl("param", "set", name, "20")
-    assert (done.code, "can do 6.3 m/s^2, flown with 5.1" in done.err) == (0, True)
+    assert (done.code, "can do 6.3 m/s^2, flown with 5.7" in done.err) == (0, True)
     assert tuned.quadctl("param", "set", name, "5").err == ""
 
 
@@ -202,20 +203,44 @@ def test_a_wind_beyond_the_envelope_lands_the_vehicle(tuned: Lab, session: Bare)
     assert tuned.quadctl("goto", 0, 0, 1, "--replace").code == 0
     done = tuned.quadctl("param", "set", "dynamics.wind.mean.x", "10")
     assert (done.code, "cannot hold itself: wind of 10 m/s" in done.err) == (0, True)
+    why = "stopped and landing, it cannot hold itself: wind of 10 m/s"
+    eventually(lambda: session.state()["reason"].startswith(why))
     poses = session.watch("uav/pose")
     landed = poses.until(lambda p: p["position"]["z"] < 0.01 and speed(p) < 0.01)["position"]
     refused = tuned.quadctl("goto", 1, 1, 1)
-    assert (refused.code, "stood still" in refused.err) == (5, True)
+    assert (refused.code, "the vehicle lands: it cannot hold" in refused.err) == (5, True)
     assert gap(poses.next(1)[0]["position"], landed) < 0.2
     assert "stopped and landing, no goal is taken" in tuned.log("dynamics")
     assert tuned.quadctl("param", "set", "dynamics.wind.mean.x", "0").code == 0
     assert tuned.quadctl("goto", landed["x"], landed["y"], 1).code == 0
 
 
+@pytest.mark.parametrize(("timeout", "pauses"), [(0.3, True), (5.0, False)])
+def test_a_patience_for_setpoints_set_live_is_safetys_too(
+    tuned: Lab, session: Bare, timeout: float, *, pauses: bool
+):
+    name = "dynamics.setpoint_timeout"
+    assert tuned.quadctl("param", "set", name, timeout).code == 0
+    poses = session.watch("uav/pose")
+    # Far enough for a flight of several seconds, wherever the vehicle is.
+    far = -2.0 if poses.next(1)[0]["position"]["x"] > 0 else 2.0
+    assert session.call("goto", x=far, y=0.0, z=1.0, replace=True).value["accepted"]
+    # It turns round, so safety has seen it fly to this goal.
+    start = poses.until(lambda p: p["velocity"]["x"] * far > 0.2)
+    with frozen(tuned, tuned.nodes()["safety"]["pid"]):
+        poses.until(lambda p: p["stamp"] > start["stamp"] + 0.7)
+    went_on = "went on after a pause: the vehicle received no setpoint"
+    mark = poses.messages[-1]["stamp"]
+    poses.until(lambda p: p["stamp"] > mark + 0.5)
+    assert session.state()["reason"].startswith(went_on) is pauses
+    assert session.call("hold").ok
+    assert tuned.quadctl("param", "set", name, 0.6).code == 0
+
+
 def test_a_launch_tells_of_limits_beyond_the_body():
     with private_lab() as lab:
         done = lab.quadctl("up", "-d", "--set", "dynamics.control.max_acceleration=20")
-        line = "max_acceleration 20: the body can do 6.3 m/s^2, flown with 5.1\n"
+        line = "max_acceleration 20: the body can do 6.3 m/s^2, flown with 5.7\n"
         assert (done.code, done.err.startswith(line)) == (0, True)
         eventually(lambda: line in lab.log("dynamics"))
 

@@ -301,6 +301,9 @@ def calls(boot: str) -> Iterator[tuple[str, Call]]:
     asked: dict[str, Any] = {"replace": Truth(), "takeoff": Truth()}
     yield "goto", (lambda m: m.goto(goal, **asked), partial(answered, goal))
     yield "hold", (Monitor.hold, stopped)
+    yield "lands", (lambda m: m.lands(reason), stopped if boot else nothing)
+    while_landing = partial(_goto_while_landing, goal, asked)
+    yield "goto while landing", (while_landing, partial(refused, goal))
     yield "toggle", (lambda m: m.toggle(cage_on=toggled), nothing)
     yield "resize", (partial(_resize, size), nothing)
     for seen_boot in dict.fromkeys((NEW, GONE, boot or NEW)):
@@ -316,6 +319,11 @@ def _see(pose: Pose, m: Monitor) -> tuple[Pose, bool]:
     before = m.pose
     m.see(pose)
     return pose, m.situation.boot == before.boot or m.ignores(replace(pose, boot=before.boot))
+
+
+def _goto_while_landing(goal: Position, asked: dict[str, Any], m: Monitor) -> str:
+    m._landing = "any"
+    return m.goto(goal, **asked)
 
 
 def _resize(size: CageParams, m: Monitor) -> None:
@@ -375,6 +383,13 @@ def answered(goal: Position, told: Told) -> Clauses:
             z3.And(told.fresh, s.state is MOVING, same(s.goal, goal)),
         ),
         "a goal that is refused changes nothing": z3.Or(accepted, unchanged, term(s.brake)),
+    }
+
+
+def refused(goal: Position, told: Told) -> Clauses:
+    return {
+        "a vehicle that lands takes no goal": z3.BoolVal(told.result != ""),
+        **answered(goal, told),
     }
 
 

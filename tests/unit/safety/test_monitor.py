@@ -373,3 +373,20 @@ def test_the_log_shows_each_request_and_its_result():
         "Cage: off",
     ]
     assert rig.monitor.situation.state is State.MOVING
+
+
+WIND = "it cannot hold itself: wind of 10 m/s"
+
+
+def test_a_vehicle_that_lands_by_itself_is_stopped_and_takes_no_goal():
+    rig = Rig().moving()
+    rig.monitor.lands(WIND)
+    assert (rig.state.state, rig.state.reason) == ("HOVERING", f"stopped and landing, {WIND}")
+    assert rig.monitor.setpoint().brake
+    published = len(rig.published)
+    rig.monitor.lands(WIND)
+    assert len(rig.published) == published
+    assert rig.monitor.goto(OTHER) == f"the vehicle lands: {WIND}"
+    assert rig.at(ONE_UP).state == "HOVERING"
+    rig.monitor.lands("")
+    assert rig.monitor.goto(OTHER) == ""

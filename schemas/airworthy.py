@@ -34,7 +34,7 @@ _FLOWN = 0.9
 """Share of the spare acceleration that the setpoint may ask for; the rest corrects errors."""
 _AT_SPEED = 0.5
 """Least share of the highest acceleration that is left to speed up at the highest speed."""
-_STEADY = 0.7
+_STEADY = 0.73
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
 """Highest snap after a reversed jerk, in jerks per lag: 2 t/T^2 exp(-t/T), led by less than T."""

@@ -79,7 +79,7 @@ def connect(address: str, processes: int, *, insecure: bool) -> "Iterator[Client
                 n_workers=processes,
                 threads_per_worker=1,
                 host="127.0.0.1",
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 security=True,
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,

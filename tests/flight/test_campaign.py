@@ -252,6 +252,37 @@ def test_a_search_finds_no_way_out_of_twelve_cages(lab: Lab, proofs: Proofs):
     assert worst[most] <= MARGIN
 
 
+WIND = 4.5
+"""Speed of a wind (m/s) at the edge of the envelope, whose gusts have an RMS of a quarter of it."""
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(3600)
+def test_a_search_in_wind_finds_no_way_beyond_the_margin(lab: Lab, proofs: Proofs):
+    compiled_kernel()
+    seed = int(time.time())
+    worst = 0.0
+    for size in CAGES:
+        words = [
+            f"safety.virtual_cage.{axis}={value}" for axis, value in zip("xyz", size, strict=True)
+        ]
+        done = lab.quadctl(
+            "campaign", "--search", 3600, "--flights", 10_000, "--seed", seed, "--json", "--wind",
+            WIND, *(word for setting in words for word in ("--set", setting)), timeout=3700.0,
+        )  # fmt: skip
+        assert done.code in {0, 8}, done.err
+        found = done.json["search"]
+        worst = max(worst, found["worst_excursion"] / found["allowed"])
+        assert not found["violations"], (size, found, (lab.folder / found["mission"]).read_text())
+    proofs.add(
+        f"a search of 10 000 flights in each of twelve cages in a wind of up to {WIND:g} m/s with"
+        " gusts: worst excursion",
+        f"{100 * worst:.0f} % of the margin (seed {seed})",
+        "100 %",
+    )
+    assert worst <= 1
+
+
 @pytest.mark.prove
 @pytest.mark.timeout(1800)
 def test_the_memory_does_not_grow_with_the_flights(lab: Lab, proofs: Proofs):

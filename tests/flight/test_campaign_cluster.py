@@ -118,6 +118,8 @@ def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: 
     central.end()
     assert flying.wait(30.0) == 3, flying.log
     assert "has gone" in flying.log
+    for each in workers:
+        each.end()
 
 
 @pytest.mark.prove

@@ -29,7 +29,7 @@ def test_the_drawing_shows_every_state_within_its_frame():
 def test_every_parameter_is_shown_with_its_bounds_and_meaning():
     assert set(SETTINGS) == set(catalogue.leaves())
     speed = SETTINGS["dynamics.control.max_speed"]
-    assert speed.facts == "[0.01, 100] m/s · default 5.0"
+    assert speed.facts == "[0.1, 100] m/s · default 5.0"
     assert all(setting.about for setting in SETTINGS.values())
 
 

@@ -1,9 +1,9 @@
 """Cascade control: position, velocity, attitude, body rates; yaw is held at 0.
 
 Every error is taken against a setpoint that is smooth up to its snap. The setpoint's demand is fed
-forward at each level: acceleration and drag as force, jerk as body rates, snap as torque. Feedback
-only corrects gusts and other disturbances. The mean wind counts as known, as if estimated:
-otherwise the vehicle would hover downwind of its setpoint.
+forward at each level: acceleration and drag as force, jerk as body rates, snap and crackle as
+torque. Feedback only corrects gusts and other disturbances. The mean wind counts as known, as if
+estimated: otherwise the vehicle would hover downwind of its setpoint.
 
 World frame ENU, body frame FLU, SI units. Straight-line code, as in rigidbody.py.
 """
@@ -43,6 +43,8 @@ def control_constants(params: DynamicsParams) -> Gains:
     inertia = vehicle.inertia
     wind = params.wind.mean
     full = 4.0 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2
+    # Of each torque about x and y, Euler's equations take a part of the product of two body rates;
+    # the thrust's direction, which turns with the body, takes another.
     return (
         gains.position_gain,
         gains.max_speed,

@@ -197,14 +197,14 @@ def test_random_bodies_and_gains_fly_inside_or_are_refused():
 
 @pytest.mark.prove
 @pytest.mark.timeout(1800)
-def test_thousands_of_random_bodies_fly_inside_or_are_refused(proofs: Proofs):
+def test_a_thousand_random_bodies_fly_inside_or_are_refused(proofs: Proofs):
     # Not always the same bodies: each run of the proof looks elsewhere.
     seed = int(time.time())
-    worst, body, accepted = fuzzed(seed, 2000)
+    worst, body, accepted = fuzzed(seed, 1000)
     proofs.add(
         "random sets of one to four gains, limits and body parameters, 64 flights each: worst"
         " excursion",
-        f"{1000 * worst:.3g} mm, {accepted} sets flown, {2000 - accepted} refused or left out"
+        f"{1000 * worst:.3g} mm, {accepted} sets flown, {1000 - accepted} refused or left out"
         f" (seed {seed})",
         "10 mm",
     )

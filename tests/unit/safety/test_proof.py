@@ -1,6 +1,7 @@
 """Proof of the invariants of safety; it fails, with a counterexample, on broken versions."""
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 from time import process_time
 
 import pytest
@@ -65,9 +66,12 @@ UNSEEN = {
 """Reason for which the invariants hold in spite of a fault in a guard of the vehicle's motion."""
 
 
-def first(part: Callable[[Proof], Iterator[Failure]], clause: str) -> Failure:
+def failures(part: Callable[[Proof], Iterator[Failure]], clause: str, most: int) -> list[Failure]:
+    """Return the first failures of a clause."""
     with abstracted():
-        return next(failure for failure in part(Proof()) if failure.clause == clause)
+        return list(
+            islice((failure for failure in part(Proof()) if failure.clause == clause), most)
+        )
 
 
 def test_every_event_keeps_the_invariants():
@@ -95,17 +99,25 @@ def test_every_call_of_the_monitor_keeps_the_invariants(proofs: Proofs):
 def test_the_proof_fails_on_a_broken_automaton(monkeypatch: pytest.MonkeyPatch, name: str):
     BROKEN[name](monkeypatch)
     clause, event = STEP[name]
-    failure = first(prove_step, clause)
+    assert any(
+        isinstance(failure.values[1], event) and replayed(failure, clause)
+        for failure in failures(prove_step, clause, 20)
+    )
+
+
+def replayed(failure: Failure, clause: str) -> bool:
+    """Return whether the real step violates a clause too, with the values found.
+
+    The vehicle is at rest. Of numbers near the smallest double, the solver's values may be wrong.
+    """
     situation, found, world = failure.values
-    assert isinstance(found, event)
-    # The real step violates it as well, with the values found, for a vehicle at rest.
     still = replace(world.pose, velocity=STILL)
     world = replace(world, pose=still, last=still, envelope=ENVELOPE)
     after = step(situation, found, world)
     clauses = invariant(after, world.cage, z3.BoolVal(True)) | transition(
         situation, found, world, after
     )
-    assert z3.is_false(z3.simplify(clauses[clause]))
+    return z3.is_false(z3.simplify(clauses[clause]))
 
 
 @pytest.mark.prove
@@ -113,7 +125,7 @@ def test_the_proof_fails_on_a_broken_automaton(monkeypatch: pytest.MonkeyPatch, 
 def test_the_proof_fails_on_a_broken_monitor(monkeypatch: pytest.MonkeyPatch, name: str):
     BROKEN[name](monkeypatch)
     clause, call = CALLS[name]
-    assert call in first(prove_monitor, clause).values
+    assert call in failures(prove_monitor, clause, 1)[0].values
 
 
 @pytest.mark.prove

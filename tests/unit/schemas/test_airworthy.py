@@ -75,6 +75,8 @@ def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
         ({"gravity": 0.0}, {}, 0.0, "without gravity"),
         ({"inertia": InertiaParams(z=0.02)}, {}, 0.0, "no body has this inertia"),
         ({"inertia": InertiaParams(0.02, 0.02)}, {}, 0.0, "an attitude error of 0.078 rad"),
+        ({}, {"velocity_gain": 0.2, "position_gain": 0.05}, 0.0, "too soft"),
+        ({"torque_coefficient": 3e-9}, {}, 0.0, "a yaw error of 0.0089 rad"),
         ({"mass": 0.3}, {}, 0.0, "an attitude error of 0.095 rad"),
         ({"arm": 0.02}, {}, 0.0, "an attitude error of 0.079 rad"),
         ({}, {}, 9.2, "wind of 9.2 m/s pushes by 8.46 m/s^2, max_tilt holds 8.26"),

@@ -167,6 +167,7 @@ def flies(campaign: Foreground) -> bool:
 
 
 def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
+    compiled_kernel()
     done = module_lab.quadctl(*FLIGHTS, "--dask", "local", "--processes", 2, timeout=60.0)
     assert done == (0, done.out, "")
     assert done.json == report

@@ -89,6 +89,9 @@ body, gains or limits set in flight
   cage. A vehicle that is unstable or cannot hold itself is refused, at launch and live, exit 6
   - flight/parameters_in_flight: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
   - flight/parameters: a_limit_set_in_flight_is_reported_as_waiting
+  - unit/campaign/envelope: a_parameter_set_in_flight_keeps_it_inside_or_is_refused
+    a_thousand_random_bodies_fly_inside_or_are_refused
+  = random sets <- random sets of one to four
     a_vehicle_that_would_not_fly_is_refused
 limits, a body or a wind beyond the envelope
   limits beyond the body are flown with what it can do, at most 10 mm out of the cage in still air, and
@@ -111,6 +114,8 @@ the vehicle overshoots a wall
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = still air <- 10 000 flights of 60 s in still air
   = wind and faults <- 10 000 flights of 60 s in wind
+  - flight/campaign: a_search_in_wind_finds_no_way_beyond_the_margin
+  = search in wind <- a search of 10 000 flights
 a campaign that others cannot repeat
   the same SHA-256 however many processes, machines or interruptions; its memory does not grow
   - flight/campaign: a_campaign_is_independent_of_the_number_of_processes

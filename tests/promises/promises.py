@@ -89,10 +89,10 @@ body, gains or limits set in flight
   cage. A vehicle that is unstable or cannot hold itself is refused, at launch and live, exit 6
   - flight/parameters_in_flight: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
   - flight/parameters: a_limit_set_in_flight_is_reported_as_waiting
+    a_vehicle_that_would_not_fly_is_refused
   - unit/campaign/envelope: a_parameter_set_in_flight_keeps_it_inside_or_is_refused
     a_thousand_random_bodies_fly_inside_or_are_refused
-  = random sets <- random sets of one to four
-    a_vehicle_that_would_not_fly_is_refused
+  = random sets of one to four
 limits, a body or a wind beyond the envelope
   limits beyond the body are flown with what it can do, at most 10 mm out of the cage in still air, and
   `param set` reports this; a body that cannot fly is refused. In a wind beyond it the vehicle stops and

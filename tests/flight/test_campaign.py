@@ -224,6 +224,21 @@ CAGES = (
 """Bounds of twelve cages, m: cubes, slits, a slab and a shaft among them."""
 
 
+def searched(
+    lab: Lab, size: tuple[float, ...], flights: int, seed: int, *more: object
+) -> dict[str, Any]:
+    """Return what a search in a cage (m) found, without any violation."""
+    words = [f"safety.virtual_cage.{axis}={value}" for axis, value in zip("xyz", size, strict=True)]
+    done = lab.quadctl(
+        "campaign", "--search", 3600, "--flights", flights, "--seed", seed, "--json", *more,
+        *(word for setting in words for word in ("--set", setting)), timeout=3700.0,
+    )  # fmt: skip
+    assert done.code in {0, 8}, done.err
+    found: dict[str, Any] = done.json["search"]
+    assert not found["violations"], (size, found, (lab.folder / found["mission"]).read_text())
+    return found
+
+
 @pytest.mark.prove
 @pytest.mark.timeout(7200)
 def test_a_search_finds_no_way_out_of_twelve_cages(lab: Lab, proofs: Proofs):
@@ -232,17 +247,7 @@ def test_a_search_finds_no_way_out_of_twelve_cages(lab: Lab, proofs: Proofs):
     seed = int(time.time())
     worst: dict[tuple[float, ...], float] = {}
     for size in CAGES:
-        words = [
-            f"safety.virtual_cage.{axis}={value}" for axis, value in zip("xyz", size, strict=True)
-        ]
-        done = lab.quadctl(
-            "campaign", "--search", 3600, "--flights", 100_000, "--seed", seed, "--json",
-            *(word for setting in words for word in ("--set", setting)), timeout=3700.0,
-        )  # fmt: skip
-        assert done.code in {0, 8}, done.err
-        found = done.json["search"]
-        worst[size] = found["worst_excursion"]
-        assert not found["violations"], (size, found, (lab.folder / found["mission"]).read_text())
+        worst[size] = searched(lab, size, 100_000, seed)["worst_excursion"]
     most = max(worst, key=lambda size: worst[size])
     proofs.add(
         "a search of 100 000 flights in each of twelve cages: worst excursion",
@@ -263,17 +268,8 @@ def test_a_search_in_wind_finds_no_way_beyond_the_margin(lab: Lab, proofs: Proof
     seed = int(time.time())
     worst = 0.0
     for size in CAGES:
-        words = [
-            f"safety.virtual_cage.{axis}={value}" for axis, value in zip("xyz", size, strict=True)
-        ]
-        done = lab.quadctl(
-            "campaign", "--search", 3600, "--flights", 10_000, "--seed", seed, "--json", "--wind",
-            WIND, *(word for setting in words for word in ("--set", setting)), timeout=3700.0,
-        )  # fmt: skip
-        assert done.code in {0, 8}, done.err
-        found = done.json["search"]
+        found = searched(lab, size, 10_000, seed, "--wind", WIND)
         worst = max(worst, found["worst_excursion"] / found["allowed"])
-        assert not found["violations"], (size, found, (lab.folder / found["mission"]).read_text())
     proofs.add(
         f"a search of 10 000 flights in each of twelve cages in a wind of up to {WIND:g} m/s with"
         " gusts: worst excursion",

@@ -85,7 +85,7 @@ from math import sqrt
 from numba import carray, njit, types
 """
 
-_CONSTANTS = (0 if size == 1 else size for size in CONSTANTS.values())
+_CONSTANTS = tuple(0 if size == 1 else size for size in CONSTANTS.values())
 """Sizes of the constants' tuples, 0 for a number."""
 
 _FLY = f"""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.compiled import compiled_kernel
 from tests.support.lab import Lab, private_lab
 from tests.support.page_blocks import Block, Command, blocks, commands, fits
 from tests.support.running import eventually
@@ -95,7 +96,10 @@ def take(lab: Lab, block: Block) -> None:
     [page for page in PAGES if page.name not in ELSEWHERE and "```" in page.read_text("utf-8")],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
+@pytest.mark.timeout(300)  # for a whole page: each command has its own limit, WITHIN
 def test_the_blocks_of_a_page_run_in_order(page: Path):
+    if "quadctl campaign" in page.read_text("utf-8"):
+        compiled_kernel()  # up to a minute on a busy machine, which is no command's own time
     with reader() as lab:
         for block in blocks(page):
             take(lab, block)

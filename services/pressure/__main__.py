@@ -125,6 +125,7 @@ class Rhythm:
         self._by_poses = False
         self._output = Output(node, params, self._now)
         self._boot, self._last = "", -1
+        self._read_in_lockstep: Pose | None = None
         self._poses = node.listen(POSE, self._on_pose, _DEPTH)
         if self._in_real_time:
             # Poses between two readings need wake no process.
@@ -135,9 +136,12 @@ class Rhythm:
         """Take readings until stopped."""
         self._node.wait_for(lambda: self._poses.value is not None, _FIRST_POSE)
         for now in self._node.ticks(lambda: self._params.pressure.rate):
-            if self._in_real_time:
+            # A mission may have ended at this pose: a second reading would replace its last one.
+            if self._in_real_time and (
+                (pose := self._poses.value) is None or pose is not self._read_in_lockstep
+            ):
                 self._by_poses = False
-                self._output.read(now, self._poses.value)
+                self._output.read(now, pose)
 
     @property
     def _in_real_time(self) -> bool:
@@ -157,7 +161,7 @@ class Rhythm:
                 self._output.begin()
         now = period(pose.stamp, self._params.pressure.rate)
         if now != self._last and not self._in_real_time:
-            self._last, self._by_poses = now, True
+            self._last, self._by_poses, self._read_in_lockstep = now, True, pose
             self._output.read(pose.stamp, pose)
         self._node.advance_sim_time(pose.boot, pose.stamp)
 

@@ -1,11 +1,17 @@
-"""Choice of the real sensor's folder."""
+"""Choice of the real sensor's folder, and the timing of readings."""
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 
-from quadctl.services.pressure.__main__ import device
+from quadctl.schemas.params import Params
+from quadctl.schemas.topics import POSE
+from quadctl.services.pressure.__main__ import device, run
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.testing import FakeNode
+from tests.support.bags import pose
 
 
 def test_the_configured_folder_is_used_without_a_search(tmp_path: Path):
@@ -33,3 +39,19 @@ def test_without_a_device_the_error_names_the_searched_folder(tmp_path: Path):
     ) as caught:
         device("", tmp_path)
     assert "pressure.iio" in caught.value.hint
+
+
+class MissionNode(FakeNode):
+    """Node that is in a mission until 0.5 s."""
+
+    def advance_sim_time(self, boot: str, stamp: float) -> None:
+        super().advance_sim_time(boot, stamp)
+        self.in_mission = stamp < 0.5
+
+
+def test_the_end_of_a_mission_brings_no_second_reading_at_its_last_pose():
+    poses = [(POSE, pose(seq)) for seq in range(0, 80, 10)]
+    node = MissionNode("pressure", params := Params(), poses, ())
+    run(cast("Node", node), params)
+    stamps = [published.message.stamp for published in node.published]
+    assert stamps == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])

@@ -4,6 +4,7 @@ import os
 import socket
 import struct
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -17,6 +18,7 @@ from quadctl.services.runtime.security import endpoints
 if TYPE_CHECKING:
     from quadctl.schemas.params import Params
 
+Session = zenoh.Session
 LOOKS = 2.0
 """Rate (Hz) of a router's search for new links; none is given up within a second."""
 _OFF = struct.pack("ii", 0, 0)
@@ -50,7 +52,7 @@ _ROOM_US = 1_000_000
 then it drops the receiver. Less than the 2 s after which a silent process counts as frozen."""
 
 
-def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Session:
+def open_router(address: Address, params: "Params", realm: Realm) -> Session:
     """Open the hub with its plain endpoints; raise UsageError if one is open to everybody."""
     listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
     if not os.environ.get(session.INSECURE):
@@ -65,7 +67,7 @@ def open_router(address: Address, params: "Params", realm: Realm) -> zenoh.Sessi
     return session.open_with(config, session.TWO_THREADS)
 
 
-def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session:  # noqa: ARG001
+def open_gate(address: Address, listen: Sequence[str], join: Sequence[str]) -> Session:
     """Open the encrypted side of the hub: a separate router, a process away from the vehicle.
 
     It passes what the roles allow. Raises UsageError if the hub has no identity or Unix socket.
@@ -77,10 +79,9 @@ def open_gate(address: Address, params: "Params", realm: Realm) -> zenoh.Session
             "tls and quic need a hub on a Unix socket",
             "leave hub.transport at auto; Windows has no such socket",
         )
-    listen, join = endpoints.secure(params.hub.listen), endpoints.secure(params.hub.connect)
     config = _router(address)
     config["connect"] |= {"endpoints": [address.endpoint, *join]}
-    config["listen"] = {"endpoints": listen}
+    config["listen"] = {"endpoints": list(listen)}
     who = access_control.identity_for([*listen, *join])
     link = config["transport"]["link"]
     link["tls"] = who.tls()

@@ -5,12 +5,13 @@ covers all of the message's, so a denial of `uav/input/position` would miss a me
 `uav/input/*`. The one denial that exists only saves traffic.
 """
 
+import hashlib
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from quadctl.schemas.roles import EVERY, Right, Role, keys
+from quadctl.schemas.roles import EVERY, ROLES, Right, Role, keys
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.security import registry
 from quadctl.services.runtime.security.identity import Identity, Name, needed
@@ -42,27 +43,50 @@ _EVERYWHERE = ["**", "*/@call/**", "*/@srv/**", "*/@node/**", *_ROLL]
 _MESSAGES = sorted({m for side in (_FROM, _TO) for messages in side.values() for m in messages})
 
 
+Group = tuple[Role, tuple[str, ...]]
+"""Role and vehicles: what its members may do."""
+
+
+def groups(names: Iterable[Name], now: float) -> dict[Group, list[str]]:
+    """Return the common names of the certificates that are valid at `now` (Unix s), by group.
+
+    Groups of one vehicle or of all are there before they have a member: so a new member of one
+    changes nothing for Zenoh, which reads its access control only once.
+    """
+    valid = [name for name in names if name.expires > now]
+    vehicles = {EVERY, *(vehicle for name in valid for vehicle in name.vehicles)}
+    found: dict[Group, list[str]] = {
+        (role, (vehicle,)): [] for vehicle in sorted(vehicles) for role in ROLES
+    }
+    for name in valid:
+        found.setdefault((name.role, tuple(name.vehicles)), []).append(name.common_name)
+    return found
+
+
+def member(role: Role, vehicles: Sequence[str], expires: float) -> Name:
+    """Return the name of a certificate that the door makes for a group; `expires` in Unix s."""
+    serial = hashlib.sha256(" ".join(vehicles).encode()).hexdigest()[:16]
+    return Name("door", role, list(vehicles), serial, expires)
+
+
 def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, Any]:
     """Return Zenoh's `access_control` for the names' certificates that are valid at `now` (Unix s).
 
     All traffic over the protocol `link`, which is our own hub's, is allowed.
     """
-    groups: dict[tuple[Role, tuple[str, ...]], list[str]] = {}
-    named: set[str] = set()
-    for name in names:
-        if name.expires > now:
-            named.update(name.vehicles)
-            groups.setdefault((name.role, tuple(name.vehicles)), []).append(name.common_name)
+    members = groups(names, now)
+    named = {vehicle for _, vehicles in members for vehicle in vehicles}
     everything = [*_MESSAGES, *_LIVELINESS]
     rules = [_rule("own", flow, everything, _EVERYWHERE) for flow in ("ingress", "egress")]
     subjects: list[dict[str, Any]] = [{"id": "own", "link_protocols": [link]}]
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["own"]}]
-    for (role, vehicles), certificates in groups.items():
+    for (role, vehicles), certificates in members.items():
         subject = f"{role} of {' '.join(vehicles)}"
         own = [*_granted(subject, role, vehicles)]
         own += _denied(subject, vehicles, named - {EVERY, *vehicles})
         rules += own
-        subjects.append({"id": subject, "cert_common_names": certificates})
+        ours = member(role, vehicles, now).common_name
+        subjects.append({"id": subject, "cert_common_names": [*certificates, ours]})
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [subject]})
     return {
         "enabled": True,
@@ -127,19 +151,19 @@ def rules(identity: Identity, link: str) -> dict[str, Any]:
     return access_control(registry.load(Path(identity.folder)), time.time(), link)
 
 
-class RevocationWatch:
-    """Detector of changes to the list of names."""
+class NameList:
+    """List of names in a folder, read again when its file changes."""
 
     def __init__(self, folder: str) -> None:
-        self._file = Path(folder) / LIST
-        self._seen = self._look()
+        self._folder, self._seen = Path(folder), b""
 
-    def changed(self) -> bool:
-        """Return whether the list has changed since the watch began."""
-        return self._look() != self._seen
-
-    def _look(self) -> bytes:
+    def changed(self) -> list[Name] | None:
+        """Return the list at first and after each change, else None; raises as registry.load."""
         try:
-            return self._file.read_bytes()
+            now = (self._folder / LIST).read_bytes()
         except FileNotFoundError:
-            return b""
+            now = b""
+        if now == self._seen:
+            return None
+        self._seen = now
+        return registry.load(self._folder)

@@ -13,7 +13,13 @@ import zenoh
 from quadctl.schemas import keyexpr
 from quadctl.schemas.roles import Right, keys, may
 from quadctl.schemas.topics import INFO
-from quadctl.services.runtime.errors import NotAllowed, QuadctlError, TimedOut, Unreachable
+from quadctl.services.runtime.errors import (
+    NotAllowed,
+    QuadctlError,
+    TimedOut,
+    Unreachable,
+    UsageError,
+)
 from quadctl.services.runtime.security.endpoints import how_to_open, is_secure
 from quadctl.services.runtime.security.identity import Identity, Name, needed
 
@@ -34,8 +40,13 @@ def why(endpoint: str, timeout: float) -> QuadctlError:
             "is the hub up? a tls endpoint would show which of the two it is",
         )
     host, _, port = place.rpartition(":")
+    if host.startswith("["):
+        return UsageError(
+            f"{endpoint}: Zenoh connects by tls to no IPv6 address as such",
+            "write a name of that address, e.g. one in /etc/hosts; the certificate needs it too",
+        )
     try:
-        return _shake(identity, host.strip("[]"), int(port), timeout) or silent
+        return _shake(identity, host, int(port), timeout) or silent
     except TimeoutError:
         return TimedOut(f"{endpoint} did not answer within {timeout:g} s", silent.hint)
     except (OSError, ValueError):
@@ -48,10 +59,14 @@ def _shake(identity: Identity, host: str, port: int, timeout: float) -> QuadctlE
     context.load_cert_chain(tls["connect_certificate"], tls["connect_private_key"])
     with socket.create_connection((host, port), timeout) as link:
         try:
-            with context.wrap_socket(link, server_hostname=host) as secured:
-                # The hub verifies our certificate only after our side of the handshake is done.
-                secured.settimeout(min(timeout, 0.5))
-                secured.recv(1)
+            with context.wrap_socket(
+                link, server_hostname=host, suppress_ragged_eofs=False
+            ) as secured:
+                # The hub verifies our certificate only after our side of the handshake is done, and
+                # ends a valid one that is not on its list in due form, a little later.
+                secured.settimeout(min(timeout, 2.0))
+                if not secured.recv(1):
+                    return kept_out(f"tls/{host}:{port}")
         except ssl.SSLCertVerificationError as problem:
             return _wrong_hub(identity, host, problem)
         except (ssl.SSLError, ConnectionResetError):
@@ -140,7 +155,8 @@ def kept_out(connect: str) -> NotAllowed:
     """Return the error for a hub that accepts our connection but none of our traffic."""
     return NotAllowed(
         f"not allowed: {connect} lets nothing through for {needed(connect).name.common_name}",
-        "the certificate was revoked, or the hub's list of names is old: ask for a new certificate",
+        "the certificate was revoked, the hub's list of names is old, or this name did too much in"
+        " the last 10 s: `quadctl node logs gate` on that machine, or ask for a new certificate",
     )
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from quadctl.schemas.keyexpr import includes
 from quadctl.schemas.roles import ROLES, Right, Role, may
 from quadctl.schemas.topics import SERVICES, TOPICS
-from quadctl.services.runtime.security.access_control import access_control
+from quadctl.services.runtime.security.access_control import access_control, groups, member
 from quadctl.services.runtime.security.identity import Name
 
 NOW = 1_000.0
@@ -108,9 +108,30 @@ def test_local_sockets_are_allowed_everything_but_advanced_keys(key: str):
 def test_many_holders_of_one_role_are_one_subject():
     many = [holder_of("student", ["uav"], str(number)) for number in range(100)]
     config = access_control(many, NOW, "unixsock-stream")
-    assert len(config["subjects"]) == 2
+    assert len(config["subjects"]) == 1 + 2 * len(ROLES)  # our hub; the roles of uav and of all
     ids = [rule["id"] for rule in config["rules"]]
     assert len(ids) == len(set(ids))
+
+
+@given(HOLDERS, KEYS)
+def test_a_certificate_of_the_door_has_the_rights_of_its_group(holder: Name, key: str):
+    config = access_control([holder], NOW, "unixsock-stream")
+    ours = member(holder.role, holder.vehicles, 2_000.0)
+    for flow in ("ingress", "egress"):
+        for message in (*INCOMING, *OUTGOING, "liveliness_query"):
+            both = {
+                passes(config, {"cert": name.common_name, "link": "tls"}, flow, message, key)
+                for name in (holder, ours)
+            }
+            assert len(both) == 1
+
+
+def test_a_new_member_of_one_vehicle_needs_no_new_group():
+    before = groups([holder_of("hub", ["uav"])], NOW).keys()
+    joined = [holder_of("hub", ["uav"]), holder_of("student", ["uav"], "2")]
+    assert groups(joined, NOW).keys() == before
+    both = [*joined, holder_of("student", ["uav", "uav7"], "3")]
+    assert groups(both, NOW).keys() > before
 
 
 def test_subscriptions_are_announced_only_to_the_hubs_concerned():

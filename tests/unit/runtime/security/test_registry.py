@@ -10,9 +10,10 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from quadctl.schemas.roles import ROLES
 from quadctl.services.runtime.errors import Invalid, NotAllowed, UsageError
 from quadctl.services.runtime.security import registry
-from quadctl.services.runtime.security.access_control import RevocationWatch, identity_for, rules
+from quadctl.services.runtime.security.access_control import NameList, identity_for, rules
 from quadctl.services.runtime.security.identity import VARIABLE, Identity, current, needed
 from quadctl.services.runtime.security.registry import Registry
 
@@ -72,12 +73,13 @@ def test_every_hubs_folder_has_the_list_of_names(folder: Path):
     fleet = Registry(folder)
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
     fleet.issue("hub", {"field": ["*"], "uav7": ["uav7"]}, 1, [])
-    watch = RevocationWatch(str(folder / "field"))
-    assert not watch.changed()
+    names = NameList(str(folder / "field"))
+    assert [name.name for name in names.changed() or []] == ["anna", "field", "uav7"]
+    assert names.changed() is None
     for place in (folder, folder / "field", folder / "uav7"):
         assert [name.name for name in registry.load(place)] == ["anna", "field", "uav7"]
     assert fleet.revoke("anna").name == "anna"
-    assert watch.changed()
+    assert [name.name for name in names.changed() or []] == ["field", "uav7"]
     assert [name.name for name in registry.load(folder / "field")] == ["field", "uav7"]
     assert not (folder / "anna").exists()
 
@@ -124,7 +126,7 @@ def test_the_identity_comes_from_the_environment(folder: Path, monkeypatch: pyte
         identity_for(["tls/x:1"])
     monkeypatch.setenv(VARIABLE, str(folder / "field"))
     made = rules(identity_for(["tls/x:1"]), "unixsock-stream")
-    assert {subject["id"] for subject in made["subjects"]} == {"own", "operator of *", "hub of *"}
+    assert {subject["id"] for subject in made["subjects"]} == {"own", *(f"{r} of *" for r in ROLES)}
 
 
 def test_a_missing_expired_or_damaged_identity_is_rejected(folder: Path, tmp_path: Path):

@@ -1,0 +1,196 @@
+"""Declarations counted in Zenoh's traffic: in messages written here, and in that of Zenoh itself."""
+
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadctl.services.gate.wire import Declarations, MalformedBatch
+from tests.support.running import eventually
+from tests.support.tap import Tap
+
+SUBSCRIBER, QUERYABLE, TOKEN = 0x02, 0x04, 0x06
+
+
+def batch(*messages: bytes) -> bytes:
+    """Return a batch with one frame."""
+    whole = b"\x25\x00" + b"".join(messages)
+    return len(whole).to_bytes(2, "little") + whole
+
+
+def declared(kind: int, number: int, key: bytes, scope: int = 0) -> bytes:
+    """Return a declaration of a key appended to the client's own key `scope`, 0 for none."""
+    return bytes([0x1E, kind | 0x60, number, scope, len(key)]) + key
+
+
+def withdrawn(kind: int, number: int) -> bytes:
+    return bytes([0x1E, kind + 1, number])
+
+
+def key(number: int, name: bytes) -> bytes:
+    return bytes([0x1E, 0x20, number, 0, len(name)]) + name
+
+
+def cost(*messages: bytes) -> int:
+    counted = Declarations()
+    counted.feed(batch(*messages))
+    return counted.cost
+
+
+def test_each_declaration_counts_until_it_is_withdrawn():
+    here = [declared(kind, 1, b"uav/own/x") for kind in (SUBSCRIBER, QUERYABLE, TOKEN)]
+    assert cost(*here) == 3
+    assert cost(*here, declared(SUBSCRIBER, 2, b"uav/pose")) == 4
+    assert cost(*here, here[0]) == 3, "the same one again"
+    assert cost(*here, declared(SUBSCRIBER, 1, b"uav/pose")) == 4, "the same number again"
+    assert cost(*here, *(withdrawn(kind, 1) for kind in (SUBSCRIBER, QUERYABLE, TOKEN))) == 0
+    assert cost(withdrawn(SUBSCRIBER, 1)) == 0
+
+
+def test_double_wildcards_cost_more_also_by_a_declared_key():
+    assert cost(declared(SUBSCRIBER, 1, b"uav/**")) == 8
+    assert cost(key(1, b"uav/own/**")) == 1
+    assert cost(key(1, b"uav/own/**"), declared(QUERYABLE, 1, b"/x", scope=1)) == 9
+    assert cost(key(1, b"uav/own"), declared(QUERYABLE, 1, b"/x", scope=1)) == 2
+
+
+def test_a_router_names_what_it_withdraws():
+    name = b"uav/own/x"
+    here = [declared(SUBSCRIBER, 0, name), declared(SUBSCRIBER, 0, b"uav/pose")]
+    extension = bytes([0x5F, 2 + len(name), 1, 0]) + name
+    gone = bytes([0x1E, 0x83, 0]) + extension
+    assert cost(*here) == 2
+    assert cost(*here, gone) == cost(*here, gone, gone) == 1
+
+
+def test_the_other_ends_keys_are_known():
+    there = Declarations()
+    there.feed(batch(key(7, b"uav/**")))
+    here = Declarations(there)
+    here.feed(batch(bytes([0x1E, SUBSCRIBER, 1, 7])))
+    assert here.cost == 8
+    assert cost(bytes([0x1E, SUBSCRIBER, 1, 7])) == 8, "unknown, so the worst"
+
+
+def test_a_declaration_in_fragments_is_refused():
+    first = b"\x66\x00" + declared(SUBSCRIBER, 1, b"uav/pose")[:4]
+    with pytest.raises(MalformedBatch):
+        Declarations().feed(len(first).to_bytes(2, "little") + first)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"\x25",  # a frame without its number
+        b"\x25\x00\x12",  # no such message
+        b"\x25\x00" + declared(SUBSCRIBER, 1, b"uav/pose")[:-1],  # cut short
+        b"\x25\x00\x1d\x00\x81\x92\x00",  # shared memory
+    ],
+)
+def test_what_cannot_be_read_is_refused(body: bytes):
+    with pytest.raises(MalformedBatch):
+        Declarations().feed(len(body).to_bytes(2, "little") + body)
+
+
+@given(st.lists(st.binary(max_size=40), max_size=20))
+def test_garbage_is_refused_or_counted_and_costs_nothing_below_0(pieces: list[bytes]):
+    counted = Declarations()
+    for piece in pieces:
+        with suppress(MalformedBatch):
+            counted.feed(len(piece).to_bytes(2, "little") + piece)
+        assert counted.cost >= 0
+
+
+@given(st.data())
+def test_the_stream_may_be_cut_anywhere(data: st.DataObject):
+    whole = batch(key(1, b"uav/**"), declared(SUBSCRIBER, 1, b"/x", scope=1))
+    whole += batch(declared(TOKEN, 1, b"uav/@node/x")) + batch(withdrawn(TOKEN, 1))
+    counted, at = Declarations(), 0
+    while at < len(whole):
+        to = data.draw(st.integers(at + 1, len(whole)))
+        counted.feed(whole[at:to])
+        at = to
+    assert counted.cost == 9
+
+
+def config(mode: str, **endpoints: list[str]) -> zenoh.Config:
+    return zenoh.Config.from_json5(
+        json.dumps(
+            {
+                "mode": mode,
+                **{way: {"endpoints": places} for way, places in endpoints.items()},
+                "scouting": {"delay": 0, "multicast": {"enabled": False}},
+                "timestamping": {"enabled": True},
+                "transport": {"shared_memory": {"enabled": False}},
+            }
+        )
+    )
+
+
+@pytest.fixture
+def tap() -> Iterator[Tap]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with zenoh.open(config("router", listen=[f"tcp/127.0.0.1:{port}"])) as router:
+        router.declare_subscriber("a/**", lambda _sample: None)
+        with Tap(port) as made:
+            yield made
+
+
+def use_everything(session: zenoh.Session) -> list[Any]:
+    """Send every kind of message; return what is declared."""
+    held: list[Any] = [
+        session.declare_subscriber("a/3", lambda _sample: None),
+        session.declare_subscriber("b/**", lambda _sample: None),
+        session.liveliness().declare_token("t/x"),
+        session.liveliness().declare_subscriber("t/**", lambda _sample: None),
+    ]
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            if query.parameters:
+                query.reply_err(b"no", encoding="a/b;c")
+            else:
+                query.reply("q/x", b"y" * 200_000, attachment=b"z")
+
+    held.append(session.declare_queryable("q/x", answer, complete=True))
+    publisher = session.declare_publisher("a/3", encoding="zenoh/bytes;x")
+    publisher.declare_matching_listener(lambda _status: None)
+    held.append(publisher)
+    for size in (0, 200, 100_000):
+        publisher.put(b"x" * size, attachment=b"y")
+        session.put("a/9", b"c" * size, priority=zenoh.Priority.REAL_TIME)
+    session.delete("a/4")
+    for asked in ("q/x", "q/x?a=1", "**"):
+        list(session.get(asked, payload=b"p", attachment=b"q", timeout=2.0))
+    return held
+
+
+def test_all_that_a_client_sends_is_read(tap: Tap):
+    def counted() -> Declarations:
+        found = Declarations()
+        for piece in list(tap.sent[0]):
+            found.feed(piece)
+        return found
+
+    with zenoh.open(config("client", connect=[f"tcp/{tap.place}"])) as session:
+        held = use_everything(session)
+        # a/3, b/**, t/x, t/** and q/x
+        eventually(lambda: counted().cost >= 3 + 8)
+        with zenoh.open(config("client", connect=[f"tcp/{tap.place}"])) as other:
+            for asked in ("q/x", "q/x?a=1"):
+                got = other.get(asked, consolidation=zenoh.ConsolidationMode.NONE)
+                assert len(list(got)) == 1
+        most = counted().cost
+        for one in reversed(held):
+            one.undeclare()
+        # Zenoh keeps the numbers of keys.
+        eventually(lambda: counted().cost <= most - 11)
+    assert sum(map(len, tap.sent[0])) > 400_000

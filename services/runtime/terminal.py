@@ -9,10 +9,7 @@ import msgspec
 
 
 def escaped(text: str) -> str:
-    """Return a text with `\\x1b` or `\\u202e` for a character that is not printable.
-
-    Tabs and newlines stay.
-    """
+    """Return a text with Python's escapes for all but printable characters, tabs and newlines."""
     if text.isprintable():
         return text
     return "".join(

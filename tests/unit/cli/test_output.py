@@ -166,8 +166,10 @@ def test_invisible_characters_are_escaped_and_letters_stay(capsys: Capture):
     output.table([("uav/\u202ex", "\u061c")])
     output.error(Invalid("a\u200fb"), as_json=False)
     assert capsys.readouterr() == (
-        "\\u202egnp.\\u2066\\u200b\\ufeff\\xad\\U000e0041 \u00fc\u65e5\U0001f681\n"
-        "uav/\\u202ex  \\u061c\n",
+        (
+            "\\u202egnp.\\u2066\\u200b\\ufeff\\xad\\U000e0041 \u00fc\u65e5\U0001f681\n"
+            "uav/\\u202ex  \\u061c\n"
+        ),
         "error: a\\u200fb\n",
     )
 

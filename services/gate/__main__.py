@@ -32,6 +32,7 @@ def run(node: Node, params: Params) -> None:
         router.disable_tcp_linger()
         if watch.changed():
             node.log.info("the list of names has changed: all clients must reconnect")
+            router.cut_tcp_links()
             raise ReopenSession
 
 

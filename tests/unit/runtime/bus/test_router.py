@@ -3,7 +3,7 @@
 import socket
 import struct
 
-from quadctl.services.runtime.bus.router import disable_tcp_linger
+from quadctl.services.runtime.bus.router import cut_tcp_links, disable_tcp_linger
 
 
 def test_lingering_is_disabled_on_tcp_sockets_only():
@@ -23,3 +23,16 @@ def test_lingering_is_disabled_on_tcp_sockets_only():
         assert lingers[0][0] == 0
         assert lingers[1] == (1, 10)
         assert link.getblocking()
+
+
+def test_all_tcp_links_are_cut_at_once():
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname(), timeout=5) as far,
+        socket.socketpair()[0] as other,
+    ):
+        near, _ = server.accept()
+        with near:
+            cut_tcp_links()
+            assert far.recv(1) == b""
+        other.getpeername()

@@ -6,10 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TextIO
 
-import msgspec
-
 from quadctl.cli.context import Options
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.terminal import escaped, escaped_json
 
 
 def ensure() -> None:
@@ -72,18 +71,15 @@ _FAULT_FOUND = 8
 _WIDEST = 12
 """Characters of a float that is shown without rounding."""
 
-_TAME = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if code not in b"\t\n"}
-"""Escapes for characters that control a terminal: anybody on the bus may send them."""
-
 
 def document(value: Any) -> None:
     """Print one JSON document, on one line, at once."""
-    write(msgspec.json.encode(value).decode() + "\n")
+    write(escaped_json(value) + "\n")
 
 
 def line(text: str) -> None:
     """Print text, at once."""
-    write(f"{text.translate(_TAME)}\n")
+    write(f"{escaped(text)}\n")
 
 
 def either(options: Options, value: Any, text: str) -> None:
@@ -115,7 +111,7 @@ def fields(value: Any, indent: str = "") -> None:
 
 def note(text: str) -> None:
     """Print a remark to stderr."""
-    sys.stderr.write(f"{text.translate(_TAME)}\n")
+    sys.stderr.write(f"{escaped(text)}\n")
 
 
 def error(problem: QuadctlError, *, as_json: bool) -> None:
@@ -123,7 +119,7 @@ def error(problem: QuadctlError, *, as_json: bool) -> None:
     if as_json:
         message = "; ".join((problem.message, *problem.others))
         content = {"code": problem.code, "message": message, "hint": problem.hint}
-        sys.stderr.write(msgspec.json.encode({"error": content}).decode() + "\n")
+        sys.stderr.write(escaped_json({"error": content}) + "\n")
         return
     for message in (*problem.others, problem.message):
         note(f"error: {message}")

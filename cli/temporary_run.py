@@ -8,6 +8,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from quadctl.cli import output
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.supervisor.control import stop_run
 from quadctl.services.runtime.supervisor.daemon import start_in_background
@@ -25,7 +26,7 @@ def temporary_run(launch: Launch) -> Iterator[Realm]:
     handled = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, _leave) for number in handled}
     try:
-        pipe = start_in_background(replace(launch, owned=True))
+        pipe = start_in_background(replace(launch, owned=True), output.note)
         try:
             yield realm
         finally:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, get_args
 
 from quadctl.schemas.messages import CageSize, Pose, Position, Pressure, SafetyState, StateName
 from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.terminal import escaped
 
 
 class Verdict(NamedTuple):
@@ -302,7 +303,7 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
         texts["pressure"] = f"{reading.pressure:{'.5g' if reading.baseline else '.4f'}} hPa"
         texts["baseline"] = f"{reading.baseline:.4f} hPa" if reading.baseline else "not calibrated"
     texts["target"] = f"{point(target)}: Enter sends" if target else ""
-    return texts
+    return {name: escaped(text) for name, text in texts.items()}
 
 
 _LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}

@@ -24,6 +24,7 @@ from quadctl.cli.console.panels import (
 from quadctl.cli.console.parameters_panel import ParametersPanel
 from quadctl.schemas.messages import Position
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.terminal import escaped
 
 
 def top(page: PageContext) -> None:
@@ -98,7 +99,7 @@ class Page:
         # By now the clicked element, or the whole page, may be gone.
         if not self._client.is_deleted:
             with self._client:
-                ui.notify(text, type=kind, caption=hint or None, timeout=6000)
+                ui.notify(escaped(text), type=kind, caption=escaped(hint) or None, timeout=6000)
 
     async def feed(self) -> None:
         """Send frames until the browser is gone.

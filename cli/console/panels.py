@@ -15,6 +15,7 @@ from quadctl.cli.console.settings import tables
 from quadctl.cli.fault.catalogue import FAULTS, Fault, active
 from quadctl.schemas.messages import Position
 from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.terminal import escaped
 
 
 class FaultsPanel:
@@ -68,7 +69,7 @@ def line(verdict: Verdict) -> str:
     """Return a line as HTML, escaped: reasons come from a user's own nodes too."""
     return (
         f'<li class="{escape(verdict.kind)}"><time>{verdict.stamp:.1f} s</time>'
-        f"<b>{escape(verdict.kind)}</b><span>{escape(verdict.text)}</span></li>"
+        f"<b>{escape(verdict.kind)}</b><span>{escape(escaped(verdict.text))}</span></li>"
     )
 
 

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI, Request
-from nicegui import ui
+from nicegui import Client, ui
 
 from quadctl.cli import context
 from quadctl.cli.console.bus_link import Link
@@ -32,6 +32,10 @@ _HEADERS = (
     (b"referrer-policy", b"no-referrer"),  # the address holds the token
     (b"x-content-type-options", b"nosniff"),
 )
+
+
+_MOST_PAGES = 50
+"""Pages, of nearly a megabyte each. NiceGUI keeps one that no browser connects to for a minute."""
 
 
 def refusal_reason(host: str, origin: str, *, beyond: bool) -> str:
@@ -63,7 +67,10 @@ def _is_ours(name: str, *, beyond: bool) -> bool:
 
 
 class Guard:
-    """ASGI layer in front of the app: refuses foreign requests and adds the security headers."""
+    """ASGI layer in front of the app: refuses foreign requests, and pages beyond the most.
+
+    It adds the security headers.
+    """
 
     def __init__(self, app: App, *, beyond: bool) -> None:
         self._app, self._beyond = app, beyond
@@ -76,13 +83,16 @@ class Guard:
         headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
         host, origin = headers.get(b"host", ""), headers.get(b"origin", "")
         reason = refusal_reason(host, origin, beyond=self._beyond)
+        status = 403
+        if not reason and scope["path"] == "/" and len(Client.instances) >= _MOST_PAGES:
+            status, reason = 503, f"{_MOST_PAGES} pages are open already: close some, wait a minute"
         if not reason:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": reason[:100]})
         else:
             head = [(b"content-type", b"text/plain; charset=utf-8")]
-            await send({"type": "http.response.start", "status": 403, "headers": head})
+            await send({"type": "http.response.start", "status": status, "headers": head})
             await send({"type": "http.response.body", "body": f"{reason}\n".encode()})
 
 

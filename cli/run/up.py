@@ -84,7 +84,7 @@ def begin(launch: Launch, options: Options, *, detach: bool) -> None:
     capacity.check(launch)
     options = structs.replace(options, connect="")
     if detach:
-        in_background(launch)
+        in_background(launch, output.note)
         if options.json:
             status(options)
         else:

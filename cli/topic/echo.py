@@ -1,6 +1,9 @@
 """`topic echo`."""
 
+import signal
+import sys
 import time
+from contextlib import ExitStack
 from typing import Annotated, Any
 
 import msgspec
@@ -95,11 +98,12 @@ def echo(
     name, path = split(topic)
     options = about_topic(options, name)
     key = checked_key(topic, options.vehicle)
-    with context.connect(options) as client:
+    with ExitStack() as held:
+        client = held.enter_context(context.connect(options))
         if path and _is_field(client, key, name):
             key = checked_key(name, options.vehicle)
             field = f"{path}.{field}".rstrip(".")
-        echoed = _Echo(client, key, field)
+        echoed = _Echo(options, held, client, key, field)
         seen = 0
         while count is None or seen < count:
             message, value = echoed.next()
@@ -120,20 +124,39 @@ def _is_field(client: Client, key: str, topic: str) -> bool:
     return ours and all(offer.key != key for offer in client.endpoints())
 
 
-class _Echo:
-    """Messages of a key that can be shown; each kind of other message is noted once."""
+_SIGNAL = 0.1
+"""Seconds in which a process that is continued learns of it; its wait may have ended just before."""
 
-    def __init__(self, client: Client, key: str, field: str) -> None:
-        self._client, self._key, self._field = client, key, field
-        self._stream = client.listen(key, held=True)
+
+class _Echo:
+    """Messages of a key that can be shown; each kind of other message is noted once.
+
+    `held` has the client; a command that was stopped replaces it, as the hub has given it up.
+    """
+
+    def __init__(
+        self, options: Options, held: ExitStack, client: Client, key: str, field: str
+    ) -> None:
+        self._options, self._held, self._key, self._field = options, held, key, field
+        self._client, self._stream = client, client.listen(key, held=True)
         self._kinds: set[tuple[str, type[Invalid]]] = set()
-        self._received = False
+        self._received = self._continued = False
+        if sys.platform != "win32":
+            signal.signal(signal.SIGCONT, self._on_continue)
 
     def next(self) -> tuple[Message, Any]:
         """Return the next message and its value to show; raise Client.silent's error."""
         deadline = time.monotonic() + self._client.timeout
         unread: Invalid | None = None
-        while (message := self._stream.next(deadline - time.monotonic())) is not None:
+        # Checked after each message, too: a flood of unreadable ones must not delay the timeout.
+        while (now := time.monotonic()) <= deadline:
+            message = self._stream.next(deadline - now)
+            if message is None:
+                time.sleep(_SIGNAL)
+            if self._continued:
+                deadline = self._reopen()
+            if message is None:
+                continue
             self._received = True
             try:
                 value = shown(message, self._key, self._client.vehicle)
@@ -142,10 +165,19 @@ class _Echo:
                 if isinstance(problem, NoField) and "*" not in self._key:
                     raise
                 unread = self._note(message.key, problem)
-            # A flood of unreadable messages must not delay the timeout.
-            if time.monotonic() > deadline:
-                break
         raise self._client.silent(self._key, unread, more=self._received)
+
+    def _on_continue(self, _number: int, _frame: Any) -> None:
+        self._continued = True
+
+    def _reopen(self) -> float:
+        """Connect again, after a stop, and return the new deadline."""
+        self._continued = False
+        output.note("this command was stopped: messages of that time may be missing")
+        self._held.close()
+        self._client = self._held.enter_context(context.connect(self._options))
+        self._stream = self._client.listen(self._key, held=True)
+        return time.monotonic() + self._client.timeout
 
     def _note(self, key: str, problem: Invalid) -> Invalid:
         of = key if "*" in self._key else self._key

@@ -65,6 +65,8 @@ class Gate:
             found = self._names_that_count(names)
             if found != self._known if self._quic or self._join else not found <= self._known:
                 node.log.info("the list of names has changed: all clients must reconnect")
+                if self._door:
+                    self._door.end_links()
                 raise ReopenSession
 
     def _names_that_count(self, names: list[Name]) -> set[object]:

@@ -14,7 +14,7 @@ import ssl
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -95,6 +95,10 @@ class Door:
         """Take a new list of names, and end the links of those that are no longer on it."""
         self._loop.call_soon_threadsafe(self._admit, {name.common_name: name for name in names})
 
+    def end_links(self) -> None:
+        """End all links at once; Zenoh would end them one after the other, each in 0.1 s."""
+        self._loop.call_soon_threadsafe(self._end, lambda _name: True)
+
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
         for listener in self._listeners:
@@ -103,10 +107,12 @@ class Door:
 
     def _admit(self, names: dict[str, Name]) -> None:
         self._names = names
-        for link in list(self._links):
-            # The same certificate may have other rights now.
-            if names.get(link.name.common_name) != link.name:
-                link.end()
+        # The same certificate may have other rights now.
+        self._end(lambda name: names.get(name.common_name) != name)
+
+    def _end(self, ends: Callable[[Name], bool]) -> None:
+        for link in [link for link in self._links if ends(link.name)]:
+            link.end()
 
     async def _accept(self, listener: socket.socket) -> None:
         while True:

@@ -27,7 +27,7 @@ class Recording:
         with making(path):
             self._out = Outfile.create(path)
         try:
-            self._bag = BagWriter(self._out)
+            self._bag = BagWriter(self._out, path.parent)
             self._bag.note("quadctl", notes)
             self._bag.flush()
         except OSError as error:

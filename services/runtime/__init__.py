@@ -12,6 +12,7 @@ Read the modules at the root to write a service:
 - `process_table`: which processes a run has, and when a dead one is started again.
 - `run_files`: the files that a run keeps in its folder for commands to read.
 - `testing`: play(): run a service on recorded messages, without a bus.
+- `terminal`: texts and JSON to print, without characters that control a terminal or hide.
 - `files`, `filelock`, `procfs`: new files, a lock that dies with its holder, figures from /proc.
 
 The folders are the machinery behind them:

@@ -1,8 +1,11 @@
 """`console`: start-up errors, and the clients that its server accepts."""
 
 import http.client
+import signal
+import socket
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 import pytest
@@ -10,8 +13,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
+from quadctl.services.runtime import procfs
 from tests.support.command_line import Quadctl, runner
 from tests.support.lab import Lab, private_lab
+from tests.support.running import eventually
 from tests.support.served_console import Console, served
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
@@ -110,3 +115,40 @@ def test_a_page_of_another_site_is_refused(console_of_two: Console):
     own = f"http://{urlsplit(console_of_two.watch).netloc}"
     with connect(address, origin=Origin(own)) as taken:
         assert taken.recv(timeout=10)
+
+
+MOST = 50
+"""Pages that a console serves at a time."""
+
+
+def asked(console: Console) -> socket.socket:
+    """Ask for a page, and do not read it."""
+    parts = urlsplit(console.watch)
+    made = socket.create_connection((parts.hostname or "", parts.port or 0), timeout=20)
+    made.sendall(f"GET / HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n".encode())
+    return made
+
+
+def test_pages_that_do_not_read_are_limited_and_end_with_it(two_vehicles: Lab):
+    with served(two_vehicles) as console, ExitStack() as held:
+        get(console.watch)
+        for _ in range(MOST):
+            held.enter_context(asked(console))
+        eventually(lambda: get(console.watch)[0] == 503)
+        assert get(console.watch)[:2] == (
+            503,
+            "50 pages are open already: close some, wait a minute\n",
+        )
+        memory = memory_of(console)
+        for _ in range(200):
+            assert get(console.watch)[0] == 503
+        grown = (memory_of(console) - memory) / 1e6
+        console.process.send(signal.SIGTERM)
+        assert console.process.wait() == -signal.SIGTERM
+    # 200 more pages would be 150 MB.
+    assert grown < 10.0
+
+
+def memory_of(console: Console) -> int:
+    """Return the console's resident memory, bytes."""
+    return procfs.stats_of(console.process.pid).rss or 0

@@ -282,6 +282,22 @@ def test_echo_accepts_once_and_field_as_in_ros(shared_lab: Lab, hover: Bare):
     assert shared_lab.quadctl("topic", "echo", "pose", "-1", "-n", 2).code == 2
 
 
+def test_echo_that_was_stopped_says_so_and_goes_on(shared_lab: Lab):
+    echo = shared_lab.spawn(
+        *shared_lab.command("topic", "echo", "pose", "--field", "stamp", "--timeout", 0.5)
+    )
+    eventually(lambda: echo.log)
+    echo.send(signal.SIGSTOP)
+    with pytest.raises(subprocess.TimeoutExpired):
+        echo.wait(2.0)  # longer than the timeout, and than the hub keeps a silent client
+    echo.send(signal.SIGCONT)
+    said = "this command was stopped: messages of that time may be missing\n"
+    eventually(lambda: echo.log.partition(said)[2], describe=lambda: echo.log)
+    echo.send(signal.SIGINT)
+    assert echo.wait() == 130
+    assert "error" not in echo.log
+
+
 def test_a_users_topic_below_pose_is_not_read_as_a_field(shared_lab: Lab, bare: Bare):
     token = "uav/@node/eye/@pub/Point/00c0ffee/30/uav%pose%position"
     kept = [bare.session.liveliness().declare_token(token)]

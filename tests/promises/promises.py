@@ -226,6 +226,37 @@ Ctrl-C at any moment
     ctrl_c_ends_a_waiting_goto_and_the_flight_goes_on
     ctrl_c_at_two_hundred_moments_leaves_nothing_behind
   = Ctrl-C at 200 random moments
+a recording that goes on for hours, pages that nobody reads
+  the memory of the recorder and of the console stays the same; SIGTERM ends the console
+  - unit/runtime/recording/writer: a_long_recording_takes_no_more_memory
+    an_hour_of_recording_takes_constant_memory
+  - cli/console: pages_that_do_not_read_are_limited_and_end_with_it
+  = growth in an hour <- a recording of an hour
+strangers at the door: half-open connections by the thousand
+  they keep out nobody with a certificate, and sessions that are there do not notice
+  - security/door: half_open_connections_keep_nobody_out the_door_is_open_for_ipv6
+    a_thousand_strangers_for_a_minute_delay_nobody
+  = 1000 half-open connections
+a client that declares very much, and leaves
+  a name may declare a limited number; others' messages are not delayed
+  - unit/gate/wire: each_declaration_counts_until_it_is_withdrawn
+  - security/door: a_client_with_too_many_declarations_is_sent_away
+    who_leaves_delays_no_pose_by_50_ms
+  = a client leaves with all
+many vehicles start on a busy machine
+  the start has as long as it makes progress, and says how far it is
+  - supervisor/vehicles: a_start_that_takes_long_says_how_far_it_is
+    two_hundred_vehicles_start_at_a_load_of_ten
+  - unit/runtime/supervisor/supervisor: the_time_to_be_ready_counts_from_the_last_progress
+  = 200 vehicles beside ten busy processes <- vehicles 200`
+a command is stopped with Ctrl-Z and continued
+  it says so, and goes on
+  - cli/topic: echo_that_was_stopped_says_so_and_goes_on
+a text from the bus with control characters, or with ones that turn it round
+  they are printed escaped
+  - unit/cli/output: terminal_control_characters_are_escaped
+    invisible_characters_are_escaped_and_letters_stay
+  - unit/cli/console/panels: markup_and_controls_in_a_reason_are_escaped
 the disk fills up while recording
   the recording stops with a message; the flight is not affected
   - recording/record: a_full_disk_stops_the_recording_and_never_the_flight
@@ -307,6 +338,8 @@ thirty students on one network
     a_student_flies_only_his_vehicle_and_toggles_no_cage the_teacher_stops_and_lands_all_vehicles
     an_unplugged_cable_disturbs_no_other_student
     a_revoked_student_is_out_and_the_others_are_undisturbed
+    a_new_list_of_names_silences_nobody_for_long
+  = longest gap at the teacher's after `keys issue`, `keys revoke`, a new vehicle's <- network, `keys issue`
   = all listed <- network: until
   = poses <- network: poses
   = calls to a neighbour's vehicle <- network, each at

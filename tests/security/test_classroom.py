@@ -121,6 +121,8 @@ STALL = 1.0
 link takes longer."""
 REVOKED = 2.0
 """Seconds within which a revoked name is out."""
+SILENT = 2.0
+"""Seconds that the gate may take to let all students' machines in again with a new list of names."""
 LONG = 5.0
 """Seconds that a cable is unplugged."""
 EVERYWHERE = {"hub", "gate"}
@@ -297,6 +299,24 @@ def test_an_unplugged_cable_disturbs_no_other_student(room: Room, proofs: Proofs
         f"{max(gaps):.2f} s, {max(away):.2f} s; {back[0]:.1f} s, {back[1]:.1f} s",
         "nobody else is disturbed",
     )
+
+
+def test_a_new_list_of_names_silences_nobody_for_long(room: Room, proofs: Proofs):
+    boots, silences = boots_of(room), []
+    for words in ("issue observer guest", "revoke guest", "issue hub uav30 --vehicle uav30"):
+        began = time.monotonic()
+        assert room.teacher.quadctl("keys", *words.split()).code == 0
+        time.sleep(SILENT)
+        room.hears(room.students, time.monotonic())
+        silences.append(max(room.ear.gaps(student.name, began) for student in room.students))
+        assert_undisturbed(room, boots, began)
+    proofs.add(
+        f"{HERE}, `keys issue` and `keys revoke` of a guest, `keys issue` of a new vehicle: the longest"
+        " without a student's pose at the teacher's",
+        ", ".join(f"{silence:.2f} s" for silence in silences),
+        f"{SILENT:g} s",
+    )
+    assert max(silences) < SILENT
 
 
 def test_a_revoked_student_is_out_and_the_others_are_undisturbed(room: Room, proofs: Proofs):

@@ -1,12 +1,15 @@
 """Several vehicles in one run: own keys, independent flights, four processes for all."""
 
 import signal
+import sys
+import time
 from collections.abc import Iterator
 from functools import partial
 
 import pytest
 
 from tests.support.lab import NODES, PATIENT, Lab, private_lab
+from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
 HIDDEN = """
@@ -43,6 +46,43 @@ def test_two_vehicles_fly_without_numba(without_numba: Lab):
     done = lab.quadctl("fleet", "goto", "0", "0", "1.5", timeout=60)
     assert done.code == 0, done.err
     assert "compil" not in lab.log("dynamics")
+
+
+SLOW = """
+[processes]
+pressure = ["sh", "-c", "sleep 4; exec python -P -m quadctl.services.pressure"]
+"""
+
+
+def test_a_start_that_takes_long_says_how_far_it_is(lab: Lab):
+    done = lab.quadctl("up", "-d", lab.file(SLOW), "--vehicles", 2)
+    assert (done.code, done.out) == (0, f"realm {lab.realm} is up\n")
+    assert done.err == "starting: 6 of 8 nodes are ready\n"
+    assert lab.log("up") == done.err
+
+
+BUSY = 10
+"""Processes that compute all the time, so that the load is 10."""
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(300)
+def test_two_hundred_vehicles_start_at_a_load_of_ten(lab: Lab, proofs: Proofs):
+    busy = [lab.spawn(sys.executable, "-c", "while True: pass") for _ in range(BUSY)]
+    took = []
+    for _ in range(4):
+        began = time.monotonic()
+        done = lab.quadctl("up", "-d", "--vehicles", 200, timeout=120.0)
+        took.append(time.monotonic() - began)
+        assert done.code == 0, done.err
+        assert lab.quadctl("down", timeout=60.0).code == 0
+    for each in busy:
+        each.end()
+    proofs.add(
+        f"`up --vehicles 200` beside {BUSY} processes that compute all the time",
+        f"{len(took)} of {len(took)} starts, in {min(took):.1f} to {max(took):.1f} s",
+        "all",
+    )
 
 
 VEHICLES = ["uav0", "uav1", "uav2"]

@@ -70,7 +70,7 @@ def flight(poses: int = 100) -> list[RawMessage]:
 
 def write(path: Path, messages: list[RawMessage], every: int = 25, *, whole: bool = True) -> Path:
     """Write a recording with a chunk every `every` messages, with or without its index."""
-    bag = BagWriter(Outfile.create(path))
+    bag = BagWriter(Outfile.create(path), path.parent)
     bag.note("quadctl", {"vehicle": "uav"})
     for count, message in enumerate(messages, start=1):
         bag.add(message)

@@ -47,7 +47,7 @@ def trim(raw: Path, target: Path) -> None:
     bag = Bag(raw)
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         fresh = Path(folder) / "trimmed.mcap"
-        writer, seen = BagWriter(Outfile.create(fresh)), 0
+        writer, seen = BagWriter(Outfile.create(fresh), fresh.parent), 0
         for message in bag.messages():
             seen += message.key.endswith(f"/{POSE.name}")
             if message.derived or (seen <= first - _BEFORE and "/@call/" not in message.key):

@@ -2,10 +2,14 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 import msgspec
+from mcap.data_stream import RecordBuilder
+from mcap.records import ChunkIndex
 from mcap.writer import Writer
 from msgspec import Struct
 
@@ -63,14 +67,54 @@ _CHUNK = 4 << 20
 """Bytes after which a chunk ends without a flush."""
 
 
+class _ChunkIndices:
+    """Index of the chunks so far, in a nameless file: an hour has 14 400 entries of some 500 bytes.
+
+    It takes the place of a list in mcap's writer, which would keep them in memory.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._records = folder, RecordBuilder()
+        self._file: IO[bytes] | None = None
+
+    def append(self, index: ChunkIndex) -> None:
+        """Buffer an entry until the next `flush`."""
+        index.write(self._records)
+
+    def flush(self) -> None:
+        """Write the buffer to the file; raises OSError."""
+        if self._records.count:
+            self._file = self._file or TemporaryFile(dir=self._folder)  # noqa: SIM115 - close() closes it
+            self._file.write(self._records.end())
+            self._file.flush()
+
+    def __iter__(self) -> Iterator["_ChunkIndices"]:
+        yield self
+
+    def write(self, summary: RecordBuilder) -> None:
+        """Write all entries to the recording's summary."""
+        self.flush()
+        if self._file is not None:
+            self._file.seek(0)
+            summary.write(self._file.read())
+
+    def close(self) -> None:
+        """Remove the file."""
+        if self._file is not None:
+            self._file.close()
+
+
 class BagWriter:
     """Writer of one recording; counts the `messages` of the bus and collects their `keys`."""
 
-    def __init__(self, out: Outfile) -> None:
+    def __init__(self, out: Outfile, folder: Path) -> None:
+        """Write to a file in `folder`, where its index waits for the end; raises OSError."""
         self.messages = 0
         self.keys: set[str] = set()
         self._out = out
         self._mcap = Writer(out, chunk_size=_CHUNK)  # type: ignore[arg-type] # all it calls is there
+        self._indices = _ChunkIndices(folder)
+        self._mcap._Writer__chunk_indices = self._indices  # type: ignore[attr-defined] # noqa: SLF001 - see there
         self._mcap.start(library="quadctl")
         self._forms: dict[tuple[str, str], Form] = {}
         self._channels: dict[tuple[Any, ...], int] = {}
@@ -113,6 +157,7 @@ class BagWriter:
     def flush(self) -> None:
         """End the chunk and write it; after an OSError the writer must not be used again."""
         self._mcap.flush()
+        self._indices.flush()
 
     def finish(self) -> None:
         """Write the index that completes the recording; raises OSError."""
@@ -121,6 +166,7 @@ class BagWriter:
 
     def close(self) -> None:
         """Close the file, finished or not."""
+        self._indices.close()
         self._out.close()
 
     def _bus_channel(self, key: str, encoding: str, stored: Stored) -> int:

@@ -1,7 +1,8 @@
 """Background supervisor of `up -d`: its start, and its main().
 
-It reads a Launch, one line, from stdin, and writes one StartupResult to stdout when all are ready
-or one has failed. An owned run ends with its owner, on every platform: a kill -9 closes its stdin.
+It reads a Launch, one line, from stdin, and writes a StartupResult, a line, to stdout when all are
+ready or one has failed; before that, some with the progress of several vehicles. An owned run ends
+with its owner, on every platform: a kill -9 closes its stdin.
 """
 
 import os
@@ -9,7 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
+from collections.abc import Callable
 from typing import IO, TYPE_CHECKING
 
 import msgspec
@@ -28,16 +29,18 @@ _KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class StartupResult(Struct, frozen=True):
-    """Result that a background supervisor reports once; empty `failed` means ready."""
+    """Report of a background supervisor: `progress`, or the result; empty `failed` means ready."""
 
+    progress: str = ""
     failed: str = ""
     code: str = ""
     hint: str = ""
 
 
-def start_in_background(launch: Launch) -> IO[bytes]:
+def start_in_background(launch: Launch, on_progress: Callable[[str], None]) -> IO[bytes]:
     """Start a supervisor in the background, and return when all processes are ready.
 
+    `on_progress` gets a line each few seconds if the start of several vehicles takes that long.
     An `owned` run ends when the returned pipe is closed, by the caller or by the caller's end.
     Raises AlreadyServed if the realm is live, Invalid if the launch is impossible, and QuadctlError
     with the last lines of a process that failed; then nothing is left running.
@@ -45,28 +48,41 @@ def start_in_background(launch: Launch) -> IO[bytes]:
     supervisor = _start()
     assert supervisor.stdin is not None  # noqa: S101 - Popen was given pipes
     assert supervisor.stdout is not None  # noqa: S101
-    watchdog = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
-    watchdog.start()
+    result: StartupResult | None = None
+    watchdog = _watchdog(supervisor)
     try:
         supervisor.stdin.write(msgspec.json.encode(launch) + b"\n")
         supervisor.stdin.flush()
         if not launch.owned:
             supervisor.stdin.close()
-        reply = supervisor.stdout.read()
+        for line in supervisor.stdout:
+            result = msgspec.json.decode(line, type=StartupResult)
+            if not result.progress:
+                break
+            watchdog.cancel()
+            watchdog = _watchdog(supervisor)
+            on_progress(result.progress)
     except BaseException:
         # After Ctrl-C nothing is left running.
         supervisor.send_signal(signal.SIGTERM)
         raise
     finally:
         watchdog.cancel()
-    result = msgspec.json.decode(reply or b"{}", type=StartupResult)
+    result = result or StartupResult(failed="the supervisor ended at once")
     for kind in (AlreadyServed, Invalid):
         if result.code == kind.code:
             raise kind(result.failed, result.hint)
-    if result.failed or not reply:
+    if result.progress or result.failed:
         supervisor.wait(START_TIMEOUT)
-        raise QuadctlError(result.failed or "the supervisor ended at once", result.hint)
+        raise QuadctlError(result.failed or "the supervisor ended before all was up", result.hint)
     return supervisor.stdin
+
+
+def _watchdog(supervisor: subprocess.Popen[bytes] | fork.ForkedProcess) -> threading.Timer:
+    """Start the timer that kills a supervisor that reports nothing."""
+    timer = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
+    timer.start()
+    return timer
 
 
 def _start() -> subprocess.Popen[bytes] | fork.ForkedProcess:
@@ -82,7 +98,7 @@ def _start() -> subprocess.Popen[bytes] | fork.ForkedProcess:
 
 def main() -> int:
     """Run a realm in the background."""
-    from quadctl.services.runtime.supervisor.supervisor import run
+    from quadctl.services.runtime.supervisor.supervisor import STARTING, run
 
     # sys.stdin is None if the shell has closed it (`quadctl up -d <&-`).
     with os.fdopen(0, "rb", closefd=False) as pipe:
@@ -91,18 +107,25 @@ def main() -> int:
         return 0  # the command was killed while it wrote
     launch = msgspec.json.decode(line, type=Launch)
 
+    settled = False
+
+    def emit(name: str, line: str, _at: float) -> None:
+        if name == "up" and line.startswith(STARTING) and not settled:
+            _report(StartupResult(progress=line))
+
     def on_settled(supervisor: "Supervisor", failed: str) -> None:
-        if not _report(StartupResult(failed)) or failed:
+        nonlocal settled
+        settled = True
+        if not _settle(StartupResult(failed=failed)) or failed:
             supervisor.stop()
         elif launch.owned:
             # Only now, because a process with threads cannot fork its nodes.
             threading.Thread(target=_end_with_owner, args=(supervisor,), daemon=True).start()
 
     try:
-        with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
-            run(launch, nowhere, on_settled)
+        run(launch, emit, on_settled)
     except QuadctlError as error:
-        _report(StartupResult(error.message, error.code, error.hint))
+        _settle(StartupResult(failed=error.message, code=error.code, hint=error.hint))
         return error.exit_code
     return 0
 
@@ -113,10 +136,17 @@ def _end_with_owner(supervisor: "Supervisor") -> None:
 
 
 def _report(result: StartupResult) -> bool:
-    """Write the result for the command that waits; return False if the command has died."""
+    """Write to the command that waits; return False if the command has died."""
     try:
-        os.write(1, msgspec.json.encode(result))
+        os.write(1, msgspec.json.encode(result) + b"\n")
     except BrokenPipeError:
+        return False
+    return True
+
+
+def _settle(result: StartupResult) -> bool:
+    """Write the result as `_report`, and the last word: the command waits no longer."""
+    if not _report(result):
         return False
     # Closing stdout ends the command's read. Stderr is inherited from the command: a caller that
     # captures it would wait as long as we run.

@@ -9,6 +9,8 @@ from io import FileIO
 from pathlib import Path
 from typing import TextIO
 
+from quadctl.services.runtime.terminal import escaped
+
 _PROBE_EVERY = 1.0
 _ROOM = 1 << 16
 """Bytes that must fit before the fault counts as over, so that the state does not flicker."""
@@ -130,7 +132,7 @@ class Printer:
         if self._reader_left:
             return
         try:
-            self._stream.write(f"{head} {line}\n")
+            self._stream.write(f"{head} {escaped(line)}\n")
             self._stream.flush()
         except BrokenPipeError:
             self._reader_left = True

@@ -84,7 +84,8 @@ class LivenessProbe:
     """Probe of readiness and liveness; a separate thread connects it, as the hub may start late.
 
     A process is ready when its nodes of all vehicles are. They share the process, so only the
-    first vehicle's node is pinged. `on_ready(name)` and `on_answer(name)` are posted to the loop.
+    first vehicle's node is pinged. `on_ready(name)`, `on_answer(name)` and `on_progress(count)`, with
+    the number of ready nodes, are posted to the loop.
     """
 
     def __init__(
@@ -94,10 +95,11 @@ class LivenessProbe:
         post: Post,
         on_ready: Callable[[str], None],
         on_answer: Callable[[str], None],
+        on_progress: Callable[[int], None],
     ) -> None:
         self._address, self._vehicles, self._post = address, frozenset(vehicles), post
         self._pinged, self._seen = vehicles[0], dict[str, set[str]]()
-        self._on_ready, self._on_answer = on_ready, on_answer
+        self._on_ready, self._on_answer, self._on_progress = on_ready, on_answer, on_progress
         self._session: zenoh.Session | None = None
         self._tokens: zenoh.Subscriber[None] | None = None
         threading.Thread(target=self._connect, daemon=True).start()
@@ -151,5 +153,7 @@ class LivenessProbe:
             seen.discard(vehicle)
             return
         seen.add(vehicle)
+        count = sum(map(len, self._seen.values()))
+        self._post(lambda: self._on_progress(count))
         if seen == self._vehicles:
             self._post(lambda: self._on_ready(name))

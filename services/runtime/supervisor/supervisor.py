@@ -92,6 +92,11 @@ class ManagedProcess:
         if self.child is not None and self._kill_at is None:
             self.life.ready(now)
 
+    def progressed(self, now: float) -> None:
+        """Note that the start of the run goes on: its own start may take longer."""
+        if self.life.state != "ready":
+            self.life.reset_watchdog(now)
+
     def answered(self, now: float) -> None:
         """Note that it has replied to a ping."""
         if self.child is not None:
@@ -136,6 +141,10 @@ class ManagedProcess:
 
 _LOOK_EVERY = 0.1
 """Longest time (s) between checks; a line, a start or an end wakes the loop earlier."""
+_SAY_EVERY = 3.0
+"""Seconds between reports of how far the start of several vehicles is."""
+STARTING = "starting"
+"""First word of such a report."""
 
 
 class Supervisor:
@@ -150,7 +159,8 @@ class Supervisor:
         self._mark = descendants.new_mark()
         self._watcher: fork.ForkedProcess | None = None
         self._liveness: LivenessProbe | None = None
-        self._launched = time.monotonic()
+        self._launched = self._progressed = self._said = time.monotonic()
+        self._ready_nodes = 0
         self._stopped_by = 0
         self._woken = False
         self._next_ping = self._looked = 0.0
@@ -177,9 +187,11 @@ class Supervisor:
             self._listen()
             while not self._stopped_by:
                 self._look(time.monotonic())
-                if not settled and (verdict := self._verdict()) is not None:
-                    settled = True
-                    on_settled(verdict)
+                if not settled:
+                    self._say_progress(time.monotonic())
+                    if (verdict := self._verdict()) is not None:
+                        settled = True
+                        on_settled(verdict)
                 on_look()
                 self._serve_inbox(_LOOK_EVERY)
         finally:
@@ -215,6 +227,7 @@ class Supervisor:
             self._inbox.put,
             self._on_ready,
             self._on_answer,
+            self._on_progress,
         )
 
     def _serve_inbox(self, timeout: float) -> None:
@@ -224,17 +237,29 @@ class Supervisor:
                 self._inbox.get(timeout=left)()
 
     def _verdict(self) -> str | None:
-        since = time.monotonic() - self._launched
+        now = time.monotonic()
         for name, row in self._rows.items():
             last = self._logs.last(name)
             if row.life.state == "down":
                 return f"{name} does not stay up; its last lines:\n{last}"
-            if row.life.name_taken and since > QUICK:
+            if row.life.name_taken and now - self._launched > QUICK:
                 return f"another process has the name {name} already; its last lines:\n{last}"
-            if since > START_TIMEOUT and row.life.state != "ready":
-                return f"{name} is not ready after {START_TIMEOUT:g} s\n{last}"
+            if now - self._progressed > START_TIMEOUT and row.life.state != "ready":
+                return (
+                    f"{name} is not ready: {self._how_far()}, none of them in the last"
+                    f" {START_TIMEOUT:g} s\n{last}"
+                )
         ready = all(row.life.state == "ready" for row in self._rows.values())
         return "" if ready else None
+
+    def _say_progress(self, now: float) -> None:
+        if len(self._launch.vehicles) > 1 and now - self._said > _SAY_EVERY:
+            self._said = now
+            self._logs.show("up", f"{STARTING}: {self._how_far()}")
+
+    def _how_far(self) -> str:
+        announcing = sum(row.process.must_announce for row in self._rows.values())
+        return f"{self._ready_nodes} of {announcing * len(self._launch.vehicles)} nodes are ready"
 
     def _look(self, now: float) -> None:
         for name in control.pending_restarts(self._home.realm):
@@ -294,6 +319,11 @@ class Supervisor:
         if name in self._rows:
             self._rows[name].announced(time.monotonic())
             self._wake()
+
+    def _on_progress(self, count: int) -> None:
+        self._ready_nodes, self._progressed = count, time.monotonic()
+        for row in self._rows.values():
+            row.progressed(self._progressed)
 
     def _on_answer(self, name: str) -> None:
         if name in self._rows:

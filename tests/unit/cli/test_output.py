@@ -156,6 +156,29 @@ def test_terminal_control_characters_are_escaped(capsys: Capture):
     output.table([("uav/\x1b]0;title\x07", "a\rb\x9b2J")])
     output.note("say \x1b[1m it")
     assert capsys.readouterr() == (
-        "\\x1b[31mred: 1\nuav/\\x1b]0;title\\x07  a\\x0db\\x9b2J\n",
+        "\\x1b[31mred: 1\nuav/\\x1b]0;title\\x07  a\\rb\\x9b2J\n",
         "say \\x1b[1m it\n",
     )
+
+
+def test_invisible_characters_are_escaped_and_letters_stay(capsys: Capture):
+    output.fields("\u202egnp.\u2066\u200b\ufeff\u00ad\U000e0041 \u00fc\u65e5\U0001f681")
+    output.table([("uav/\u202ex", "\u061c")])
+    output.error(Invalid("a\u200fb"), as_json=False)
+    assert capsys.readouterr() == (
+        (
+            "\\u202egnp.\\u2066\\u200b\\ufeff\\xad\\U000e0041 \u00fc\u65e5\U0001f681\n"
+            "uav/\\u202ex  \\u061c\n"
+        ),
+        "error: a\\u200fb\n",
+    )
+
+
+def test_json_escapes_them_and_has_the_same_value(capsys: Capture):
+    value = {"\u202ekey": "\x9b\x7f\U000e0041\n\u00fc\U0001f681"}
+    output.document(value)
+    output.error(Invalid("a\u200fb"), as_json=True)
+    out, err = capsys.readouterr()
+    assert out == '{"\\u202ekey":"\\u009b\\u007f\\udb40\\udc41\\n\u00fc\U0001f681"}\n'
+    assert msgspec.json.decode(out) == value
+    assert '"a\\u200fb"' in err

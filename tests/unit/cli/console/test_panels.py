@@ -67,5 +67,7 @@ def test_a_users_own_node_has_a_table():
     assert [(setting.label, setting.fixed) for setting in own.settings] == [("gain", False)]
 
 
-def test_markup_in_a_reason_is_escaped():
-    assert "<img" not in line(Verdict(1.0, "refused", "<img src=x onerror=alert(1)>"))
+def test_markup_and_controls_in_a_reason_are_escaped():
+    shown_line = line(Verdict(1.0, "refused", "<img src=x onerror=alert(1)>\u202eb"))
+    assert "<img" not in shown_line
+    assert "\\u202eb" in shown_line

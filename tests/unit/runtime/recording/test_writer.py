@@ -1,20 +1,25 @@
 """Recordings: readable by the MCAP library, with all schemas, and safe on a full disk."""
 
 import errno
+import gc
 import json
 import os
 import resource
+import tracemalloc
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
 from quadctl.schemas.messages import Pose, Pressure, SafetyState
 from quadctl.services.recorder.recording import Recording
+from quadctl.services.runtime import procfs
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import Outfile
 from tests.support.bags import flight, pose, raw_message, state, write
+from tests.support.proofs import Proofs
 
 
 @contextmanager
@@ -147,3 +152,59 @@ def test_drawn_topics_keep_the_fields_of_their_types(recorded):
     for message in Bag(recorded).messages():
         if message.key in types:
             assert set(message.value) == set(types[message.key].__struct_fields__)
+
+
+FLUSHES = 4
+"""Chunks that the recorder writes each second."""
+KEYS = 20
+
+
+def memory_while_recording(path: Path, seconds: int) -> list[int]:
+    """Record a second's poses of vehicles for each second; return the memory (bytes) at each tenth."""
+    recording, found = Recording(path, {}), []
+    messages = [raw_message(f"uav{n % KEYS}/pose", pose(n), n / 100) for n in range(100)]
+    part = len(messages) // FLUSHES
+    for second in range(seconds):
+        for begin in range(0, len(messages), part):
+            recording.take(messages[begin : begin + part])
+            recording.flush()
+        if (second + 1) % (seconds // 10) == 0:
+            gc.collect()
+            found.append(procfs.stats_of(os.getpid()).rss or 0)
+    recording.end()
+    return found
+
+
+def test_a_long_recording_takes_no_more_memory(tmp_path: Path):
+    tracemalloc.start()
+    try:
+        recording = Recording(tmp_path / "r.mcap", {})
+        sizes = []
+        for _ in range(2):
+            for message in flight(150):
+                recording.take([message])
+                recording.flush()
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    recording.end()
+    # Of 200 entries of the index, in memory, a third would be more.
+    assert sizes[1] - sizes[0] < 20_000
+    with (tmp_path / "r.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) > 300
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(600)
+def test_an_hour_of_recording_takes_constant_memory(tmp_path: Path, proofs: Proofs):
+    used = memory_while_recording(tmp_path / "r.mcap", 3600)
+    grown = (used[-1] - used[0]) / 1e6
+    proofs.add(
+        f"a recording of an hour of 100 messages a second on {KEYS} keys, written at full speed: growth of"
+        " the process from the 6th minute to the last",
+        f"{grown:.1f} MB",
+        "under 2 MB",
+    )
+    assert grown < 2.0

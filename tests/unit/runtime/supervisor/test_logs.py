@@ -65,6 +65,12 @@ def test_a_line_is_written_completely_or_not_at_all(tmp_path: Path):
     assert (tmp_path / "x.log").read_text() == "first\nsecond\n"
 
 
+def test_control_characters_of_a_process_are_shown_escaped():
+    out = io.StringIO()
+    Printer(out)("mine", "\x1b[2J a\u202eb", 0.0)
+    assert out.getvalue().endswith("| \\x1b[2J a\\u202eb\n")
+
+
 def test_a_full_disk_is_reported_once_and_lines_are_still_shown(tmp_path: Path):
     shown: list[tuple[str, str]] = []
     logs = Logs(tmp_path / "logs", lambda name, line, at: shown.append((name, line)))

@@ -2,7 +2,7 @@
 
 from typing import cast
 
-from quadctl.services.runtime.process_table import GRACE, SETTLED, Process
+from quadctl.services.runtime.process_table import GRACE, SETTLED, START_TIMEOUT, Process
 from quadctl.services.runtime.supervisor.child import Child, LogLine
 from quadctl.services.runtime.supervisor.supervisor import ManagedProcess
 
@@ -130,3 +130,15 @@ def test_a_process_is_not_killed_while_the_supervisor_is_deaf():
     assert rig.turn(9.0, offline=True) == "ready"
     assert [rig.turn(now) for now in (9.1, 10.9)] == ["ready"] * 2
     assert rig.turn(11.1) == "restarting"
+
+
+def test_the_time_to_be_ready_counts_from_the_last_progress():
+    rig = Rig(must_announce=True)
+    rig.turn(0.0)
+    for now in (9.0, 18.0, 27.0):
+        rig.row.progressed(now)
+        rig.turn(now)
+    assert rig.children[0].done == []
+    rig.turn(27.0 + START_TIMEOUT)
+    assert rig.children[0].done[0] == "kill"
+    assert rig.log_lines()[0] == "x: not ready in 10 s: killed"

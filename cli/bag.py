@@ -101,6 +101,8 @@ def repair(
     output.either(options, {**result, "cut": done.why}, text)
 
 
+_MOST_FIELDS = 1000
+"""Columns of a table: each row has all of them, so a small recording could fill any disk."""
 _TIME = "unix_time"  # first column: the time (s) at which the message was received
 
 
@@ -135,7 +137,13 @@ def _columns(file: Path) -> dict[str, list[str]]:
     """Return the fields of each key, in order of their first appearance."""
     found: dict[str, dict[str, None]] = {}
     for message in _messages(Bag(file)):
-        found.setdefault(message.key, {}).update(dict.fromkeys(_cells(message)))
+        fields = found.setdefault(message.key, {})
+        fields.update(dict.fromkeys(_cells(message)))
+        if len(fields) > _MOST_FIELDS:
+            raise Invalid(
+                f"the messages on {message.key!r} have more than {_MOST_FIELDS} different fields",
+                "they make no table; `quadctl replay` and MCAP viewers show them",
+            )
     return {key: list(names) for key, names in found.items()}
 
 
@@ -191,4 +199,4 @@ def _cell(value: Any) -> Any:
 
 
 def _path(where: Path, key: str) -> Path:
-    return where / f"{key.replace('/', '.')}.csv"
+    return where / f"{key.replace('/', '.').replace(chr(0), '.')}.csv"

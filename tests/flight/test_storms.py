@@ -29,10 +29,10 @@ def test_a_storm_of_stops_never_moves_the_vehicle_out(lab: Lab):
 @pytest.mark.prove
 @pytest.mark.timeout(600)
 def test_a_long_storm_of_stops_never_moves_the_vehicle_out(lab: Lab, proofs: Proofs):
-    stops, _ = storm(lab, seconds=300.0, seed=2)
+    stops, _ = storm(lab, seconds=60.0, seed=2)
     proofs.add(
-        f"{stops} stops of 10 to 1500 ms in 300 s, of all processes at random, in flight",
-        "never out of the cage; healed, no process left stopped",
+        "all processes stopped at random for 10 to 1500 ms, for 60 s in flight",
+        f"{stops} stops; never out of the cage; healed, no process left stopped",
         "never out",
     )
 

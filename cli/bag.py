@@ -101,6 +101,9 @@ def repair(
     output.either(options, {**result, "cut": done.why}, text)
 
 
+_MOST_FIELDS = 1000
+"""Columns of a table: each row has all of them, so a small recording could fill any disk."""
+_ROWS = 10_000  # rows in memory at a time
 _TIME = "unix_time"  # first column: the time (s) at which the message was received
 
 
@@ -135,30 +138,32 @@ def _columns(file: Path) -> dict[str, list[str]]:
     """Return the fields of each key, in order of their first appearance."""
     found: dict[str, dict[str, None]] = {}
     for message in _messages(Bag(file)):
-        found.setdefault(message.key, {}).update(dict.fromkeys(_cells(message)))
+        fields = found.setdefault(message.key, {})
+        fields.update(dict.fromkeys(_cells(message)))
+        if len(fields) > _MOST_FIELDS:
+            raise Invalid(
+                f"the messages on {message.key!r} have more than {_MOST_FIELDS} different fields",
+                "they make no table; `quadctl replay` and MCAP viewers show them",
+            )
     return {key: list(names) for key, names in found.items()}
 
 
 def _write(file: Path, where: Path, columns: dict[str, list[str]]) -> dict[str, int]:
-    import csv
-    from contextlib import ExitStack
-
     counts = dict.fromkeys(columns, 0)
+    rows = {key: [(_TIME, *names)] for key, names in columns.items()}
     try:
         where.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            tables = {}
-            for key, names in columns.items():
-                out = _path(where, key).open("x", encoding="utf-8", newline="")
-                tables[key] = csv.writer(stack.enter_context(out))
-                tables[key].writerow((_TIME, *names))
-            for message in _messages(Bag(file)):
-                cells = _cells(message)
-                row = (cells.get(name, "") for name in columns[message.key])
-                # All digits: a float has too few for Unix time in ns.
-                at = f"{message.at // 10**9}.{message.at % 10**9:09d}"
-                tables[message.key].writerow((at, *row))
-                counts[message.key] += 1
+        _append(where, rows, "x")
+        for number, message in enumerate(_messages(Bag(file)), 1):
+            cells = _cells(message)
+            row = (cells.get(name, "") for name in columns[message.key])
+            # All digits: a float has too few for Unix time in ns.
+            at = f"{message.at // 10**9}.{message.at % 10**9:09d}"
+            rows[message.key].append((at, *row))
+            counts[message.key] += 1
+            if number % _ROWS == 0:
+                _append(where, rows, "a")
+        _append(where, rows, "a")
     except FileExistsError as error:
         raise Invalid(
             f"{error.filename} is there already", "name another folder with -o, or remove it"
@@ -168,6 +173,17 @@ def _write(file: Path, where: Path, columns: dict[str, list[str]]) -> dict[str, 
             f"{where} cannot be written: {error.strerror}", "name a writable folder: -o"
         ) from error
     return counts
+
+
+def _append(where: Path, rows: dict[str, list[Any]], mode: str) -> None:
+    """Write the rows to their tables; one is open at a time, as there may be more keys than files."""
+    import csv
+
+    for key, lines in rows.items():
+        if lines:
+            with _path(where, key).open(mode, encoding="utf-8", newline="") as out:
+                csv.writer(out).writerows(lines)
+            lines.clear()
 
 
 def _messages(bag: Bag) -> Any:
@@ -191,4 +207,4 @@ def _cell(value: Any) -> Any:
 
 
 def _path(where: Path, key: str) -> Path:
-    return where / f"{key.replace('/', '.')}.csv"
+    return where / f"{key.replace('/', '.').replace(chr(0), '.')}.csv"

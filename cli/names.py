@@ -33,6 +33,11 @@ def checked_key(name: str, vehicle: str) -> str:
     return _canonical(key) if "*" in key else key
 
 
+def is_single(key: str) -> bool:
+    """Return whether Zenoh accepts the text as one key, not as an expression."""
+    return re.fullmatch(r"[^/#?*$]+(/[^/#?*$]+)*", key) is not None
+
+
 def single_key(name: str, vehicle: str) -> str:
     """Return the full key of a name; raise Invalid for an expression, too."""
     key = checked_key(name, vehicle)

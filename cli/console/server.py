@@ -1,18 +1,21 @@
 """The web server of the console on its thread, and the guard that refuses foreign requests."""
 
+import asyncio
 import ipaddress
+import logging
 import secrets
 import socket
 import threading
+import traceback
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI, Request
-from nicegui import Client, ui
+from nicegui import Client, app, core, ui
 
-from quadctl.cli import context
+from quadctl.cli import context, output
 from quadctl.cli.console.bus_link import Link
 from quadctl.cli.console.page import Page
 from quadctl.cli.context import Options
@@ -105,6 +108,42 @@ def _with_headers(send: Send) -> Send:
     return sending
 
 
+class _Malformed(logging.Filter):
+    """Filter of NiceGUI's errors about events that no page of ours sends: one line, once.
+
+    Anybody who watches can send such events; each would print a traceback.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._seen = False
+
+    def install(self) -> None:
+        """Take over the running loop's errors and those of NiceGUI's log."""
+        logging.getLogger("nicegui").addFilter(self)
+        asyncio.get_running_loop().set_exception_handler(self._unretrieved)
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether an error is to be logged: it was raised outside of NiceGUI."""
+        error = record.exc_info[1] if record.exc_info else None
+        if error is None or "nicegui" not in traceback.extract_tb(error.__traceback__)[-1].filename:
+            return True
+        self._report(error)
+        return False
+
+    def _unretrieved(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        # The reader of sockets has no other errors than those of the messages.
+        if "AsyncServer._handle_event_internal" in repr(context.get("future")):
+            self._report(context["exception"])
+        else:
+            loop.default_exception_handler(context)
+
+    def _report(self, error: BaseException) -> None:
+        if not self._seen:
+            self._seen = True
+            output.note(f"a page sent a malformed event, which is ignored: {repr(error)[:100]}")
+
+
 class _Links:
     """Link of each vehicle whose page was opened."""
 
@@ -140,6 +179,9 @@ def serve(
         await ui.context.client.connected()
         await shown.feed()
 
+    # A page's text would reach the terminal, with any control characters.
+    core.sio.on("log", lambda *_: None)
+    app.on_startup(_Malformed().install)
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     ui.run_with(
         outer,

@@ -132,7 +132,6 @@ class Folder(NamedTuple):
 
     path: str
     mode: int | None
-    owned: bool
     live: bool
     holder: str
     by_hand: bool
@@ -153,15 +152,13 @@ def folder(realm: Realm) -> Folder:
     """Return the facts about a realm's folder."""
     try:
         found = realm.folder.stat()
-    except (FileNotFoundError, PermissionError) as error:
-        owned = isinstance(error, FileNotFoundError)
-        return Folder(str(realm.folder), None, owned, False, "", False, False, None, {})
+    except (FileNotFoundError, PermissionError):
+        return Folder(str(realm.folder), None, False, "", False, False, None, {})
     posix = hasattr(os, "getuid")
     run = _record(realm)
     return Folder(
         path=str(realm.folder),
         mode=stat.S_IMODE(found.st_mode) if posix else None,
-        owned=not posix or found.st_uid == os.getuid(),
         live=is_live(realm),
         holder=_text(realm.lock).strip(),
         by_hand=_is_held(realm.folder),

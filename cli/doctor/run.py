@@ -91,9 +91,6 @@ def realm(
     supervisor: ProcessFacts | None = None,
 ) -> Finding:
     """Check that the realm's folder is private, and that a supervisor that is awake holds it."""
-    if not found.owned:
-        evidence = f"{found.path} belongs to another user"
-        return failed("realm", evidence, "set XDG_RUNTIME_DIR to your own folder")
     if found.mode is not None and found.mode & _PRIVATE:
         evidence = f"{found.path} has mode {found.mode:04o}: others can look into it"
         return failed("realm", evidence, f"`chmod 700 {found.path}`")

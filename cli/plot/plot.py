@@ -45,7 +45,7 @@ def plot(
     document = {
         "file": str(target),
         "vehicles": list(flown),
-        "poses": sum(len(track.path) for track in flown.values()),
+        "poses": sum(leg.added for track in flown.values() for leg in track.legs),
         "seconds": max(track.end for track in flown.values()) - began,
     }
     output.either(options, document, f"drew {document['seconds']:.1f} s of flight: {target}")

@@ -1,7 +1,8 @@
 """Tracks of a flight by vehicle, gathered from its messages."""
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from math import isfinite, nan
+from typing import Any, NamedTuple, TypeVar
 
 from msgspec import Struct
 
@@ -37,12 +38,41 @@ class Phase(NamedTuple):
     cage: CageSize
 
 
+MOST_POINTS = 50_000
+"""Points of a curve that are kept; a picture of 1440 pixels shows no more."""
+_MOST, _MOST_EVENTS = 1000, 100_000
+"""Vehicles, and boots of a vehicle, in one picture; states and goals of a vehicle."""
+
+Point = TypeVar("Point")
+
+
+class Curve(list[Point]):
+    """Points in their order, of which ever fewer are kept as they become many; always the last."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.added = 0
+        """Points added so far."""
+        self._stride = 1
+
+    def add(self, point: Point) -> None:
+        """Add a point at the end."""
+        if len(self) > 1 and (self.added - 1) % self._stride:
+            self[-1] = point
+        else:
+            self.append(point)
+        self.added += 1
+        if len(self) > MOST_POINTS:
+            del self[1:-1:2]
+            self._stride *= 2
+
+
 class Track:
     """Flight of one vehicle in simulated s; a new boot goes on at the end of the previous one."""
 
     def __init__(self) -> None:
-        self.legs: list[list[tuple[float, float, float, float]]] = []  # time, x, y, z by boot
-        self.air: list[tuple[float, float, float]] = []  # time, published pressure, baseline, hPa
+        self.legs: list[Curve[tuple[float, float, float, float]]] = []  # time, x, y, z by boot
+        self.air: Curve[tuple[float, float, float]] = Curve()  # time, pressure, baseline, hPa
         self.phases: list[Phase] = []
         self.accepted: list[Spot] = []
         self.refused: list[Spot] = []
@@ -58,20 +88,23 @@ class Track:
         return [point for leg in self.legs for point in leg]
 
     def add(self, message: Struct) -> None:
-        """Take a message of this vehicle."""
+        """Take a message of this vehicle; raises Invalid if they are too many for a picture."""
         match message:
             case Pose():
                 self._add_pose(message)
             case Pressure():
                 at = self._base + message.stamp
                 if at <= self.end + 1:  # else it belongs to the previous boot
-                    self.air.append((at, message.pressure, message.baseline))
+                    self.air.add((at, message.pressure, message.baseline))
             case SafetyState() if message.boot == self._boot:
                 self._add_state(message)
             case Waypoint():
                 self._requested = message
             case Called() if message.service == GOTO.name:
                 self._add_call(message)
+        events = len(self.phases) + len(self.accepted) + len(self.refused)
+        if len(self.legs) > _MOST or events > _MOST_EVENTS:
+            raise _too_many(f"boots (at most {_MOST}) or states and goals ({_MOST_EVENTS})")
 
     def _add_pose(self, pose: Pose) -> None:
         if pose.boot != self._boot:
@@ -79,10 +112,10 @@ class Track:
                 self._base = self.end
                 self.boots.append(self.end)
             self._boot = pose.boot
-            self.legs.append([])
+            self.legs.append(Curve())
         self.end = max(self.end, self._base + pose.stamp)
         p = pose.position
-        self.legs[-1].append((self.end, p.x, p.y, p.z))
+        self.legs[-1].add((self.end, p.x, p.y, p.z))
 
     def _add_state(self, state: SafetyState) -> None:
         at = max(self._base + state.stamp, self.phases[-1].at if self.phases else 0.0)
@@ -101,8 +134,11 @@ class Track:
 
     def _add_call(self, call: Called) -> None:
         if call.response.get("accepted") is False:
-            x, y, z = (float(call.request[axis]) for axis in "xyz")
-            self.refused.append(Spot(self.end, x, y, z))
+            # The table of a call is free: another program may write anything into it.
+            goal = [call.request.get(axis) for axis in "xyz"]
+            x, y, z = (float(value) if isinstance(value, int | float) else nan for value in goal)
+            if isfinite(x + y + z):
+                self.refused.append(Spot(self.end, x, y, z))
 
 
 class RecordedFlight:
@@ -112,7 +148,10 @@ class RecordedFlight:
         self.tracks: dict[str, Track] = {}
 
     def add(self, key: str, payload: bytes, encoding: str) -> None:
-        """Take a message of any key; skip a foreign or unreadable one."""
+        """Take a message of any key; skip a foreign or unreadable one.
+
+        Raises Invalid if there are too many for a picture.
+        """
         topic: Any = topic_of(key)
         if topic is None:
             return
@@ -122,10 +161,16 @@ class RecordedFlight:
             return
         vehicle = key.partition("/")[0]
         self.tracks.setdefault(vehicle, Track()).add(message)
+        if len(self.tracks) > _MOST:
+            raise _too_many(f"vehicles (at most {_MOST})")
 
     def flown(self) -> dict[str, Track]:
         """Return the tracks of the vehicles that have a path."""
         return {name: track for name, track in self.tracks.items() if track.legs}
+
+
+def _too_many(what: str) -> Invalid:
+    return Invalid(f"too many {what} for one picture", "`quadctl bag export --csv` writes tables")
 
 
 def wanted(vehicles: Iterable[str]) -> list[str]:

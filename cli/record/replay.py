@@ -10,7 +10,7 @@ from quadctl.cli import context, output
 from quadctl.cli.concurrent import Pace
 from quadctl.cli.context import Options, about_topic, with_any_vehicle
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.names import checked_key
+from quadctl.cli.names import checked_key, is_single
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import temporary_run
 from quadctl.schemas.params import Params
@@ -65,13 +65,19 @@ class _Plan:
     def __init__(self, file: Path, wanted: list[str], start: float) -> None:
         self._file, self._wanted = file, wanted
         bag = Bag(file)
-        times = [message.at for message in self._chosen(bag)]
+        first = last = None
+        for last in self._chosen(bag):
+            first = first or last
         self.cut = bag.cut
-        self.begin = (times[0] if times else 0) + round(start * 1e9)
-        self.seconds = max((times[-1] - self.begin) / 1e9, 0.0) if times else 0.0
+        self.begin = (first.at if first else 0) + round(start * 1e9)
+        self.seconds = max((last.at - self.begin) / 1e9, 0.0) if last else 0.0
         self.keys = {message.key: message.encoding for message in self.messages()}
         if not self.keys:
             raise Invalid(f"{file} has nothing to replay", "`quadctl bag info` shows what is in it")
+        if bad := [key for key in self.keys if not is_single(key)]:
+            raise Invalid(
+                f"{file}: {bad[0][:80]!r} is not a valid key", "name other keys to replay"
+            )
 
     def messages(self) -> Iterator[Recorded]:
         """Return the selected messages, in order."""

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import stat
 import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -24,6 +25,7 @@ RECORD = "run.json"
 """File with the state of the run, replaced at every change."""
 LOCK = "up.lock"
 """Lock file that the run holds for as long as it lives."""
+_OWN_FOLDER = "set XDG_RUNTIME_DIR to a folder of your own"
 _LONGEST_SOCKET_PATH = 100
 """Bytes; the kernel's sun_path holds 108, and Zenoh adds a suffix for its lock."""
 
@@ -87,20 +89,22 @@ class Realm:
                 f"the socket's path is too long for a Unix socket: {self.socket}",
                 "choose a shorter --realm, or set XDG_RUNTIME_DIR to a shorter folder",
             )
+        for folder in (os.path.dirname(self.path), self.path):
+            _check_own(folder)
 
     def create(self) -> None:
         """Create the folder, readable by its owner alone; raise QuadctlError if it cannot be."""
-        own = "set XDG_RUNTIME_DIR to a folder of your own"
         for folder in (self.folder.parent, self.folder):
             try:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-                if sys.platform != "win32" and folder.stat().st_uid != os.getuid():
-                    raise QuadctlError(f"{folder} belongs to another user", own)
+                _check_own(str(folder))
                 folder.chmod(0o700)
             except FileNotFoundError:
                 raise  # a run that is just ending has removed it again
             except OSError as error:
-                raise QuadctlError(f"{folder} cannot be created: {error.strerror}", own) from error
+                raise QuadctlError(
+                    f"{folder} cannot be created: {error.strerror}", _OWN_FOLDER
+                ) from error
 
     def clear(self) -> None:
         """Remove what a killed run left, except locks and sockets: others may hold them."""
@@ -118,10 +122,26 @@ class Realm:
         import shutil
 
         for path in filter(chosen, self.folder.iterdir()):
-            if path.is_dir():
+            if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
+
+
+def _check_own(folder: str) -> None:
+    """Raise UsageError if an existing folder is a link, or another user's.
+
+    Anybody may create it first in /tmp: files of ours would be removed behind a link, and we would
+    fly through another user's hub.
+    """
+    if sys.platform == "win32":
+        return
+    with contextlib.suppress(OSError):
+        found = os.lstat(folder)
+        if stat.S_ISLNK(found.st_mode):
+            raise UsageError(f"{folder} is a link, which is not followed", _OWN_FOLDER)
+        if found.st_uid != os.getuid():
+            raise UsageError(f"{folder} belongs to another user", _OWN_FOLDER)
 
 
 def _root() -> str:

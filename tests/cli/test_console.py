@@ -1,14 +1,20 @@
 """`console`: start-up errors, and the clients that its server accepts."""
 
+import asyncio
+import html
 import http.client
+import json
+import re
 import signal
 import socket
 import sys
+import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 import pytest
+import socketio  # type: ignore[import-untyped] # its stubs are skipped in pyproject.toml
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
@@ -152,3 +158,75 @@ def test_pages_that_do_not_read_are_limited_and_end_with_it(two_vehicles: Lab):
 def memory_of(console: Console) -> int:
     """Return the console's resident memory, bytes."""
     return procfs.stats_of(console.process.pid).rss or 0
+
+
+MALFORMED: tuple[object, ...] = (
+    {}, None, [1], "x", {"client_id": []}, {"client_id": "?", "id": 0, "level": "evil", "message": "\x1b[31m"},
+)  # fmt: skip
+ARGUMENTS: tuple[object, ...] = (
+    [], ["{}"], ["null"], ["true"], ["1e999"], ["[" * 3000], 5,
+    ['{"x": 4, "y": 4, "z": 1, "button": 0, "hits": []}'],
+)  # fmt: skip
+
+
+def test_a_watching_socket_controls_nothing_and_breaks_nothing(
+    two_vehicles: Lab, console_of_two: Console
+):
+    page = get(console_of_two.watch)[1]
+    listeners, client = page_listeners(page), re.search(r"'client_id': '([^']+)'", page)
+    assert len(listeners) > 20
+    assert client is not None
+    with two_vehicles.bare() as bare:
+        before, params = bare.query("uav0/safety/state", b"").value, parameters(two_vehicles)
+        events: list[tuple[str, object]] = [
+            ("event", {"id": number, "client_id": client[1], "listener_id": name, "args": args})
+            for number, name in listeners
+            for args in ARGUMENTS
+        ]
+        names = ("event", "javascript_response", "ack", "log", "handshake")
+        events += [(name, message) for name in names for message in MALFORMED]
+        asyncio.run(send_events(console_of_two.watch, client[1], events))
+        after = bare.query("uav0/safety/state", b"").value
+    changed = {name for name in before if before[name] != after[name]} - {"stamp"}
+    assert (changed, parameters(two_vehicles)) == (set(), params)
+    assert get(console_of_two.watch)[0] == 200
+    log = console_of_two.process.log
+    assert log.count("malformed event") == 1
+    assert "Traceback" not in log
+    assert "\x1b" not in log
+
+
+def parameters(lab: Lab) -> str:
+    return lab.quadctl("param", "list", "--vehicle", "uav0").out
+
+
+def page_listeners(page: str) -> list[tuple[int, str]]:
+    """Return the element and the name of each listener on a page."""
+    found = re.search(r"parseElements\(String.raw`(.*?)`\)", page, re.DOTALL)
+    assert found is not None
+    elements = json.loads(html.unescape(found[1]))
+    return [
+        (int(number), event["listener_id"])
+        for number, element in elements.items()
+        for event in element.get("events", [])
+    ]
+
+
+async def send_events(watch: str, client: str, events: list[tuple[str, object]]) -> None:
+    """Open a page's socket as a browser does, send events, and wait until they are handled."""
+    socket = socketio.AsyncClient(reconnection=False)
+    base = watch.rstrip("/")
+    query = f"client_id={client}&next_message_id=0&implicit_handshake=true"
+    await socket.connect(
+        f"{base}?{query}&tab_id={uuid.uuid4()}&document_id={uuid.uuid4()}",
+        headers={"Origin": base},
+        socketio_path="/_nicegui_ws/socket.io",
+        transports=["websocket"],
+    )
+    for name, message in events:
+        await socket.emit(name, message)
+    answered = asyncio.Event()
+    # The server handles a client's events in order: it answers this one last.
+    await socket.emit("event", {"client_id": "?"}, callback=lambda *_: answered.set())
+    await asyncio.wait_for(answered.wait(), 10)
+    await socket.disconnect()

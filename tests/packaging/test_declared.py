@@ -15,7 +15,13 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 FOLDERS = ("cli", "services", "schemas")
 OF = {"yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
 """Distributions by the different name of their module."""
-BELOW = {"fastapi": "nicegui", "uvicorn": "nicegui", "llvmlite": "numba", "zstandard": "mcap"}
+BELOW = {
+    "fastapi": "nicegui",
+    "uvicorn": "nicegui",
+    "llvmlite": "numba",
+    "lz4": "mcap",
+    "zstandard": "mcap",
+}
 """Declared packages by the name of a dependency that is imported too."""
 
 

@@ -170,6 +170,33 @@ a process of the system does not run for a while
     a_hundred_outages_beyond_the_grace_end_the_flights
   = short <- 1000 flights, a process or all stopped for 0.1 to 0.5 s every 2 s
   = 2 s <- 100 flights with an outage of 2 s
+all processes stand still again and again, at random
+  the vehicle never leaves the cage; the run heals by itself, and no process stays stopped
+  - flight/storms: a_storm_of_stops_never_moves_the_vehicle_out
+    a_long_storm_of_stops_never_moves_the_vehicle_out
+  = all processes stopped at random
+a recording or TOML file made to do harm
+  refused or read in little memory, exit 6 or 8; no file is changed or left half-written
+  - unit/cli/bombs: a_recording_made_to_do_harm_is_refused_or_read
+    a_refused_recording_is_not_repaired_in_place
+  - recording/replay: a_recording_made_to_do_harm_is_not_replayed
+  - unit/runtime/params/load: a_bad_file_is_refused_with_the_place_and_a_hint
+another user of the machine gets to the temporary folder first
+  every command refuses a link or a folder of another user in place of the run's, exit 2
+  - security/temporary_folder: a_link_to_the_users_own_files_is_refused
+    a_folder_of_another_user_is_refused
+a watcher of the console sends events of its own
+  nothing changes, whatever the socket sends
+  - cli/console: a_watching_socket_controls_nothing_and_breaks_nothing
+few open files, no shared memory, no IPv6, a full disk in the realm's folder
+  flights arrive; a value that cannot be kept is not changed
+  - supervisor/few_files: a_flight_arrives_while_strangers_take_all_files_of_the_hub
+    more_keys_than_open_files_are_exported
+  - supervisor/poor_machines: a_flight_needs_neither_shared_memory_nor_ipv6
+    a_run_whose_folder_fills_up_flies_on_and_keeps_its_values
+a certificate expires in flight
+  its links end in that second, and no flight does; a new one of the hub opens the gate again
+  - security/certificates: certificates_that_expire_in_flight_end_links_and_no_flight
 dynamics dies
   HOVERING within 300 ms, with a reason; no goal is accepted until poses come again, and the new
   boot drops the old goal

@@ -10,6 +10,7 @@ import pytest
 
 from quadctl.services.runtime.recording.reader import Bag, Recorded
 from tests.support.bags import flight, raw_message, write
+from tests.support.bombs import bombs
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
@@ -144,3 +145,19 @@ def test_a_cut_recording_is_replayed_as_far_as_it_goes(hub_only: Lab):
     assert done.code == 0
     assert json.loads(done.out)["cut"]
     assert "the recording is cut" in done.err
+
+
+def test_a_recording_made_to_do_harm_is_not_replayed(hub_only: Lab):
+    lines = {}
+    for name in (
+        "8 GiB by zstd",
+        "torn JSON",
+        "keys that are paths",
+        "a key that is an expression",
+    ):
+        file = hub_only.folder / f"{name.replace(' ', '-')}.mcap"
+        file.write_bytes(bombs()[name].data)
+        lines[f"replay {file.name} --speed 0"] = 6
+    done = hub_only.each(lines, "--json")
+    assert {line: one.code for line, one in done.items()} == lines
+    assert all(one.error["hint"] for one in done.values())

@@ -1,5 +1,6 @@
 """An invalid, expired or revoked certificate gets nothing; a valid one works at once."""
 
+import itertools
 import shutil
 import time
 from pathlib import Path
@@ -9,7 +10,7 @@ import zenoh
 
 from quadctl.services.runtime.security.registry import Registry
 from tests.support.intruder import session
-from tests.support.lab import Lab
+from tests.support.lab import PATIENT, Lab
 from tests.support.network_field import TLS, Field, touched
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
@@ -112,6 +113,36 @@ def test_an_expired_certificate_is_refused(net: Field):
         about.replace('"expires":1', '"expires":9'), encoding="utf-8"
     )
     assert net.ask("hold", "brief").code == 3
+
+
+def test_certificates_that_expire_in_flight_end_links_and_no_flight(lab: Lab):
+    brief = ("--days", 10 / 86_400)
+    for words in ("init", "issue operator anna"):
+        assert lab.quadctl("keys", *words.split()).code == 0
+    assert lab.quadctl("keys", "issue", "operator", "rob", *brief).code == 0
+    assert lab.quadctl("keys", "issue", "hub", *brief).code == 0
+    expires = time.time() + 10
+    lab.start("--listen", ENDPOINT, "--identity", "keys/hub", *PATIENT)
+
+    def asks(name: str, *words: str) -> list[str]:
+        return lab.command("--connect", ENDPOINT, "--identity", f"keys/{name}", *words)
+
+    streams = [lab.spawn(*asks(name, "topic", "echo", "pose")) for name in ("rob", "anna")]
+    eventually(lambda: all("position" in stream.log for stream in streams))
+    before = lab.nodes()
+    with lab.bare() as bare:
+        states = bare.watch("uav/safety/state")
+        for x in itertools.cycle((4.0, -4.0)):
+            bare.fly(x, 0.0, 1.0)
+            if time.time() > expires:
+                break
+        assert not [state["reason"] for state in states.messages if state["reason"]]
+    assert [stream.wait(20) for stream in streams] == [3, 3]
+    assert "expired" in lab.quadctl(*asks("anna", "hold")[-5:]).err
+    assert lab.nodes() == before
+    # The gate sees the new list of names and takes the new certificate.
+    assert lab.quadctl("keys", "issue", "hub").code == 0
+    eventually(lambda: lab.quadctl(*asks("anna", "hold")[-5:]).code == 0, 20.0)
 
 
 def test_a_revoked_name_is_out_within_2_s_and_the_flight_goes_on(net: Field):

@@ -64,7 +64,7 @@ def open_router(address: Address, params: "Params", realm: Realm) -> Session:
         users = realm.folder / "hub.users"
         write_atomically(users, f"{address.user}:{address.password}\n".encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
-    return session.open_with(config, session.TWO_THREADS)
+    return _opened(config, ", ".join(listen) or "the hub")
 
 
 def open_gate(address: Address, listen: Sequence[str], join: Sequence[str]) -> Session:
@@ -88,13 +88,17 @@ def open_gate(address: Address, listen: Sequence[str], join: Sequence[str]) -> S
     link["tx"]["lease"] = session.LEASE_AFAR_MS
     protocol = address.endpoint.partition("/")[0]
     config["access_control"] = access_control.rules(who, protocol)
+    return _opened(config, ", ".join(listen) or "the gate")
+
+
+def _opened(config: dict[str, Any], what: str) -> zenoh.Session:
     try:
         return session.open_with(config, session.TWO_THREADS)
     except zenoh.ZError as error:
         # Without the positions in Zenoh's source code.
         why = str(error).partition(" at /")[0].rstrip(". ")
         raise QuadctlError(
-            f"{', '.join(listen) or 'the gate'} cannot be opened: {why}",
+            f"{what} cannot be opened: {why}",
             "is the port in use, or the address that of another machine?",
         ) from error
 

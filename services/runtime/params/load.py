@@ -12,7 +12,14 @@ from msgspec import Struct
 from quadctl.schemas import airworthy
 from quadctl.schemas.params import Params, WindParams
 from quadctl.services.runtime.errors import Invalid, UsageError
-from quadctl.services.runtime.params.names import flatten, nearest, put, value_of
+from quadctl.services.runtime.params.names import (
+    ENDLESS_KEY,
+    MOST_PARTS,
+    flatten,
+    nearest,
+    put,
+    value_of,
+)
 from quadctl.services.runtime.realm import DEFAULT, listed
 
 _WRITTEN = "`quadctl init` writes one"
@@ -104,6 +111,8 @@ def parse(text: str, source: str) -> dict[str, Any]:
     """Parse the unchecked tables of a TOML text; raises Invalid if it is not TOML."""
     import tomllib
 
+    if ENDLESS_KEY.search(text):
+        raise Invalid(f"{source} has a key of more than {MOST_PARTS} parts", "no name has so many")
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

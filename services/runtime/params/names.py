@@ -1,5 +1,6 @@
 """Dotted names of values, as users write them: `safety.virtual_cage.x=3`."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -16,10 +17,19 @@ LAB_NODES = {
 _BOOLS = {"true": True, "false": False, "True": True, "False": False}
 
 
+MOST_PARTS = 50
+ENDLESS_KEY = re.compile(
+    rf"""(?:\.[ \t]*+(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+){{{MOST_PARTS}}}"""
+)
+"""Dotted key of which tomllib would take minutes: its time grows with the square of the parts."""
+
+
 def value_of(text: str) -> Any:
     """Parse a value from a command line: TOML's notation, ROS's True and False, or a word."""
     if text in _BOOLS:
         return _BOOLS[text]
+    if ENDLESS_KEY.search(text):
+        return text
     import tomllib
 
     try:

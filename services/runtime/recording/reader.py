@@ -2,25 +2,62 @@
 
 import os
 import struct
+import zlib
 from collections.abc import Iterator
+from io import SEEK_CUR, SEEK_END, BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+import lz4.frame
 import msgspec
+import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from msgspec import Struct
-from zstandard import ZstdError
 
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.recording import mcap_format, writer
 
-_TORN = (McapError, ZstdError, struct.error, ValueError, LookupError, RuntimeError, MemoryError)
-"""Errors that the library raises for missing or damaged bytes."""
+_LARGEST = 1 << 28
+"""Bytes of the largest chunk that is unpacked, and of all schemas and channels together.
+
+A chunk of our recorder has 4 MiB and at most one message more. A bomb of 1 kB may name any size.
+"""
+_KINDS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.STATISTICS: Statistics,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+}
+"""Records that are read, beside messages; the others repeat what these say."""
+_MESSAGE = struct.Struct("<HIQQ")
+_FOOTER = 9 + 20 + len(MCAP0_MAGIC)
+"""Bytes of the end of a complete recording, from its footer on."""
+_TORN = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, RuntimeError)
+"""Errors for missing or damaged bytes."""
 
 
 class Recorded(NamedTuple):
@@ -49,9 +86,14 @@ class Recorded(NamedTuple):
 
     @property
     def payload(self) -> bytes:
-        """Return its payload on the bus."""
+        """Return its payload on the bus; raises Invalid if the data are damaged."""
         packed = self.channel.metadata.get(writer.PACKED) == "yes"
-        return mcap_format.restored(self.data, packed=packed)
+        try:
+            return mcap_format.restored(self.data, packed=packed)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+            raise Invalid(
+                f"a message on {self.key!r} is damaged: {error}", "`quadctl bag check` shows all"
+            ) from error
 
     @property
     def value(self) -> Any:
@@ -81,6 +123,7 @@ class Bag:
         """Bytes up to the end of the last whole record."""
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._described = 0  # bytes of the schemas and channels held
 
     def messages(self) -> Iterator[Recorded]:
         """Yield the messages in the order received; raises Invalid if it is not a recording."""
@@ -91,50 +134,148 @@ class Bag:
                 yield Recorded(channel, schema, record.log_time, record.publish_time, record.data)
 
     def records(self) -> Iterator[McapRecord]:
-        """Yield all records but the index."""
+        """Yield all records but the index; raises Invalid also if it unpacks to too much."""
         with opened(self.path) as file:
             magic = file.read(len(MCAP0_MAGIC))
             if not MCAP0_MAGIC.startswith(magic):
                 raise Invalid(f"{self.path} is not a recording", "recordings are MCAP files")
-            size = os.fstat(file.fileno()).st_size
-            reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size)
             try:
-                for record in reader.records:
-                    for part in _parts(record):
-                        self._learn(part)
-                        yield part
+                for record in _framed(file, os.fstat(file.fileno()).st_size):
+                    if isinstance(record, Footer):
+                        break
+                    for part in _unpacked(record) if isinstance(record, Chunk) else (record,):
+                        if isinstance(part, _KEPT):
+                            self._learn(part)
+                            yield part
                     self.read_to = file.tell()
+                if file.read(len(MCAP0_MAGIC) + 1) != MCAP0_MAGIC:
+                    self.cut = "it ends in the middle"
             except _TORN as problem:
                 self.cut = str(problem) or "it ends in the middle"
+            except MemoryError as error:
+                raise Invalid(f"{self.path} does not fit into memory", "free some") from error
 
     def _learn(self, record: McapRecord) -> None:
         match record:
             case Header():
                 self.header = record
             case Schema():
+                self._described += _size(record) - _size(self._schemas.get(record.id))
                 self._schemas[record.id] = record
             case Channel():
+                self._described += _size(record) - _size(self._channels.get(record.id))
                 self._channels[record.id] = record
             case Message():
                 self._channels[record.channel_id]  # a KeyError counts as torn
             case Metadata():
                 self.notes[record.name] = record.metadata
+        if self._described > _LARGEST:
+            raise _too_large("all schemas and channels", self._described)
+
+
+_KEPT = (Header, Schema, Channel, Message, Metadata, Attachment)
+
+
+def _size(record: Schema | Channel | None) -> int:
+    match record:
+        case Schema():
+            return len(record.name) + len(record.data)
+        case Channel():
+            return len(record.topic) + sum(len(k) + len(v) for k, v in record.metadata.items())
+    return 0
+
+
+def _framed(file: IO[bytes], end: int) -> Iterator[McapRecord]:
+    """Yield the records up to an offset, each read from its own bytes only.
+
+    The library's reader believes the lengths inside a record, which may exceed the record.
+    """
+    while file.tell() < end:
+        opcode, length = struct.unpack("<BQ", file.read(9))
+        if length > end - file.tell():
+            raise ValueError("it ends in the middle")
+        if opcode == Opcode.MESSAGE:
+            data = file.read(length)
+            channel, sequence, at, published = _MESSAGE.unpack_from(data)
+            yield Message(channel, at, data[_MESSAGE.size :], published, sequence)
+        elif kind := _KINDS.get(opcode):
+            yield kind.read(ReadDataStream(BytesIO(file.read(length))))
+        else:
+            file.seek(length, SEEK_CUR)
+
+
+def _unpacked(chunk: Chunk) -> Iterator[McapRecord]:
+    """Yield a chunk's records after a check of its size and CRC."""
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > _LARGEST:
+        raise _too_large("a chunk", size)
+    if chunk.compression == "zstd":
+        # The frame's own size would win over the one given.
+        if zstandard.frame_content_size(data) not in {-1, size}:
+            raise ValueError("a chunk has two sizes")
+        data = zstandard.decompress(data, size)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+    elif chunk.compression:
+        raise ValueError(f"its compression {chunk.compression!r} is unknown")
+    crc = chunk.uncompressed_crc
+    if len(data) != size or (crc and crc != zlib.crc32(data)):
+        raise ValueError("a chunk is damaged")
+    yield from _framed(BytesIO(data), size)
+
+
+def _too_large(what: str, size: int) -> Invalid:
+    return Invalid(
+        f"{what} of the recording would unpack to {size / 1e6:.0f} MB",
+        f"at most {_LARGEST / 1e6:.0f} MB are read: is the file from someone you trust?",
+    )
 
 
 def summary(path: Path) -> Summary | None:
     """Return the index at the end of a complete recording; None if the recording is truncated."""
+    found = Summary()
     with opened(path) as file:
         try:
-            return make_reader(file).get_summary()
-        except (*_TORN, OSError):
+            size = file.seek(-_FOOTER, SEEK_END) + _FOOTER
+            footer = next(_framed(file, size))
+            if not isinstance(footer, Footer) or not footer.summary_start:
+                return None
+            file.seek(footer.summary_start)
+            for record in _framed(file, size - _FOOTER):
+                match record:
+                    case Statistics():
+                        found.statistics = record
+                    case Schema():
+                        found.schemas[record.id] = record
+                    case Channel():
+                        found.channels[record.id] = record
+                    case ChunkIndex():
+                        found.chunk_indexes.append(record)
+                    case MetadataIndex():
+                        found.metadata_indexes.append(record)
+        except (*_TORN, OverflowError, OSError):
             # OSError: the file is shorter than the footer.
             return None
+    return found
 
 
-def notes(path: Path) -> dict[str, dict[str, str]]:
-    """Return the recorder's notes of a complete recording."""
+def _notes(path: Path, index: Summary) -> dict[str, dict[str, str]] | None:
+    """Return the recorder's notes that an index names; None if they are not there."""
+    found: dict[str, dict[str, str]] = {}
     with opened(path) as file:
-        return {note.name: note.metadata for note in make_reader(file).iter_metadata()}
+        left = os.fstat(file.fileno()).st_size
+        for entry in index.metadata_indexes:
+            # A note that is named again and again would be read as often.
+            left -= entry.length
+            try:
+                file.seek(entry.offset)
+                note = next(_framed(file, entry.offset + entry.length)) if left >= 0 else None
+            except (*_TORN, OverflowError, OSError, StopIteration):
+                note = None
+            if not isinstance(note, Metadata):
+                return None
+            found[note.name] = note.metadata
+    return found
 
 
 def opened(path: Path) -> IO[bytes]:
@@ -145,14 +286,6 @@ def opened(path: Path) -> IO[bytes]:
         raise Invalid(
             f"{path} cannot be read: {error.strerror}", "`quadctl record` writes recordings"
         ) from error
-
-
-def _parts(record: McapRecord) -> Iterator[McapRecord]:
-    """Yield a chunk's records after a check of its CRC; outside chunks, the records with data."""
-    if isinstance(record, Chunk):
-        yield from breakup_chunk(record, validate_crc=True)
-    elif isinstance(record, Header | Schema | Channel | Message | Metadata | Attachment):
-        yield record
 
 
 class KeyFacts(Struct, frozen=True):
@@ -187,14 +320,15 @@ def facts(path: Path) -> BagFacts:
 
 def _indexed(path: Path) -> BagFacts | None:
     found = summary(path)
-    if found is None or found.statistics is None:
+    notes = None if found is None else _notes(path, found)
+    if found is None or found.statistics is None or notes is None:
         return None
     stats, counts = found.statistics, found.statistics.channel_message_counts
     rows = [
         (channel, found.schemas.get(channel.schema_id), counts.get(number, 0))
         for number, channel in found.channels.items()
     ]
-    return _facts(path, "", stats.message_start_time, stats.message_end_time, rows, notes(path))
+    return _facts(path, "", stats.message_start_time, stats.message_end_time, rows, notes)
 
 
 def _counted(path: Path) -> BagFacts:

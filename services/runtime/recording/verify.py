@@ -54,7 +54,7 @@ def _faults(message: Recorded, last: int) -> Iterator[str]:
     name = message.schema.name if message.schema else ""
     try:
         msgspec.json.decode(message.data, type=_TYPES.get(name, dict))
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, RecursionError) as error:
         yield f"{message.key}: a message is not a valid {name or 'table'}: {error}"
 
 
@@ -69,12 +69,12 @@ class _Gaps:
         if message.schema is None or message.schema.name != "quadctl.Pose":
             return
         pose: Any = message.value
-        if not isinstance(pose, dict) or "seq" not in pose:
+        if not isinstance(pose, dict) or not isinstance(now := pose.get("seq"), int):
             return
         boot, seq = self._last.get(message.key, ("", -1))
-        if pose.get("boot") == boot and pose["seq"] > seq + 1:
-            self._lost[message.key] += pose["seq"] - seq - 1
-        self._last[message.key] = (pose.get("boot", ""), pose["seq"])
+        if pose.get("boot") == boot and now > seq + 1:
+            self._lost[message.key] += now - seq - 1
+        self._last[message.key] = (pose.get("boot", ""), now)
 
     def faults(self) -> Iterator[str]:
         for key, lost in self._lost.items():
@@ -92,7 +92,7 @@ class Repaired(NamedTuple):
 def repair(source: Path, target: Path) -> Repaired:
     """Copy all whole records of a recording into a new file.
 
-    Raises Invalid if the source is not a recording, OSError without a target if writing fails.
+    Raises Invalid if the source is not a recording, OSError if writing fails; without a target.
     """
     bag, messages = Bag(source), 0
     records = bag.records()
@@ -109,7 +109,7 @@ def repair(source: Path, target: Path) -> Repaired:
             copy.add(record)
         mcap.finish()
         out.flush()
-    except OSError:
+    except BaseException:
         target.unlink(missing_ok=True)
         raise
     finally:

@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING
 import msgspec
 from msgspec import Struct
 
-from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
+from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.process_table import START_TIMEOUT
 from quadctl.services.runtime.supervisor import fork
 from quadctl.services.runtime.supervisor.launch import Launch
@@ -69,7 +69,7 @@ def start_in_background(launch: Launch, on_progress: Callable[[str], None]) -> I
     finally:
         watchdog.cancel()
     result = result or StartupResult(failed="the supervisor ended at once")
-    for kind in (AlreadyServed, Invalid):
+    for kind in (AlreadyServed, Invalid, UsageError):
         if result.code == kind.code:
             raise kind(result.failed, result.hint)
     if result.progress or result.failed:

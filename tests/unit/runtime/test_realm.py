@@ -68,9 +68,33 @@ def test_a_folder_of_another_user_is_refused(root: Path, monkeypatch: pytest.Mon
     realm = Realm("lab")
     realm.create()
     monkeypatch.setattr(os, "getuid", lambda: realm.folder.stat().st_uid + 1)
-    with pytest.raises(QuadctlError, match="belongs to another user") as caught:
-        realm.create()
-    assert "XDG_RUNTIME_DIR" in caught.value.hint
+    for use in (realm.create, lambda: Realm("lab")):
+        with pytest.raises(UsageError, match="quadctl belongs to another user") as caught:
+            use()
+        assert "XDG_RUNTIME_DIR" in caught.value.hint
+
+
+def test_a_link_in_place_of_a_folder_is_not_followed(root: Path):
+    precious = root / "precious" / "lab" / "thesis.txt"
+    precious.parent.mkdir(parents=True)
+    precious.write_text("years of work")
+    realm = Realm("lab")
+    (root / "quadctl").symlink_to(precious.parents[1])
+    for use in (realm.create, lambda: Realm("lab")):
+        with pytest.raises(UsageError, match="quadctl is a link"):
+            use()
+    assert precious.read_text() == "years of work"
+
+
+def test_links_inside_the_folder_are_removed_and_not_followed(root: Path):
+    precious = root / "thesis.txt"
+    precious.write_text("years of work")
+    realm = Realm("lab")
+    realm.create()
+    realm.logs.symlink_to(root)
+    realm.clear()
+    assert list(realm.folder.iterdir()) == []
+    assert precious.read_text() == "years of work"
 
 
 @pytest.mark.parametrize("unset", [None, ""])

@@ -20,7 +20,7 @@ INSTALLED = Installed(
 )  # fmt: skip
 READY = ProcessRecord("pressure", 7, "ready", 0)
 RUN = RunState("lab", 5, ["uav"], [READY])
-LIVE = Folder("/run/lab", 0o700, True, True, "5", False, True, RUN, {})
+LIVE = Folder("/run/lab", 0o700, True, "5", False, True, RUN, {})
 GONE = LIVE._replace(live=False, run=None, mode=None, holder="", socket=False)
 ALONE = Neighbours("/run", [], [])
 FINE = Settings("./quad.toml", {"safety.takeoff": 1.0, "safety.cage_on": True})
@@ -103,7 +103,6 @@ def test_processor_and_memory_use_is_checked(
     [
         ("PASS", "supervised by process 5", LIVE),
         ("FAIL", "mode 0755", LIVE._replace(mode=0o755)),
-        ("FAIL", "another user", LIVE._replace(owned=False)),
         ("FAIL", "process 9 holds", LIVE._replace(holder="9")),
         ("FAIL", "the vehicle cat", LIVE._replace(run=replace(RUN, vehicles=["cat"]))),
         ("FAIL", "hub.sock is gone", LIVE._replace(socket=False)),

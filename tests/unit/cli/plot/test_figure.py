@@ -1,5 +1,6 @@
 """Data of a plot: paths by boot and vehicle, verdicts, phases."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 
 from quadctl.cli.plot import figure
 from quadctl.cli.plot.figure import draw
-from quadctl.cli.plot.track import RecordedFlight, Spot
+from quadctl.cli.plot.track import MOST_POINTS, Curve, RecordedFlight, Spot
 from quadctl.schemas.messages import Position, Waypoint
 from tests.support.bags import pose, pressure, raw_message, refused, state
 
@@ -74,3 +75,13 @@ def test_a_vehicle_at_rest_is_marked_at_its_place(tmp_path: Path, poses: int):
     above = picture[: len(picture) // 2, : picture.shape[1] // 2]
     path = colors.to_rgb(figure.of_vehicles(["uav"])["uav"])
     assert (abs(above - path) < 0.02).all(axis=2).sum() > 20
+
+
+def test_a_long_flight_keeps_few_points_and_always_the_last():
+    curve: Curve[int] = Curve()
+    for number in range(5 * MOST_POINTS):
+        curve.add(number)
+        assert curve[-1] == number
+    assert len(curve) <= MOST_POINTS
+    assert curve.added == 5 * MOST_POINTS
+    assert {after - before for before, after in pairwise(curve[:-1])} == {8}

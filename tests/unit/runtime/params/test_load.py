@@ -79,6 +79,18 @@ FILES = [
     ("safety: {takeoff: 1}", "is not TOML", ""),
     ("[safety]\ntakeoff = 1,5", "is not TOML", ""),
     ("\0", "is not TOML", ""),
+    # Huge numbers, deep nesting, endless keys.
+    ("[safety]\ntakeoff = " + "9" * 900_000, "is not TOML", ""),
+    ("[safety]\ntakeoff = 0x" + "f" * 900_000, "safety.takeoff: number out of range", ""),
+    ("[safety]\ntakeoff = 1e" + "9" * 900_000, "safety.takeoff: expected `float` <= 10000", ""),
+    ("a = " + "[" * 400_000 + "]" * 400_000, "is not TOML", ""),
+    ("a = " + "{a=" * 200_000 + "1" + "}" * 200_000, "is not TOML", ""),
+    ("[" + "a." * 400_000 + "a]", "a key of more than 50 parts", ""),
+    ("a" + " . 'a,='" * 100_000 + " = 1", "a key of more than 50 parts", ""),
+    ("[a]\n" + "b = " + "'" + "a." * 60, "a key of more than 50 parts", ""),
+    ("takeoff = 1 #" + "." * 900_000, "unknown parameter takeoff", ""),
+    ("takeoff = 1 #" + "a" * 900_000, "unknown parameter takeoff", ""),
+    ("takeoff = 1 #." + " " * 900_000, "unknown parameter takeoff", ""),
 ]
 
 
@@ -96,7 +108,7 @@ def test_at_least_forty_bad_files_are_covered():
 
 
 @pytest.mark.parametrize(
-    ("text", "message", "hint"), FILES, ids=[text.replace("\n", " ") for text, _, _ in FILES]
+    ("text", "message", "hint"), FILES, ids=[text[:60].replace("\n", " ") for text, _, _ in FILES]
 )
 def test_a_bad_file_is_refused_with_the_place_and_a_hint(
     tmp_path: Path, text: str, message: str, hint: str
@@ -128,6 +140,8 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path):
         ("safety.takeoff=nan", FLOAT, ""),
         ("safety.takeoff=-1", ">= 0", ""),
         ("safety.takeoff=1" + "0" * 400, "safety.takeoff", ""),
+        ("safety.takeoff=" + "[" * 50_000, "safety.takeoff", ""),
+        ("safety={" + "a." * 50_000 + "a=1}", TABLE, ""),
         ("safety.takeoff.x=3", "safety.takeoff", ""),
         ("safety=3", TABLE, ""),
         ("=3", "unknown parameter", ""),

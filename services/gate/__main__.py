@@ -4,6 +4,7 @@ As a separate process it keeps foreign traffic out of the process that the vehic
 what strangers do interrupts the network at most, but not the flight.
 """
 
+import socket
 import time
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,12 @@ from quadctl.services.runtime.bus.session import Address
 from quadctl.services.runtime.entry import ReopenSession, start
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.security.access_control import NameList, groups, identity_for
+from quadctl.services.runtime.security.access_control import (
+    Group,
+    NameList,
+    groups,
+    identity_for,
+)
 from quadctl.services.runtime.security.endpoints import secure
 from quadctl.services.runtime.security.identity import Name
 
@@ -26,12 +32,12 @@ _LOOKS = 5.0
 
 
 class Gate:
-    """Door for TLS, and the router behind it, which listens for QUIC itself."""
+    """Door for TLS, and the routers behind it; the first one also listens for QUIC, and joins."""
 
     _door: "Door | None" = None
 
     def open(self, address: Address, params: Params, realm: Realm) -> Session:
-        """Open the router, and at first the door; raises as router.open_gate and Door."""
+        """Open the first router, and then the door; raises as router.open_gate and Door."""
         listen, self._join = secure(params.hub.listen), secure(params.hub.connect)
         self._tls = [endpoint for endpoint in listen if endpoint.startswith("tls/")]
         self._quic = [endpoint for endpoint in listen if endpoint not in self._tls]
@@ -41,11 +47,17 @@ class Gate:
             from quadctl.services.gate.door import Door
 
             self._door = Door(self._tls, self._identity, realm.folder / "door")
-            self._door.open()
+        self._address, self._others = address, dict[int, Session]()
         self._names = NameList(self._identity.folder)
-        self._known = self._names_that_count(self._names.changed() or [])
-        inner = [self._door.inner] if self._door else []
-        return router.open_gate(address, [*inner, *self._quic], self._join)
+        names = self._names.changed() or []
+        self._groups, self._met = self._known(names)
+        port = free_port()
+        inner = [self._door.inner(port)] if self._door else []
+        self._first = router.open_gate(address, [*inner, *self._quic], self._join)
+        if self._door:
+            self._door.admit(names)
+            self._door.open(port)
+        return self._first
 
     def run(self, node: Node, _params: Params) -> None:
         """Route until stopped, or until a change of the list of names needs a new session."""
@@ -62,24 +74,55 @@ class Gate:
                 router.disable_tcp_linger()
             if (names := self._names.changed()) is None:
                 continue
-            found = self._names_that_count(names)
-            if found != self._known if self._quic or self._join else not found <= self._known:
+            known, met = self._known(names)
+            if self._is_stale(met):
                 node.log.info("the list of names has changed: all clients must reconnect")
                 if self._door:
                     self._door.end_links()
+                for other in self._others.values():
+                    other.close()
                 raise ReopenSession
+            if self._door:
+                if not known <= self._groups:
+                    self._groups = known
+                    self._open_another(self._door)
+                self._door.admit(names)
 
-    def _names_that_count(self, names: list[Name]) -> set[object]:
-        """Give the door the list; return what Zenoh has to know of it."""
-        if self._door:
-            self._door.admit(names)
+    def _known(self, names: list[Name]) -> tuple[set[Group], set[str]]:
+        """Return the groups, and the certificates' common names that Zenoh itself meets.
+
+        It meets a client's by QUIC, and a hub's where we join that hub.
+        """
         members = groups(names, time.time())
-        found: set[object] = set(members)
-        # Zenoh meets a client's own certificate by QUIC, and a hub's where we join that hub.
-        for (role, _), certificates in members.items():
-            if self._quic or (self._join and role == "hub"):
-                found.update(certificates)
-        return found
+        return set(members), {
+            certificate
+            for (role, _), certificates in members.items()
+            for certificate in certificates
+            if self._quic or (self._join and role == "hub")
+        }
+
+    def _is_stale(self, met: set[str]) -> bool:
+        """Return whether the first router needs the new list: a name went, or is waited for."""
+        if self._quic or self._met - met:
+            return met != self._met
+        joined = len(self._first.info.routers_zid()) > len(self._join)
+        return met != self._met and not joined
+
+    def _open_another(self, door: "Door") -> None:
+        """Open a router that knows the new groups for all links to come; the others stay as is."""
+        for port in self._others.keys() - door.ports():
+            self._others.pop(port).close()
+        port = free_port()
+        self._others[port] = router.open_gate(self._address, [door.inner(port)], [])
+        door.open(port)
+
+
+def free_port() -> int:
+    """Return a loopback port that nothing listens on."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+        return port
 
 
 if __name__ == "__main__":

@@ -66,34 +66,51 @@ class Door:
             ssl.Purpose.CLIENT_AUTH, cafile=identity.path(FLEET)
         )
         self._server.verify_mode = ssl.CERT_REQUIRED
-        self._server.load_cert_chain(identity.path(CERTIFICATE), identity.path(KEY))
-        self._fleet = identity.path(FLEET)
+        self._identity = identity
         self._contexts: dict[str, ssl.SSLContext] = {}
+        # Zenoh's end of the loopback links: the fleet's certificate may expire or be replaced.
+        router = Name("router", "hub", [EVERY], "door", time.time() + _FOR_EVER)
+        self._authority.issue(router, ["127.0.0.1"], folder / "router")
         self._waiting: OrderedDict[socket.socket, asyncio.Task[None]] = OrderedDict()
         self._turn = asyncio.Lock()
         self._links: set[_Link] = set()
         self._declared = Budget()
         self._failed, self._reported = 0, -_REPORTS
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self._port = free.getsockname()[1]
+        self._port = 0
         self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, daemon=True)
 
-    @property
-    def inner(self) -> str:
-        """Return the endpoint at which Zenoh must listen for the door's links."""
-        return f"tls/127.0.0.1:{self._port}#root_ca_certificate_file={self._folder / 'ca.pem'}"
+    def inner(self, port: int) -> str:
+        """Return the endpoint at which a router must listen for the door's links."""
+        files = {
+            "root_ca_certificate_file": self._folder / FLEET,
+            "listen_certificate_file": self._folder / "router" / CERTIFICATE,
+            "listen_private_key_file": self._folder / "router" / KEY,
+        }
+        options = ";".join(f"{name}={file}" for name, file in files.items())
+        return f"tls/127.0.0.1:{port}#{options}"
 
-    def open(self) -> None:
-        """Let clients in."""
+    def open(self, port: int) -> None:
+        """Let clients in, from now on to the router at this port."""
+        self._port = port
+        if self._thread.is_alive():
+            return
         # A connection is a file; the usual limit of 1024 is only the shell's.
         _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (min(most, _MOST_FILES), most))
-        threading.Thread(target=self._run, daemon=True).start()
+        self._thread.start()
 
     def admit(self, names: Iterable[Name]) -> None:
-        """Take a new list of names, and end the links of those that are no longer on it."""
+        """Take a new list of names, and end the links of those that are no longer on it.
+
+        Our own certificate may be new as well. Raises OSError if it cannot be read.
+        """
+        self._server.load_cert_chain(self._identity.path(CERTIFICATE), self._identity.path(KEY))
         self._loop.call_soon_threadsafe(self._admit, {name.common_name: name for name in names})
+
+    def ports(self) -> set[int]:
+        """Return the ports of the routers that have links."""
+        return {link.port for link in list(self._links)}
 
     def end_links(self) -> None:
         """End all links at once; Zenoh would end them one after the other, each in 0.1 s."""
@@ -179,28 +196,27 @@ class Door:
         name = self._names[common]
         try:
             async with asyncio.timeout(_REOPENING):
-                inner = await self._to_router(self._context(name))
+                inner, port = await self._to_router(self._context(name))
         except TimeoutError:
             outer.transport.close()
             return
-        link = _Link(name, outer, inner, self._declared, self._links)
+        link = _Link(name, outer, inner, port, self._declared, self._links)
         expires = ssl.cert_time_to_seconds(certificate["notAfter"]) - time.time()
         link.until = self._loop.call_later(expires, link.end)
         if common not in self._names:  # revoked meanwhile
             link.end()
 
-    async def _to_router(self, context: ssl.SSLContext) -> "_Side":
-        """Return a connection to the router, which may just be opened again."""
+    async def _to_router(self, context: ssl.SSLContext) -> "tuple[_Side, int]":
+        """Return a connection to the router, which may just be opened again, and its port."""
         inner = _Side()
         while True:
+            port = self._port
             try:
-                await self._loop.create_connection(
-                    lambda: inner, "127.0.0.1", self._port, ssl=context, server_hostname=""
-                )
+                await self._loop.create_connection(lambda: inner, "127.0.0.1", port, ssl=context)
             except OSError:
                 await asyncio.sleep(_AGAIN)
             else:
-                return inner
+                return inner, port
 
     def _keeps_out(self, common: str) -> str:
         """Return the reason why a name may not come in now, empty if it may."""
@@ -218,8 +234,7 @@ class Door:
         if common not in self._contexts:
             folder = self._folder / common
             self._authority.issue(ours, [], folder)
-            context = ssl.create_default_context(cafile=self._fleet)
-            context.check_hostname = False
+            context = ssl.create_default_context(cafile=self._folder / FLEET)
             context.load_cert_chain(folder / CERTIFICATE, folder / KEY)
             self._contexts[common] = context
         return self._contexts[common]
@@ -271,11 +286,12 @@ class _Link:
         name: Name,
         outer: _Side,
         inner: _Side,
+        port: int,
         declared: "Budget",
         links: "set[_Link]",
     ) -> None:
         """Pass on data from now on; `declared` has the cost for each name."""
-        self.name, self.outer, self.inner = name, outer, inner
+        self.name, self.outer, self.inner, self.port = name, outer, inner, port
         self._declared, self._links = declared, links
         # Only a hub, as a router, declares by the keys of the other end.
         self._theirs = Declarations() if name.role == "hub" else None

@@ -8,7 +8,7 @@ headers. Only as much is read as is needed to find the next message. Source: zen
 from collections.abc import Callable
 from typing import Any
 
-_DECLARE, _INTEREST, _FRAGMENT = 0x1E, 0x19, 0x06
+_DECLARE, _INTEREST, _FRAGMENT, _INIT = 0x1E, 0x19, 0x06, 0x01
 _FINAL = 0x1A
 _KINDS = {0x00: "key", 0x02: "subscriber", 0x04: "queryable", 0x06: "token"}
 """Kinds of declarations; the number after each withdraws one."""
@@ -40,6 +40,7 @@ class Declarations:
         self._peer_keys = peer.keys if peer else {}
         self._costs: dict[tuple[str, int], dict[bytes, int]] = {}
         """Costs by kind, number and key: between routers all have the number 0."""
+        self._is_router = False
         self._partial = b""
         self._fragments: dict[tuple[int, int], int] = {}
         """Number of the fragment that continues a message, by reliability and priority."""
@@ -70,6 +71,10 @@ class Declarations:
                 self._interest(batch, header)
             elif kind == _FRAGMENT:
                 self._fragment(batch, header)
+            elif kind == _INIT:
+                batch.byte()
+                self._is_router = batch.byte() & 3 == 0
+                batch.skip_all(header)
             else:
                 _SKIPPED[kind](batch, header)
         if batch.at != batch.end:
@@ -91,7 +96,7 @@ class Declarations:
             batch.extensions(header)
             return
         named = batch.extensions(header).get(_KEY)
-        self._remove(_KINDS[kind - 1], number, self._named(named) if named else None)
+        self._remove(_KINDS[kind - 1], number, self._named(named) if named else b"")
 
     def _interest(self, batch: "_Batch", header: int) -> None:
         number = batch.number()
@@ -101,7 +106,7 @@ class Declarations:
             if mode & 2:  # lasts
                 self._add("interest", number, self._name(*key, own=bool(options & 0x40)))
         else:
-            self._remove("interest", number, None)
+            self.cost -= sum(self._costs.pop(("interest", number), {}).values())
         batch.extensions(header)
 
     def _name(self, scope: int, suffix: bytes, *, own: bool) -> bytes:
@@ -124,11 +129,13 @@ class Declarations:
         self.cost += cost - costs.pop(name, 0)
         costs[name] = cost
 
-    def _remove(self, kind: str, number: int, name: bytes | None) -> None:
-        """Forget a declaration: the named one, else the last of that number."""
+    def _remove(self, kind: str, number: int, name: bytes) -> None:
+        """Forget a declaration: the named one, else a client's last of that number."""
         costs = self._costs.get((kind, number), {})
-        if costs:
-            self.cost -= costs.popitem()[1] if name is None else costs.pop(name, 0)
+        if name:
+            self.cost -= costs.pop(name, 0)
+        elif costs and not self._is_router:
+            self.cost -= costs.popitem()[1]
         if not costs:
             self._costs.pop((kind, number), None)
 
@@ -279,7 +286,6 @@ class _Batch:
 
 _SKIPPED: dict[int, Callable[[_Batch, int], object]] = {
     0x00: _Batch.skip_aside,
-    0x01: _Batch.skip_all,
     0x02: _Batch.skip_all,
     0x03: _Batch.skip_all,
     0x04: _Batch.extensions,
@@ -290,5 +296,5 @@ _SKIPPED: dict[int, Callable[[_Batch, int], object]] = {
     0x1D: _Batch.skip_push,
     0x1F: _Batch.skip_aside,
 }
-"""Readers of all other messages: init, open, close, keep-alive and frame, end of responses,
+"""Readers of all other messages: open, close, keep-alive and frame, end of responses,
 response, request, push; and those out of band."""

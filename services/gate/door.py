@@ -66,6 +66,7 @@ class Door:
             ssl.Purpose.CLIENT_AUTH, cafile=identity.path(FLEET)
         )
         self._server.verify_mode = ssl.CERT_REQUIRED
+        self._server.minimum_version = ssl.TLSVersion.TLSv1_3  # as Zenoh's clients
         self._identity = identity
         self._contexts: dict[str, ssl.SSLContext] = {}
         # Zenoh's end of the loopback links: the fleet's certificate may expire or be replaced.
@@ -223,7 +224,7 @@ class Door:
         if common not in self._names:
             return "is not on the list of names"
         if self._declared.is_barred(common):
-            return "has declared too much"
+            return "was sent away a moment ago"
         links = sum(link.name.common_name == common for link in self._links)
         return f"has {links} links" if links >= _MOST_LINKS else ""
 
@@ -309,18 +310,18 @@ class _Link:
         counted = self._declarations if side is self.outer else self._theirs
         if not self._limited or counted is None:
             return True
-        whose, before = self.name.common_name, self._declarations.cost
+        before, why = self._declarations.cost, ""
         try:
             counted.feed(data)
         except MalformedBatch as problem:
-            _log.warning("%s sends no Zenoh 1.x, or a packed form: %s", whose, problem)
+            why = f"sends no Zenoh 1.x, or a packed form ({problem})"
+        if not self._declared.spend(self.name, self._declarations.cost - before):
+            why = "declares too many subscribers, queryables and tokens"
+        if why:
+            self._declared.bar(self.name)
+            _log.warning("%s %s: sent away", self.name.common_name, why)
             self.end()
-            return False
-        if self._declared.spend(self.name, self._declarations.cost - before):
-            return True
-        _log.warning("%s declares too many subscribers, queryables and tokens: sent away", whose)
-        self.end()
-        return False
+        return not why
 
     def end(self) -> None:
         """Close both connections."""
@@ -343,13 +344,14 @@ class Budget:
         """Add a cost, negative for what is withdrawn; return whether it is within the limit."""
         common = name.common_name
         self._spent[common] += cost
-        within = self._spent[common] <= _MOST_DECLARED * len(name.vehicles)
-        if not within:
-            self._barred[common] = time.monotonic() + _BARRED
-        return within
+        return self._spent[common] <= _MOST_DECLARED * len(name.vehicles)
+
+    def bar(self, name: Name) -> None:
+        """Keep a name out for the next seconds."""
+        self._barred[name.common_name] = time.monotonic() + _BARRED
 
     def is_barred(self, common: str) -> bool:
-        """Return whether the name has declared too many in the last seconds."""
+        """Return whether the name is kept out now."""
         return time.monotonic() < self._barred.get(common, 0.0)
 
 

@@ -181,7 +181,8 @@ def test_readings_of_a_bmp280_have_its_steps_noise_and_bias(readings: Watch):
 def test_a_calibration_reports_the_number_and_spread_of_samples(bmp280: Lab, readings: Watch):
     readings.next(26)
     done = bmp280.quadctl("calibrate", "--json").json
-    assert done["samples"] in range(10, 28)
+    # 25 a second, and those of up to 0.1 s that a late loop catches up with.
+    assert done["samples"] in range(10, 30)
     assert STEP / 100 <= done["spread"] < 10 * NOISE / 100
     zeroed = readings.until(lambda r: r["baseline"])
     assert zeroed["spread"] == done["spread"]

@@ -98,8 +98,11 @@ def test_an_arrival_timeout_exits_4_and_the_flight_goes_on(shared_lab: Lab, hove
 
 def test_hold_ends_a_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, hover: Bare):
     poses, states = hover.watch("uav/pose"), hover.watch("uav/safety/state")
+    # So slow that the flight lasts longer than the start of a command on a busy machine.
+    slow = {"dynamics.control.max_speed": 1.0}
+    assert hover.call("dynamics/set_params", values=slow).value["success"]
     waiting = shared_lab.spawn(*QUADCTL, "goto", "-4.5", "-4.5", "4")
-    poses.until(lambda p: speed(p) > 1.0)
+    poses.until(lambda p: speed(p) > 0.9)
     asked_at = poses.messages[-1]["position"]
     held = shared_lab.quadctl("hold", "--json")
     assert (held.code, held.json) == (0, {"success": True})
@@ -114,6 +117,8 @@ def test_hold_ends_a_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, h
     end = states.until(lambda s: gap(s["goal"], rest) < 0.1)
     assert end["state"] == "HOVERING"
     assert "hold" in end["reason"]
+    back = {"dynamics.control.max_speed": 5.0}
+    assert hover.call("dynamics/set_params", values=back).value["success"]
 
 
 def test_a_goal_is_accepted_as_soon_as_safety_is_ready(lab: Lab):

@@ -60,8 +60,10 @@ class Gaps:
 
 
 @contextmanager
-def leaver(lab: Lab, kind: str, count: int, identity: str = "bob") -> Iterator[None]:
-    """Run a client that declares, and dies when the block ends."""
+def leaver(
+    lab: Lab, kind: str, count: int, identity: str = "bob", ready: str = "declared"
+) -> Iterator[None]:
+    """Run a client that declares, and is killed when the block ends; begin it at its line."""
     words = [
         sys.executable,
         "-m",
@@ -75,7 +77,7 @@ def leaver(lab: Lab, kind: str, count: int, identity: str = "bob") -> Iterator[N
     ) as client:
         try:
             assert client.stdout is not None
-            assert client.stdout.readline() == "declared\n"
+            assert ready + "\n" in iter(client.stdout.readline, "")
             yield
         finally:
             client.kill()
@@ -149,10 +151,9 @@ def test_a_client_with_too_many_declarations_is_sent_away(field: Lab):
     with session(TLS, field.folder / "keys" / "eve") as other:
         gaps = Gaps(other, "uav1/pose")
         began = time.monotonic()
-        with leaver(field, "subscribers", 3000):
-            eventually(lambda: "student.bob." in field.log("gate"))
-        assert "declares too many subscribers" in field.log("gate")
-        refused = ask(field, "hold --vehicle uav0 --timeout 3", "bob")
+        with leaver(field, "subscribers", 3000, ready="declaring"):
+            eventually(lambda: "declares too many subscribers" in field.log("gate"), 30)
+            refused = ask(field, "hold --vehicle uav0 --timeout 3", "bob")
         assert refused.code == 3
         assert "did too much" in refused.err
         assert ask(field, "hold --vehicle uav0").code == 0, "others may come"

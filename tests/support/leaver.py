@@ -16,6 +16,7 @@ def main(endpoint: str, identity: Path, kind: str, count: int) -> None:
             "tokens": lambda n: client.liveliness().declare_token(f"uav0/@node/own-{n}"),
             "wildcards": lambda n: client.declare_subscriber(f"uav0/**/x{n}/**", print),
         }
+        print("declaring", flush=True)
         held = [declare[kind](number) for number in range(count)]
         print("declared", flush=True)
         time.sleep(len(held) and 60)

@@ -105,7 +105,12 @@ def encoding(type_: type[Struct]) -> str:
 @cache
 def _decoder(type_: type[M]) -> msgspec.msgpack.Decoder[M]:
     with _building:
-        return msgspec.msgpack.Decoder(type_)
+        return msgspec.msgpack.Decoder(type_, ext_hook=_refuse_extension)
+
+
+def _refuse_extension(code: int, _data: memoryview) -> Any:
+    # No schema has one, and the call log could not publish it.
+    raise msgspec.ValidationError(f"it has an extension type of MessagePack, code {code}")
 
 
 @cache

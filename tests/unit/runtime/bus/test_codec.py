@@ -244,8 +244,19 @@ def test_well_formed_nonsense_raises_only_invalid(type_: type[Struct], data: st.
         (SetParamsRequest, b"\x81\xa6values\x81\xa1a\xdd\xff\xff\xff\xff"),
         (SetParamsRequest, b"\x81\xa6values\x81\xa1a\xd7\xff" + b"\xff" * 8),
         (SetParamsRequest, b"\x81\xa6values\x81\xa1\xff\x00"),
+        (SetParamsRequest, b"\x81\xa6values\x81\xa1q\xc7\x03\x05ext"),
     ],
-    ids=["deep unknown", "deep", "deep value", "map as key", "long map", "long", "time", "text"],
+    ids=[
+        "deep unknown",
+        "deep",
+        "deep value",
+        "map as key",
+        "long map",
+        "long",
+        "time",
+        "text",
+        "ext",
+    ],
 )
 def test_hostile_payloads_raise_only_invalid(type_: type[Struct], payload: bytes):
     with pytest.raises(Invalid, match="not a valid"):

@@ -121,7 +121,8 @@ def test_commands_that_end_processes_work_with_one_frozen(who: str):
 @contextmanager
 def patient_lab() -> Iterator[Lab]:
     with private_lab() as made:
-        made.start("--set", "supervise.answer_timeout=60")
+        # A goal waits for a pose as long as a flight may be paused, which must be within TIMEOUT.
+        made.start("--set", "supervise.answer_timeout=60", "--set", "dynamics.grace=0.4")
         made.file("[pressure]\nnoise = 2e-5\n")
         made.file("", "saved.toml")
         made.file('rows = [{ at = 0.05, do = "hold" }]\nend = 0.1', "mission.toml")

@@ -4,14 +4,13 @@ As a separate process it keeps foreign traffic out of the process that the vehic
 what strangers do interrupts the network at most, but not the flight.
 """
 
-import socket
 import time
 from typing import TYPE_CHECKING
 
 from quadctl.schemas.params import Params
 from quadctl.services.runtime.bus import router
 from quadctl.services.runtime.bus.router import Session
-from quadctl.services.runtime.bus.session import Address
+from quadctl.services.runtime.bus.session import Address, free_port
 from quadctl.services.runtime.entry import ReopenSession, start
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.realm import Realm
@@ -115,14 +114,6 @@ class Gate:
         port = free_port()
         self._others[port] = router.open_gate(self._address, [door.inner(port)], [])
         door.open(port)
-
-
-def free_port() -> int:
-    """Return a loopback port that nothing listens on."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port: int = free.getsockname()[1]
-        return port
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """Door: strangers keep nobody out, and no client's declarations delay anybody else."""
 
-import socket
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from quadctl.services.runtime.bus.session import free_port
 from tests.support.intruder import session
 from tests.support.lab import Lab, private_lab
 from tests.support.proofs import Proofs
@@ -20,9 +20,7 @@ from tests.support.strangers import Strangers
 from tests.support.tap import Tap
 
 ROOT = Path(__file__).parents[2]
-with socket.socket() as free:
-    free.bind(("127.0.0.1", 0))
-    PORT = free.getsockname()[1]
+PORT = free_port()
 TLS = f"tls/127.0.0.1:{PORT}"
 
 

@@ -1,7 +1,6 @@
 """A limit of 64 open files: flights, strangers on the hub's socket, and tables of many keys."""
 
 import socket
-import subprocess
 from contextlib import ExitStack
 
 from tests.support.bags import raw_message, write
@@ -13,17 +12,8 @@ FEW = 64
 
 def with_few_files(lab: Lab, *words: object) -> Done:
     """Run a command, and the processes that it starts, with at most 64 open files each."""
-    done = subprocess.run(
-        ["sh", "-c", f'ulimit -n {FEW}; exec "$@"', "sh", *lab.command(*words)],
-        env=lab.environment,
-        cwd=lab.folder,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    return Done(done.returncode, done.stdout, done.stderr)
+    few = ["sh", "-c", f'ulimit -n {FEW}; exec "$@"', "sh"]
+    return lab.run([*few, *lab.command(*words)], 60)
 
 
 def test_a_flight_arrives_while_strangers_take_all_files_of_the_hub(lab: Lab):

@@ -1,6 +1,5 @@
 """Runs on machines without shared memory, IPv6 or room in the realm's folder."""
 
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -16,18 +15,9 @@ def played(lab: Lab, machine: str, script: str) -> Done:
     """Run a script of commands on a machine of its own, and end the run there."""
     quadctl = " ".join(lab.command())
     words = f'quadctl() {{ {quadctl} "$@"; }}; {script}; quadctl down'
-    done = subprocess.run(
-        [*poor(machine), "sh", "-c", words],
-        env=lab.environment,
-        cwd=lab.folder,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert "Traceback" not in done.stdout + done.stderr, done
-    return Done(done.returncode, done.stdout, done.stderr)
+    done = lab.run([*poor(machine), "sh", "-c", words], 60)
+    assert "Traceback" not in done.out + done.err, done
+    return done
 
 
 @pytest.mark.parametrize("missing", [WITHOUT_SHARED_MEMORY, WITHOUT_IPV6], ids=["shm", "ipv6"])

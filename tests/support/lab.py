@@ -56,9 +56,13 @@ class Lab:
         return self.runtime / "quadctl" / self.realm
 
     def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
-        """Run one command to its end."""
+        """Run one command of quadctl to its end."""
+        return self.run(self.command(*words), timeout, **environment)
+
+    def run(self, command: Sequence[str], timeout: float = 30.0, **environment: str) -> Done:
+        """Run any program to its end, in the realm's folder and environment."""
         done = subprocess.run(
-            self.command(*words),
+            command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,

@@ -52,6 +52,16 @@ class Address(Struct, frozen=True):
     password: str = ""
 
 
+def free_port() -> int:
+    """Return a loopback port that nothing listens on."""
+    import socket  # takes 3 ms, and commands need no port
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
 def address_of(realm: Realm, connect: str = "") -> Address:
     """Return the endpoint of `--connect` if given, else the address in the realm's folder."""
     if connect:

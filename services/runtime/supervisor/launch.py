@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from quadctl.schemas.params import Params
 from quadctl.services.runtime import run_files
-from quadctl.services.runtime.bus.session import Address
+from quadctl.services.runtime.bus.session import Address, free_port
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.params import live
@@ -136,10 +136,7 @@ def choose_address(realm: Realm, transport: str) -> Address:
     unix = hasattr(socket, "AF_UNIX") and sys.platform != "win32"
     if transport == "unix" or (transport == "auto" and unix):
         return Address(realm.endpoint)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    return Address(f"tcp/127.0.0.1:{port}", secrets.token_hex(8), secrets.token_hex(16))
+    return Address(f"tcp/127.0.0.1:{free_port()}", secrets.token_hex(8), secrets.token_hex(16))
 
 
 class RunDirectory:

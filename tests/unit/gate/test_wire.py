@@ -1,7 +1,6 @@
 """Declarations counted in Zenoh's traffic: in messages written here, and in that of Zenoh itself."""
 
 import json
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadctl.services.gate.wire import Declarations, MalformedBatch
+from quadctl.services.runtime.bus.session import free_port
 from tests.support.running import eventually
 from tests.support.tap import Tap
 
@@ -152,9 +152,7 @@ def tap() -> Iterator[Tap]:
 
     The tests' process may have one Zenoh thread, too few for a router.
     """
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     router = subprocess.Popen(
         [sys.executable, "-c", ROUTER, config("router", listen=[f"tcp/127.0.0.1:{port}"])],
         stdin=subprocess.PIPE,

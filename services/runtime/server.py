@@ -120,9 +120,7 @@ class CallLog:
         self._calls = Publisher(session, topic.key(vehicle), topic)
 
     def publish(self, request: Struct, answer: tuple[bool, bytes], *, held: bool) -> None:
-        """Publish a request and its reply or error reply, if there is a subscriber."""
-        if not self._calls.has_subscribers:
-            return
+        """Publish a request and its reply or error reply."""
         boot, stamp = self._schedule.now
         ok, payload = answer
         self._calls.put(

@@ -11,7 +11,6 @@ from msgspec import Struct
 
 from quadctl.schemas.topics import Topic
 from quadctl.services.runtime.bus import codec, zenoh_events
-from quadctl.services.runtime.bus.zenoh_events import MatchingListener
 from quadctl.services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
@@ -33,13 +32,7 @@ class Publisher(Generic[M]):
             encoding=self._encoding,
             congestion_control=control.BLOCK if waits else control.DROP,
         )
-        self._listeners = MatchingListener(self._publisher)
         self._last = b""
-
-    @property
-    def has_subscribers(self) -> bool:
-        """Return whether the hub has reported a subscriber."""
-        return self._listeners.is_there
 
     def put(self, message: M) -> None:
         """Publish a message; numbers must be Python's own, not numpy's."""

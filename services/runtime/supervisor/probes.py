@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from quadctl.schemas import keyexpr
-from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import TOPICS, get_params
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.session import Address, address_of, open_client
@@ -105,7 +104,10 @@ class LivenessProbe:
         threading.Thread(target=self._connect, daemon=True).start()
 
     def ping(self, name: str, timeout: float) -> None:
-        """Ping a node with any request; any reply shows that its loop runs."""
+        """Ping a node with an empty request; the error reply shows that its loop runs.
+
+        It is the cheapest request: the node reads no parameter for it.
+        """
         if self._session is None:
             return
         service = get_params(name)
@@ -120,8 +122,7 @@ class LivenessProbe:
         self._session.get(
             service.key(self._pinged),
             zenoh.handlers.Callback(on_reply, indirect=False),
-            payload=codec.encode(GetParamsRequest([f"{name}.ping"])),
-            encoding=codec.encoding(service.request),
+            payload=b"",
             timeout=timeout,
         )
 

@@ -44,6 +44,18 @@ def test_the_listener_is_declared_on_the_first_query():
     assert (listener.wait(0.0), listener.changes) == (True, 2)
 
 
+def test_the_status_is_read_once_and_then_the_listeners_report_counts():
+    publisher = FakePublisher()
+    publisher.change(there=True)
+    listener = matching(publisher)
+    assert (listener.wait(0.0), publisher.callbacks) == (True, [])
+    assert listener.wait(0.0)
+    del publisher.matching_status
+    assert listener.wait(0.0)
+    publisher.change(there=False)
+    assert not listener.wait(0.0)
+
+
 def test_the_listener_is_collected_while_its_publisher_lives():
     publisher = FakePublisher()
     listener = matching(publisher)

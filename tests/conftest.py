@@ -1,5 +1,6 @@
 """Fixtures that start real systems, each in its own realm and folder."""
 
+import signal
 from collections.abc import Iterator
 
 import hypothesis
@@ -15,6 +16,8 @@ PROOFS = pytest.StashKey[Proofs]()
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[PROOFS] = Proofs()
+    # A shell's background jobs ignore SIGINT, and so would every command that a test starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # No deadline: the time of an example depends on the load of the machine.
     hypothesis.settings.register_profile("quadctl", deadline=None)
     hypothesis.settings.load_profile("quadctl")

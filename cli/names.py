@@ -5,7 +5,15 @@ from typing import Any
 
 from msgspec import Struct
 
-from quadctl.schemas.topics import SERVICES, TOPICS, Service, get_params, set_params, topic_of
+from quadctl.schemas.topics import (
+    MESSAGES,
+    SERVICES,
+    TOPICS,
+    Service,
+    get_params,
+    set_params,
+    topic_of,
+)
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
@@ -65,7 +73,7 @@ PARAMETERS: tuple[Service[Any, Any], ...] = (get_params("NODE"), set_params("NOD
 def types() -> dict[str, str]:
     """Return the types' own names by every name that a user may type for them."""
     services = (*SERVICES, *PARAMETERS)
-    own = [topic.type.__name__ for topic in TOPICS]
+    own = [*MESSAGES]
     own += [service.type_name for service in services]
     own += parts()
     known = {name: name for name in own} | {name.lower(): name for name in own}
@@ -77,7 +85,7 @@ def parts() -> dict[str, type[Struct]]:
     """Return the types within those of topics and services, e.g. Position in Pose, by name."""
     from quadctl.schemas import typeinfo
 
-    whole = [topic.type for topic in TOPICS]
+    whole = [*MESSAGES.values()]
     whole += [part for one in (*SERVICES, *PARAMETERS) for part in (one.request, one.response)]
     return {part.__name__: part for type_ in whole for part in typeinfo.parts(type_)}
 

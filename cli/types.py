@@ -7,7 +7,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.cli.names import PARAMETERS, parts, types
-from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.schemas.topics import MESSAGES, SERVICES
 from quadctl.schemas.typeinfo import definition, service_definition
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
@@ -55,7 +55,7 @@ def type_of(name: str, known: Mapping[str, str]) -> str | None:
 
 def definitions() -> dict[str, str]:
     """Return every type's definition, as text, by name."""
-    texts = {topic.type.__name__: definition(topic.type) for topic in TOPICS}
+    texts = {name: definition(type_) for name, type_ in MESSAGES.items()}
     texts |= {name: definition(type_) for name, type_ in parts().items()}
     return texts | {
         service.type_name: service_definition(service.request, service.response)

@@ -85,6 +85,9 @@ class Service(Generic[Q, R]):
 
 
 POSE = Topic("pose", Pose, node="dynamics", hz=100, doc="True pose of the vehicle.")
+POSE_SLOW = Topic(
+    "pose/slow", Pose, node="dynamics", hz=20, doc="The poses that safety answers, every fifth."
+)
 PRESSURE = Topic(
     "sensors/pressure", Pressure, node="pressure", hz=10, doc="Barometer, baseline subtracted."
 )
@@ -101,7 +104,11 @@ INFO = Topic("info", Info, node="safety", hz=0, doc="Nodes by service and topic.
 _CALLS = "@call/"
 """Chunk that wildcards do not match: a subscriber to `**` does not receive calls."""
 
-TOPICS: tuple[Topic[Any], ...] = (POSE, PRESSURE, STATE, REQUEST, SETPOINT, INFO)
+TOPICS: tuple[Topic[Any], ...] = (
+    POSE, POSE_SLOW, PRESSURE, STATE, REQUEST, SETPOINT, INFO,
+)  # fmt: skip
+MESSAGES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}
+"""Types of the topics' messages, by name."""
 
 CALIBRATE = Service(
     "calibrate_pressure",

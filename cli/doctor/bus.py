@@ -3,14 +3,13 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from msgspec import Struct
-
 from quadctl.cli.doctor.check import Finding, failed, no_duplicates, passed, warned
 from quadctl.cli.doctor.run import Settings, faults, parameters
 from quadctl.schemas.barometer import AIR
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.messages import Pressure
 from quadctl.schemas.topics import (
+    MESSAGES,
     POSE,
     PRESSURE,
     SERVICES,
@@ -69,8 +68,7 @@ def _readings(payloads: Iterable[bytes]) -> list[float]:
 
 
 _SERVED: tuple[Service[Any, Any], ...] = (*SERVICES, get_params(""), set_params(""))
-_TYPES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}
-_TYPES |= {service.type_name: service.request for service in _SERVED}
+_TYPES = MESSAGES | {service.type_name: service.request for service in _SERVED}
 _HASHES = {name: schema_hash(type_) for name, type_ in _TYPES.items()}
 
 

@@ -7,7 +7,7 @@ from quadctl.cli.context import Options, about_topic, own_topic
 from quadctl.cli.declarations import Arg
 from quadctl.cli.names import single_key
 from quadctl.schemas.keyexpr import EndpointInfo
-from quadctl.schemas.topics import TOPICS, Topic
+from quadctl.schemas.topics import MESSAGES, Topic
 from quadctl.schemas.typeinfo import definition, schema_hash
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.params.names import nearest
@@ -74,7 +74,7 @@ def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> 
     type_: Any
     if found:
         name, digest, hz = found[0].type, found[0].hash, found[0].hz
-        type_ = next((topic.type for topic in TOPICS if topic.type.__name__ == name), None)
+        type_ = MESSAGES.get(name)
     else:
         assert ours is not None  # noqa: S101 - the caller's promise
         type_, hz = ours.type, ours.hz

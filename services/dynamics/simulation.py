@@ -20,7 +20,7 @@ from msgspec import structs
 from quadctl.schemas import airworthy
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, FlightFaultParams, Params
-from quadctl.schemas.topics import POSE, SETPOINT
+from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT
 from quadctl.services.dynamics.vehicle import Fly, Vehicle
 from quadctl.services.runtime.errors import Refused
 from quadctl.services.runtime.node import Node
@@ -137,12 +137,11 @@ class Simulation:
         """Reason why a vehicle with the parameters judged last cannot hold itself, or empty."""
         self._unsent: list[Pose] = []
         self.boot()
-        self.poses = node.publisher(
-            POSE, lambda: params.dynamics.rate, waits=params.dynamics.speed != 1
-        )
-        self._setpoints = node.listen(SETPOINT, self._follow)
+        waits = params.dynamics.speed != 1
+        self.poses = node.publisher(POSE, lambda: params.dynamics.rate, waits=waits)
+        self._due_poses = node.publisher(POSE_SLOW, waits=waits)
         # Setpoints take effect at the next tick, so they need not wake the node before it.
-        self._setpoints.defer_wakeups(math.inf)
+        self._setpoints = node.listen(SETPOINT, self._follow, wakes=False)
 
     def reset(self, name: str) -> None:
         """Start a new boot, by a given or a random name, and publish it."""
@@ -232,11 +231,14 @@ class Simulation:
             self._boot, self._seq, self._stamp, Position(*state[:3]), Velocity(*state[3:6]),
             Quaternion(*state[6:10]), BodyRates(*state[10:13]),
         )  # fmt: skip
-        self._unsent.append(self._reported.through(pose))
+        reported = self._reported.through(pose)
+        self._unsent.append(reported)
         if self._params.speed != 0 or self._answer_is_due:
             for pose in self._unsent:
                 self.poses.put(pose)
             self._unsent.clear()
+        if self._answer_is_due:
+            self._due_poses.put(reported)
 
     def brake(self) -> None:
         """Come to a hover at the stopping point."""

@@ -1,7 +1,6 @@
 """Process of the barometer: timing and publication of its readings, and calibration."""
 
 import logging
-import math
 import random
 import time
 from collections.abc import Callable
@@ -11,11 +10,12 @@ from pathlib import Path
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
-from quadctl.schemas.topics import CALIBRATE, POSE, PRESSURE, period
+from quadctl.schemas.topics import CALIBRATE, POSE, POSE_SLOW, PRESSURE, Topic, period
 from quadctl.services.pressure import iio
 from quadctl.services.pressure.barometer import Barometer, NoSample, SensorFaults
 from quadctl.services.pressure.iio import has_pressure, hectopascals
 from quadctl.services.pressure.simulated import Simulated
+from quadctl.services.runtime.bus.pubsub import Subscription
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady, QuadctlError
 from quadctl.services.runtime.node import Node
@@ -72,7 +72,6 @@ class Output:
             PRESSURE, lambda: params.pressure.rate, waits=params.dynamics.speed != 1
         )
         self._begun = time.monotonic()
-        node.on_params = self.log_fault
         node.serve(CALIBRATE, self._calibrate, inline=True)
 
     def begin(self) -> None:
@@ -126,11 +125,9 @@ class Rhythm:
         self._output = Output(node, params, self._now)
         self._boot, self._last = "", -1
         self._read_in_lockstep: Pose | None = None
-        self._poses = node.listen(POSE, self._on_pose, _DEPTH)
-        if self._in_real_time:
-            # Poses between two readings need wake no process.
-            self._poses.defer_wakeups(math.inf)
-        self._output.log_fault()
+        self._poses, self._fast = self._listen(POSE_SLOW), False
+        node.on_params = self._on_params
+        self._on_params()
 
     def run(self) -> None:
         """Take readings until stopped."""
@@ -146,6 +143,17 @@ class Rhythm:
     @property
     def _in_real_time(self) -> bool:
         return self._params.dynamics.speed == 1 and not self._node.in_mission
+
+    def _listen(self, topic: Topic[Pose]) -> Subscription[Pose]:
+        # In real time, poses between two readings need wake no process.
+        wakes = self._params.dynamics.speed != 1
+        return self._node.listen(topic, self._on_pose, _DEPTH, wakes=wakes)
+
+    def _on_params(self) -> None:
+        self._output.log_fault()
+        # A rate that is no part of theirs has readings between the slow poses.
+        if POSE_SLOW.hz % self._params.pressure.rate and not self._fast:
+            self._poses, self._fast = self._listen(POSE), True
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""

@@ -88,10 +88,12 @@ class Node:
         depth: int = _DEPTH,
         *,
         inline: bool = False,
+        wakes: bool = True,
     ) -> Subscription[M]:
         """Subscribe to a topic; the handler, if any, runs on the node's loop.
 
-        With `inline` it may run earlier, on a Zenoh thread, and must not block.
+        With `inline` it may run earlier, on a Zenoh thread, and must not block. A topic that does
+        not wake the loop is handled at its next call or tick.
         """
 
         def awaited() -> bool:
@@ -99,7 +101,7 @@ class Node:
 
         post = self.executor.post
         now = self.executor.run_inline if inline else post
-        subscription = Subscription(topic, post, now, awaited, handler, depth)
+        subscription = Subscription(topic, post, now, awaited, handler, depth, wakes=wakes)
         self.executor.add_poller(subscription.poll)
         self._declared.append(
             self._session.declare_subscriber(

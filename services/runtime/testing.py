@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, cast
 import msgspec
 from msgspec import Struct
 
-from quadctl.schemas.messages import Called
+from quadctl.schemas.messages import Called, Pose
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import Service, Topic, period, set_params
+from quadctl.schemas.topics import POSE, POSE_SLOW, Service, Topic, period, set_params
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.live import LiveParams
@@ -39,6 +39,7 @@ def play(
     """Run a service on recorded messages and calls; return the messages that it publishes.
 
     A call is executed at its simulated time: a scheduled one within that message, others after it.
+    Without messages of `pose/slow` in the list, its poses also count as those when they are due.
     """
     script = FakeNode(name, params, received, calls)
     run(cast("Node", script), params)  # has every part of Node that services use
@@ -63,7 +64,7 @@ class FakeNode:
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
         self.published: list[Published] = []
-        self._received, self._calls = deque(received), deque(calls)
+        self._received, self._calls = deque(_with_slow(list(received))), deque(calls)
         self._boots: set[str] = {""}
         self._now = ("", 0.0)
         self._listeners: dict[str, FakeSubscription] = {}
@@ -146,6 +147,20 @@ class FakeNode:
             self.on_params()
 
 
+def _with_slow(
+    received: list[tuple[Topic[Any], Struct]],
+) -> Iterator[tuple[Topic[Any], Struct]]:
+    """Yield the messages; if the list has no slow poses, with those that a vehicle would add."""
+    lacks, last = all(topic is not POSE_SLOW for topic, _ in received), ("", -1)
+    for topic, message in received:
+        yield topic, message
+        if lacks and topic is POSE and isinstance(message, Pose):
+            now = message.boot, POSE_SLOW.period(message.stamp)
+            if now != last:
+                yield POSE_SLOW, message
+            last = now
+
+
 class FakePublisher:
     """Publisher that keeps its messages in a list."""
 
@@ -169,9 +184,6 @@ class FakeSubscription:
     def age(self) -> float:
         """Return the seconds since the newest message; infinite before the first."""
         return time.monotonic() - self.received if self.value is not None else float("inf")
-
-    def defer_wakeups(self, _seconds: float) -> None:
-        """Do nothing: there is no loop to wake."""
 
     def take(self, message: Any) -> None:
         """Receive a message."""

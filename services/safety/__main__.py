@@ -21,7 +21,7 @@ from quadctl.schemas.topics import (
     GOTO,
     HOLD,
     INFO,
-    POSE,
+    POSE_SLOW,
     REQUEST,
     SERVICES,
     SETPOINT,
@@ -41,12 +41,13 @@ from quadctl.services.safety.monitor import Monitor
 
 _FIRST_POSE = 1.0
 """Time (s) that readiness waits for a first pose, so that a client can fly at once."""
-_REST = 0.85
-"""Share of a period, in real time, in which new poses need wake no process."""
 
 _LOST_AFTER = 1.5 / SETPOINT.hz
 """Time (s) after our answer: a pose repeated later than this means that the answer was lost. A
-vehicle at rest repeats its pose too, but at 100 Hz."""
+vehicle with a frozen pose repeats it, too, in each period."""
+_LEAST_GAP = 2.01 / SETPOINT.hz
+"""Shortest gap (s) between the newest poses at two ticks that means a lack of setpoints: with poses
+and ticks at the same rate, jitter of a millisecond can make it two periods."""
 
 
 class Safety:
@@ -62,8 +63,7 @@ class Safety:
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._stall = time.monotonic(), 0.0
         self._newest, self._deciding = self.monitor.pose, False
-        self._rest = _REST / SETPOINT.hz if params.dynamics.speed == 1 else 0.0
-        self._poses = node.listen(POSE, self._on_pose, inline=True)
+        self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
         node.on_params = self.monitor.resize
         self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_wind)
@@ -101,7 +101,8 @@ class Safety:
         if self._is_stepped:
             return
         age = None if held_up else now - self._seen
-        if self.monitor.watch(self._newest, age, self._params.dynamics.setpoint_timeout):
+        gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
+        if self.monitor.watch(self._newest, age, gap):
             self._send_setpoint()
 
     @property
@@ -151,7 +152,6 @@ class Safety:
         self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
         self._send_setpoint()
-        self._poses.defer_wakeups(self._rest)
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self.monitor.goto(Position(waypoint.x, waypoint.y, waypoint.z))

@@ -154,7 +154,7 @@ def test_a_repeated_pose_is_not_answered_every_time(lab: Lab):
         setpoints = bare.watch("uav/input/position")
 
         def publish_pose(seq: int) -> None:
-            bare.put("uav/pose", telemetry.pose(seq))
+            bare.put("uav/pose/slow", telemetry.pose(seq))
 
         publish_pose(1)
         setpoints.until(lambda s: s["for_seq"] == 1)

@@ -7,12 +7,12 @@ import msgspec
 
 from quadctl.schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, topic_of
+from quadctl.schemas.topics import POSE, POSE_SLOW, PRESSURE, REQUEST, topic_of
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.testing import Published
 
-_INPUTS = {topic.name: topic for topic in (POSE, REQUEST)}
+_INPUTS = {topic.name: topic for topic in (POSE, POSE_SLOW, REQUEST)}
 
 
 class Recorded:

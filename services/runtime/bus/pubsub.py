@@ -62,8 +62,9 @@ class Subscription(Generic[M]):
     """Newest message of a topic and its arrival time.
 
     `value` is None until the first one; `received` is its arrival on the monotonic clock, s.
-    Up to `depth` messages wait for the handler; beyond, the oldest are dropped. Without a handler
-    messages wake the loop only if it has `awaited` one, and the newest is decoded on access.
+    Up to `depth` messages wait for the handler; beyond, the oldest are dropped. Unless the topic
+    `wakes` the loop, or it has `awaited` a message, the handler runs at the next call or tick.
+    Without a handler the newest message is decoded on access.
     """
 
     def __init__(
@@ -74,6 +75,8 @@ class Subscription(Generic[M]):
         awaited: Callable[[], bool],
         handler: Callable[[M], None] | None,
         depth: int,
+        *,
+        wakes: bool,
     ) -> None:
         self._value: M | None = None
         self._received = 0.0
@@ -84,7 +87,7 @@ class Subscription(Generic[M]):
         )
         self._posted = False
         self._since, self._count, self._flood = 0.0, 0, False
-        self._rests_until = 0.0 if handler is not None else float("inf")
+        self._wakes = wakes and handler is not None
         self._complaint = ""
         self._ours = codec.encoding(topic.type)
         # Not taken from a sample: it would be overwritten with the sample.
@@ -119,13 +122,9 @@ class Subscription(Generic[M]):
         if (passed := now - self._since) > _WINDOW:
             self._flood = self._count > _FLOOD * passed
             self._since, self._count = now, 0
-        if not self._posted and (now >= self._rests_until or self._awaited()):
+        if not self._posted and (self._wakes or self._awaited()):
             self._posted = True
             (self._post if self._flood else self._run_inline)(self.poll)
-
-    def defer_wakeups(self, seconds: float) -> None:
-        """Do not wake the loop for messages of the next seconds: a call or tick handles them."""
-        self._rests_until = time.monotonic() + seconds
 
     def poll(self) -> None:
         """Pass the messages waiting now to the handler, not later ones: a flood must not block."""

@@ -9,14 +9,13 @@ from typing import NamedTuple
 import msgspec
 from msgspec import Struct, inspect
 
-from quadctl.schemas.topics import TOPICS, topic_of
+from quadctl.schemas.topics import MESSAGES, topic_of
 from quadctl.schemas.typeinfo import fields
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
 JSON, MSGPACK = "json", "msgpack"
 _JSON_ENCODINGS = ("application/json", "text/json")
-_TYPES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}
 _BAD = (msgspec.MsgspecError, TypeError, ValueError, OverflowError, RecursionError)
 
 
@@ -46,7 +45,7 @@ class Form:
         self._encoding = encoding
         # A user's node may publish our types on other keys.
         named: type[Struct] | None = topic.type if topic else None
-        self._type = _TYPES.get(codec.type_name(encoding), named)
+        self._type = MESSAGES.get(codec.type_name(encoding), named)
         self._exact = self._type is not None and encoding == codec.encoding(self._type)
         # A free table may hold values that JSON lacks, e.g. infinity.
         self._free = self._type is not None and any(

@@ -9,12 +9,12 @@ import msgspec
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from quadctl.schemas.topics import TOPICS
+from quadctl.schemas.topics import MESSAGES
 from quadctl.services.runtime.recording import mcap_format
 from quadctl.services.runtime.recording.reader import Bag, Recorded
 from quadctl.services.runtime.recording.writer import Outfile
 
-_TYPES = {f"quadctl.{topic.type.__name__}": topic.type for topic in TOPICS}
+_TYPES = {f"quadctl.{name}": type_ for name, type_ in MESSAGES.items()}
 _MOST = 20
 """Faults that are listed; more would not help the reader."""
 

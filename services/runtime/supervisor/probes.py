@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from quadctl.schemas import keyexpr
-from quadctl.schemas.topics import TOPICS, get_params
+from quadctl.schemas.topics import POSE_SLOW, TOPICS, get_params
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.session import Address, address_of, open_client
 from quadctl.services.runtime.errors import Unreachable
@@ -49,7 +49,7 @@ class RateProbe:
             self._counting = [
                 (topic.node, subscribe(topic.key(self._of), zenoh.handlers.RingChannel(_MOST)))
                 for topic in TOPICS
-                if topic.node and topic.hz
+                if topic.node and topic.hz and topic is not POSE_SLOW
             ]
         return self._rates
 

@@ -10,12 +10,12 @@ from msgspec import Struct
 
 from quadctl.cli.fuzz import HostilePayload, refused
 from quadctl.schemas.services import GotoRequest, HoldRequest, SetParamsRequest
-from quadctl.schemas.topics import SERVICES, TOPICS, get_params, set_params
+from quadctl.schemas.topics import MESSAGES, SERVICES, get_params, set_params
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
 TYPES = [
-    *(topic.type for topic in TOPICS),
+    *MESSAGES.values(),
     *(service.request for service in (*SERVICES, get_params("a"), set_params("a"))),
 ]
 

@@ -20,7 +20,7 @@ PUBLISHES = {
     "observer": set(),
     "student": {"input/position_request"},
     "operator": {"input/position_request"},
-    "vehicle": {"pose", "sensors/pressure"},
+    "vehicle": {"pose", "pose/slow", "sensors/pressure"},
     "safety": {"safety/state", "input/position", "info"},
 }
 SERVES = {

@@ -4,11 +4,20 @@ import msgspec
 import pytest
 
 from quadctl.schemas.messages import Pose
-from quadctl.schemas.topics import SERVICES, SETPOINT, TOPICS, Topic, get_params, set_params
+from quadctl.schemas.topics import (
+    MESSAGES,
+    SERVICES,
+    SETPOINT,
+    TOPICS,
+    Topic,
+    get_params,
+    set_params,
+)
 from quadctl.services.runtime.process_table import NODES
 
 TOPIC_TABLE = {
     "uav/pose": ("Pose", "dynamics", 100, False),
+    "uav/pose/slow": ("Pose", "dynamics", 20, False),
     "uav/sensors/pressure": ("Pressure", "pressure", 10, False),
     "uav/safety/state": ("SafetyState", "safety", 1, True),
     "uav/input/position_request": ("Waypoint", "", 0, False),
@@ -68,8 +77,7 @@ def test_names_are_unique_and_the_vehicle_is_the_first_chunk():
     assert all(key.split("/")[0] == "drone-7" for key in keys)
     # A percent sign represents the slash in liveliness tokens; a wildcard is no name.
     assert not any(set(key) & set("%*$#?") for key in keys)
-    types = [topic.type.__name__ for topic in TOPICS]
-    assert len(set(types)) == len(types)
+    assert {topic.type for topic in TOPICS} == set(MESSAGES.values())
 
 
 def test_every_topic_and_service_has_a_docstring_and_a_node():

@@ -20,7 +20,7 @@ from quadctl.schemas.services import (
     HoldRequest,
     HoldResponse,
 )
-from quadctl.schemas.topics import GOTO, TOPICS, called
+from quadctl.schemas.topics import GOTO, MESSAGES, TOPICS, called
 from quadctl.schemas.typeinfo import (
     bounds_text,
     definition,
@@ -32,7 +32,7 @@ from quadctl.schemas.typeinfo import (
 from quadctl.services.recorder.foxglove import FrameTransform, SceneUpdate
 from tests.support.declared_types import ON_THE_WIRE
 
-TYPES = [*(topic.type for topic in TOPICS), called(GOTO).type, FrameTransform, SceneUpdate]
+TYPES = [*MESSAGES.values(), called(GOTO).type, FrameTransform, SceneUpdate]
 PLAIN_TYPES = {"boolean", "string", "number", "integer"}
 
 

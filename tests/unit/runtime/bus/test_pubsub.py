@@ -26,7 +26,7 @@ class Sample:
 class Bench:
     """Subscription with a callback queue and the values that its handler received."""
 
-    def __init__(self, depth: int = 64, *, handled: bool = True) -> None:
+    def __init__(self, depth: int = 64, *, handled: bool = True, wakes: bool = True) -> None:
         self.queue: list[Callable[[], None]] = []
         self.handled_values: list[float] = []
         self.awaited = False
@@ -34,7 +34,13 @@ class Bench:
             (lambda waypoint: self.handled_values.append(waypoint.x)) if handled else None
         )
         self.subscription: Subscription[Waypoint] = Subscription(
-            REQUEST, self.queue.append, self.queue.append, lambda: self.awaited, handler, depth
+            REQUEST,
+            self.queue.append,
+            self.queue.append,
+            lambda: self.awaited,
+            handler,
+            depth,
+            wakes=wakes,
         )
 
     def receive(self, *numbers: float) -> None:
@@ -177,3 +183,14 @@ def test_a_flood_is_batched_without_losing_the_last_messages(monkeypatch: pytest
         bench.receive(number)
         bench.turn()
     assert len(naps) <= 1, "1000 messages a second are no flood"
+
+
+def test_a_topic_that_does_not_wake_waits_for_the_next_poll():
+    bench = Bench(wakes=False)
+    bench.receive(1.0, 2.0)
+    assert (bench.queue, bench.handled_values) == ([], [])
+    bench.subscription.poll()
+    assert bench.handled_values == [1.0, 2.0]
+    bench.awaited = True
+    bench.receive(3.0)
+    assert len(bench.queue) == 1

@@ -1,7 +1,5 @@
 """Process of the vehicle: flies to the newest setpoint, and brakes without one."""
 
-import math
-
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import ResetRequest, ResetResponse
 from quadctl.schemas.topics import RESET
@@ -32,19 +30,9 @@ def run(node: Node, params: Params) -> None:
 
     server = node.serve(RESET, reset)
     node.on_params, node.in_force = simulation.configure, simulation.in_force
-    dynamics = params.dynamics
-    last_tick = 0.0
     simulation.publish()
-    for now in node.ticks(lambda: dynamics.rate * (dynamics.speed or math.inf)):
-        if dynamics.speed != 1 or node.in_mission:
-            simulation.wait_for_safety()
-        # After a delay of this loop itself, the setpoints in its queue count first.
-        elif now - simulation.last_setpoint > dynamics.setpoint_timeout > now - last_tick or (
-            last_tick and now - last_tick > max(dynamics.grace, dynamics.setpoint_timeout)
-        ):
-            simulation.brake()
-        simulation.advance()
-        last_tick = now
+    for now in node.ticks(simulation.tick_rate):
+        simulation.tick(now)
 
 
 if __name__ == "__main__":

@@ -140,8 +140,10 @@ class Simulation:
         waits = params.dynamics.speed != 1
         self.poses = node.publisher(POSE, lambda: params.dynamics.rate, waits=waits)
         self._due_poses = node.publisher(POSE_SLOW, waits=waits)
-        # Setpoints take effect at the next tick, so they need not wake the node before it.
-        self._setpoints = node.listen(SETPOINT, self._follow, wakes=False)
+        self._poses_per_tick, self._last_tick = 1, 0.0
+        # Setpoints take effect at the next pose, so they need not wake the node before it.
+        self._setpoints = node.listen(SETPOINT, self._on_setpoint, wakes=False)
+        self._arrived: deque[tuple[float, Setpoint]] = deque()
 
     def reset(self, name: str) -> None:
         """Start a new boot, by a given or a random name, and publish it."""
@@ -156,7 +158,7 @@ class Simulation:
         self._vehicle, self._is_fast = Vehicle(self._params), False
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
-        self._answered, self._braked, self.last_setpoint = -1, True, 0.0
+        self._answered, self._braked, self._last_setpoint = -1, True, 0.0
         self._latch, self._ignores, self._alone = GoalLatch(), False, False
         self._lands = False
         self._node.log.info("boot %s", self._boot)
@@ -179,7 +181,43 @@ class Simulation:
         """Return the values still in force, by name, of parameters that wait for a standstill."""
         return still_in_force(self._vehicle.in_force, self._params)
 
-    def advance(self) -> None:
+    def tick_rate(self) -> float:
+        """Return the rate of the next ticks, Hz.
+
+        While nobody subscribes to the poses between those that safety answers, a tick flies all of
+        them at once: each wake of a process costs more than the flight between two poses.
+        """
+        params = self._params
+        together = params.rate / POSE_SLOW.hz
+        waits = self._in_lockstep or not self._answer_is_due or self.poses.has_subscribers
+        self._poses_per_tick = 1 if waits or together % 1 else int(together)
+        return params.rate * (params.speed or math.inf) / self._poses_per_tick
+
+    def tick(self, now: float) -> None:
+        """Fly up to a time on the monotonic clock, s, as if each pose had its own tick."""
+        for poses_left in reversed(range(self._poses_per_tick)):
+            self._fly_one_pose(now - poses_left / self._params.rate)
+
+    def _fly_one_pose(self, now: float) -> None:
+        params = self._params
+        if self._in_lockstep:
+            self._wait_for_safety()
+        else:
+            self._follow_until(now)
+            # After a delay of this loop itself, the setpoints in its queue count first.
+            own = now - self._last_tick
+            if now - self._last_setpoint > params.setpoint_timeout > own or (
+                self._last_tick and own > max(params.grace, params.setpoint_timeout)
+            ):
+                self._brake()
+        self._advance()
+        self._last_tick = now
+
+    @property
+    def _in_lockstep(self) -> bool:
+        return self._params.speed != 1 or self._node.in_mission
+
+    def _advance(self) -> None:
         """Fly one pose's time, and publish the pose."""
         if self._faster and not self._is_fast and (fly := self._faster()):
             self._vehicle.fly, self._is_fast = fly, True
@@ -240,7 +278,7 @@ class Simulation:
         if self._answer_is_due:
             self._due_poses.put(reported)
 
-    def brake(self) -> None:
+    def _brake(self) -> None:
         """Come to a hover at the stopping point."""
         if not self._braked and not self._lands:
             self._braked = True
@@ -251,12 +289,12 @@ class Simulation:
             self._latch.stopped()
             self._alone = True
 
-    def wait_for_safety(self) -> None:
+    def _wait_for_safety(self) -> None:
         """In lock-step, stop the clock until a due answer comes; it takes effect at its pose."""
         if not self._answer_is_due:
             return
         silence = 0.0
-        while not self._node.wait_for(lambda: self._answered >= self._seq, _REPUBLISH):
+        while not self._node.wait_for(self._is_answered, _REPUBLISH):
             if self._node.stopping:
                 return
             silence += _REPUBLISH
@@ -277,11 +315,23 @@ class Simulation:
     def _stamp(self) -> float:
         return self._vehicle.steps / _STEPS_PER_SECOND
 
-    def _follow(self, setpoint: Setpoint) -> None:
+    def _is_answered(self) -> bool:
+        self._follow_until(math.inf)
+        return self._answered >= self._seq
+
+    def _on_setpoint(self, setpoint: Setpoint) -> None:
+        self._arrived.append((self._setpoints.received, setpoint))
+
+    def _follow_until(self, now: float) -> None:
+        """Follow the setpoints that arrived up to a time on the monotonic clock, s."""
+        while self._arrived and self._arrived[0][0] <= now:
+            self._follow(*self._arrived.popleft())
+
+    def _follow(self, received: float, setpoint: Setpoint) -> None:
         if setpoint.boot != self._boot:
             return
-        silence = self._setpoints.received - self.last_setpoint
-        self._answered, self.last_setpoint = setpoint.for_seq, self._setpoints.received
+        silence = received - self._last_setpoint
+        self._answered, self._last_setpoint = setpoint.for_seq, received
         # Safety sees the silence only by its poses, and may measure a little less.
         if self._alone and silence <= self._params.grace + self._params.setpoint_timeout:
             self._latch.resumed()

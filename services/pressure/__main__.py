@@ -124,46 +124,62 @@ class Rhythm:
         self._by_poses = False
         self._output = Output(node, params, self._now)
         self._boot, self._last = "", -1
+        self._pose: Pose | None = None
         self._read_in_lockstep: Pose | None = None
-        self._poses, self._fast = self._listen(POSE_SLOW), False
+        self._has_slow = True
+        self._topic = self._needed()
+        self._poses = self._listen()
         node.on_params = self._on_params
-        self._on_params()
+        self._output.log_fault()
 
     def run(self) -> None:
         """Take readings until stopped."""
-        self._node.wait_for(lambda: self._poses.value is not None, _FIRST_POSE)
+        if not self._node.wait_for(lambda: self._pose is not None, _FIRST_POSE):
+            # A vehicle that is not ours may publish no slow poses.
+            self._has_slow = False
         for now in self._node.ticks(lambda: self._params.pressure.rate):
+            self._change_topic()
             # A mission may have ended at this pose: a second reading would replace its last one.
             if self._in_real_time and (
-                (pose := self._poses.value) is None or pose is not self._read_in_lockstep
+                self._pose is None or self._pose is not self._read_in_lockstep
             ):
                 self._by_poses = False
-                self._output.read(now, pose)
+                self._output.read(now, self._pose)
 
     @property
     def _in_real_time(self) -> bool:
         return self._params.dynamics.speed == 1 and not self._node.in_mission
 
-    def _listen(self, topic: Topic[Pose]) -> Subscription[Pose]:
-        # In real time, poses between two readings need wake no process.
-        wakes = self._params.dynamics.speed != 1
-        return self._node.listen(topic, self._on_pose, _DEPTH, wakes=wakes)
-
     def _on_params(self) -> None:
         self._output.log_fault()
-        # A rate that is no part of theirs has readings between the slow poses.
-        if POSE_SLOW.hz % self._params.pressure.rate and not self._fast:
-            self._poses, self._fast = self._listen(POSE), True
+        self._change_topic()
+
+    def _needed(self) -> Topic[Pose]:
+        """Return the slowest poses that have one for each reading, of now or later in a mission."""
+        suffices = self._has_slow and not POSE_SLOW.hz % self._params.pressure.rate
+        return POSE_SLOW if suffices and self._in_real_time else POSE
+
+    def _change_topic(self) -> None:
+        if (needed := self._needed()) is not self._topic:
+            self._node.unlisten(self._poses)
+            self._topic = needed
+            self._poses = self._listen()
+
+    def _listen(self) -> Subscription[Pose]:
+        # In real time, poses between two readings need wake no process.
+        wakes = self._params.dynamics.speed != 1
+        return self._node.listen(self._topic, self._on_pose, _DEPTH, wakes=wakes)
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""
-        pose = self._poses.value
-        return pose.stamp if self._by_poses and pose else time.monotonic()
+        return self._pose.stamp if self._by_poses and self._pose else time.monotonic()
 
     def _on_pose(self, pose: Pose) -> None:
+        self._pose = pose
         if pose.boot != self._boot:
             self._boot, self._last = pose.boot, -1
             self._node.advance_sim_time(pose.boot, 0.0)
+            self._change_topic()
             if not self._in_real_time:
                 # Equal flights give equal readings.
                 self._output.begin()

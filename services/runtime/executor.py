@@ -107,9 +107,13 @@ class Executor:
         """Call `source` before every tick and call, to read messages that did not wake the loop."""
         self._sources.append(source)
 
+    def remove_poller(self, source: Callable[[], None]) -> None:
+        """Call a poller no more."""
+        self._sources.remove(source)
+
     def poll(self) -> None:
         """Call every poller."""
-        for source in self._sources:
+        for source in tuple(self._sources):
             source()
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:

@@ -55,6 +55,7 @@ class Node:
         self._session = session
         self.executor = executor or Executor()
         self._declared: list[Any] = []
+        self._subscribers: dict[Subscription[Any], zenoh.Subscriber[None]] = {}
         self._offers: list[Callable[[], keyexpr.EndpointInfo]] = []
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._schedule = Schedule()
@@ -103,13 +104,16 @@ class Node:
         now = self.executor.run_inline if inline else post
         subscription = Subscription(topic, post, now, awaited, handler, depth, wakes=wakes)
         self.executor.add_poller(subscription.poll)
-        self._declared.append(
-            self._session.declare_subscriber(
-                topic.key(self.vehicle),
-                zenoh.handlers.Callback(subscription.on_sample, indirect=False),
-            )
+        callback = zenoh.handlers.Callback(subscription.on_sample, indirect=False)
+        self._subscribers[subscription] = self._session.declare_subscriber(
+            topic.key(self.vehicle), callback
         )
         return subscription
+
+    def unlisten(self, subscription: Subscription[Any]) -> None:
+        """End a subscription; messages that wait for its handler are dropped."""
+        self._subscribers.pop(subscription).undeclare()
+        self.executor.remove_poller(subscription.poll)
 
     def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
         """Subscribe to keys or key expressions, undecoded."""

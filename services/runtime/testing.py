@@ -83,6 +83,11 @@ class FakeNode:
         self._listeners[topic.name] = FakeSubscription(handler)
         return self._listeners[topic.name]
 
+    def unlisten(self, subscription: "FakeSubscription") -> None:
+        """End a subscription."""
+        (name,) = (name for name, found in self._listeners.items() if found is subscription)
+        del self._listeners[name]
+
     def serve(
         self, service: Service[Any, Any], handler: Callable[[Any], Any], **_: bool
     ) -> "FakeNode":
@@ -163,6 +168,8 @@ def _with_slow(
 
 class FakePublisher:
     """Publisher that keeps its messages in a list."""
+
+    has_subscribers = True
 
     def __init__(self, topic: str, published: list[Published]) -> None:
         self._topic, self._published = topic, published

@@ -21,6 +21,7 @@ from quadctl.schemas.topics import (
     GOTO,
     HOLD,
     INFO,
+    POSE,
     POSE_SLOW,
     REQUEST,
     SERVICES,
@@ -40,7 +41,7 @@ from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.monitor import Monitor
 
 _FIRST_POSE = 1.0
-"""Time (s) that readiness waits for a first pose, so that a client can fly at once."""
+"""Time (s) that readiness waits for a first slow pose, so that a client can fly at once."""
 
 _LOST_AFTER = 1.5 / SETPOINT.hz
 """Time (s) after our answer: a pose repeated later than this means that the answer was lost. A
@@ -61,7 +62,7 @@ class Safety:
             params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace
         )
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
-        self._ticked, self._stall = time.monotonic(), 0.0
+        self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
@@ -81,6 +82,10 @@ class Safety:
         self.monitor.lands(airworthy.why_not_held(flown.vehicle, flown.control, flown.wind))
         self._send_setpoint()
 
+    def listen_to_all_poses(self) -> None:
+        """Subscribe to the fast poses, too: a vehicle that is not ours may publish no others."""
+        self._poses = self._node.listen(POSE, self._on_pose, inline=True)
+
     def serve(self) -> None:
         """Declare the services."""
         self._node.serve(GOTO, self._goto)
@@ -94,13 +99,16 @@ class Safety:
     def watch(self, *, held_up: bool) -> None:
         """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
 
-        After a delay of this loop itself (`held_up`), the poses in its queue count first.
+        After a delay of this loop itself (`held_up`), the poses on their way to it count first.
         """
         now = time.monotonic()
+        if held_up:
+            self._resumed = now
         self._stall, self._ticked = now - self._ticked, now
         if self._is_stepped:
             return
-        age = None if held_up else now - self._seen
+        just_resumed = now - self._resumed <= self._params.safety.pose_timeout
+        age = None if just_resumed else now - self._seen
         gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
         if self.monitor.watch(self._newest, age, gap):
             self._send_setpoint()
@@ -187,7 +195,8 @@ def run(node: Node, params: Params) -> None:
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
     safety = Safety(node, params)
-    node.wait_for(lambda: safety.monitor.fresh, _FIRST_POSE)
+    if not node.wait_for(lambda: safety.monitor.fresh, _FIRST_POSE):
+        safety.listen_to_all_poses()
     safety.serve()
     last_tick = 0.0
     for count, now in enumerate(node.ticks(SETPOINT.hz)):

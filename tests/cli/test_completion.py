@@ -27,7 +27,7 @@ def test_live_names_are_completed(shared_lab: Lab, bare: Bare):
     token.undeclare()
     topics = {"pose", "sensors/pressure", "safety/state"}
     eventually(lambda: topics <= set(complete(shared_lab, "quadctl topic echo ")))
-    wait_for_completion(shared_lab, "topic echo /uav/pos", ["/uav/pose"])
+    wait_for_completion(shared_lab, "topic echo /uav/pos", ["/uav/pose", "/uav/pose/slow"])
     wait_for_completion(shared_lab, "topic echo uav/sensors", ["uav/sensors/pressure"])
     wait_for_completion(shared_lab, "topic pub input/position_", ["input/position_request"])
     wait_for_completion(shared_lab, "service info tog", ["toggle_cage"])

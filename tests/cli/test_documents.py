@@ -34,7 +34,7 @@ def test_status_prints_the_realm_and_its_nodes(shared_lab: Lab, name: str):
 def test_node_list_prints_topics_and_services(shared_lab: Lab):
     nodes = {node["name"]: node for node in ask(shared_lab, "node", "list")}
     assert list(nodes) == NODES
-    assert nodes["dynamics"]["topics"] == ["uav/pose"]
+    assert nodes["dynamics"]["topics"] == ["uav/pose", "uav/pose/slow"]
     assert any(service.endswith("toggle_cage") for service in nodes["safety"]["services"])
 
 

@@ -168,7 +168,8 @@ def test_topic_info_shows_type_publishers_and_listeners(shared_lab: Lab):
     said = shared_lab.quadctl("topic", "info", "/uav/pose", "--json").json
     assert said["publishers"] == ["dynamics"]
     assert (said["key"], said["type"], said["declared_hz"]) == ("uav/pose", "Pose", 100)
-    assert said["listened"] is True, "safety subscribes to the pose"
+    assert said["listened"] is False, "safety subscribes to the slow poses"
+    assert shared_lab.quadctl("topic", "info", "pose/slow", "--json").json["listened"] is True
     assert said["definition"].startswith("string boot\n")
     assert len(said["hash"]) == 8
     text = shared_lab.quadctl("topic", "info", "input/position_request")

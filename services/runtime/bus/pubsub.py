@@ -34,6 +34,11 @@ class Publisher(Generic[M]):
         )
         self._last = b""
 
+    @property
+    def has_subscribers(self) -> bool:
+        """Return whether the hub has reported a subscriber; costs as much as a message."""
+        return zenoh_events.has_match(self._publisher)
+
     def put(self, message: M) -> None:
         """Publish a message; numbers must be Python's own, not numpy's."""
         self._last = codec.encode(message)

@@ -50,6 +50,12 @@ def pin_thread_state() -> None:
         ctypes.pythonapi.PyGILState_Ensure()
 
 
+def has_match(end: zenoh.Querier | zenoh.Publisher) -> bool:
+    """Return whether the hub has reported a server of a querier or a subscriber of a publisher."""
+    status: Any = end.matching_status  # the stubs take it for a bool
+    return bool(status.matching)
+
+
 class MatchingListener:
     """Listener to the matching servers of a querier or subscribers of a publisher."""
 
@@ -62,8 +68,7 @@ class MatchingListener:
     @property
     def is_there(self) -> bool:
         """Return whether the hub has reported a match; the listener is called only later."""
-        status: Any = self._end.matching_status  # the stubs take it for a bool
-        return bool(status.matching)
+        return has_match(self._end)
 
     def wait(self, timeout: float) -> bool:
         """Wait up to a timeout (s) for a match; return False if none came.

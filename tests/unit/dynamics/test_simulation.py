@@ -1,5 +1,6 @@
 """Faulty poses, weak motors, and the setpoints that a vehicle accepts after a stop."""
 
+import time
 from math import dist
 from typing import cast
 
@@ -8,11 +9,11 @@ from msgspec import structs
 
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import DynamicsParams, FlightFaultParams, Params
-from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.topics import POSE_SLOW, SETPOINT
 from quadctl.services.dynamics.simulation import FaultyPose, GoalLatch, Simulation
 from quadctl.services.dynamics.vehicle import Vehicle
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.testing import FakeNode
+from quadctl.services.runtime.testing import FakeNode, FakePublisher
 
 
 def pose(seq: int, boot: str = "a") -> Pose:
@@ -129,7 +130,7 @@ class Blown:
                 boot = self.simulation._boot
                 setpoint = Setpoint(boot, count, self.goal, brake=False)
                 self.node._listeners[SETPOINT.name].take(setpoint)
-            self.simulation.advance()
+            self.simulation.tick(time.monotonic())
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -170,3 +171,52 @@ def test_limits_that_follow_from_a_wind_wait_for_a_standstill():
     blown.fly(8.0)
     assert blown.vehicle._constants[3][1] < limits[1]
     assert dist(blown.vehicle.position, (4.0, 0.0, 1.5)) < 0.01
+
+
+@pytest.mark.parametrize("late", [0.001, 0.012, 0.049, 0.051])
+def test_a_tick_for_several_poses_flies_as_a_tick_for_each(late: float):
+    """Setpoints take effect at the same poses, and so does their absence."""
+    flown = []
+    for watched in (True, False):
+        blown = Blown()
+        simulation, start = blown.simulation, 1000.0
+        cast("FakePublisher", simulation.poses).has_subscribers = watched
+        simulation.boot("same")
+        simulation.publish()
+        assert simulation.tick_rate() == (100 if watched else 20)
+        now = start
+        for count in range(600):
+            # Goals, a silence beyond the time-out, and a new goal.
+            if count % 5 == 0 and not 200 <= count < 240:
+                goal = Position(1.0 + count // 300, 0.0, 1.5)
+                setpoint = Setpoint("same", count, goal, brake=False)
+                simulation._arrived.append((start + count / 100 + late, setpoint))
+            if (count + 1) % 5 == 0 or watched:
+                now = start + (count + 1) / 100
+                simulation.tick_rate()
+                simulation.tick(now)
+        published = [m for topic, m in blown.node.published if topic == POSE_SLOW.name]
+        assert len(published) == 1 + 600 / 5
+        flown.append((simulation._vehicle.state, published))
+    assert flown[0] == flown[1]
+
+
+def test_a_tick_flies_several_poses_only_between_two_answers_and_in_real_time():
+    blown = Blown()
+    simulation = blown.simulation
+    publisher = cast("FakePublisher", simulation.poses)
+    publisher.has_subscribers = False
+    assert simulation.tick_rate() == 20
+    publisher.has_subscribers = True
+    assert simulation.tick_rate() == 100
+    simulation.tick(1.0)
+    publisher.has_subscribers = False
+    assert simulation.tick_rate() == 100
+    for _ in range(4):
+        simulation.tick(1.0)
+    assert simulation.tick_rate() == 20
+    blown.node.in_mission = True
+    assert simulation.tick_rate() == 100
+    blown.node.in_mission = False
+    blown.params.dynamics.rate = 25.0
+    assert simulation.tick_rate() == 25

@@ -5,8 +5,9 @@ from typing import cast
 
 import pytest
 
+from quadctl.schemas.messages import Called, Pose
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE
+from quadctl.schemas.topics import POSE, POSE_SLOW, Topic
 from quadctl.services.pressure.__main__ import device, run
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
@@ -55,3 +56,27 @@ def test_the_end_of_a_mission_brings_no_second_reading_at_its_last_pose():
     run(cast("Node", node), params)
     stamps = [published.message.stamp for published in node.published]
     assert stamps == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+
+
+@pytest.mark.parametrize(
+    ("rate", "speed", "topic"),
+    [(10.0, 1.0, POSE_SLOW), (4.0, 1.0, POSE_SLOW), (15.0, 1.0, POSE), (10.0, 0.0, POSE)],
+)
+def test_the_barometer_subscribes_to_the_poses_that_its_rate_needs(
+    rate: float, speed: float, topic: Topic[Pose]
+):
+    params = Params()
+    params.pressure.rate, params.dynamics.speed = rate, speed
+    node = FakeNode("pressure", params, [(POSE, pose(seq)) for seq in range(10)], ())
+    run(cast("Node", node), params)
+    assert [*node._listeners] == [topic.name]
+
+
+def test_a_rate_that_is_set_live_brings_the_poses_that_it_needs():
+    params, poses = Params(), [(POSE, pose(seq)) for seq in range(100)]
+    request = {"values": {"pressure": {"rate": 15.0}}}
+    call = Called("b0", 0.5, "pressure/set_params", False, request, {"success": True}, "")
+    node = FakeNode("pressure", params, poses, (call,))
+    run(cast("Node", node), params)
+    assert [*node._listeners] == [POSE.name]
+    assert params.pressure.rate == 15.0

@@ -65,7 +65,24 @@ class AtMostTimes:
         return "not compared" if ratio is None else _verdict(ratio <= self.factor)
 
 
-Bar = AtMost | AtLeast | AtMostTimes
+@dataclass(frozen=True)
+class AtLeastTimes:
+    """Bar that the ratio of our median to a peer's, measured in the same run, must reach."""
+
+    factor: float
+    peer: Side
+
+    def text(self, _unit: str) -> str:
+        """Return the bar as text, e.g. `>= 0.8 x raw Zenoh`."""
+        return f">= {self.factor:g} x {NAMES[self.peer]}"
+
+    def verdict(self, figure: "Figure") -> Verdict:
+        """Return whether the median of the runs' ratios keeps the bar; not compared without the peer."""
+        ratio = figure.ratio(self.peer)
+        return "not compared" if ratio is None else _verdict(ratio >= self.factor)
+
+
+Bar = AtMost | AtLeast | AtMostTimes | AtLeastTimes
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from benchmarks import (
     many,
     page,
     recorder,
+    recordings,
     topics,
 )  # fmt: skip
 from benchmarks.effort import Effort
@@ -37,7 +38,7 @@ def _whole(group: str, measure: Callable[[Results, Effort], None]) -> Part:
 PARTS = (
     _whole("commands", commands.measure),
     _whole("calls", calls.measure),
-    Part("topics", ("topic_100", "topic_1000", "throughput"), topics.measure_one),
+    Part("topics", ("topic_100", "topic_1000", "throughput", "throughput_lost"), topics.measure_one),
     Part("topics", ("topic_fan",), topics.measure_fan),
     Part("launches", ("launch", "interrupt", "orphan"), launches.measure),
     Part("launches", ("leftovers",), launches.measure_leftovers),
@@ -49,5 +50,6 @@ PARTS = (
     _whole("flights", flights.measure),
     _whole("lockstep", lockstep.measure),
     _whole("recorder", recorder.measure),
+    _whole("recordings", recordings.measure),
     _whole("console", page.measure),
 )  # fmt: skip

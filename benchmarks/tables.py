@@ -42,7 +42,7 @@ def table(document: Mapping[str, Any]) -> str:
     packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
     measured = (
         f"Measured by `make prove` on {machine['processor']}, Python {machine['python']},"
-        f" {packages}, {machine['date']}, commit {machine['commit']}."
+        f" {packages}, {machine['date']}, commit {machine['commit']}, load {machine['load']} before."
     )
     rows += ["", measured]
     return "\n".join(rows) + "\n"

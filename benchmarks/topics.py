@@ -19,7 +19,7 @@ _CONNECTED_WITHIN = 10.0
 
 def measure_one(results: Results, effort: Effort) -> None:
     """Measure 1 to 1, at two rates and at the highest rate."""
-    _absent(results, ["topic_100", "topic_1000", "throughput"])
+    _absent(results, ["topic_100", "topic_1000", "throughput", "throughput_lost"])
     for run in range(effort.runs):
         with ends("publish", "listen", 1, _POSE_BYTES) as sides:
             _settle(sides.values())
@@ -28,8 +28,10 @@ def measure_one(results: Results, effort: Effort) -> None:
                     for side, end in sides.items():
                         results.seconds(key, side, _ages(end, count, hz), run)
             for side, end in sides.items():
-                end.sender.ask("flood", seconds=_FLOOD_SECONDS)
-                results.add("throughput", side, [end.receivers[0].ask("rate")], run)
+                sent = end.sender.ask("flood", seconds=_FLOOD_SECONDS)
+                received, rate = end.receivers[0].ask("rate")
+                results.add("throughput", side, [rate], run)
+                results.add("throughput_lost", side, [100 * (1 - received / sent)], run)
 
 
 def measure_fan(results: Results, effort: Effort) -> None:

@@ -41,13 +41,14 @@ def paced(put: Callable[[int], object], count: int, hz: float) -> None:
         put(number)
 
 
-def flood(put: Callable[[int], object], seconds: float) -> None:
-    """Call `put` without pause."""
+def flood(put: Callable[[int], object], seconds: float) -> int:
+    """Call `put` without pause; return the number of calls."""
     number, end = 0, time.monotonic() + seconds
     while time.monotonic() < end:
         for _ in range(50):
             put(number)
             number += 1
+    return number
 
 
 class Arrivals:
@@ -72,15 +73,19 @@ class Arrivals:
         self._clear()
         return ages
 
-    def rate(self, quiet: float = 0.3) -> float:
-        """Return messages a second from the first to the last, after `quiet` s without one."""
+    def rate(self, quiet: float = 0.3) -> tuple[int, float]:
+        """Return the number of messages, and messages a second from the first to the last.
+
+        Waits until none came for `quiet` s.
+        """
         seen = -1
         while seen != len(self._times):
             seen = len(self._times)
             time.sleep(quiet)
         times = self._times[:]
         self._clear()
-        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+        count = len(times)
+        return count, (count - 1) / (times[-1] - times[0]) if count > 1 else 0.0
 
     def _clear(self) -> None:
         self._ages.clear()

@@ -171,7 +171,7 @@ def demo(
     """
     require_local(options, "demo")
     from quadctl.cli.plot.figure import draw
-    from quadctl.cli.plot.track import RecordedFlight, wanted
+    from quadctl.cli.plot.track import RecordedFlight, drawn
 
     params = lab_params()
     vehicle = options.named or DEFAULT
@@ -180,7 +180,7 @@ def demo(
         temporary_run(launch) as realm,
         Client(launch.realm, vehicle, timeout=options.timeout) as client,
     ):
-        poses = client.listen(*wanted([client.vehicle]), backlog=100_000)
+        poses = client.listen(*drawn(client.vehicle), backlog=100_000)
         lab = Lab(client, params, realm.logs / "safety.log")
         report = [
             _fly(number, title, list(checkpoint(lab)), quiet=options.json)
@@ -188,7 +188,7 @@ def demo(
         ]
         flight = RecordedFlight()
         while (message := poses.next(0)) is not None:
-            flight.add(message.key, message.payload, message.encoding)
+            flight.add(message.key, message.decoded)
         draw(picture, flight, "quadctl demo: the lab's four checkpoints, flown")
     holds = all(checkpoint["holds"] for checkpoint in report)
     if options.json:

@@ -120,13 +120,10 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
         raise Invalid(f"{file}: no such picture format", "use a name ending in .png or .svg")
     if not flight.flown():
         raise Invalid("nothing to draw: no pose arrived", "`quadctl topic hz pose`")
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     tracks = flight.flown()
-    figure = plt.figure(figsize=(12, 7.5), layout="constrained")
+    figure = Figure(figsize=(12, 7.5), layout="constrained")
     columns = figure.add_gridspec(1, 2, width_ratios=(1.1, 1))
     _views(figure, columns[0], tracks)
     _courses(figure, columns[1], tracks)
@@ -137,8 +134,6 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
         raise QuadctlError(
             f"{file} cannot be written: {error.strerror}", "name a writable file: -o"
         ) from error
-    finally:
-        plt.close(figure)
 
 
 def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 from quadctl.cli import context, output
 from quadctl.cli.context import LONGEST_TIMEOUT, Options
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.plot.track import RecordedFlight, wanted
+from quadctl.cli.plot.track import RecordedFlight, drawn, is_drawn
 from quadctl.cli.progress import Progress
 from quadctl.schemas.topics import POSE
 from quadctl.services.runtime.errors import Invalid, UsageError
@@ -55,9 +55,8 @@ def _recorded(file: Path) -> RecordedFlight:
     from quadctl.services.runtime.recording.reader import Bag
 
     flight, bag = RecordedFlight(), Bag(file)
-    for message in bag.messages():
-        if not message.derived:
-            flight.add(message.key, message.payload, message.encoding)
+    for message in bag.messages(lambda channel: is_drawn(channel.topic)):
+        flight.add(message.key, message.decoded)
     if bag.cut:
         output.note(f"the recording is cut: {bag.cut}")
     return flight
@@ -66,7 +65,7 @@ def _recorded(file: Path) -> RecordedFlight:
 def _live(options: Options, duration: float) -> RecordedFlight:
     flight = RecordedFlight()
     with context.connect(options) as client, Progress("listening", quiet=options.json) as progress:
-        stream = client.listen(*wanted(["*"]), backlog=1_000_000)
+        stream = client.listen(*drawn("*"), backlog=1_000_000)
         if not options.json:
             output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")
         began = received = time.monotonic()
@@ -76,7 +75,7 @@ def _live(options: Options, duration: float) -> RecordedFlight:
                 message = stream.next(min(began + duration - now, client.timeout))
                 if message is not None:
                     received = time.monotonic()
-                    flight.add(message.key, message.payload, message.encoding)
+                    flight.add(message.key, message.decoded)
                     progress.update((now - began) / duration, f"{now - began:.1f} s")
                 elif time.monotonic() - received >= client.timeout:
                     break

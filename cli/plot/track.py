@@ -1,6 +1,6 @@
 """Tracks of a flight by vehicle, gathered from its messages."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from math import isfinite, nan
 from typing import Any, NamedTuple, TypeVar
 
@@ -15,8 +15,7 @@ from quadctl.schemas.messages import (
     SafetyState,
     Waypoint,
 )
-from quadctl.schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, called, topic_of
-from quadctl.services.runtime.bus import codec
+from quadctl.schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, Topic, called
 from quadctl.services.runtime.errors import Invalid
 
 
@@ -38,8 +37,9 @@ class Phase(NamedTuple):
     cage: CageSize
 
 
-MOST_POINTS = 50_000
-"""Points of a curve that are kept; a picture of 1440 pixels shows no more."""
+MOST_POINTS = 30_000
+"""Points of a curve that are kept; a picture of 1440 pixels shows no more. An hour of poses keeps one
+every 0.16 s: in a turn of 1 m at 2 m/s, the line is less than a pixel off."""
 _MOST, _MOST_EVENTS = 1000, 100_000
 """Vehicles, and boots of a vehicle, in one picture; states and goals of a vehicle."""
 
@@ -92,6 +92,7 @@ class Track:
         match message:
             case Pose():
                 self._add_pose(message)
+                return
             case Pressure():
                 at = self._base + message.stamp
                 if at <= self.end + 1:  # else it belongs to the previous boot
@@ -102,9 +103,8 @@ class Track:
                 self._requested = message
             case Called() if message.service == GOTO.name:
                 self._add_call(message)
-        events = len(self.phases) + len(self.accepted) + len(self.refused)
-        if len(self.legs) > _MOST or events > _MOST_EVENTS:
-            raise _too_many(f"boots (at most {_MOST}) or states and goals ({_MOST_EVENTS})")
+        if len(self.phases) + len(self.accepted) + len(self.refused) > _MOST_EVENTS:
+            raise _too_many(f"states and goals (at most {_MOST_EVENTS})")
 
     def _add_pose(self, pose: Pose) -> None:
         if pose.boot != self._boot:
@@ -113,6 +113,8 @@ class Track:
                 self.boots.append(self.end)
             self._boot = pose.boot
             self.legs.append(Curve())
+            if len(self.legs) > _MOST:
+                raise _too_many(f"boots (at most {_MOST})")
         self.end = max(self.end, self._base + pose.stamp)
         p = pose.position
         self.legs[-1].add((self.end, p.x, p.y, p.z))
@@ -141,28 +143,41 @@ class Track:
                 self.refused.append(Spot(self.end, x, y, z))
 
 
+_DRAWN = {topic.name: topic for topic in (POSE, PRESSURE, STATE, REQUEST, called(GOTO))}
+
+
+def is_drawn(key: str) -> bool:
+    """Return whether messages of a key are in a picture."""
+    return key.partition("/")[2] in _DRAWN
+
+
+def drawn(vehicle: str) -> list[str]:
+    """Return the keys of a vehicle that are in a picture."""
+    return [topic.key(vehicle) for topic in _DRAWN.values()]
+
+
 class RecordedFlight:
     """Tracks of all vehicles, by name."""
 
     def __init__(self) -> None:
         self.tracks: dict[str, Track] = {}
 
-    def add(self, key: str, payload: bytes, encoding: str) -> None:
-        """Take a message of any key; skip a foreign or unreadable one.
+    def add(self, key: str, decoded: Callable[[type[Any]], Struct]) -> None:
+        """Take a message of a key that is drawn, `decoded` to a type; skip an unreadable one.
 
         Raises Invalid if there are too many for a picture.
         """
-        topic: Any = topic_of(key)
-        if topic is None:
-            return
+        vehicle, _, name = key.partition("/")
+        topic: Topic[Any] = _DRAWN[name]
         try:
-            message = codec.decode(topic.type, payload, encoding)
+            message = decoded(topic.type)
         except Invalid:
             return
-        vehicle = key.partition("/")[0]
-        self.tracks.setdefault(vehicle, Track()).add(message)
-        if len(self.tracks) > _MOST:
-            raise _too_many(f"vehicles (at most {_MOST})")
+        if vehicle not in self.tracks:
+            self.tracks[vehicle] = Track()
+            if len(self.tracks) > _MOST:
+                raise _too_many(f"vehicles (at most {_MOST})")
+        self.tracks[vehicle].add(message)
 
     def flown(self) -> dict[str, Track]:
         """Return the tracks of the vehicles that have a path."""
@@ -171,9 +186,3 @@ class RecordedFlight:
 
 def _too_many(what: str) -> Invalid:
     return Invalid(f"too many {what} for one picture", "`quadctl bag export --csv` writes tables")
-
-
-def wanted(vehicles: Iterable[str]) -> list[str]:
-    """Return the keys to subscribe to for a picture."""
-    topics = (POSE, PRESSURE, STATE, REQUEST, called(GOTO))
-    return [topic.key(vehicle) for vehicle in vehicles for topic in topics]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.topics import POSE
 from quadctl.services.recorder.foxglove import SCENE, TRANSFORM, Scene
 from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.errors import QuadctlError
@@ -24,6 +25,7 @@ class Recording:
         self.path, self.lost, self.connected = path, 0, True
         self._began = time.monotonic()
         self._scenes: dict[str, Scene] = {}
+        self._fast: set[str] = set()
         with making(path):
             self._out = Outfile.create(path)
         try:
@@ -41,9 +43,13 @@ class Recording:
             typed = self._bag.add(message).message
             if not isinstance(typed, Pose | SafetyState):
                 continue
-            vehicle = message.key.partition("/")[0]
+            vehicle, _, name = message.key.partition("/")
             scene = self._scenes.setdefault(vehicle, Scene(vehicle))
             if isinstance(typed, Pose):
+                if name == POSE.name:
+                    self._fast.add(vehicle)
+                elif vehicle in self._fast:
+                    continue  # a slow pose, which is one of these
                 self._bag.derive(FRAMES_KEY, TRANSFORM, scene.frame(typed, message.at), message.at)
             elif update := scene.update(typed, message.at):
                 self._bag.derive(SCENE_KEY, SCENE, update, message.at)

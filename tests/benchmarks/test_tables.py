@@ -12,6 +12,7 @@ MACHINE = {
     "packages": {"eclipse-zenoh": "1.10.0"},
     "date": "2026-11-21",
     "commit": "0a1b2c3",
+    "load": 0.2,
 }
 
 

@@ -23,6 +23,10 @@ class Message(NamedTuple):
     received: float
     age: float | None
 
+    def decoded(self, type_: type[M]) -> M:
+        """Return it as one of our types; raises Invalid if it is none."""
+        return codec.decode(type_, self.payload, self.encoding)
+
 
 class RawSubscriber:
     """Subscriber to one key or several, undecoded; keeps the newest `backlog` messages."""

@@ -3,10 +3,10 @@
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from io import SEEK_CUR, SEEK_END, BytesIO
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, TypeVar
 
 import lz4.frame
 import msgspec
@@ -22,7 +22,6 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
-    Message,
     Metadata,
     MetadataIndex,
     Schema,
@@ -32,6 +31,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from msgspec import Struct
 
+from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.recording import mcap_format, writer
 
@@ -40,24 +40,34 @@ _LARGEST = 1 << 28
 
 A chunk of our recorder has 4 MiB and at most one message more. A bomb of 1 kB may name any size.
 """
-_KINDS: dict[int, Any] = {
+_CONTENT: dict[int, Any] = {
     Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+}
+"""Records of a recording, beside its messages; the index repeats what these say."""
+_BODY = {*_CONTENT, Opcode.CHUNK, Opcode.MESSAGE, Opcode.FOOTER}
+"""Records up to the index."""
+_INDEX: dict[int, Any] = {
     Opcode.FOOTER: Footer,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
-    Opcode.CHUNK: Chunk,
     Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT: Attachment,
     Opcode.STATISTICS: Statistics,
     Opcode.METADATA: Metadata,
     Opcode.METADATA_INDEX: MetadataIndex,
 }
-"""Records that are read, beside messages; the others repeat what these say."""
-_MESSAGE = struct.Struct("<HIQQ")
+"""Records of the index, and those that it names."""
+_HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _FOOTER = 9 + 20 + len(MCAP0_MAGIC)
 """Bytes of the end of a complete recording, from its footer on."""
 _TORN = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, RuntimeError)
 """Errors for missing or damaged bytes."""
+
+
+M = TypeVar("M", bound=Struct)
 
 
 class Recorded(NamedTuple):
@@ -68,6 +78,7 @@ class Recorded(NamedTuple):
     at: int
     published: int
     data: bytes
+    sequence: int = 0
 
     @property
     def key(self) -> str:
@@ -95,6 +106,16 @@ class Recorded(NamedTuple):
                 f"a message on {self.key!r} is damaged: {error}", "`quadctl bag check` shows all"
             ) from error
 
+    def decoded(self, type_: type[M]) -> M:
+        """Return it as one of our types; raises Invalid if it is none or damaged."""
+        if self.channel.message_encoding != mcap_format.JSON:
+            return codec.decode(type_, self.payload, self.encoding)
+        codec.check_schema(type_, self.encoding)
+        try:
+            return msgspec.json.decode(self.data, type=type_)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+            raise Invalid(f"not a valid {type_.__name__}: {error}") from error
+
     @property
     def value(self) -> Any:
         """Return its fields as plain data, None if they cannot be read."""
@@ -106,6 +127,10 @@ class Recorded(NamedTuple):
         except (msgspec.MsgspecError, ValueError, RecursionError):
             pass
         return None
+
+
+Wanted = Callable[[Channel], bool]
+"""Returns whether messages of a channel are wanted."""
 
 
 class Bag:
@@ -123,30 +148,36 @@ class Bag:
         """Bytes up to the end of the last whole record."""
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
+        self._known: dict[int, tuple[Channel, Schema | None] | None] = {}
+        """Channels of messages, with their schemas; None for one that is not wanted."""
         self._described = 0  # bytes of the schemas and channels held
 
-    def messages(self) -> Iterator[Recorded]:
-        """Yield the messages in the order received; raises Invalid if it is not a recording."""
-        for record in self.records():
-            if isinstance(record, Message):
-                channel = self._channels[record.channel_id]
-                schema = self._schemas.get(channel.schema_id)
-                yield Recorded(channel, schema, record.log_time, record.publish_time, record.data)
+    def messages(self, wanted: Wanted = lambda _channel: True) -> Iterator[Recorded]:
+        """Yield the messages of wanted channels in the order received; raise as `records`."""
+        for record in self.records(wanted):
+            if isinstance(record, Recorded):
+                yield record
 
-    def records(self) -> Iterator[McapRecord]:
-        """Yield all records but the index; raises Invalid also if it unpacks to too much."""
+    def records(
+        self, wanted: Wanted = lambda _channel: True
+    ) -> Iterator[Recorded | Header | Schema | Channel | Attachment | Metadata]:
+        """Yield all records but the index, and of the messages those of wanted channels.
+
+        Raises Invalid if it is not a recording, or unpacks to too much.
+        """
         with opened(self.path) as file:
             magic = file.read(len(MCAP0_MAGIC))
             if not MCAP0_MAGIC.startswith(magic):
                 raise Invalid(f"{self.path} is not a recording", "recordings are MCAP files")
             try:
-                for record in _framed(file, os.fstat(file.fileno()).st_size):
-                    if isinstance(record, Footer):
+                end = os.fstat(file.fileno()).st_size
+                for opcode, record in _framed(file, end, _BODY):
+                    if opcode == Opcode.FOOTER:
                         break
-                    for part in _unpacked(record) if isinstance(record, Chunk) else (record,):
-                        if isinstance(part, _KEPT):
-                            self._learn(part)
-                            yield part
+                    if opcode == Opcode.CHUNK:
+                        yield from self._contents(_unpacked(_read(Chunk, record)), wanted)
+                    else:
+                        yield from self._contents(_HEAD.pack(opcode, len(record)) + record, wanted)
                     self.read_to = file.tell()
                 if file.read(len(MCAP0_MAGIC) + 1) != MCAP0_MAGIC:
                     self.cut = "it ends in the middle"
@@ -155,7 +186,32 @@ class Bag:
             except MemoryError as error:
                 raise Invalid(f"{self.path} does not fit into memory", "free some") from error
 
+    def _contents(self, data: bytes, wanted: Wanted) -> Iterator[Any]:
+        """Yield the records in a chunk's data: an hour has a million, so without further calls."""
+        begin, size, known = 0, len(data), self._known
+        while begin < size:
+            opcode, length = _HEAD.unpack_from(data, begin)
+            start = begin + _HEAD.size
+            begin = end = start + length
+            if end > size:
+                raise ValueError("it ends in the middle")
+            if opcode == Opcode.MESSAGE:
+                number, sequence, at, published = _MESSAGE.unpack_from(data, start)
+                if (start := start + _MESSAGE.size) > end:
+                    raise ValueError("a message is too short")
+                if number not in known:
+                    channel = self._channels[number]  # a KeyError counts as torn
+                    described = channel, self._schemas.get(channel.schema_id)
+                    known[number] = described if wanted(channel) else None
+                if (source := known[number]) is not None:
+                    yield Recorded(*source, at, published, data[start:end], sequence)
+            elif kind := _CONTENT.get(opcode):
+                record = _read(kind, data[start:end])
+                self._learn(record)
+                yield record
+
     def _learn(self, record: McapRecord) -> None:
+        self._known.clear()
         match record:
             case Header():
                 self.header = record
@@ -165,15 +221,10 @@ class Bag:
             case Channel():
                 self._described += _size(record) - _size(self._channels.get(record.id))
                 self._channels[record.id] = record
-            case Message():
-                self._channels[record.channel_id]  # a KeyError counts as torn
             case Metadata():
                 self.notes[record.name] = record.metadata
         if self._described > _LARGEST:
             raise _too_large("all schemas and channels", self._described)
-
-
-_KEPT = (Header, Schema, Channel, Message, Metadata, Attachment)
 
 
 def _size(record: Schema | Channel | None) -> int:
@@ -185,27 +236,34 @@ def _size(record: Schema | Channel | None) -> int:
     return 0
 
 
-def _framed(file: IO[bytes], end: int) -> Iterator[McapRecord]:
-    """Yield the records up to an offset, each read from its own bytes only.
-
-    The library's reader believes the lengths inside a record, which may exceed the record.
-    """
+def _framed(file: IO[bytes], end: int, opcodes: Collection[int]) -> Iterator[tuple[int, bytes]]:
+    """Yield the records with these opcodes up to an offset: opcode and data."""
     while file.tell() < end:
-        opcode, length = struct.unpack("<BQ", file.read(9))
+        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
         if length > end - file.tell():
             raise ValueError("it ends in the middle")
-        if opcode == Opcode.MESSAGE:
-            data = file.read(length)
-            channel, sequence, at, published = _MESSAGE.unpack_from(data)
-            yield Message(channel, at, data[_MESSAGE.size :], published, sequence)
-        elif kind := _KINDS.get(opcode):
-            yield kind.read(ReadDataStream(BytesIO(file.read(length))))
+        if opcode in opcodes:
+            yield opcode, file.read(length)
         else:
             file.seek(length, SEEK_CUR)
 
 
-def _unpacked(chunk: Chunk) -> Iterator[McapRecord]:
-    """Yield a chunk's records after a check of its size and CRC."""
+def _read(kind: Any, data: bytes) -> Any:
+    """Read a record from its own data only.
+
+    The library's reader believes the lengths inside a record, which may exceed the record.
+    """
+    return kind.read(ReadDataStream(BytesIO(data)))
+
+
+def _index_of(file: IO[bytes], end: int) -> Iterator[McapRecord]:
+    """Yield the records of the index up to an offset."""
+    for opcode, data in _framed(file, end, _INDEX):
+        yield _read(_INDEX[opcode], data)
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return a chunk's data after a check of their size and CRC."""
     size, data = chunk.uncompressed_size, chunk.data
     if size > _LARGEST:
         raise _too_large("a chunk", size)
@@ -221,7 +279,7 @@ def _unpacked(chunk: Chunk) -> Iterator[McapRecord]:
     crc = chunk.uncompressed_crc
     if len(data) != size or (crc and crc != zlib.crc32(data)):
         raise ValueError("a chunk is damaged")
-    yield from _framed(BytesIO(data), size)
+    return data
 
 
 def _too_large(what: str, size: int) -> Invalid:
@@ -237,11 +295,11 @@ def summary(path: Path) -> Summary | None:
     with opened(path) as file:
         try:
             size = file.seek(-_FOOTER, SEEK_END) + _FOOTER
-            footer = next(_framed(file, size))
+            footer = next(_index_of(file, size))
             if not isinstance(footer, Footer) or not footer.summary_start:
                 return None
             file.seek(footer.summary_start)
-            for record in _framed(file, size - _FOOTER):
+            for record in _index_of(file, size - _FOOTER):
                 match record:
                     case Statistics():
                         found.statistics = record
@@ -253,8 +311,8 @@ def summary(path: Path) -> Summary | None:
                         found.chunk_indexes.append(record)
                     case MetadataIndex():
                         found.metadata_indexes.append(record)
-        except (*_TORN, OverflowError, OSError):
-            # OSError: the file is shorter than the footer.
+        except (*_TORN, OverflowError, OSError, StopIteration):
+            # OSError: the file is shorter than the footer. StopIteration: it has another end.
             return None
     return found
 
@@ -269,7 +327,7 @@ def _notes(path: Path, index: Summary) -> dict[str, dict[str, str]] | None:
             left -= entry.length
             try:
                 file.seek(entry.offset)
-                note = next(_framed(file, entry.offset + entry.length)) if left >= 0 else None
+                note = next(_index_of(file, entry.offset + entry.length)) if left >= 0 else None
             except (*_TORN, OverflowError, OSError, StopIteration):
                 note = None
             if not isinstance(note, Metadata):

@@ -6,15 +6,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
+from quadctl.schemas.messages import Pose
 from quadctl.schemas.topics import MESSAGES, POSE_SLOW
 from quadctl.services.runtime.recording import mcap_format
 from quadctl.services.runtime.recording.reader import Bag, Recorded
 from quadctl.services.runtime.recording.writer import Outfile
 
-_TYPES = {f"quadctl.{name}": type_ for name, type_ in MESSAGES.items()}
+_DECODERS: dict[str, msgspec.json.Decoder[Any]] = {
+    f"quadctl.{name}": msgspec.json.Decoder(type_) for name, type_ in MESSAGES.items()
+}
+_TABLE = msgspec.json.Decoder(dict[str, Any])
 _MOST = 20
 """Faults that are listed; more would not help the reader."""
 
@@ -33,8 +37,7 @@ def check(path: Path) -> Checked:
     gaps = _Gaps()
     for message in bag.messages():
         count += 1
-        faults += _faults(message, last)
-        gaps.see(message)
+        faults += _faults(message, last, gaps)
         last = max(last, message.at)
     faults += gaps.faults()
     if bag.cut:
@@ -43,7 +46,7 @@ def check(path: Path) -> Checked:
     return Checked(count, faults[:_MOST] + more)
 
 
-def _faults(message: Recorded, last: int) -> Iterator[str]:
+def _faults(message: Recorded, last: int, gaps: "_Gaps") -> Iterator[str]:
     if message.at < last:
         older = (last - message.at) / 1e9
         yield f"{message.key}: a message is {older:g} s older than the previous one"
@@ -53,9 +56,12 @@ def _faults(message: Recorded, last: int) -> Iterator[str]:
         yield f"{message.key}: its schema is missing"
     name = message.schema.name if message.schema else ""
     try:
-        msgspec.json.decode(message.data, type=_TYPES.get(name, dict))
+        found = _DECODERS.get(name, _TABLE).decode(message.data)
     except (msgspec.MsgspecError, RecursionError) as error:
         yield f"{message.key}: a message is not a valid {name or 'table'}: {error}"
+    else:
+        if isinstance(found, Pose):
+            gaps.see(message.key, found)
 
 
 class _Gaps:
@@ -65,18 +71,13 @@ class _Gaps:
         self._last: dict[str, tuple[str, int]] = {}
         self._lost: Counter[str] = Counter()
 
-    def see(self, message: Recorded) -> None:
-        if message.schema is None or message.schema.name != "quadctl.Pose":
-            return
-        if message.key.endswith(f"/{POSE_SLOW.name}"):
+    def see(self, key: str, pose: Pose) -> None:
+        if key.endswith(f"/{POSE_SLOW.name}"):
             return  # their numbers have gaps
-        pose: Any = message.value
-        if not isinstance(pose, dict) or not isinstance(now := pose.get("seq"), int):
-            return
-        boot, seq = self._last.get(message.key, ("", -1))
-        if pose.get("boot") == boot and now > seq + 1:
-            self._lost[message.key] += now - seq - 1
-        self._last[message.key] = (pose.get("boot", ""), now)
+        boot, seq = self._last.get(key, ("", -1))
+        if pose.boot == boot and pose.seq > seq + 1:
+            self._lost[key] += pose.seq - seq - 1
+        self._last[key] = (pose.boot, pose.seq)
 
     def faults(self) -> Iterator[str]:
         for key, lost in self._lost.items():
@@ -107,7 +108,7 @@ def repair(source: Path, target: Path) -> Repaired:
         if first is not None:
             copy.add(first)
         for record in records:
-            messages += isinstance(record, Message)
+            messages += isinstance(record, Recorded)
             copy.add(record)
         mcap.finish()
         out.flush()
@@ -138,14 +139,10 @@ class _Copy:
                 self._channels[record.id] = mcap.register_channel(
                     record.topic, record.message_encoding, schema, record.metadata
                 )
-            case Message():
-                mcap.add_message(
-                    self._channels[record.channel_id],
-                    record.log_time,
-                    record.data,
-                    record.publish_time,
-                    record.sequence,
-                )
+            case Recorded():
+                number = self._channels[record.channel.id]
+                at, published = record.at, record.published
+                mcap.add_message(number, at, record.data, published, record.sequence)
             case Metadata():
                 mcap.add_metadata(record.name, record.metadata)
             case Attachment():

@@ -15,7 +15,7 @@ from quadctl.services.runtime.errors import Invalid, Unreachable
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 INSTALLED = Installed(
-    "3.11.7", ">=3.11", {"numpy": "2.2.0"}, [Requirement("numpy<3,>=2.2")], "/ours",
+    "3.11.7", "built with a profile", ">=3.11", {"numpy": "2.2.0"}, [Requirement("numpy<3,>=2.2")], "/ours",
     "/ours", "/ours", [], [],
 )  # fmt: skip
 READY = ProcessRecord("pressure", 7, "ready", 0)
@@ -55,6 +55,22 @@ def verdict(check: Finding) -> str:
 )
 def test_the_installation_is_checked(expected: str, check: Any, changes: dict[str, Any]):
     assert verdict(check(INSTALLED._replace(**changes))) == expected
+
+
+@pytest.mark.parametrize(
+    ("prefix", "options", "said"),
+    [
+        ("/usr", "'--enable-shared'", "the distribution's build"),
+        ("/opt/python", "'--enable-optimizations' '--with-lto'", "built with a profile"),
+        ("/root/.pyenv/versions/3.11.7", "'--enable-shared'", "built without a profile: "),
+        (r"C:\Python311", None, "the installer's build"),
+    ],
+)
+def test_the_build_of_the_interpreter_is_named(prefix: str, options: str | None, said: str):
+    found = installation.build(prefix, options)
+    assert found.startswith(said)
+    evidence = installation.python(INSTALLED._replace(build=found)).evidence
+    assert evidence == f"3.11.7, {found}"
 
 
 def test_environment_variables_are_checked():

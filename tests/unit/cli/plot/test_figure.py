@@ -1,5 +1,6 @@
 """Data of a plot: paths by boot and vehicle, verdicts, phases."""
 
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,9 @@ import pytest
 
 from quadctl.cli.plot import figure
 from quadctl.cli.plot.figure import draw
-from quadctl.cli.plot.track import MOST_POINTS, Curve, RecordedFlight, Spot
+from quadctl.cli.plot.track import MOST_POINTS, Curve, RecordedFlight, Spot, is_drawn
 from quadctl.schemas.messages import Position, Waypoint
+from quadctl.services.runtime.bus import codec
 from tests.support.bags import pose, pressure, raw_message, refused, state
 
 
@@ -17,7 +19,8 @@ def gathered(*messages) -> RecordedFlight:
     flight = RecordedFlight()
     for key, message in messages:
         one = raw_message(key, message, 0)
-        flight.add(one.key, one.payload, one.encoding)
+        if is_drawn(key):
+            flight.add(key, partial(codec.decode, payload=one.payload, encoding=one.encoding))
     return flight
 
 

@@ -31,13 +31,16 @@ def measure(results: Results, effort: Effort) -> None:
     The vehicle's compiled code exists by then: it is made once per machine.
     """
     have_made()
-    share = 0.0
+    share = launched = 0.0
     for count in _COUNTS:
         words = ("--vehicles", str(count), *_WIDE, "--set", f"dynamics.rate={_HZ}")
+        began = time.perf_counter()
         with running(*words) as where, opened(where.endpoint) as session:
+            launched = time.perf_counter() - began
             share = flying(where, session, count, effort.seconds)
         results.add(f"each_of_{count}", "ours", [share / count])
     results.add("vehicles_100", "ours", [share])
+    results.add("launch_100", "ours", [launched])
 
 
 def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> float:
@@ -53,7 +56,9 @@ def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> f
             at = msgspec.msgpack.decode(sample.payload.to_bytes())["position"]
             homes[name] = at["x"], at["y"]
 
-    poses = session.declare_subscriber("*/pose", zenoh.handlers.Callback(on_pose, indirect=False))
+    poses = session.declare_subscriber(
+        "*/pose/slow", zenoh.handlers.Callback(on_pose, indirect=False)
+    )
     time.sleep(_SETTLED)
     processes, before = where.processes(), Counter(heard)
     busy, began = proc.busy_of(processes), time.monotonic()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from math import cos, sin
 from pathlib import Path
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -73,9 +74,9 @@ def _pose(number: int, stamp: float) -> Pose:
     return replace(full, boot="b0", stamp=stamp, position=place)
 
 
-def _received(topic: Topic[Struct], message: Struct, stamp: float) -> RawMessage:
+def _received(topic: Topic[Any], message: Struct, stamp: float) -> RawMessage:
     at = _BEGAN + round(stamp * 1e9)
-    encoding = codec.encoding(topic.type)
+    encoding = codec.encoding(type(message))
     return RawMessage(topic.key("uav"), codec.encode(message), encoding, at, at - 1000)
 
 

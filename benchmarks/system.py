@@ -87,9 +87,14 @@ def home() -> Iterator[Home]:
 
 
 @contextmanager
-def running(*words: str) -> Iterator[Home]:
-    """Start the whole system; its home stops it again."""
+def running(*words: str, compiled: bool = True) -> Iterator[Home]:
+    """Start the whole system, or a vehicle that cannot be `compiled`; its home stops it again."""
     with home() as where:
+        if not compiled:
+            # A numba that cannot be imported, and no code of an earlier run.
+            (where.folder / "numba.py").write_text("raise ImportError\n", encoding="utf-8")
+            folder = str(where.folder)
+            where.environment.update(PYTHONPATH=folder, XDG_CACHE_HOME=folder)
         where.quadctl("up", "-d", *words)
         yield where
 

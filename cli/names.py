@@ -1,6 +1,5 @@
 """Lookup of topics, services and types by any name that a user may type."""
 
-import re
 from typing import Any
 
 from msgspec import Struct
@@ -19,8 +18,8 @@ from quadctl.services.runtime.params.names import nearest
 
 _LONGEST_KEY = 1_000
 """Characters: Zenoh carries no key of 64 KiB, and a user types far fewer than these."""
-_NODE = r"[^/#?*$]{1,200}"
-_CHUNK = r"(\*\*|\*|\$\*|(?:[^/#?*$]|\$\*)+)"
+_LONGEST_NODE = 200
+_SPECIAL = frozenset("/#?*$")
 
 
 def key_of(name: str, vehicle: str) -> str:
@@ -35,15 +34,26 @@ def checked_key(name: str, vehicle: str) -> str:
 
     An expression is returned in the only spelling that Zenoh accepts: `**/*` as `*/**`.
     """
-    key = re.sub(r"(\$\*)+", "$*", key_of(name, vehicle))
-    if len(key) > _LONGEST_KEY or not re.fullmatch(rf"{_CHUNK}(/{_CHUNK})*", key):
+    key = key_of(name, vehicle)
+    while "$*$*" in key:
+        key = key.replace("$*$*", "$*")
+    if len(key) > _LONGEST_KEY or not all(map(_is_chunk, key.split("/"))):
         raise Invalid(f"'{name[:80]}' is not a valid key", "write it as sensors/pressure or uav/**")
     return _canonical(key) if "*" in key else key
 
 
 def is_single(key: str) -> bool:
     """Return whether Zenoh accepts the text as one key, not as an expression."""
-    return re.fullmatch(r"[^/#?*$]+(/[^/#?*$]+)*", key) is not None
+    return all(map(_is_plain, key.split("/")))
+
+
+def _is_plain(chunk: str) -> bool:
+    return bool(chunk) and _SPECIAL.isdisjoint(chunk)
+
+
+def _is_chunk(chunk: str) -> bool:
+    """Return whether Zenoh accepts a chunk of an expression: plain, or with `*`, `**` or `$*`."""
+    return chunk in {"*", "**", "$*"} or _is_plain(chunk.replace("$*", "a"))
 
 
 def single_key(name: str, vehicle: str) -> str:
@@ -107,7 +117,7 @@ def find_service(name: str, vehicle: str) -> Service[Any, Any]:
             if spelling == service.name:
                 return service
         node, _, verb = spelling.rpartition("/")
-        if verb in {"get_params", "set_params"} and re.fullmatch(_NODE, node):
+        if verb in {"get_params", "set_params"} and _is_plain(node) and len(node) <= _LONGEST_NODE:
             return get_params(node) if verb == "get_params" else set_params(node)
     names = [service.name for service in SERVICES]
     hint = nearest(bare, names) or "`quadctl service list` shows what there is"

@@ -9,15 +9,9 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 
 from quadctl.schemas.barometer import PressureParams
+from quadctl.schemas.protocols import LOCAL, PORTS, SECURE
 from quadctl.schemas.units import Metres, described
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
-
-PORTS = ("tcp", "tls", "quic", "udp", "ws")
-"""Protocols with an address host:port."""
-SECURE = ("tls", "quic")
-"""Protocols with certificates at both ends, and encryption."""
-LOCAL = ("unixsock-stream",)
-"""Protocols with a path."""
 
 
 class FlightFaultParams(Struct, forbid_unknown_fields=True):

@@ -1,19 +1,20 @@
 """Ends of a service and a topic on bare Zenoh: `node.py ENDPOINT NAME ROLE BYTES`.
 
-They have no types and no guarantees. ROLE is serve, call, listen or publish; payloads have BYTES
-bytes. The route (clients of a hub on a Unix socket) and `ZENOH_RUNTIME` are the same as ours.
+They have no types and no guarantees. ROLE is serve, call, listen, publish, or ping (publish, and wait for the answer of pong); payloads
+have BYTES bytes. The route (clients of a hub on a Unix socket) and `ZENOH_RUNTIME` are the same as ours.
 """
 
 import struct
 import sys
 import time
+from queue import SimpleQueue
 
 import zenoh
 
 from benchmarks.raw.session import opened
 from benchmarks.worker import Arrivals, flood, paced, serve, timed
 
-SERVICE, TOPIC = "raw/@srv/toggle_cage", "raw/pose"
+SERVICE, TOPIC, ANSWER = "raw/@srv/toggle_cage", "raw/pose", "raw/setpoint"
 _STAMP = struct.Struct("<d")
 
 
@@ -36,6 +37,23 @@ def main(endpoint: str, role: str, size: str) -> None:
 
         server = session.declare_queryable(SERVICE, answer, complete=True)
         serve(served=lambda: str(server.key_expr))
+    if role == "pong":
+        answers = session.declare_publisher(ANSWER)
+        monitor = session.declare_subscriber(TOPIC, lambda _sample: answers.put(filling))
+        serve(heard=lambda: str(monitor.key_expr))
+    if role == "ping":
+        publisher, came = session.declare_publisher(TOPIC), SimpleQueue[bytes]()
+        answered = session.declare_subscriber(ANSWER, lambda s: came.put(s.payload.to_bytes()))
+
+        def trip() -> None:
+            publisher.put(filling)
+            came.get(timeout=3.0)
+
+        serve(
+            connected=lambda: bool(publisher.matching_status.matching),
+            trip=lambda count: timed(trip, count),
+            heard=lambda: str(answered.key_expr),
+        )
     if role == "publish":
         publisher, rest = session.declare_publisher(TOPIC), filling[_STAMP.size :]
 

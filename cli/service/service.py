@@ -11,7 +11,6 @@ from quadctl.cli.names import checked_key, find_service
 from quadctl.cli.values import is_type, message_of, table_of
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import SERVICES, STATE, Service
-from quadctl.schemas.typeinfo import service_definition
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.codec import to_jsonable
 from quadctl.services.runtime.errors import Invalid, Refused, Unreachable, UsageError
@@ -58,6 +57,8 @@ def info(options: Options, name: Annotated[str, Arg("A service.", complete="serv
             )
             raise client.explained(absent, known.node)
     shown = {"name": live.name, "key": live.key, "type": live.type, "node": live.node}
+    from quadctl.schemas.typeinfo import service_definition
+
     fields = service_definition(known.request, known.response) if known else ""
     if options.json:
         output.document(shown | {"hash": live.hash, "definition": fields})

@@ -8,7 +8,6 @@ from quadctl.cli.declarations import Arg
 from quadctl.cli.names import single_key
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import MESSAGES, Topic
-from quadctl.schemas.typeinfo import definition, schema_hash
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.params.names import nearest
 
@@ -71,6 +70,8 @@ def _may_publish(options: Options, key: str) -> bool:
 
 def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> dict[str, Any]:
     """Describe a topic as its publishers announce it or, without any, as our contract does."""
+    from quadctl.schemas.typeinfo import definition, schema_hash
+
     type_: Any
     if found:
         name, digest, hz = found[0].type, found[0].hash, found[0].hz

@@ -16,7 +16,7 @@ import zenoh
 from quadctl.schemas import keyexpr
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import get_params, set_params
-from quadctl.services.runtime.bus import session
+from quadctl.services.runtime.bus import liveliness, session
 from quadctl.services.runtime.errors import AlreadyServed, QuadctlError
 from quadctl.services.runtime.executor import MultiNodeExecutor
 from quadctl.services.runtime.filelock import FileLock
@@ -82,7 +82,10 @@ def _run(
             with opening(address, next(iter(fleet.values())), realm) as opened:
                 _check_welcome(opened, options.connect)
                 try:
-                    executor = _executor_of(name, run, fleet, opened, realm)
+                    # With certificates, a question about all vehicles has no answer.
+                    few = len(fleet) == 1 or is_secure(address.endpoint)
+                    present = liveliness.present(opened, fleet if few else ["*"])
+                    executor = _executor_of(name, run, fleet, opened, realm, present)
                 except AlreadyServed:
                     # Distant hubs may still list our own previous session as alive.
                     if time.monotonic() > patience:
@@ -114,7 +117,12 @@ def _check_welcome(opened: zenoh.Session, connect: str) -> None:
 
 
 def _executor_of(
-    name: str, run: Run, fleet: dict[str, Params], opened: zenoh.Session, realm: Realm
+    name: str,
+    run: Run,
+    fleet: dict[str, Params],
+    opened: zenoh.Session,
+    realm: Realm,
+    present: liveliness.Present,
 ) -> MultiNodeExecutor:
     """Return an executor with the service of every vehicle, ready to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
@@ -124,8 +132,9 @@ def _executor_of(
         like = None if params is first else first
         own = executor.new_executor()
         node = Node(
-            name, vehicle, opened, own, restarted=restarted, reference_params=like, single=single
-        )
+            name, vehicle, opened, own, present=present, restarted=restarted,
+            reference_params=like, single=single,
+        )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))
     return executor

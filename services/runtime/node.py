@@ -31,6 +31,7 @@ class Node:
 
     `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
     process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
+    `present`: what else is there, if it has been asked for the process's vehicles together.
     Raises AlreadyServed when another process is this node.
     """
 
@@ -41,14 +42,16 @@ class Node:
         session: zenoh.Session,
         executor: Executor | None = None,
         *,
+        present: liveliness.Present | None = None,
         restarted: bool = False,
         reference_params: Params | None = None,
         single: bool = True,
     ) -> None:
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
-        self._others = liveliness.offers(session, vehicle)
-        if name in liveliness.nodes(session, vehicle):
+        present = present or liveliness.present(session, [vehicle])
+        self._servers = present.servers
+        if (vehicle, name) in present.nodes:
             raise AlreadyServed(f"another process is already the node {name} of {vehicle}")
         log = logging.getLogger(name)
         self.log = log if single else _VehicleLog(vehicle, log)
@@ -131,9 +134,8 @@ class Node:
         if not service.reads:
             journal = CallLog(self._session, self.vehicle, service, self._schedule)
         server = Server(self.vehicle, service, handler, self._schedule, journal)
-        for other in self._others:
-            if other.key == server.key:
-                raise AlreadyServed(f"{server.key} is already served by the node {other.node}")
+        if other := self._servers.get(server.key):
+            raise AlreadyServed(f"{server.key} is already served by the node {other}")
         name, digest = service.type_name, codec.digest(service.request)
         offer = keyexpr.EndpointInfo("@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)

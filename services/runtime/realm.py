@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import re
 import stat
 import sys
 from collections.abc import Callable, Sequence
@@ -18,7 +17,7 @@ DEFAULT = "uav"
 HUB_ALONE = "hub-"
 """Prefix of the name that a hub without a vehicle uses instead of a vehicle's."""
 _MOST_LISTED = 12
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}")
+_LONGEST_NAME = 40
 ADDRESS = "hub.json"
 """File in a realm's folder with the address of its hub."""
 RECORD = "run.json"
@@ -36,7 +35,10 @@ def vehicle_name(name: str) -> str:
 
 
 def _checked(name: str, what: str) -> str:
-    if not _NAME.fullmatch(name):
+    plain = name.replace("_", "a").replace(".", "a").replace("-", "a")
+    if not (
+        name.isascii() and plain.isalnum() and name[0].isalnum() and len(name) <= _LONGEST_NAME
+    ):
         raise UsageError(
             f"'{name}' is not a valid name for {what}",
             "use at most 40 letters, digits, '.', '_' or '-', the first a letter or digit",

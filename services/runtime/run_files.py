@@ -6,7 +6,6 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.services.runtime.errors import Unreachable
-from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.realm import LOCK, RECORD, Realm, write_atomically
 
 UNSERVED = ("supervise", "processes")
@@ -48,6 +47,8 @@ def write(realm: Realm, record: RunState) -> None:
 
 def is_live(realm: Realm) -> bool:
     """Return whether a supervisor holds the realm."""
+    from quadctl.services.runtime.filelock import FileLock
+
     return FileLock(f"{realm.path}/{LOCK}", "").held()
 
 

@@ -9,7 +9,7 @@ from tests.support.lab import Lab
 
 SLOW = {
     "asyncio", "quadctl.cli.typer_app", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
-    "pathlib", "platform", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
+    "pathlib", "platform", "re", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
     "urllib", "uuid",
 }  # fmt: skip
 

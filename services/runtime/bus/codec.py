@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
+from quadctl.schemas.digests import DIGESTS, place
 from quadctl.schemas.services import Call, Error
-from quadctl.schemas.typeinfo import schema_hash
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 
 _DEEPEST = 100
@@ -92,6 +92,10 @@ _building = threading.Lock()
 @cache
 def digest(type_: type[Struct]) -> str:
     """Return the first 8 hex digits of a schema's digest; safe to call from any thread."""
+    if known := DIGESTS.get(place(type_)):
+        return known
+    from quadctl.schemas.typeinfo import schema_hash
+
     with _building:
         return schema_hash(type_)
 

@@ -1,13 +1,13 @@
 """Queries to the hub about live nodes, vehicles and their endpoints."""
 
+from collections.abc import Iterable
+from typing import NamedTuple
+
 import zenoh
 
 from quadctl.schemas import keyexpr
 from quadctl.services.runtime.errors import TimedOut
-from quadctl.services.runtime.process_table import NODES
 
-_VEHICLES_OWN = frozenset(NODES) - {"hub"}
-"""Nodes that exist only with a vehicle. A recorder or a user's node outlives it."""
 _TIMEOUT = 1.0
 """Seconds; the hub answers for all from its own tables, in 0.5 ms."""
 
@@ -20,8 +20,12 @@ def nodes(session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT) -> li
 
 def vehicles(session: zenoh.Session, timeout: float = _TIMEOUT) -> list[str]:
     """Return the vehicles with a ready node or a substitute for one; raise as `nodes`."""
+    from quadctl.services.runtime.process_table import NODES
+
     found = _keys(session, "*/@node/*", timeout)
-    own = {keyexpr.vehicle_of(key) for key in found if keyexpr.node_of(key) in _VEHICLES_OWN}
+    # A hub, a recorder or a user's node outlives its vehicle.
+    only_with_one = set(NODES) - {"hub"}
+    own = {keyexpr.vehicle_of(key) for key in found if keyexpr.node_of(key) in only_with_one}
     others = {keyexpr.vehicle_of(key) for key in found} - own
     return sorted(own | {name for name in others if _flies(session, name, timeout)})
 
@@ -45,6 +49,26 @@ def offers(
     ]
     found = (keyexpr.offer_of(key) for key in keys)
     return sorted((offer for offer in found if offer is not None), key=lambda offer: offer.key)
+
+
+class Present(NamedTuple):
+    """Ready nodes, each as its vehicle and name, and for each service's key the node that serves it."""
+
+    nodes: frozenset[tuple[str, str]]
+    servers: dict[str, str]
+
+
+def present(session: zenoh.Session, vehicles: Iterable[str]) -> Present:
+    """Return the nodes and servers of vehicles, `*` for all of a hub; raise as `nodes`."""
+    nodes: set[tuple[str, str]] = set()
+    servers: dict[str, str] = {}
+    for vehicle in vehicles:
+        for key in _keys(session, f"{vehicle}/@node/*", _TIMEOUT):
+            nodes.add((keyexpr.vehicle_of(key), keyexpr.node_of(key) or ""))
+        for key in _keys(session, f"{vehicle}/@node/*/@srv/**", _TIMEOUT):
+            if offer := keyexpr.offer_of(key):
+                servers[offer.key] = offer.node
+    return Present(frozenset(nodes), servers)
 
 
 def _keys(session: zenoh.Session, pattern: str, timeout: float) -> list[str]:

@@ -1,8 +1,7 @@
 """Zenoh's events: a matching end, a lost link; and the Python state of its threads."""
 
-import ctypes
 import threading
-import weakref
+from _weakref import ref  # weakref itself takes 0.5 ms of a command
 from typing import Any
 
 import zenoh
@@ -38,7 +37,7 @@ _known = threading.local()
 
 
 def pin_thread_state() -> None:
-    """Pin the Python thread state of this Zenoh thread. Call it first in every callback.
+    """Pin the Python thread state of this Zenoh thread. Call it first in a callback of messages.
 
     The binding makes a thread state for each callback and drops it afterwards: with the memory
     mapped and unmapped for it, some 40 us a message. One Ensure without a Release keeps it.
@@ -46,6 +45,8 @@ def pin_thread_state() -> None:
     try:
         _known.here  # noqa: B018 - runs for each message, and hasattr is too slow
     except AttributeError:
+        import ctypes  # takes 2 ms, and a command that only asks has no callback
+
         _known.here = True
         ctypes.pythonapi.PyGILState_Ensure()
 
@@ -93,11 +94,11 @@ class MatchingListener:
         # Declared on demand only: for a thousand ends it takes time.
         if self._listener is None:
             # A weak reference: the listener would keep us alive, and we keep the listener.
-            reference = weakref.WeakMethod(self._on_change)
+            reference = ref(self)
 
             def on_change(status: zenoh.MatchingStatus) -> None:
-                if method := reference():
-                    method(status)
+                if listener := reference():
+                    listener.on_change(status)
 
             callback = zenoh.handlers.Callback(on_change, indirect=False)
             self._listener = self._end.declare_matching_listener(callback)
@@ -106,8 +107,8 @@ class MatchingListener:
             if self._changes == before and there:
                 self._there.set()
 
-    def _on_change(self, status: zenoh.MatchingStatus) -> None:
-        pin_thread_state()
+    def on_change(self, status: zenoh.MatchingStatus) -> None:
+        """Take a report of Zenoh: whether there is a match now."""
         self._changes += 1
         if status.matching:
             self._there.set()

@@ -1,6 +1,5 @@
 """Catalogue of all parameters with unit and bounds; the template of quad.toml; TOML writing."""
 
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -109,9 +108,6 @@ def _bare(type_: inspect.Type) -> inspect.Type:
     return _bare(type_.type) if isinstance(type_, inspect.Metadata) else type_
 
 
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-
-
 def value(plain: Any) -> str:
     """Write a value in TOML, as to the right of the `=`."""
     if isinstance(plain, bool):
@@ -156,7 +152,8 @@ def _tables(table: Mapping[str, Any], path: str) -> Iterator[list[str]]:
 
 
 def _key(name: str) -> str:
-    return name if _BARE_KEY.fullmatch(name) else value(name)
+    is_bare = name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()
+    return name if is_bare else value(name)
 
 
 # Values of the lab's own launch file that differ from the defaults in code.

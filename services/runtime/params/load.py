@@ -1,7 +1,6 @@
 """Checked parameters from defaults, TOML and `--set`, for one vehicle or many."""
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,9 @@ from quadctl.schemas import airworthy
 from quadctl.schemas.params import Params, WindParams
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import (
-    ENDLESS_KEY,
     MOST_PARTS,
     flatten,
+    has_endless_key,
     nearest,
     put,
     value_of,
@@ -26,8 +25,8 @@ _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
 _MOST_BYTES = 1_000_000
 """Bytes of the largest file that is read; a file for a thousand vehicles has a tenth of this."""
-_AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$", re.DOTALL)
-_UNKNOWN = re.compile(r"unknown field `(?P<name>.*)`")
+_AT = r"(?s)^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$"
+_UNKNOWN = r"unknown field `(?P<name>.*)`"
 
 
 def load(file: Path | None, settings: Iterable[str] = (), running: Params | None = None) -> Params:
@@ -111,7 +110,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
     """Parse the unchecked tables of a TOML text; raises Invalid if it is not TOML."""
     import tomllib
 
-    if ENDLESS_KEY.search(text):
+    if has_endless_key(text):
         raise Invalid(f"{source} has a key of more than {MOST_PARTS} parts", "no name has so many")
     try:
         return tomllib.loads(text)
@@ -120,9 +119,11 @@ def parse(text: str, source: str) -> dict[str, Any]:
 
 
 def _explain(text: str, source: str) -> Invalid:
-    found = _AT.match(text)
+    import re
+
+    found = re.match(_AT, text)
     what, where = (found["what"], found["where"] or "") if found else (text, "")
-    if unknown := _UNKNOWN.search(what):
+    if unknown := re.search(_UNKNOWN, what):
         name = f"{where}.{unknown['name']}".lstrip(".")
         return Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
     # A rule that spans several tables has an empty `where`.

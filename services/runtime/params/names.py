@@ -1,6 +1,5 @@
 """Dotted names of values, as users write them: `safety.virtual_cage.x=3`."""
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -18,19 +17,39 @@ _BOOLS = {"true": True, "false": False, "True": True, "False": False}
 
 
 MOST_PARTS = 50
-ENDLESS_KEY = re.compile(
-    rf"""(?:\.[ \t]*+(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+){{{MOST_PARTS}}}"""
-)
-"""Dotted key of which tomllib would take minutes: its time grows with the square of the parts."""
+_ENDLESS_KEY = rf"""(?:\.[ \t]*+(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+){{{MOST_PARTS}}}"""
+
+
+def has_endless_key(text: str) -> bool:
+    """Return whether a TOML text has a dotted key of which tomllib would take minutes.
+
+    Its time grows with the square of the key's parts.
+    """
+    import re
+
+    return re.search(_ENDLESS_KEY, text) is not None
+
+
+def _number(text: str) -> int | float | None:
+    """Parse a plain decimal number as TOML does; None for any other text."""
+    digits = text.removeprefix("-")
+    whole, dot, rest = digits.partition(".")
+    if not (digits.isascii() and whole.isdecimal() and (whole == "0" or whole[0] != "0")):
+        return None
+    if not dot:
+        return int(text)
+    return float(text) if rest.isdecimal() else None
 
 
 def value_of(text: str) -> Any:
     """Parse a value from a command line: TOML's notation, ROS's True and False, or a word."""
     if text in _BOOLS:
         return _BOOLS[text]
-    if ENDLESS_KEY.search(text):
+    if (number := _number(text)) is not None:
+        return number
+    if has_endless_key(text):
         return text
-    import tomllib
+    import tomllib  # with re, it takes 10 ms
 
     try:
         found = tomllib.loads(f"value = {text}")

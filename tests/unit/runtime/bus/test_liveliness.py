@@ -57,3 +57,13 @@ def test_a_node_with_a_vehicles_endpoints_counts():
 
 def test_without_tokens_there_is_no_vehicle():
     assert vehicles_of() == []
+
+
+def test_what_is_present_are_nodes_and_servers_of_the_vehicles_asked_for():
+    goto = offered("a", "safety", "@srv", GOTO.key("a"))
+    pose = offered("a", "dynamics", "@pub", POSE.key("a"))
+    bus: Any = Bus(goto, pose, node_key("a", "safety"), node_key("b", "safety"))
+    assert roster.present(bus, ["a"]) == ({("a", "safety")}, {GOTO.key("a"): "safety"})
+    everything = roster.present(bus, ["*"])
+    assert everything.nodes == {("a", "safety"), ("b", "safety")}
+    assert roster.present(bus, ["b"]) == ({("b", "safety")}, {})

@@ -165,6 +165,17 @@ def test_a_value_is_formatted_as_a_word(value: Any, text: str):
     assert catalogue.word(value) == text
 
 
+@settings(max_examples=400)
+@given(st.text("-+0179._e", min_size=1, max_size=7))
+def test_a_plain_number_is_read_as_toml_reads_it(text: str):
+    try:
+        expected = tomllib.loads(f"value = {text}")["value"]
+    except ValueError:
+        expected = text
+    found = value_of(text)
+    assert (type(found), str(found)) == (type(expected), str(expected))
+
+
 def test_a_word_with_two_lines_is_one_text():
     assert value_of("1\nother = 2") == "1\nother = 2"
 

@@ -49,6 +49,9 @@ _AHEAD = 0.01
 """Yaw error (rad) that the rotors' drag must be able to correct, or the vehicle spins in its turns."""
 _LEAST_SPARE, _LEAST_SPEED = 0.12, 0.1
 """Least spare acceleration, m/s^2, and speed, m/s: with less, safety takes a flight for a standstill."""
+_LEAST_ACCELERATION = 0.2
+"""Least acceleration, m/s^2: at 0.13, a vehicle that turns round is slower than 0.05 m/s for up to a
+second, and safety takes it for one that stands still."""
 _CLIMBS = tuple(pi / 6 * step for step in range(-3, 4))
 """Angles of motion, rad, at which the acceleration left is compared: steepest sinking to climb."""
 _HALVINGS = 30
@@ -78,9 +81,17 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         )
     if why := why_not_held(vehicle, control, wind):
         return why
-    fastest = flown(vehicle, control, wind).max_speed
-    if fastest < _LEAST_SPEED:
-        return f"against the air it flies at {fastest:.2g} m/s at most, below {_LEAST_SPEED:g}"
+    limits = flown(vehicle, control, wind)
+    if limits.max_speed < _LEAST_SPEED:
+        return (
+            f"against the air it flies at {limits.max_speed:.2g} m/s at most, below"
+            f" {_LEAST_SPEED:g}"
+        )
+    if limits.max_acceleration < _LEAST_ACCELERATION:
+        return (
+            f"it speeds up with {limits.max_acceleration:.2g} m/s^2 at most, below"
+            f" {_LEAST_ACCELERATION:g}"
+        )
     # Beyond this error the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
     error = _turning(vehicle) / (control.rate_gain * control.attitude_gain)
     if error < _UPRIGHT:

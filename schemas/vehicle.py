@@ -74,7 +74,7 @@ class ControlParams(Struct, forbid_unknown_fields=True):
         5.0
     )
     max_acceleration: Annotated[
-        float, described("acceleration limit of the setpoint", "m/s^2", ge=0.1, le=100)
+        float, described("acceleration limit of the setpoint", "m/s^2", ge=0.2, le=100)
     ] = 5.0
     max_jerk: Annotated[
         float, described("jerk limit of the setpoint", "m/s^3", ge=0.1, le=10_000)

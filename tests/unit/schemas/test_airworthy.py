@@ -68,6 +68,7 @@ def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
         ({}, {"velocity_gain": 0.3}, 0.0, "hardly damped"),
         ({"drag": 100.0}, {"max_tilt": 0.05}, 0.0, "against the air it flies at 0.05 m/s at most"),
         ({}, {}, 9.0, "against the air it flies at 0.042 m/s at most"),
+        ({}, {"max_tilt": 0.02}, 0.0, "it speeds up with 0.18 m/s^2 at most, below 0.2"),
         ({}, {"attitude_gain": 30.0}, 0.0, "hardly damped"),
         ({}, {"position_gain": 100.0}, 0.0, "unstable"),
         ({"mass": 4.0}, {}, 0.0, "its motors lift 8.32 m/s^2"),

@@ -46,6 +46,8 @@ _FIRST_POSE = 1.0
 _LOST_AFTER = 1.5 / SETPOINT.hz
 """Time (s) after our answer: a pose repeated later than this means that the answer was lost. A
 vehicle with a frozen pose repeats it, too, in each period."""
+_UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
+"""Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
 _LEAST_GAP = 2.01 / SETPOINT.hz
 """Shortest gap (s) between the newest poses at two ticks that means a lack of setpoints: with poses
 and ticks at the same rate, jitter of a millisecond can make it two periods."""
@@ -108,7 +110,7 @@ class Safety:
         if self._is_stepped:
             return
         just_resumed = now - self._resumed <= self._params.safety.pose_timeout
-        age = None if just_resumed else now - self._seen
+        age = None if just_resumed else now - self._seen - _UNSEEN
         gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
         if self.monitor.watch(self._newest, age, gap):
             self._send_setpoint()
@@ -146,7 +148,7 @@ class Safety:
             if before and not self._is_stepped:
                 # This loop's own delay: up to now, or up to its last tick.
                 own = max(time.monotonic() - self._ticked, self._stall)
-                self.monitor.silent(self._seen - before, own)
+                self.monitor.silent(self._seen - before - _UNSEEN, own)
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > _LOST_AFTER:

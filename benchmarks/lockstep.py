@@ -39,7 +39,9 @@ def measure(results: Results, effort: Effort) -> None:
     """
     compiler.have_made()
     with running(*_AT_FULL_SPEED) as where, _pinger() as pinger:
-        missions = {"hover": _mission(where, _HOVER), "mission": _MISSION}
+        hover = where.folder / "hover.toml"
+        hover.write_text(_HOVER, encoding="utf-8")
+        missions = {"hover": hover, "mission": _MISSION}
         for number in range(effort.flights):
             trips = pinger.ask("trip", count=_TRIPS)
             for kind, mission in missions.items():
@@ -52,12 +54,6 @@ def measure(results: Results, effort: Effort) -> None:
     with running(*_AT_FULL_SPEED, compiled=False) as where:
         for number in range(effort.flights):
             results.add("plain_second", "ours", [1000 / _speed(where, _MISSION)], run=number)
-
-
-def _mission(where: Home, text: str) -> Path:
-    file = where.folder / "hover.toml"
-    file.write_text(text, encoding="utf-8")
-    return file
 
 
 def _speed(where: Home, mission: Path) -> float:

@@ -3,8 +3,6 @@
 import os
 import platform
 import subprocess
-import sys
-import sysconfig
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,6 @@ _CPUINFO = Path("/proc/cpuinfo")
 
 def described() -> dict[str, Any]:
     """Return the description for the file of figures."""
-    built = build(sys.base_prefix, sysconfig.get_config_var("CONFIG_ARGS"))
     packages = {name: metadata.version(name) for name in _PACKAGES}
     if not ros.absent():
         packages["rospy"] = _said("dpkg-query", "-W", "-f", "${Version}", "python3-rospy")
@@ -27,7 +24,7 @@ def described() -> dict[str, Any]:
         "date": _said("date", "-u", "+%Y-%m-%d"),
         "processor": _processor(),
         "system": f"{platform.system()} {platform.release()}",
-        "python": f"{platform.python_version()} ({built})",
+        "python": f"{platform.python_version()} ({build()})",
         "packages": packages,
         # Other load on the machine increases every figure; ratios change less.
         "load": round(os.getloadavg()[0], 1),

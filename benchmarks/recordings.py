@@ -56,10 +56,10 @@ def record(file: Path) -> None:
 def _messages(number: int) -> Iterator[RawMessage]:
     stamp = number / _POSES_PER_SECOND
     legs = int(stamp / _NEW_GOAL)
-    goal = Position(4 * sin(legs), 4 * cos(2 * legs), 1.0)
+    goal, pose_now = Position(4 * sin(legs), 4 * cos(2 * legs), 1.0), _pose(number, stamp)
     for topic, message in (
-        (POSE, _pose(number, stamp)),
-        (POSE_SLOW, _pose(number, stamp)),
+        (POSE, pose_now),
+        (POSE_SLOW, pose_now),
         (SETPOINT, Setpoint("b0", number, goal, brake=False)),
         (PRESSURE, Pressure(stamp, -0.1 + 0.001 * sin(stamp), 1013.2, 10, 1e-5)),
         (STATE, SafetyState("b0", stamp, legs, "MOVING", goal, True, _CAGE, "")),

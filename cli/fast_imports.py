@@ -1,8 +1,9 @@
 """Import of msgspec without the imports of msgspec that no command needs.
 
 They take 35 ms of every command. typing has had the names from typing_extensions since 3.11, and
-only names two types of re, whose compile msgspec keeps for patterns; textwrap only formats docstrings in JSON Schemas, msgspec.inspect only
-describes types, the C part of datetime suffices, and no message has an Enum, a UUID or a Decimal.
+only names two types of re, whose compile msgspec keeps for patterns. textwrap only formats
+docstrings in JSON Schemas, msgspec.inspect only describes types, the C part of datetime suffices, and
+no message has an Enum, a UUID or a Decimal.
 """
 
 import gc

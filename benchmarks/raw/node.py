@@ -1,7 +1,8 @@
 """Ends of a service and a topic on bare Zenoh: `node.py ENDPOINT NAME ROLE BYTES`.
 
-They have no types and no guarantees. ROLE is serve, call, listen, publish, or ping (publish, and wait for the answer of pong); payloads
-have BYTES bytes. The route (clients of a hub on a Unix socket) and `ZENOH_RUNTIME` are the same as ours.
+They have no types and no guarantees. ROLE is serve, call, listen, publish, or ping (publish, and wait
+for the answer of pong); payloads have BYTES bytes. The route (clients of a hub on a Unix socket) and
+`ZENOH_RUNTIME` are the same as ours.
 """
 
 import struct

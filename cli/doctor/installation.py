@@ -52,7 +52,7 @@ def installed() -> Installed:
     owners = metadata.packages_distributions().get(_PACKAGE, ())
     return Installed(
         python=".".join(map(str, sys.version_info[:3])),
-        build=build(sys.base_prefix, sysconfig.get_config_var("CONFIG_ARGS")),
+        build=build(),
         needed_python=ours.metadata["Requires-Python"] or "",
         versions={_PACKAGE: ours.version, **{r.name: _version(r.name) for r in required}},
         requirements=required,
@@ -64,8 +64,13 @@ def installed() -> Installed:
     )
 
 
-def build(prefix: str, options: str | None) -> str:
-    """Return how an interpreter was built, by its prefix and configure's options, if known."""
+def build(
+    prefix: str = sys.base_prefix, options: str | None = sysconfig.get_config_var("CONFIG_ARGS")
+) -> str:
+    """Return how an interpreter, by default this one, was built.
+
+    Its prefix and configure's options, if known, show it.
+    """
     if options is None:
         return "the installer's build"
     if "--enable-optimizations" in options:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Self, TypeVar
 import zenoh
 from msgspec import Struct
 
+from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import Service, Topic, topic_of
-from quadctl.services.runtime.bus import codec, zenoh_events
+from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
 from quadctl.services.runtime.bus.session import connect_to_hub
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
@@ -15,7 +16,6 @@ from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
 
 if TYPE_CHECKING:
-    from quadctl.schemas.keyexpr import EndpointInfo
     from quadctl.schemas.roles import Right
     from quadctl.services.runtime.bus.raw import ReplayPublisher
     from quadctl.services.runtime.bus.streams import RawSubscriber, TypedSubscriber
@@ -313,8 +313,6 @@ class Client:
 
     def flush(self, timeout: float | None = None) -> None:
         """Wait until the hub has read everything sent; raise as `nodes`, or if some may be lost."""
-        from quadctl.services.runtime.bus import liveliness
-
         found = liveliness.nodes(self.session, self.vehicle, self._within(timeout))
         # Our own tokens are found without a hub.
         self._hub.answered([node for node in found if node not in self._own])
@@ -325,22 +323,16 @@ class Client:
 
         Raises TimedOut if the hub does not answer in time (s), Unreachable if it has ended.
         """
-        from quadctl.services.runtime.bus import liveliness
-
         return self._hub.answered(
             liveliness.nodes(self.session, self.vehicle, self._within(timeout))
         )
 
     def vehicles(self) -> list[str]:
         """Return the vehicles that have a ready node; raise as `nodes`."""
-        from quadctl.services.runtime.bus import liveliness
-
         return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
-    def endpoints(self, timeout: float | None = None) -> "list[EndpointInfo]":
+    def endpoints(self, timeout: float | None = None) -> list[keyexpr.EndpointInfo]:
         """Return the topics and services of the ready nodes; raise as `nodes`."""
-        from quadctl.services.runtime.bus import liveliness
-
         return self._hub.answered(
             liveliness.offers(self.session, self.vehicle, self._within(timeout))
         )

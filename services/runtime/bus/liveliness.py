@@ -42,13 +42,18 @@ def offers(
     session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT
 ) -> list[keyexpr.EndpointInfo]:
     """Return every topic and service that live nodes offer; raise as `nodes`."""
-    keys = [
-        key
-        for kind in ("@pub", "@srv")
-        for key in _keys(session, f"{vehicle}/@node/*/{kind}/**", timeout)
+    found = [
+        offer for kind in ("@pub", "@srv") for offer in _offers(session, vehicle, kind, timeout)
     ]
+    return sorted(found, key=lambda offer: offer.key)
+
+
+def _offers(
+    session: zenoh.Session, vehicle: str, kind: str, timeout: float
+) -> list[keyexpr.EndpointInfo]:
+    keys = _keys(session, f"{vehicle}/@node/*/{kind}/**", timeout)
     found = (keyexpr.offer_of(key) for key in keys)
-    return sorted((offer for offer in found if offer is not None), key=lambda offer: offer.key)
+    return [offer for offer in found if offer is not None]
 
 
 class Present(NamedTuple):
@@ -65,9 +70,8 @@ def present(session: zenoh.Session, vehicles: Iterable[str]) -> Present:
     for vehicle in vehicles:
         for key in _keys(session, f"{vehicle}/@node/*", _TIMEOUT):
             nodes.add((keyexpr.vehicle_of(key), keyexpr.node_of(key) or ""))
-        for key in _keys(session, f"{vehicle}/@node/*/@srv/**", _TIMEOUT):
-            if offer := keyexpr.offer_of(key):
-                servers[offer.key] = offer.node
+        for offer in _offers(session, vehicle, "@srv", _TIMEOUT):
+            servers[offer.key] = offer.node
     return Present(frozenset(nodes), servers)
 
 

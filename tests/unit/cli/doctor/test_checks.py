@@ -62,7 +62,7 @@ def test_the_installation_is_checked(expected: str, check: Any, changes: dict[st
     [
         ("/usr", "'--enable-shared'", "the distribution's build"),
         ("/opt/python", "'--enable-optimizations' '--with-lto'", "built with a profile"),
-        ("/root/.pyenv/versions/3.11.7", "'--enable-shared'", "built without a profile: "),
+        ("/opt/pyenv/versions/3.11.7", "'--enable-shared'", "built without a profile: "),
         (r"C:\Python311", None, "the installer's build"),
     ],
 )

@@ -86,6 +86,20 @@ Bar = AtMost | AtLeast | AtMostTimes | AtLeastTimes
 
 
 @dataclass(frozen=True)
+class KnownMiss:
+    """Reason why a row misses `bar`, printed below the table; `until` must hold meanwhile."""
+
+    bar: Bar
+    until: Bar
+    why: str
+
+    def excuses(self, figure: "Figure", bars: "Sequence[Bar]") -> bool:
+        """Return whether the row misses no other bar, and this one by no more than is known."""
+        now = [self.until if bar == self.bar else bar for bar in bars]
+        return judge(figure, now) in {"holds", "not compared"}
+
+
+@dataclass(frozen=True)
 class Summary:
     """Median of one side and its bad tail: the 99th percentile, or the 1st where more is better."""
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 PYTHON = (sys.executable, "-P", "-m")
-_TOP = {"PYTHONPATH": str(Path(__file__).parents[1])}
+TOP = {"PYTHONPATH": str(Path(__file__).parents[1])}
 """Path of the package `benchmarks`, which is not installed, for measuring processes."""
 _GRACE = 5.0
 
@@ -29,7 +29,7 @@ def process(
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Start a process in its own group; on exit, kill the rest of the group."""
     started = subprocess.Popen(
-        command, env=_TOP | dict(environment), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        command, env=TOP | dict(environment), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     try:
@@ -56,7 +56,7 @@ class Worker:
         self._name = " ".join(command)
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in __exit__
         self._process = subprocess.Popen(
-            command, env=_TOP | dict(environment), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            command, env=TOP | dict(environment), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=self._log, start_new_session=True,
         )  # fmt: skip
 

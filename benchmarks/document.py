@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from benchmarks.bars import Figure, Verdict, judge
+from benchmarks.bars import Figure, judge
 from benchmarks.rows import BY_KEY, Row
 
 
@@ -30,8 +30,3 @@ def figures(document: Mapping[str, Any]) -> list[tuple[Row, Figure]]:
         for found in document["figures"]
         if found["key"] in BY_KEY
     ]
-
-
-def verdicts(document: Mapping[str, Any]) -> dict[str, Verdict]:
-    """Return the verdict on each row of a file."""
-    return {row.key: judge(figure, row.bars) for row, figure in figures(document)}

@@ -17,9 +17,10 @@ class Effort:
     kills: int = 10
     seconds: float = 20.0
     flights: int = 5
+    hand_ins: int = 30
 
 
 QUICK = Effort(
     commands=7, ros_commands=2, runs=1, blocks=2, launches=3, ros_launches=1, cycles=3, kills=2,
-    seconds=3.0, flights=1,
+    seconds=3.0, flights=1, hand_ins=2,
 )  # fmt: skip

@@ -9,6 +9,7 @@ from benchmarks import (
     flights,
     footprint,
     hover,
+    lab,
     launches,
     lockstep,
     many,
@@ -52,4 +53,6 @@ PARTS = (
     _whole("recorder", recorder.measure),
     _whole("recordings", recordings.measure),
     _whole("console", page.measure),
+    Part("lab", ("grade_30",), lab.measure_class),
+    Part("lab", ("import",), lab.measure_import),
 )  # fmt: skip

@@ -1,7 +1,8 @@
 """Time and memory that commands need for the recording of an hour."""
 
-import os
+import resource
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from math import cos, sin
@@ -11,7 +12,7 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from benchmarks.children import Failed
+from benchmarks.children import PYTHON, TOP, Failed
 from benchmarks.effort import Effort
 from benchmarks.ours.node import pose
 from benchmarks.results import Results
@@ -33,7 +34,7 @@ def measure(results: Results, effort: Effort) -> None:
     """Measure `plot` and `bag check`, each in a process of its own."""
     with home() as where:
         file = where.folder / "hour.mcap"
-        record(file)
+        _record(file)
         plot = ("plot", str(file), "-o", str(where.folder / "hour.png"))
         for run in range(effort.runs):
             seconds, memory = _used(plot, where.environment)
@@ -43,7 +44,7 @@ def measure(results: Results, effort: Effort) -> None:
             results.add("check_hour", "ours", [seconds], run)
 
 
-def record(file: Path) -> None:
+def _record(file: Path) -> None:
     """Write the recording of an hour with all topics at their rates, as the recorder does."""
     recording = Recording(file, {"vehicle": "uav"})
     for number in range(_HOUR * _POSES_PER_SECOND):
@@ -81,11 +82,29 @@ def _received(topic: Topic[Any], message: Struct, stamp: float) -> RawMessage:
 
 
 def _used(words: tuple[str, ...], environment: dict[str, str]) -> tuple[float, float]:
-    """Return the time (s) and the most memory (MB, resident) of a command; raise Failed."""
+    """Return the time (s) and the most memory (MB, resident) of a command; raise Failed.
+
+    A small process starts the command: a child's maximum includes the memory of its parent, and
+    that of the benchmarks is large.
+    """
+    starter = [*PYTHON, "benchmarks.recordings", QUADCTL, *words]
+    done = subprocess.run(
+        starter, env=environment | TOP, stdout=subprocess.PIPE, text=True, check=False
+    )
+    if done.returncode:
+        raise Failed(f"quadctl {words[0]}: exit {done.returncode}")
+    seconds, memory = map(float, done.stdout.split())
+    return seconds, memory
+
+
+def _use(command: list[str]) -> int:
+    """Run a command; print its time (s) and the most memory (MB, resident); return its exit code."""
     began = time.perf_counter()
-    child = subprocess.Popen([QUADCTL, *words], env=environment, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(child.pid, 0)
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode:
-        raise Failed(f"quadctl {words[0]}: exit {child.returncode}")
-    return time.perf_counter() - began, usage.ru_maxrss / 1000
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
+    seconds = time.perf_counter() - began
+    print(seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1000)
+    return done.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(_use(sys.argv[1:]))

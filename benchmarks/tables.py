@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.bars import Figure, Side, judge
+from benchmarks.bars import Figure, KnownMiss, Side, judge
 from benchmarks.document import figures
 from benchmarks.report import limits, number, ratio
 from benchmarks.rows import Row
@@ -44,8 +44,24 @@ def table(document: Mapping[str, Any]) -> str:
         f"Measured by `make prove` on {machine['processor']}, Python {machine['python']},"
         f" {packages}, {machine['date']}, commit {machine['commit']}, load {machine['load']} before."
     )
-    rows += ["", measured]
-    return "\n".join(rows) + "\n"
+    return "\n".join([*rows, "", *_misses(document), measured]) + "\n"
+
+
+def _misses(document: Mapping[str, Any]) -> list[str]:
+    """Return the reasons of the rows that miss a bar, each reason once."""
+    names: dict[KnownMiss, list[Row]] = {}
+    for row, figure in figures(document):
+        if row.known and judge(figure, row.bars) == "missed":
+            names.setdefault(row.known, []).append(row)
+    lines = [
+        f"- {'; '.join(row.name for row in rows)} ({known.until.text(rows[0].unit)} until then): {known.why}"
+        for known, rows in names.items()
+    ]
+    return (
+        ["Why bars are missed, and the limit that holds meanwhile:", "", *lines, ""]
+        if lines
+        else []
+    )
 
 
 def _row(row: Row, figure: Figure) -> str:

@@ -55,6 +55,11 @@ def _run(words: list[str]) -> None:
     words = fast_parser.given(words)
     line = fast_parser.read(words)
     if line is None:
+        from quadctl.cli import habits
+
+        words = fast_parser.given(habits.translated(words))
+        line = fast_parser.read(words)
+    if line is None:
         from quadctl.cli import typer_app
 
         line = typer_app.read(words)

@@ -14,6 +14,9 @@ COMMANDS = {
     "ps": "quadctl.cli.run.commands:status",
     "init": "quadctl.cli.run.commands:init",
     "demo": "quadctl.cli.demo.demo:demo",
+    "lab new": "quadctl.cli.lab.lab:new",
+    "lab check": "quadctl.cli.lab.lab:check",
+    "lab grade": "quadctl.cli.lab.lab:grade",
     "doctor": "quadctl.cli.doctor.doctor:doctor",
     "console": "quadctl.cli.console.console:console",
     "goto": "quadctl.cli.vehicle.goto:goto",
@@ -74,6 +77,7 @@ COMMANDS = {
 }
 
 GROUPS = {
+    "lab": "Your own nodes, checked and graded.",
     "cage": "The virtual cage.",
     "fleet": "Several vehicles, on one hub or on several machines.",
     "bag": "Recordings.",

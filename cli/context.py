@@ -1,81 +1,21 @@
 """Common options, the vehicle that they select, and the connection to its hub."""
 
 import os
-from collections.abc import Mapping
-from functools import lru_cache
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
 
-from quadctl.schemas.topics import TOPICS, Topic, topic_of
-from quadctl.services.runtime import run_files
-from quadctl.services.runtime.errors import Unreachable, UsageError
-from quadctl.services.runtime.realm import (
-    DEFAULT,
-    HUB_ALONE,
-    Realm,
-    default_name,
-    listed,
-    vehicle_name,
-)
+from quadctl.schemas.topics import Topic, topic_of
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.realm import default_name, vehicle_name
+from quadctl.services.runtime.vehicles import only_vehicle, vehicles_of
 
 if TYPE_CHECKING:
+    from quadctl.parameters import RunningParams
     from quadctl.services.runtime.bus.client import Client
-
-
-def only_vehicle(realm: str, connect: str, timeout: float) -> str:
-    """Return the only vehicle of a run, or of a hub if `connect` names one; `uav` if nothing runs.
-
-    Of several vehicles, return `uav`; without one of that name, raise UsageError. With `connect`,
-    raise what a Client raises (timeout in s).
-    """
-    names = vehicles_of(realm, connect, timeout)
-    if len(names) > 1 and DEFAULT not in names:
-        hint = f"choose one: --vehicle {names[0]}, or set QUADCTL_VEHICLE"
-        raise UsageError(f"there are several vehicles: {listed(names)}", hint)
-    return names[0] if len(names) == 1 else DEFAULT
-
-
-def vehicles_of(realm: str, connect: str, timeout: float) -> list[str]:
-    """Return a run's vehicles, or a hub's with `connect`, which raises what a Client raises."""
-    if connect:
-        return _on_hub(realm, connect, timeout)
-    # A hub without a vehicle has those of the other hubs that have joined it.
-    return _on_hub(realm, "", timeout) if standalone_hub(realm) else _recorded(realm)
-
-
-def in_run(realm: str) -> list[str]:
-    """Return the vehicles in a run's record; none if nothing runs."""
-    return [name for name in _recorded(realm) if not name.startswith(HUB_ALONE)]
-
-
-def standalone_hub(realm: str) -> str:
-    """Return the name of the hub of a run without a vehicle; empty with a vehicle, or no run."""
-    names = _recorded(realm)
-    return names[0] if names and names[0].startswith(HUB_ALONE) else ""
-
-
-def _recorded(realm: str) -> list[str]:
-    try:
-        return run_files.read(Realm(realm)).vehicles
-    except (Unreachable, UsageError):
-        # Reported by the caller that needs the run or the realm's name.
-        return []
-
-
-@lru_cache
-def _on_hub(realm: str, connect: str, timeout: float) -> list[str]:
-    from quadctl.services.runtime.bus.client import Client
-    from quadctl.services.runtime.security.endpoints import is_secure
-
-    if is_secure(connect):
-        from quadctl.services.runtime.security.identity import needed
-
-        # An identity that may see only some vehicles means these.
-        if (ours := needed(connect).name.vehicles) != ["*"]:
-            return ours
-    with Client(realm, DEFAULT, connect=connect, timeout=timeout) as client:
-        return client.vehicles()
 
 
 DEFAULT_TIMEOUT = 3.0
@@ -154,13 +94,25 @@ def connect(options: Options) -> "Client":
     return Client(options.realm, options.vehicle, connect=options.connect, timeout=options.timeout)
 
 
+@contextmanager
+def running_params(options: Options) -> "Iterator[RunningParams]":
+    """Connect for a vehicle's parameters; connection and calls together take at most --timeout."""
+    from quadctl.parameters import RunningParams
+
+    deadline = time.monotonic() + options.timeout
+    with connect(options) as client:
+        yield RunningParams(client, deadline)
+
+
 def about_topic(options: Options, name: str) -> Options:
     """Return the options with the vehicle that a topic's full key names.
 
     For a pattern, or a key without a vehicle's name, any of several vehicles will do.
     """
     bare = name.strip("/")
-    if any(topic.name == bare for topic in TOPICS):
+    from quadctl.cli.names import is_relative  # every command that asks has it loaded
+
+    if is_relative(bare):
         return options
     names = _vehicles(options)
     return _named(options, bare, names, names[0]) if len(names) > 1 else options
@@ -180,7 +132,8 @@ def with_any_vehicle(options: Options) -> Options:
 
 def about_service(options: Options, name: str) -> Options:
     """Return the options with the vehicle that a service's full key names."""
-    return _named(options, name.strip("/"), _vehicles(options), "")
+    names = _vehicles(options)
+    return _named(options, name.strip("/"), names, names[0] if len(names) == 1 else "")
 
 
 def about_parameters(options: Options, words: list[str]) -> tuple[Options, list[str]]:

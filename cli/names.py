@@ -1,6 +1,6 @@
 """Lookup of topics, services and types by any name that a user may type."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
@@ -16,17 +16,39 @@ from quadctl.schemas.topics import (
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
+if TYPE_CHECKING:
+    from quadctl.services.runtime.bus.client import Client
+
 _LONGEST_KEY = 1_000
 """Characters: Zenoh carries no key of 64 KiB, and a user types far fewer than these."""
 _LONGEST_NODE = 200
 _SPECIAL = frozenset("/#?*$")
+_OWN = "own"
+"""First part of the names of users' own topics, `VEHICLE/own/...`."""
 
 
 def key_of(name: str, vehicle: str) -> str:
-    """Return the full key of `sensors/pressure`, `/uav/sensors/pressure` or any other key."""
+    """Return the full key of `sensors/pressure`, `own/battery`, `/uav/pose` or any other key."""
     bare = name.strip("/")
-    declared = {topic.name for topic in TOPICS}
-    return f"{vehicle}/{bare}" if bare in declared else bare
+    return f"{vehicle}/{bare}" if is_relative(bare, vehicle) else bare
+
+
+def is_relative(name: str, vehicle: str = "") -> bool:
+    """Return whether a name lacks the vehicle's: that of a declared topic, or `own/battery`."""
+    own = name.startswith(f"{_OWN}/") and vehicle != _OWN
+    return own or any(topic.name == name for topic in TOPICS)
+
+
+def live_key(client: "Client", key: str) -> str:
+    """Return the key of the vehicle's live topic that a user named without the vehicle.
+
+    Any other key is returned unchanged.
+    """
+    whole = f"{client.vehicle}/{key}"
+    if "*" in key or key.startswith(f"{client.vehicle}/"):
+        return key
+    live = {offer.key for offer in client.endpoints() if offer.kind == "@pub"}
+    return whole if whole in live and key not in live else key
 
 
 def checked_key(name: str, vehicle: str) -> str:

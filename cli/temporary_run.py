@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from quadctl.cli import output
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.supervisor.control import stop_run
-from quadctl.services.runtime.supervisor.daemon import start_in_background
+from quadctl.services.runtime.supervisor.daemon import end, start_in_background
 from quadctl.services.runtime.supervisor.launch import Launch
 
 _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -26,14 +26,14 @@ def temporary_run(launch: Launch) -> Iterator[Realm]:
     handled = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, _leave) for number in handled}
     try:
-        pipe = start_in_background(replace(launch, owned=True), output.note)
+        supervisor = start_in_background(replace(launch, owned=True), output.note)
         try:
             yield realm
         finally:
             for number in handled:
                 signal.signal(number, signal.SIG_IGN)
             stop_run(realm)
-            pipe.close()
+            end(supervisor)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import re
 import sys
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -22,10 +23,14 @@ from quadctl.cli.declarations import (
     takes_signed,
     words_of,
 )
+from quadctl.cli.habits import instead, instead_of_option
 from quadctl.services.runtime.errors import UsageError
 
 _KEY = "quadctl.options"
 _NO_WRAPPING = 10_000
+_JOINED = re.compile(r"'([-+.\d]+(?:,[-+.\d]+)+)' is not a valid")
+"""Error about numbers that are joined by commas."""
+_OPTION = re.compile(r"No such option: (\S+)")
 _EXITS = (
     "Exit codes: 0 done, 1 unexpected error, 2 usage, 3 no answer, 4 timeout, 5 refused by"
     " safety, 6 invalid parameter, message or schema, 7 already served, 8 fault found, 130 Ctrl-C."
@@ -59,7 +64,11 @@ def _usage(problem: typer.TyperException, path: str) -> BaseException:
         # A group without a command shows its help, which Typer may have printed already.
         output.note(message) if message else None
         return SystemExit(code)
+    if (found := _OPTION.search(message)) and (hint := instead_of_option(path, found[1])):
+        return UsageError(message, hint)
     command = ctx.command_path if ctx is not None else f"quadctl {path}".rstrip()
+    if found := _JOINED.search(message):
+        return UsageError(message, f"`{command} {found[1].replace(',', ' ')}`: without commas")
     return UsageError(message, f"`{command} --help`")
 
 
@@ -165,10 +174,9 @@ class _Command(TyperCommand):
         for text in placed:
             signed = isinstance(text, str) and len(text) > 1 and text.startswith("-")
             if signed and text not in after and not is_number(text):
-                raise UsageError(
-                    f"No such option: {text}",
-                    f"`{ctx.command_path} --help`; a word after -- is never an option",
-                )
+                ours = instead_of_option(ctx.command_path.partition(" ")[2], text)
+                help_ = f"`{ctx.command_path} --help`; a word after -- is never an option"
+                raise UsageError(f"No such option: {text}", ours or help_)
 
 
 class _Group(TyperGroup):
@@ -176,6 +184,13 @@ class _Group(TyperGroup):
 
     def __init__(self, *, params: list[Any] | None = None, **kwargs: Any) -> None:
         super().__init__(params=[*(params or []), *_common()], **kwargs)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command; raise UsageError with ours for a word of another tool."""
+        path = f"{ctx.command_path} {args[0]}".partition(" ")[2]
+        if self.get_command(ctx, args[0]) is None and (hint := instead(path)):
+            raise UsageError(f"No such command '{args[0]}'.", hint)
+        return super().resolve_command(ctx, args)
 
 
 def _common() -> Iterator[TyperOption]:

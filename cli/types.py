@@ -33,7 +33,8 @@ def show(
     known = types()
     found = type_of(name, known)
     if found is None:
-        hint = nearest(name, known) or "`quadctl type list` shows them all"
+        last = name.rpartition("/")[2]
+        hint = nearest(last, known) or "`quadctl type list` shows them all"
         raise Invalid(f"there is no type {name}", hint)
     text = definitions()[found]
     output.either(options, {"name": found, "definition": text}, text)

@@ -3,7 +3,7 @@
 Name it in quad.toml:
 
     [processes]
-    safety = "python examples/my_safety.py"
+    safety = "python my_safety.py"
 
 The path is relative to the file's folder. Turning the cage off and holding are left to you.
 """
@@ -11,35 +11,45 @@ The path is relative to the file's folder. Turning the cage off and holding are 
 from math import dist
 
 from quadctl import Node, Params, start
-from quadctl.schemas.messages import CageSize, Position, SafetyState, Setpoint
+from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState, Setpoint, StateName
 from quadctl.schemas.services import GotoRequest, GotoResponse
-from quadctl.schemas.topics import GOTO, POSE, SETPOINT, STATE
+from quadctl.schemas.topics import GOTO, SETPOINT, STATE
 
 
 def run(node: Node, params: Params) -> None:
-    """Accept goals in the cage, and fly to them."""
+    """Verify each requested goal against the cage, and fly to those inside."""
     size, reach = params.safety.virtual_cage, params.safety.acceptance_range
-    pose, setpoints, states = node.listen(POSE), node.publisher(SETPOINT), node.publisher(STATE)
-    goal, state, count, reason = Position(0, 0, params.safety.takeoff), "MOVING", 0, ""
+    cage, home = CageSize(size.x, size.y, size.z), Position(0, 0, params.safety.takeoff)
+    setpoints, states = node.publisher(SETPOINT), node.publisher(STATE)
+    pose: Pose | None = None
+    state: StateName = "MOVING"
+    goal, count, reason = home, 0, ""
+
+    def publish() -> None:
+        if pose is not None:
+            states.put(SafetyState(pose.boot, pose.stamp, count, state, goal, True, cage, reason))
 
     def goto(ask: GotoRequest) -> GotoResponse:
         nonlocal goal, state, count, reason
+        before, state, count = state, "VERIFYING", count + 1
+        publish()
         inside = abs(ask.x) <= size.x and abs(ask.y) <= size.y and 0 <= ask.z <= size.z
-        reason = "" if inside else "outside the cage"
         if inside:
-            goal, state, count = Position(ask.x, ask.y, ask.z), "MOVING", count + 1
+            goal, state, reason = Position(ask.x, ask.y, ask.z), "MOVING", ""
+        else:
+            state, reason = before, "outside the cage"
+        publish()
         return GotoResponse(inside, reason)
 
     node.serve(GOTO, goto)
-    for _ in node.ticks(SETPOINT.hz):
-        if (seen := pose.value) is None:
-            continue
-        here = (seen.position.x, seen.position.y, seen.position.z)
-        if dist(here, (goal.x, goal.y, goal.z)) < reach:
+    for seen in node.poses():
+        if pose is not None and seen.boot != pose.boot:
+            goal, state, count, reason = home, "MOVING", 0, ""  # the simulation was reset
+        pose, p = seen, seen.position
+        if state == "MOVING" and dist((p.x, p.y, p.z), (goal.x, goal.y, goal.z)) < reach:
             state = "HOVERING"
-        setpoints.put(Setpoint(seen.boot, seen.seq, goal, brake=False))
-        cage = CageSize(size.x, size.y, size.z)
-        states.put(SafetyState(seen.boot, seen.stamp, count, state, goal, True, cage, reason))
+        setpoints.put(Setpoint(pose.boot, pose.seq, goal, brake=False))
+        publish()
 
 
 start("safety", run)

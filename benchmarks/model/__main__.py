@@ -62,8 +62,7 @@ def _measured(runner: Runner) -> str:
     key = runner.key
     if runner.peer:
         return environments.run(runner.peer, f"{key}_speed")
-    words = ["benchmarks.model.ours", key] if key in _OURS else ["benchmarks.model.reference"]
-    return _said(*words)
+    return _said("benchmarks.model.ours" if key in _OURS else "benchmarks.model.reference", key)
 
 
 def _said(*words: str) -> str:

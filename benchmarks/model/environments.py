@@ -17,6 +17,9 @@ PACKAGES = {
 """Packages that pip installs, by peer."""
 
 
+_ONE_CORE = ("taskset", "-c", str(min(os.sched_getaffinity(0))))
+
+
 class Missing(Exception):
     """Absence of a peer that cannot be installed or run on this machine."""
 
@@ -41,11 +44,17 @@ def python(peer: str) -> Path:
 def run(peer: str, module: str, *arguments: str) -> str:
     """Return the output of a module of peers/ in a peer's environment; raise Missing if it fails."""
     command = [str(python(peer)), "-m", f"benchmarks.model.peers.{module}", *arguments]
-    # One thread each: the figures are per core.
+    # One thread each, and one core: the figures are per core, and JAX's threads lose a third of the
+    # processor's time to one another.
     one = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     environment = os.environ | one | {"JAX_PLATFORMS": "cpu", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+        [*_ONE_CORE, *command],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode:
         raise Missing(f"{peer}: {done.stderr.strip().splitlines()[-1:]}")

@@ -23,11 +23,12 @@ def plain() -> None:
     from benchmarks.model.reference import hovering
     from quadctl.services.dynamics.flight_modes import motor_commands
     from quadctl.services.dynamics.rigidbody import step
+    from quadctl.services.dynamics.trajectory import resting, setpoint_of
 
-    body, gains, mixer, _, weight, _, _ = constants_of(DynamicsParams())
+    body, gains, mixer, limits, weight, _, _ = constants_of(DynamicsParams())
     start, still = hovering(), (0.0, 0.0, 0.0)
     motors = start[13], start[14], start[15], start[16]
-    wanted = (1.0, 0.5, 1000.5) + (0.0,) * 12
+    wanted = setpoint_of(resting(1.0, 0.5, 1000.5, limits), limits)
 
     def dynamics(calls: int) -> None:
         state = start

@@ -13,7 +13,7 @@ from quadctl.cli import commands, context
 from quadctl.cli import names as known
 from quadctl.cli.context import COMMON, Options, options_of
 from quadctl.cli.declarations import Names, Parameter, takes_signed, words_of
-from quadctl.cli.param.running import nodes_with_params
+from quadctl.parameters import nodes_with_params
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import GetParamsRequest

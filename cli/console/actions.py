@@ -6,7 +6,6 @@ from typing import Any, Protocol
 from quadctl.cli.console.bus_link import Link
 from quadctl.cli.console.model import Board
 from quadctl.cli.console.settings import Setting, shown
-from quadctl.cli.vehicle.goto import request_of
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import (
     CalibrateRequest,
@@ -19,6 +18,7 @@ from quadctl.schemas.services import (
 from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, RESET, TOGGLE_CAGE, get_params, set_params
 from quadctl.services.runtime.errors import Invalid, Refused, Unreachable
 from quadctl.services.runtime.supervisor.control import request_restart, wait_restarted
+from quadctl.vehicle import goal_of
 
 Act = Callable[[], str]
 """Blocking action, no longer than the timeout; returns the text to show, or raises."""
@@ -33,7 +33,7 @@ class Acts:
 
     def goto(self, goal: Position, *, replace: bool) -> str:
         """Request a goal; raise Refused with the reason if safety rejects it."""
-        request = request_of(goal.x, goal.y, goal.z, replace=replace)
+        request = goal_of(goal.x, goal.y, goal.z, replace=replace)
         reply = self._link.client.call(GOTO, request)
         if not reply.accepted:
             self._link.see(lambda board: board.refuse(goal))

@@ -10,7 +10,7 @@ import msgspec
 
 from quadctl.cli.console.model import TICK, Board
 from quadctl.cli.context import Options
-from quadctl.cli.param.running import nodes_with_params
+from quadctl.parameters import nodes_with_params
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params

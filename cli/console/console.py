@@ -16,6 +16,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.services.runtime import realm
 from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, Unreachable, UsageError
+from quadctl.services.runtime.vehicles import vehicles_of
 
 _MOST = 65_535
 
@@ -88,7 +89,7 @@ def console(
     _check(host, insecure=insecure)
     # Fail here, not on a page, if nothing runs or answers.
     with context.connect(structs.replace(options, named=options.named or realm.DEFAULT)):
-        vehicles = context.vehicles_of(options.realm, options.connect, options.timeout)
+        vehicles = vehicles_of(options.realm, options.connect, options.timeout)
     first = options.named or vehicles[0]
     if first not in vehicles:
         raise Unreachable(f"there is no vehicle {first}", f"there is {realm.listed(vehicles)}")

@@ -15,11 +15,12 @@ import uvicorn
 from fastapi import FastAPI, Request
 from nicegui import Client, app, core, ui
 
-from quadctl.cli import context, output
+from quadctl.cli import output
 from quadctl.cli.console.bus_link import Link
 from quadctl.cli.console.page import Page
 from quadctl.cli.context import Options
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.vehicles import vehicles_of
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -154,7 +155,7 @@ class _Links:
     def vehicles(self) -> list[str]:
         """Return the vehicles to choose from, without a query on a bus, which may be slow."""
         options = self._options
-        known = [] if options.connect else context.vehicles_of(options.realm, "", options.timeout)
+        known = [] if options.connect else vehicles_of(options.realm, "", options.timeout)
         return sorted({*known, *self._links})
 
     def of(self, vehicle: str) -> Link:

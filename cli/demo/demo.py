@@ -12,17 +12,17 @@ from quadctl.cli import output
 from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Option
 from quadctl.cli.temporary_run import temporary_run
-from quadctl.cli.vehicle.goto import Flight, distance, patience
 from quadctl.schemas.messages import Pose, Position, Pressure
 from quadctl.schemas.params import Params
-from quadctl.schemas.services import CalibrateRequest, GotoRequest, ToggleCageRequest
-from quadctl.schemas.topics import CALIBRATE, GOTO, POSE, PRESSURE, STATE, TOGGLE_CAGE
+from quadctl.schemas.services import CalibrateRequest, ToggleCageRequest
+from quadctl.schemas.topics import CALIBRATE, POSE, PRESSURE, STATE, TOGGLE_CAGE
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.params.catalogue import lab_params
 from quadctl.services.runtime.realm import DEFAULT
 from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.vehicle import Flight, distance, goal_of
 
 TOUR = (Position(-3.0, -2.0, 1.5), Position(-2.0, 3.0, 0.8), Position(1.0, 2.0, 1.0))
 HOME = TOUR[-1]
@@ -54,12 +54,10 @@ class Lab:
 
     def goto(self, goal: Position) -> tuple[str, Flight]:
         """Request a goal and fly there; return the reason of a rejection, or an empty string."""
-        flight = Flight(self.client, goal)
-        reply = self.client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z))
-        if reply.accepted:
-            flight.begin()
-            flight.watch(patience(self.client, flight.distance))
-        return reply.reason, flight
+        flight = Flight(self.client, goal_of(goal.x, goal.y, goal.z))
+        if flight.accepted:
+            flight.wait()
+        return flight.reason, flight
 
     def hover(self) -> Position:
         """Wait until the vehicle has hovered for the second that a calibration averages."""

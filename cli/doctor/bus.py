@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from quadctl.cli.context import own_topic
 from quadctl.cli.doctor.check import Finding, failed, no_duplicates, passed, warned
 from quadctl.cli.doctor.run import Settings, faults, parameters
 from quadctl.schemas.barometer import AIR
@@ -16,6 +17,7 @@ from quadctl.schemas.topics import (
     STATE,
     TOPICS,
     Service,
+    Topic,
     get_params,
     set_params,
 )
@@ -105,6 +107,31 @@ def schemas(found: Survey) -> Finding:
         fix = "install the same version on both sides: `quadctl --version`, then `quadctl up -d`"
         return failed("schemas", "\n".join(others), fix)
     return passed("schemas", f"{len(found.offers)} topics and services have the fields known here")
+
+
+def messages(found: Survey, vehicle: str) -> Finding:
+    """Check that the messages of the vehicle's topics have the fields and values of their types."""
+    wrong, count = [], 0
+    for key, stats in sorted(found.topics.items()):
+        topic = own_topic(key, vehicle)
+        if topic is None:
+            continue
+        problems = list(filter(None, (_problem(topic, payload) for payload in stats.newest)))
+        count += len(stats.newest)
+        if problems:
+            wrong.append(f"{key}: {problems[-1]}; {len(problems)} of {len(stats.newest)} messages")
+    if wrong:
+        fix = "`quadctl topic info TOPIC` shows the fields; `quadctl topic list` shows who publishes it"
+        return failed("messages", "\n".join(wrong), fix)
+    return passed("messages", f"{count} have the fields and values of their types")
+
+
+def _problem(topic: Topic[Any], payload: bytes) -> str:
+    try:
+        codec.decode_fields(topic.type, payload)
+    except Invalid as problem:
+        return problem.message
+    return ""
 
 
 def servers(found: Survey) -> Finding:
@@ -228,7 +255,7 @@ def clocks(found: Survey) -> Finding:
 
 
 _NEED_THE_HUB = (
-    "announced", "schemas", "servers", "publishers", "topics", "services", "clocks", "barometer",
+    "announced", "schemas", "messages", "servers", "publishers", "topics", "services", "clocks", "barometer",
     "parameters",
 )  # fmt: skip
 
@@ -246,6 +273,7 @@ def bus(
     yield passed("hub answers", f"{1000 * found.connected:.1f} ms")
     yield announced(found, run)
     yield schemas(found)
+    yield messages(found, vehicle)
     yield servers(found)
     yield publishers(found)
     yield from topics(found, vehicle)

@@ -6,11 +6,12 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from quadctl.cli.context import Options, standalone_hub
+from quadctl.cli.context import Options
 from quadctl.cli.doctor import host
 from quadctl.cli.doctor.host import DiskSpace, Folder, Neighbours, ProcessFacts
 from quadctl.cli.doctor.installation import Installed, installed
 from quadctl.cli.doctor.run import Settings, settings
+from quadctl.services.runtime import vehicles
 from quadctl.services.runtime.bus.session import Address, address_of
 from quadctl.services.runtime.bus.survey import Survey, survey
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
@@ -106,7 +107,7 @@ def gather(options: Options) -> Facts:
 
 def _vehicles(options: Options) -> tuple[str, list[str]]:
     """Return the vehicle, and all of its run; a check reports a hub that does not answer."""
-    hub = "" if options.connect or options.named else standalone_hub(options.realm)
+    hub = "" if options.connect or options.named else vehicles.standalone_hub(options.realm)
     if hub:
         return hub, [hub]
     try:

@@ -13,13 +13,14 @@ from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, no_vehicle_sent, row
 from quadctl.cli.progress import FleetProgress
-from quadctl.cli.vehicle.goto import Flight, check_arrive, patience, report, request_of
+from quadctl.cli.vehicle.goto import check_arrive, report
 from quadctl.schemas.messages import Position
-from quadctl.schemas.services import GotoRequest, GotoResponse
-from quadctl.schemas.topics import GOTO, STATE
+from quadctl.schemas.services import GotoRequest
+from quadctl.schemas.topics import STATE
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, UsageError
 from quadctl.services.runtime.params.names import nearest
+from quadctl.vehicle import Flight, goal_of
 
 _HINT = "fleet goto X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z ..; `quadctl fleet goto --help`"
 
@@ -53,7 +54,7 @@ def _point(words: Sequence[str]) -> Position:
         raise UsageError(f"'{' '.join(words)}' is not a point: give three numbers", _HINT)
     x, y, z = map(float, words)
     # Refuses a point that every vehicle would refuse.
-    request_of(x, y, z, replace=False)
+    goal_of(x, y, z, replace=False)
     return Position(x, y, z)
 
 
@@ -97,14 +98,6 @@ _WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show -
 _BUSY = "`--replace` changes course; `quadctl fleet hold` stops all"
 
 
-class _Answer(Struct, frozen=True):
-    """Vehicle that has answered: its verdict, and its flight, observed from before the verdict."""
-
-    client: Client
-    flight: Flight
-    reply: GotoResponse
-
-
 def goto(
     options: Options,
     goal: Annotated[list[str], Arg("Goal, m.", _GOAL)],
@@ -138,12 +131,20 @@ def goto(
         accepted: list[str] = []
         with _note_interrupt(accepted):
             answers, problems = _ask(hubs, members, requests, accepted, options)
-            flying = [m for m in members if (one := answers.get(m.name)) and one.reply.accepted]
+            flying = [m for m in members if (one := answers.get(m.name)) and one.accepted]
             if flying and not no_wait:
                 problems |= _watch(hubs, flying, answers, arrive, quiet=options.json)
     if options.json:
         output.document(
-            [_row(m, options, answers.get(m.name), problems.get(m.name)) for m in members]
+            [
+                row(
+                    m,
+                    options,
+                    problems.get(m.name),
+                    **report(answers.get(m.name), followed=not no_wait),
+                )
+                for m in members
+            ]
         )
     fail({m.name: problems[m.name] for m in members if m.name in problems})
 
@@ -164,7 +165,7 @@ def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Positio
 
 def _request(name: str, place: Position, target: FleetGoal, *, replace: bool) -> GotoRequest:
     try:
-        return request_of(place.x, place.y, place.z, replace=replace)
+        return goal_of(place.x, place.y, place.z, replace=replace)
     except Invalid as problem:
         about_ = f"{target.at.x:g} {target.at.y:g} {target.at.z:g}"
         raise Invalid(f"about {about_}, {name}'s {problem.message}", problem.hint) from problem
@@ -194,34 +195,32 @@ def _ask(
     requests: Mapping[str, GotoRequest],
     accepted: list[str],
     options: Options,
-) -> tuple[dict[str, _Answer], dict[str, QuadctlError]]:
+) -> tuple[dict[str, Flight], dict[str, QuadctlError]]:
     """Send all goals; add each vehicle that accepts to `accepted` at once."""
 
-    def ask(member: Member, client: Client) -> _Answer:
-        request = requests[member.name]
+    def ask(member: Member, client: Client) -> Flight:
         left, client.timeout = client.timeout, options.timeout
-        flight = Flight(client, Position(request.x, request.y, request.z))
-        reply = client.call(GOTO, request, left)
-        if reply.accepted:
+        flight = Flight(client, requests[member.name], left)
+        if flight.accepted:
             accepted.append(member.name)
-        return _Answer(client, flight, reply)
+        return flight
 
     results = hubs.ask(members, ask, bounded=True)
     problems = dict(results.problems)
-    for name, answer in results.answers.items():
-        verdict = "accepted" if answer.reply.accepted else f"rejected: {answer.reply.reason}"
+    for name, flight in results.answers.items():
+        verdict = "accepted" if flight.accepted else f"rejected: {flight.reason}"
         if not options.json:
             output.line(f"{name}: {verdict}")
-        if not answer.reply.accepted:
-            hint = _BUSY if answer.reply.reason.startswith("busy") else _WHY
-            problems[name] = Refused(answer.reply.reason, hint)
+        if not flight.accepted:
+            hint = _BUSY if flight.reason.startswith("busy") else _WHY
+            problems[name] = Refused(flight.reason, hint)
     return results.answers, problems
 
 
 def _watch(
     hubs: Hubs,
     members: list[Member],
-    answers: Mapping[str, _Answer],
+    answers: Mapping[str, Flight],
     arrive: float | None,
     *,
     quiet: bool,
@@ -230,24 +229,15 @@ def _watch(
     with FleetProgress("flying", [member.name for member in members], quiet=quiet) as board:
 
         def watch(member: Member, _client: Client) -> None:
-            client, flight = answers[member.name].client, answers[member.name].flight
-            flight.begin()
-            whole = max(flight.distance, 1e-6)
-            limit = arrive or (0 if flight.reason else patience(client, whole))
-            flight.watch(limit, lambda left: board.fly(member.name, left, whole))
+            flight = answers[member.name]
+            whole = max(flight.begin(), 1e-6)
+            flight.wait(arrive, lambda left: board.fly(member.name, left, whole))
             board.fly(member.name, 0.0, whole)
 
         problems = hubs.ask(members, watch, bounded=False).problems
     for member in members:
-        flight = answers[member.name].flight
+        flight = answers[member.name]
         if flight.arrived and not quiet:
             way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
             output.line(f"{member.name}: arrived {way}")
     return problems
-
-
-def _row(
-    member: Member, options: Options, answer: _Answer | None, problem: QuadctlError | None
-) -> Any:
-    flight, reply = (answer.flight, answer.reply) if answer else (None, GotoResponse(False, ""))
-    return row(member, options, problem, **report(flight, reply))

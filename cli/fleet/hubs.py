@@ -12,15 +12,16 @@ from typing import Annotated, Any, Self, TypeVar
 from msgspec import structs
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Answers, ask_each
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.fleet import file as fleet_file
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.services.runtime import realm
 from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.vehicles import in_run, vehicles_of
 
 T = TypeVar("T")
 
@@ -124,11 +125,11 @@ def left_out(options: Options, fleet: FleetFile) -> list[str]:
         return []
     ours = ("", Realm(options.realm).endpoint)
     named = {member.vehicle for member in fleet.members if member.connect in ours}
-    return [name for name in context.in_run(options.realm) if name not in named]
+    return [name for name in in_run(options.realm) if name not in named]
 
 
 def _on_the_hub(options: Options, hubs: Hubs) -> list[Member]:
-    names = set(context.vehicles_of(options.realm, options.connect, options.timeout))
+    names = set(vehicles_of(options.realm, options.connect, options.timeout))
     if not options.connect:
         # The run's record has vehicles with dead processes, but none that joined from elsewhere.
         any_ = next(iter(names), realm.DEFAULT)

@@ -1,6 +1,5 @@
 """`fleet hold` and `fleet land-all`."""
 
-import time
 from typing import Annotated
 
 from quadctl.cli import output
@@ -9,12 +8,13 @@ from quadctl.cli.declarations import Option
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import File, Hubs, fleet_of, print_results, row
 from quadctl.cli.progress import FleetProgress
-from quadctl.cli.vehicle.goto import Flight, check_arrive, distance, patience
+from quadctl.cli.vehicle.goto import check_arrive
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest, HoldRequest
-from quadctl.schemas.topics import GOTO, HOLD, POSE, STATE
+from quadctl.schemas.topics import HOLD, POSE, STATE
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Refused
+from quadctl.vehicle import Flight, distance, patience, slowed, speed
 
 
 def hold(options: Options, file: File = None) -> None:
@@ -95,12 +95,12 @@ class _Descent(Flight):
         super()._read(message)
         if isinstance(message, Pose):
             first, self.pose = self.pose is None, message
-            flies = message.position.z > _DOWN or _speed(message) > _STILL
+            flies = message.position.z > _DOWN or speed(message) > _STILL
             if first or flies or not self._moving:
                 self._still_since = message.stamp
-        self._reached = self._reached or self.arrived
+        self._reached = self._reached or self._arrived
         long = _AT_REST if self._reached else _IDLE
-        self.arrived = self.pose is not None and self.pose.stamp - self._still_since > long
+        self._arrived = self.pose is not None and self.pose.stamp - self._still_since > long
 
 
 def _land(
@@ -108,31 +108,19 @@ def _land(
 ) -> Position:
     """Stop within `left` s, and land; return the position on the ground, or raise the obstacle."""
     client.call(HOLD, HoldRequest(), left)
-    at = _at_rest(client)
+    at = (slowed(client, _SLOW, _STOPPING) or client.first(POSE)).position
     goal = ground_below(at, client.latest(STATE))
-    flight = _Descent(client, goal)
-    reply = client.call(GOTO, GotoRequest(goal.x, goal.y, goal.z, replace=True))
-    if not reply.accepted:
-        raise Refused(reply.reason, "it hovers; `quadctl fleet list` shows where")
+    flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True))
+    if not flight.accepted:
+        raise Refused(flight.reason, "it hovers; `quadctl fleet list` shows where")
     whole = max(distance(at, goal), 1e-6)
     limit = arrive or patience(client, whole) + _IDLE
-    flight.watch(limit, lambda to_go: board.fly(name, to_go, whole))
+    flight.wait(limit, lambda to_go: board.fly(name, to_go, whole))
     if client.latest(STATE).state == "MOVING":
         # Without a hold it would stay busy for ever.
         client.call(HOLD, HoldRequest())
     board.fly(name, 0.0, whole)
     return flight.pose.position if flight.pose else goal
-
-
-def _at_rest(client: Client) -> Position:
-    poses = client.subscribe(POSE)
-    ends = time.monotonic() + _STOPPING
-    while True:
-        pose = poses.next(client.timeout)
-        if pose is None:
-            raise client.silent(POSE.key(client.vehicle), poses.unread)
-        if _speed(pose) < _SLOW or time.monotonic() > ends:
-            return pose.position
 
 
 def ground_below(place: Position, state: SafetyState) -> Position:
@@ -141,8 +129,3 @@ def ground_below(place: Position, state: SafetyState) -> Position:
         return Position(place.x, place.y, 0.0)
     x, y = state.cage.x, state.cage.y
     return Position(min(max(place.x, -x), x), min(max(place.y, -y), y), 0.0)
-
-
-def _speed(pose: Pose) -> float:
-    v = pose.velocity
-    return distance(Position(v.x, v.y, v.z), Position(0.0, 0.0, 0.0))

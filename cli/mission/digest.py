@@ -7,7 +7,7 @@ it, and the wording of reasons.
 import hashlib
 import struct
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -19,6 +19,20 @@ _POSE = struct.Struct("<Q14d")
 _PRESSURE = struct.Struct("<3dQd")
 _SLACK = 1e-6  # s of rounding of a time
 _BUSY = "other programs keep this machine too busy; close some and fly again"
+
+
+class FlightRecord(Protocol):
+    """Record of one boot; `stamp` (s) is the time of its latest pose, -1 before the first."""
+
+    stamp: float
+
+    def add(self, message: Pose | SafetyState | Pressure) -> None:
+        """Take a message of the flight; raise QuadctlError for one that makes the record worthless."""
+
+    def check(
+        self, values: Mapping[str, Any], changes: Iterable[tuple[float, Mapping[str, Any]]]
+    ) -> None:
+        """Raise QuadctlError if the record is incomplete; arguments as Record.check."""
 
 
 class Record:

@@ -3,17 +3,17 @@
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.mission.digest import Record
+from quadctl.cli.mission.digest import FlightRecord, Record
 from quadctl.cli.mission.mission import NODES, MissionFile, ParamStep, Row, mission
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import temporary_run
@@ -41,7 +41,14 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.scheduled_calls import FutureCall
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut, UsageError
+from quadctl.services.runtime.errors import (
+    Invalid,
+    NotReady,
+    QuadctlError,
+    Refused,
+    TimedOut,
+    UsageError,
+)
 from quadctl.services.runtime.params.load import read
 from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.realm import DEFAULT, listed
@@ -51,24 +58,36 @@ _BACKLOG = 200_000  # messages that may wait while this process is not scheduled
 _LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
 _PATIENCE = 60.0
 _SLOWER = 20.0
-_EXAMPLE = "examples/mission.toml in quadctl's checkout is one to copy"
+_EXAMPLE = "`quadctl init --mission` writes one to begin with, mission.toml"
 """A mission may take _PATIENCE s plus this many times its length at the requested speed."""
 
 
-class MissionFlight:
+R = TypeVar("R", bound=FlightRecord)
+
+
+class MissionFlight(Generic[R]):
     """One flight of a mission, in a new boot."""
 
-    def __init__(self, client: Client, mission: MissionFile) -> None:
-        """Read the parameters; raise Unreachable or TimedOut if a node does not answer."""
-        self._client, self._mission = client, mission
+    def __init__(
+        self,
+        client: Client,
+        mission: MissionFile,
+        record: Callable[[str, float], R],
+        nodes: Collection[str] = NODES,
+    ) -> None:
+        """Read the parameters; raise Unreachable or TimedOut if a node does not answer.
+
+        `record` makes the record of a boot up to a time (s); of the lab's nodes, `nodes` take part.
+        """
+        self._client, self._mission, self._nodes = client, mission, nodes
         self.parameters: dict[str, Any] = {}
-        for node in NODES:
+        for node in nodes:
             self.parameters |= client.call(get_params(node), GetParamsRequest([])).values
         self._boot = os.urandom(4).hex()
         speed = self.parameters["dynamics.speed"] or 1.0
         self._patience = _PATIENCE + _SLOWER * mission.end / speed
-        self.record = Record(self._boot, mission.end)
-        self._awaited, self._ended = len(NODES), threading.Event()
+        self.record = record(self._boot, mission.end)
+        self._awaited, self._ended = len(nodes), threading.Event()
         topics: tuple[Topic[Any], ...] = (POSE, STATE, PRESSURE)
         self._readings = client.subscribe(*topics, backlog=_BACKLOG)
         self.rows: list[tuple[Row, FutureCall[Any, Any]]] = []
@@ -86,7 +105,8 @@ class MissionFlight:
         if self._client.latest(STATE).cage_on is not cage_on:
             # Only if needed: the role of a student may fly, but not toggle the cage.
             self._client.call(TOGGLE_CAGE, ToggleCageRequest(cage_on))
-        self._client.call(CALIBRATE, CalibrateRequest(zero=False))
+        if "pressure" in self._nodes:
+            self._client.call(CALIBRATE, CalibrateRequest(zero=False))
         try:
             self._client.call(RESET, ResetRequest(), boot=self._boot)
             self._follow(on_progress)
@@ -106,7 +126,7 @@ class MissionFlight:
             # The outcome of a row is read after the flight.
             self.rows.append((row, self._ahead(service, request, row.at, lambda: None)))
         # A node runs in lock-step while it holds a call: so each gets one for the end.
-        for node in NODES:
+        for node in self._nodes:
             request = GetParamsRequest([node])
             end = self._ahead(get_params(node), request, self._mission.end, self._settle)
             self._ends.append(end)
@@ -154,6 +174,11 @@ class MissionFlight:
         return self.record.stamp > before
 
     def _check(self) -> None:
+        for node, end in zip(self._nodes, self._ends, strict=True):
+            if isinstance(end.problem, NotReady):
+                raise NotReady(
+                    f"{node} cannot fly a mission: {end.problem.message}", end.problem.hint
+                )
         for call in (*self._ends, *(call for _, call in self.rows)):
             # A refusal is a valid outcome; a call that was not made at its time is not.
             if call.problem is not None and not isinstance(call.problem, Refused):
@@ -169,7 +194,7 @@ class MissionFlight:
         """Set the parameters that rows have set as before; note on stderr if a node refuses."""
         rows = [row for row in self._mission.rows if isinstance(row, ParamStep)]
         names = {name for row in rows for name in row.values}
-        for node in NODES:
+        for node in self._nodes:
             before = {
                 name: value
                 for name, value in self.parameters.items()
@@ -200,7 +225,7 @@ def fly(
     """
     plan = _read(mission_file)
     with _connection(options, mission_file, plan.params) as client:
-        flight = MissionFlight(client, plan)
+        flight = MissionFlight(client, plan, Record)
         began = time.monotonic()
         try:
             with Progress("flying", quiet=options.json) as progress:
@@ -232,10 +257,18 @@ def _read(file: Path) -> MissionFile:
         return mission(read(file, _EXAMPLE), str(file))
     except Invalid as problem:
         if isinstance(problem.__cause__, FileNotFoundError):
-            others = sorted(map(str, file.parent.glob("*.toml")))
+            others = sorted(str(each) for each in file.parent.glob("*.toml") if _is_mission(each))
             there = f"there is {listed(others)}" if others else ""
             problem.hint = nearest(str(file), others) or there or _EXAMPLE
         raise
+
+
+def _is_mission(file: Path) -> bool:
+    with suppress(OSError, UnicodeDecodeError):
+        return any(
+            line.startswith("rows") for line in file.read_text(encoding="utf-8").splitlines()
+        )
+    return False
 
 
 @contextmanager

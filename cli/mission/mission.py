@@ -165,12 +165,15 @@ def mission(tables: dict[str, Any], source: str) -> MissionFile:
             f"{source}: end = {file.end:g}: the last row is at {last:g} s", "set a later `end`"
         )
     end = last + AFTER if file.end is None else file.end
-    params = None if file.settings is None else _params(file.settings, f"{source}: [set]")
+    params = None if file.settings is None else params_of(file.settings, f"{source}: [set]")
     return MissionFile(sorted(rows, key=lambda row: row.at), end, params)
 
 
-def _params(settings: dict[str, Any], place: str) -> Params:
-    """Return the parameters of a run of its own: as fast as it goes, unless the settings differ."""
+def params_of(settings: dict[str, Any], place: str) -> Params:
+    """Return the parameters of a run of its own: as fast as it goes, unless the settings differ.
+
+    Raises Invalid for an unknown parameter, a bad value, and one of the run and not of a vehicle.
+    """
     tables: dict[str, Any] = {"dynamics": {"speed": 0.0}}
     seen: set[str] = set()
     for name, value in flatten(settings):

@@ -6,11 +6,11 @@ from functools import partial
 from typing import Annotated
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Answers, ask_each
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.node.lookup import answering, params_of, run_of, see
 from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
 from quadctl.services.runtime.run_files import ProcessRecord
 

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Struct
 
-from quadctl.cli import output
+from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.param.running import RunningParams, Values, tables
 from quadctl.cli.param.toml_edit import edited, replace
+from quadctl.parameters import RunningParams, Values, tables
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.files import write_new
 from quadctl.services.runtime.params import catalogue
@@ -98,7 +98,7 @@ def diff(
     """
     source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
     from_file = file_values(source, options)
-    with RunningParams(options) as running:
+    with context.running_params(options) as running:
         now = running.whole()
     found = changes(known_of(from_file, now), now)
     print_changes(options, [change.document("file", "running") for change in found], found)
@@ -117,7 +117,7 @@ def dump(
 
     Example: quadctl param dump -o tuned.toml
     """
-    with RunningParams(options) as running:
+    with context.running_params(options) as running:
         values = running.get(names) if names else running.whole()
     if not names:
         known_of(file_values(None, options), values)
@@ -142,7 +142,7 @@ def save(
     Example: quadctl param save
     """
     from_file = file_values(file, options)
-    with RunningParams(options) as running:
+    with context.running_params(options) as running:
         now = running.whole()
     known = known_of(from_file, now)
     # A command that is in the file and not in the run was added since: it stays.
@@ -173,7 +173,7 @@ def load(options: Options, file: Annotated[Path, Arg("A parameter file.")]) -> N
     Example: quadctl param load tuned.toml
     """
     from_file = _named_values(file, options)
-    with RunningParams(options) as running:
+    with context.running_params(options) as running:
         now = running.whole()
         wanted = known_of(from_file, now)
         found = changes({name: now.get(name) for name in wanted}, wanted)

@@ -3,12 +3,12 @@
 from typing import Annotated, Any
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Answers
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.param.running import ALL, RunningParams, Values, leaves_of
+from quadctl.parameters import ALL, Values, leaves_of
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.schemas.typeinfo import bounds_text, type_name
+from quadctl.services.runtime.bus.concurrent import Answers
 from quadctl.services.runtime.errors import TimedOut, Unreachable
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch
@@ -27,7 +27,7 @@ def describe(
     Example: quadctl param describe safety.virtual_cage
     """
     options, names = context.about_parameters(options, names)
-    names = [normal_name(name) for name in names]
+    names = [normal_name(name) for name in _joined(names)]
     known = catalogue.leaves()
     found = {name: [known[leaf] for leaf in leaves_of(known, name)] for name in names}
     tables = {leaf.name.partition(".")[0] for leaves in found.values() for leaf in leaves}
@@ -40,9 +40,17 @@ def describe(
     results.fail()
 
 
+def _joined(names: list[str]) -> list[str]:
+    """Return `safety.takeoff` for a node and its parameter, as in ROS 2: `/safety takeoff`."""
+    if len(names) != 2 or "." in names[0]:
+        return names
+    whole = normal_name(".".join(name.strip("/") for name in names))
+    return [whole] if whole in catalogue.leaves() | catalogue.tables() else names
+
+
 def _present(options: Options, tables: set[str]) -> Answers[Values]:
     try:
-        with RunningParams(options) as running:
+        with context.running_params(options) as running:
             return running.declared(sorted(tables))
     except Unreachable:
         if options.connect:
@@ -116,7 +124,7 @@ def list_(
     Example: quadctl param list safety
     """
     options, tables = context.about_parameters(options, tables or ["/"])
-    with RunningParams(options) as running:
+    with context.running_params(options) as running:
         everything = ALL in map(normal_name, tables)
         results = running.every() if everything else Answers({"": running.get(tables)}, {})
     names = sorted(name for answer in results.answers.values() for name in answer)
@@ -139,7 +147,8 @@ def get(
     Example: quadctl param get safety.virtual_cage.x
     """
     options, names = context.about_parameters(options, names)
-    with RunningParams(options) as running:
+    names = _joined(names)
+    with context.running_params(options) as running:
         found = running.get(names)
     for name, value in running.in_force.items():
         output.note(f"{name}: {catalogue.word(value)} is in force until the next standstill")

@@ -5,8 +5,8 @@ from typing import Annotated
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.cli.param.running import RunningParams, Values, node_of, tables
 from quadctl.cli.values import parameter
+from quadctl.parameters import Values, node_of, tables
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.names import flatten, normal_name
@@ -27,6 +27,9 @@ def set_(
     """
     if len(words) == 2 and "=" not in words[0]:
         words = [f"{words[0]}={words[1]}"]
+    elif len(words) == 3 and "=" not in words[0] + words[1] and words[1][:1].isalpha():
+        # As in ROS 2: the node, its parameter, the value.
+        words = [f"{words[0].strip('/')}.{words[1]}={words[2]}"]
     # Slashes alone before the = name everything, and no parameter.
     if not all("=" in word.lstrip("/=") for word in words):
         raise UsageError(
@@ -42,7 +45,7 @@ def set_(
             f"these belong to different nodes: {', '.join(sorted(nodes))}",
             "set one node's parameters at a time, so that all are accepted or none",
         )
-    with RunningParams(options) as running:
+    with context.running_params(options) as running:
         if nodes <= set(UNSERVED):
             names = ", ".join(values)
             raise Invalid(f"{names} is fixed at launch", f"use `quadctl up --set {names}=...`")

@@ -37,7 +37,7 @@ def plot(
     from quadctl.cli.plot.figure import draw
 
     target = picture or (file.with_suffix(".png") if file else Path("live.png"))
-    flight = _recorded(file) if file else _live(options, duration)
+    flight = recorded(file) if file else _live(options, duration)
     draw(target, flight, file.name if file else f"realm {options.realm}, live")
     flown = flight.flown()
     # The flight may have begun long before the recording.
@@ -51,7 +51,8 @@ def plot(
     output.either(options, document, f"drew {document['seconds']:.1f} s of flight: {target}")
 
 
-def _recorded(file: Path) -> RecordedFlight:
+def recorded(file: Path) -> RecordedFlight:
+    """Return the flight in a recording, with a note if it was cut off."""
     from quadctl.services.runtime.recording.reader import Bag
 
     flight, bag = RecordedFlight(), Bag(file)

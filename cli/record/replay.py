@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Annotated
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Pace
 from quadctl.cli.context import Options, about_topic, with_any_vehicle
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key, is_single
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import temporary_run
 from quadctl.schemas.params import Params
-from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.client import Client, Pace
 from quadctl.services.runtime.bus.liveliness import covers
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.process_table import NODES

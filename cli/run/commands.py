@@ -8,9 +8,10 @@ import msgspec
 
 from quadctl.cli import output
 from quadctl.cli.context import Options, require_local
-from quadctl.cli.declarations import Arg
+from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.output import duration
 from quadctl.services.runtime import run_files
+from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.files import write_new
 from quadctl.services.runtime.procfs import stats_of
 from quadctl.services.runtime.realm import Realm, listed
@@ -32,15 +33,44 @@ def down(options: Options) -> None:
 DEFAULT_FILE = Path("quad.toml")
 
 
-def init(options: Options, file: Annotated[Path, Arg("Where to write it.")] = DEFAULT_FILE) -> None:
+def init(
+    options: Options,
+    file: Annotated[Path | None, Arg("Where to write it (default: ./quad.toml).")] = None,
+    safety: Annotated[bool, Option("Write a safety node to begin with: my_safety.py.")] = False,
+    mission: Annotated[bool, Option("Write a mission to begin with: mission.toml.")] = False,
+) -> None:
     """Write the parameter file with every key, its unit, default and meaning.
+
+    With --safety or --mission, write one of these to begin with instead.
 
     Example: quadctl init my_lab.toml
     """
-    from quadctl.services.runtime.params.catalogue import render
+    if safety and mission:
+        raise UsageError("--safety does not go with --mission", "write one after the other")
+    if safety or mission:
+        name = _NODE if safety else _MISSION
+        file = file or Path(name)
+        write_new(file, _example(name))
+    else:
+        from quadctl.services.runtime.params.catalogue import render
 
-    write_new(file, render())
+        file = file or DEFAULT_FILE
+        write_new(file, render())
     output.either(options, {"file": str(file)}, f"wrote {file}")
+    if safety and not options.json:
+        output.line(f'`quadctl up` runs it if quad.toml has: [processes] safety = "python {file}"')
+    if mission and not options.json:
+        output.line(f"`quadctl fly {file}` flies it, with a running system")
+
+
+_NODE, _MISSION = "my_safety.py", "mission.toml"
+
+
+def _example(name: str) -> str:
+    """Return the text of an example: in the package, or at the top of a checkout."""
+    package = Path(__file__).parents[2]
+    folder = next(place for place in (package, package.parents[1]) if (place / "examples").is_dir())
+    return (folder / "examples" / name).read_text(encoding="utf-8")
 
 
 def status(options: Options) -> None:

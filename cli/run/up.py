@@ -15,6 +15,7 @@ from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import DEFAULT_FILE, status
 from quadctl.cli.run.screen import Screen, for_lines, is_live
 from quadctl.schemas.airworthy import limited
+from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
@@ -57,6 +58,10 @@ def up(
 
     Example: quadctl up -d --set safety.virtual_cage.x=3
     """
+    if file is not None and ":=" in file.name:
+        name, _, value = str(file).partition(":=")
+        ours = f"`quadctl up --set {_parameter(name)}={value}`"
+        raise UsageError(f"{file} is the form of a launch file's argument", ours)
     source = file or (DEFAULT_FILE if DEFAULT_FILE.exists() else None)
     stem = options.named or DEFAULT
     names = [stem] if vehicles is None else load.names(stem, vehicles)
@@ -70,6 +75,14 @@ def up(
     limits = (line for each in bodies for line in limited(each.vehicle, each.control, each.wind))
     for line in dict.fromkeys(limits):
         output.note(line)
+
+
+def _parameter(name: str) -> str:
+    """Return the full name of the only parameter with this last part, else the name itself."""
+    from quadctl.services.runtime.params.catalogue import leaves
+
+    named = [leaf for leaf in leaves() if leaf.rpartition(".")[2] == name]
+    return named[0] if len(named) == 1 else name
 
 
 def hub_settings(listen: list[str] | None, connect: str) -> list[str]:

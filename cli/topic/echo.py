@@ -11,7 +11,7 @@ import msgspec
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.names import checked_key
+from quadctl.cli.names import checked_key, live_key
 from quadctl.schemas.topics import TOPICS, topic_of
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
@@ -103,6 +103,7 @@ def echo(
         if path and _is_field(client, key, name):
             key = checked_key(name, options.vehicle)
             field = f"{path}.{field}".rstrip(".")
+        key = live_key(client, key)
         echoed = _Echo(options, held, client, key, field)
         seen = 0
         while count is None or seen < count:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic, own_topic
 from quadctl.cli.declarations import Arg
-from quadctl.cli.names import single_key
+from quadctl.cli.names import live_key, single_key
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.topics import MESSAGES, Topic
 from quadctl.services.runtime.errors import Unreachable
@@ -42,6 +42,7 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
     options = about_topic(options, topic)
     key = single_key(topic, options.vehicle)
     with context.connect(options) as client:
+        key = live_key(client, key)
         outlet = client.raw_publisher(key) if _may_publish(options, key) else None
         # A round trip to the hub: after it, the listeners are known, too.
         offers = [offer for offer in client.endpoints() if offer.kind == "@pub"]

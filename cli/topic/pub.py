@@ -6,14 +6,13 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from quadctl.cli import context, output
-from quadctl.cli.concurrent import Pace
 from quadctl.cli.context import Options, about_topic, own_topic
 from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.names import single_key
 from quadctl.cli.values import is_data, is_pairs, is_type, message_of, table_of, without_type
 from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.client import Client, Pace
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
 from quadctl.services.runtime.params.names import nearest
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.names import checked_key
+from quadctl.cli.names import checked_key, live_key
 from quadctl.services.runtime.bus.streams import Message
 from quadctl.services.runtime.errors import Invalid
 
@@ -146,6 +146,7 @@ def _measure(
         output.either(options, {"key": key, **figures.document}, figures.text)
 
     with context.connect(options) as client:
+        key = live_key(client, key)
         stream = client.listen(key)
         ends = time.monotonic() + client.timeout
         while count is None or seen < count:

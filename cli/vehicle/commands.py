@@ -6,12 +6,16 @@ from typing import Annotated
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
-from quadctl.schemas.messages import Pressure, SafetyState
-from quadctl.schemas.services import CalibrateRequest, HoldRequest, ResetRequest, ToggleCageRequest
-from quadctl.schemas.topics import CALIBRATE, HOLD, PRESSURE, RESET, STATE, TOGGLE_CAGE
+from quadctl.schemas.messages import SafetyState
+from quadctl.schemas.services import HoldRequest, ResetRequest, ToggleCageRequest
+from quadctl.schemas.topics import HOLD, RESET, STATE, TOGGLE_CAGE
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.vehicle import Vehicle
+
+_HECTOPASCALS_PER_METRE = 0.12
+_FAR = 0.08
+"""Spread (hPa) of a calibration's samples that no noise makes, but a climb of 0.7 m."""
 
 
 def calibrate(
@@ -21,30 +25,20 @@ def calibrate(
 
     Example: quadctl calibrate
     """
-    samples, spread = 0, 0.0
     with context.connect(options) as client:
-        readings = client.subscribe(PRESSURE) if not unset else None
-        baseline = client.call(CALIBRATE, CalibrateRequest(zero=not unset)).baseline
-        if readings is not None:
-            reading = _reading_with(client, readings, baseline)
-            samples, spread = reading.samples, reading.spread
+        found = Vehicle(client).calibrate(unset=unset)
     if options.json:
-        output.document({"baseline": baseline, "samples": samples, "spread": spread})
+        output.document(found)
     else:
-        output.line(f"baseline: {baseline:.4f} hPa")
-        if samples:
-            output.line(f"the mean of {samples} samples, spread {spread:.1g} hPa")
-
-
-def _reading_with(client: Client, readings: TypedSubscriber[Pressure], baseline: float) -> Pressure:
-    """Return the first message with a baseline; it also has the baseline's samples and spread."""
-    deadline = time.monotonic() + client.timeout
-    while (reading := readings.next(deadline - time.monotonic())) is not None:
-        if reading.baseline == baseline:
-            return reading
-        if time.monotonic() > deadline:
-            break
-    raise client.silent(PRESSURE.key(client.vehicle), readings.unread)
+        output.line(f"baseline: {found.baseline:.4f} hPa")
+    if found.samples and not options.json:
+        output.line(f"the mean of {found.samples} samples, spread {found.spread:.1g} hPa")
+    if found.spread > _FAR:
+        metres = found.spread / _HECTOPASCALS_PER_METRE
+        output.note(
+            f"warning: the samples spread too far for a zero, as over {metres:.1f} m of height: is the"
+            " vehicle climbing? calibrate again in a hover"
+        )
 
 
 def hold(options: Options) -> None:

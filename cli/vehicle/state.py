@@ -59,7 +59,7 @@ def _changes(client: Client) -> Iterator[SafetyState]:
                 yield state
         following = states.next(client.timeout)
         if following is None:
-            raise client.silent(STATE.key(client.vehicle), states.unread)
+            raise client.silent(STATE.key(client.vehicle), states.problem)
         waiting = [following]
 
 
@@ -68,7 +68,7 @@ def _with_poses(client: Client) -> Iterator[tuple[SafetyState, Pose]]:
     poses = client.subscribe(POSE)
     pose = poses.next(client.timeout)
     if pose is None:
-        raise client.silent(POSE.key(client.vehicle), poses.unread)
+        raise client.silent(POSE.key(client.vehicle), poses.problem)
     for now in _changes(client):
         while (newer := poses.next(0)) is not None:
             pose = newer

@@ -153,8 +153,9 @@ def _started(count: int) -> tuple[list[Worker], Flown]:
             }
         )
     workers = [Worker() for _ in range(count)]
-    compiling = {"note": "compiling the vehicle, once for this machine"}
-    note = threading.Timer(_PATIENCE, emit, [compiling])
+    # A worker that compiles and one that waits for a busy machine look alike from here.
+    preparing = {"note": "preparing the vehicle: the first campaign of a machine compiles it"}
+    note = threading.Timer(_PATIENCE, emit, [preparing])
     note.start()
     (probe,) = workers[0].fly(PROBE)
     note.cancel()

@@ -4,8 +4,8 @@ A vehicle that cannot hold itself stops and lands where it is, whatever safety r
 floor it can be blown no farther. It decides this by itself, as autopilots do: it alone knows its
 setpoint and estimates the wind, and a stopped vehicle would go on drifting. There are two signs:
 the mean wind that its controller knows is beyond its envelope, or it is far off its setpoint, e.g.
-in a wind that nobody told. It stays on the floor until the known wind is one that it can hold, and
-then flies to a new goal only.
+in a wind that nobody told. It lies on the floor as it fell until the known wind is one that it can
+hold; then it stands level, and flies to a new goal only.
 """
 
 import math
@@ -138,8 +138,8 @@ class Simulation:
         self._unsent: list[Pose] = []
         self.boot()
         waits = params.dynamics.speed != 1
-        self.poses = node.publisher(POSE, lambda: params.dynamics.rate, waits=waits)
-        self._due_poses = node.publisher(POSE_SLOW, waits=waits)
+        self.poses = node.publisher(POSE, lambda: params.dynamics.rate, waits=waits, together=True)
+        self._due_poses = node.publisher(POSE_SLOW, waits=waits, together=True)
         self._poses_per_tick, self._last_tick = 1, 0.0
         # Setpoints take effect at the next pose, so they need not wake the node before it.
         self._setpoints = node.listen(SETPOINT, self._on_setpoint, wakes=False)
@@ -272,8 +272,10 @@ class Simulation:
         reported = self._reported.through(pose)
         self._unsent.append(reported)
         if self._params.speed != 0 or self._answer_is_due:
-            for pose in self._unsent:
-                self.poses.put(pose)
+            # To encode and route a pose for nobody would take half as long as its flight.
+            if self._in_lockstep or self.poses.has_subscribers:
+                for pose in self._unsent:
+                    self.poses.put(pose)
             self._unsent.clear()
         if self._answer_is_due:
             self._due_poses.put(reported)

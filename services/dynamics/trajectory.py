@@ -131,7 +131,8 @@ def accelerate(
     cap = j * (sqrt(h * h + 2.0 * abs(over) / j) - h)
     high = -cap if over > 0.0 else cap
     high = high if high > -most_a else -most_a
-    most = most_a + (least_a - most_a) * v0 / most_v
+    # An axis that lost a part of its share may be many times too fast: there it stays `least_a`.
+    most = most_a + (least_a - most_a) * (v0 if v0 < most_v else most_v) / most_v
     # While moving away, a pull back beyond the limit is held, as the stop holds it.
     most = (a0 if a0 > most_a else most_a) if v0 < 0.0 else most
     high = high if high < most else most

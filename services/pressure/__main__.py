@@ -18,7 +18,7 @@ from quadctl.services.pressure.simulated import Simulated
 from quadctl.services.runtime.bus.pubsub import Subscription
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady, QuadctlError
-from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.node import FIRST_POSE, Node
 from quadctl.services.runtime.params.load import launch_lines
 
 _log = logging.getLogger(__name__)
@@ -69,7 +69,10 @@ class Output:
         self._barometer, self._logged = Barometer(params.pressure), "none"
         self.begin()
         self._readings = node.publisher(
-            PRESSURE, lambda: params.pressure.rate, waits=params.dynamics.speed != 1
+            PRESSURE,
+            lambda: params.pressure.rate,
+            waits=params.dynamics.speed != 1,
+            together=True,
         )
         self._begun = time.monotonic()
         node.serve(CALIBRATE, self._calibrate, inline=True)
@@ -112,8 +115,6 @@ class Output:
 
 _DEPTH = 100_000
 """Poses in the queue: in lock-step no process waits for the sensor, and it must lose none."""
-_FIRST_POSE = 1.0
-"""Time (s) that readiness waits for a first pose, so that a client can calibrate at once."""
 
 
 class Rhythm:
@@ -134,7 +135,7 @@ class Rhythm:
 
     def run(self) -> None:
         """Take readings until stopped."""
-        if not self._node.wait_for(lambda: self._pose is not None, _FIRST_POSE):
+        if not self._node.wait_for(lambda: self._pose is not None, FIRST_POSE):
             # A vehicle that is not ours may publish no slow poses.
             self._has_slow = False
         for now in self._node.ticks(lambda: self._params.pressure.rate):

@@ -49,8 +49,10 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
 
     Parses the command line (see `--help`), opens the session, serves the parameters and calls
     `run(node, params)`, once for each of several vehicles, which take turns. `opening` opens the
-    session in place of the default, again after each ReopenSession.
+    session in place of the default, again after each ReopenSession. In a run, the name in
+    `[processes]` counts in place of `name`, as in a launch file of ROS.
     """
+    name = os.environ.get("QUADCTL_NODE") or name
     options = _parse(name)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     for level in (logging.WARNING, logging.ERROR):

@@ -28,6 +28,8 @@ class QuadctlError(Exception):
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
         self.message, self.hint = message, hint
+        if hint:
+            self.add_note(f"try: {hint}")  # the end of a traceback
         self.others: Sequence[str] = ()
         """Messages of less serious errors that occurred as well."""
 
@@ -63,9 +65,13 @@ class Expired(QuadctlError):
 
 
 class Refused(QuadctlError):
-    """Valid request that is not granted."""
+    """Valid request that is not granted; `reason` in safety's own words."""
 
     exit_code, code = 5, "refused"
+
+    def __init__(self, message: str, hint: str = "", *, reason: str = "") -> None:
+        super().__init__(message, hint)
+        self.reason = reason or message
 
 
 class NotReady(Refused):

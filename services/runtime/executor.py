@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from heapq import heappop, heappush
@@ -32,10 +33,8 @@ class CallbackQueue:
 
     def next(self) -> Item | None:
         """Return the next item, or None if the queue is empty."""
-        try:
-            return self._items.get_nowait()
-        except Empty:
-            return None
+        # Only the loop's thread takes items, and an exception would cost more than the question.
+        return self._items.get_nowait() if self._items.qsize() else None
 
     def wait(self, deadline: float) -> Item | None:
         """Return the next item, or None at the deadline (monotonic s). May wake spuriously."""
@@ -46,6 +45,25 @@ class CallbackQueue:
             return self._items.get(timeout=min(LOOK_UP, left))
         except Empty:
             return None
+
+
+class Outbox:
+    """Work that the loops of a thread put off, in order, until all that are due have run."""
+
+    def __init__(self) -> None:
+        self._items: deque[Item] = deque()
+        self._flushing = threading.Lock()
+
+    def add(self, item: Item) -> None:
+        """Append an item; safe to call from any thread."""
+        self._items.append(item)
+
+    def flush(self) -> None:
+        """Run all items; another thread that flushes waits, so that none overtakes another."""
+        if self._items:
+            with self._flushing:
+                while self._items:
+                    self._items.popleft()()
 
 
 _LATE = 0.1
@@ -60,8 +78,14 @@ class Executor:
     with the same `origin` (monotonic s) and rate tick together; so their messages travel together.
     """
 
-    def __init__(self, inbox: CallbackQueue | None = None, origin: float | None = None) -> None:
+    def __init__(
+        self,
+        inbox: CallbackQueue | None = None,
+        origin: float | None = None,
+        outbox: Outbox | None = None,
+    ) -> None:
         self._inbox, self._origin = CallbackQueue() if inbox is None else inbox, origin
+        self._outbox = outbox
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
         self.waits = 0
@@ -92,6 +116,18 @@ class Executor:
     def post(self, item: Item) -> None:
         """Enqueue an item for the loop; safe to call from any thread."""
         self._inbox.put(item)
+
+    def defer(self, item: Item) -> None:
+        """Run an item once all loops of this thread that are due have run, or now if it is alone."""
+        if self._outbox is None:
+            item()
+        else:
+            self._outbox.add(item)
+
+    def flush(self) -> None:
+        """Run now what this thread's loops have deferred."""
+        if self._outbox is not None:
+            self._outbox.flush()
 
     def stop(self) -> None:
         """Make the loop end soon; safe to call from a signal handler and from other threads."""
@@ -210,6 +246,7 @@ class MultiNodeExecutor:
         self._timers: list[tuple[float, int, _GreenletQueue]] = []
         self._numbers = count()
         self._origin = time.monotonic()
+        self._outbox = Outbox()
 
     def new_executor(self) -> Executor:
         """Return the event loop for one node."""
@@ -217,7 +254,7 @@ class MultiNodeExecutor:
             return Executor()
         queue = _GreenletQueue(self._runnable.put, self._sleep)
         self._queues.append(queue)
-        return Executor(queue, self._origin)
+        return Executor(queue, self._origin, self._outbox)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add a node; `run` must return when its loop is stopped."""
@@ -239,8 +276,10 @@ class MultiNodeExecutor:
             queue.task = greenlet(lambda run=run: self._run_node(run))
         for queue in self._queues:
             queue.task.switch()
+        self._outbox.flush()
         while not all(queue.task.dead for queue in self._queues):
             self._take_turns()
+            self._outbox.flush()
         if self._errors:
             raise self._errors[0]
 

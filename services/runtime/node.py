@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
@@ -9,8 +10,9 @@ import zenoh
 from msgspec import Struct
 
 from quadctl.schemas import keyexpr
+from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import Service, Topic
+from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT, Service, Topic
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.raw import RecorderSubscriber
@@ -24,6 +26,13 @@ R = TypeVar("R", bound=Struct)
 
 _DEPTH = 1000
 """Messages that may wait for a handler: a hundredth of a second of a flood."""
+LOST_AFTER = 1.5 / SETPOINT.hz
+"""Seconds after an answer to a pose: a pose repeated later means that the answer was lost. A vehicle
+with a frozen pose repeats it, too, in each period."""
+FIRST_POSE = 1.0
+"""Seconds that readiness waits for a first slow pose, so that a client can fly or calibrate at once."""
+_LONGEST_WAIT = 3600.0
+"""Seconds of one wait for a pose; a queue cannot wait for ever."""
 
 
 class Node:
@@ -67,11 +76,18 @@ class Node:
         self.in_force: Callable[[], dict[str, Any]] = dict
 
     def publisher(
-        self, topic: Topic[M], hz: Callable[[], float] | None = None, *, waits: bool = False
+        self,
+        topic: Topic[M],
+        hz: Callable[[], float] | None = None,
+        *,
+        waits: bool = False,
+        together: bool = False,
     ) -> Publisher[M]:
         """Declare a topic, at its own rate or at `hz()` now and after each change of parameters.
 
-        In lock-step, a publisher that `waits` loses no message to a slow subscriber.
+        In lock-step, a publisher that `waits` loses no message to a slow subscriber. With
+        `together`, messages of several vehicles go out when all that are due have run: an answer
+        to the first would else interrupt the others.
         """
         key, digest = topic.key(self.vehicle), codec.digest(topic.type)
 
@@ -80,7 +96,8 @@ class Node:
             return keyexpr.EndpointInfo("@pub", self.name, topic.type.__name__, digest, rate, key)
 
         self._offers.append(offer)
-        publisher = Publisher(self._session, key, topic, waits=waits)
+        defer = self.executor.defer if together and not self.single else None
+        publisher = Publisher(self._session, key, topic, waits=waits, defer=defer)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         return publisher
@@ -133,7 +150,15 @@ class Node:
         journal = None
         if not service.reads:
             journal = CallLog(self._session, self.vehicle, service, self._schedule)
-        server = Server(self.vehicle, service, handler, self._schedule, journal)
+
+        def handle(request: Q) -> R:
+            try:
+                return handler(request)
+            finally:
+                # What was published before a reply must reach a caller before it.
+                self.executor.flush()
+
+        server = Server(self.vehicle, service, handle, self._schedule, journal)
         if other := self._servers.get(server.key):
             raise AlreadyServed(f"{server.key} is already served by the node {other}")
         name, digest = service.type_name, codec.digest(service.request)
@@ -184,6 +209,31 @@ class Node:
         """Declare the node ready and yield Executor.ticks; a callable rate may change."""
         self.ready()
         return self.executor.ticks(hz)
+
+    def poses(self) -> Iterator[Pose]:
+        """Yield the first pose of each period of 50 ms until stopped; ready with the first of all.
+
+        The time is that of the simulation: a node that loops over its poses keeps step at any
+        speed. Services run in between, and those of a mission at their times. A pose that comes
+        again later, as its setpoint was lost, is yielded again.
+        """
+        waiting: deque[Pose] = deque()
+        self.listen(POSE_SLOW, waiting.append, _DEPTH)
+        if not self.wait_for(lambda: bool(waiting), FIRST_POSE):
+            # A vehicle that is not ours may publish no slow poses.
+            self.listen(POSE, waiting.append, _DEPTH)
+        self.ready()
+        last, answered_at = ("", -1), 0.0
+        while not self.stopping:
+            if not self.wait_for(lambda: bool(waiting), _LONGEST_WAIT):
+                continue
+            pose = waiting.popleft()
+            period = pose.boot, SETPOINT.period(pose.stamp)
+            if period != last or time.monotonic() - answered_at > LOST_AFTER:
+                last = period
+                self.advance_sim_time(pose.boot, pose.stamp)
+                yield pose
+                answered_at = time.monotonic()
 
     def spin(self) -> None:
         """Declare the node ready and serve its queue until stopped, for a node without ticks."""

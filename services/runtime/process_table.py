@@ -64,7 +64,7 @@ def table(
 ) -> tuple[Process, ...]:
     """Return our nodes and the file's `[processes]`, which replace ours by name or are added.
 
-    Raises Invalid for an unknown name in `without`.
+    Raises Invalid for an unknown name in `without`, and for one that looks like a misspelt node.
     """
     ours = (*NODES, *((GATE,) if gate else ()), *((RECORDER,) if record else ()))
     names = [*ours, *(name for name in commands if name not in ours)]
@@ -78,6 +78,11 @@ def table(
         # `up` is the supervisor's own name in the log.
         if not re.fullmatch(_NAME, name) or name == "up":
             raise Invalid(f"processes.{name}: not a process name", "use letters, digits, _, -")
+        if meant := "" if name in ours else _misspelt(name, ours):
+            raise Invalid(
+                f"processes.{name}: there is no node of ours named {name}",
+                f"did you mean {meant}? another node needs a name less like it, e.g. {meant}_2",
+            )
     return tuple(
         Process(
             name,
@@ -90,6 +95,14 @@ def table(
         for name in names
         if name not in without
     )
+
+
+def _misspelt(name: str, ours: Collection[str]) -> str:
+    """Return the node of ours that a name is likely meant to be, or an empty text."""
+    import difflib
+
+    near = difflib.get_close_matches(name.lower(), ours, n=1, cutoff=0.8)
+    return near[0] if near and name.isalpha() else ""
 
 
 def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, ...]:

@@ -112,9 +112,13 @@ class Realm:
         """Remove what a killed run left, except locks and sockets: others may hold them."""
         self._remove(lambda path: path.suffix not in {".lock", ".sock"})
 
-    def remove(self) -> None:
-        """Remove the folder, the lock file last: no other run can take the realm in between."""
-        self._remove(lambda path: path != self.lock)
+    def remove(self, *, but_logs: bool = False) -> None:
+        """Remove the folder, the lock file last: no other run can take the realm in between.
+
+        With `but_logs` the logs stay, until the next run of the realm.
+        """
+        kept = {self.lock, self.logs} if but_logs else {self.lock}
+        self._remove(lambda path: path not in kept)
         self.lock.unlink(missing_ok=True)
         # A new run may be creating its own files by now.
         with contextlib.suppress(OSError):

@@ -60,8 +60,8 @@ class Schedule:
         """Add a call; boot "" is the current one. Raises NotReady, Expired or Refused."""
         if not self._boot:
             raise NotReady(
-                "no simulated time is known here",
-                "is dynamics up? `quadctl status`; in your own node, call `node.advance_sim_time`",
+                "this node has received no simulated time yet",
+                "is dynamics up? `quadctl status`; your own node takes its poses from `node.poses()`",
             )
         call = call._replace(boot=call.boot or self._boot)
         if call.boot == self._boot and call.at <= self._stamp:

@@ -34,18 +34,12 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
-from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.monitor import Monitor
 
-_FIRST_POSE = 1.0
-"""Time (s) that readiness waits for a first slow pose, so that a client can fly at once."""
-
-_LOST_AFTER = 1.5 / SETPOINT.hz
-"""Time (s) after our answer: a pose repeated later than this means that the answer was lost. A
-vehicle with a frozen pose repeats it, too, in each period."""
 _UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
 """Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
 _LEAST_GAP = 2.01 / SETPOINT.hz
@@ -65,6 +59,7 @@ class Safety:
         )
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
+        self._held = 0.0
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
@@ -105,15 +100,19 @@ class Safety:
         """
         now = time.monotonic()
         if held_up:
-            self._resumed = now
+            self._resumed, self._held = now, now - self._ticked
         self._stall, self._ticked = now - self._ticked, now
         if self._is_stepped:
             return
         just_resumed = now - self._resumed <= self._params.safety.pose_timeout
         age = None if just_resumed else now - self._seen - _UNSEEN
         gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
-        if self.monitor.watch(self._newest, age, gap):
+        if self.monitor.watch(self._newest, age, gap, self._held_since(self._seen)):
             self._send_setpoint()
+
+    def _held_since(self, seen: float) -> float:
+        """Return for how long (s) this loop was held up after a time (monotonic s), if it was."""
+        return self._held if self._resumed > seen else 0.0
 
     @property
     def _is_stepped(self) -> bool:
@@ -133,10 +132,20 @@ class Safety:
     def _wait_for_pose(self) -> None:
         # A restart of the hub or the vehicle is no reason to refuse a goal. Only the first of
         # several calls waits: calls that come during the wait are answered from within it.
-        if not self.monitor.fresh and not self._waiting:
+        if not self._has_pose() and not self._waiting:
             self._waiting = True
-            self._node.wait_for(lambda: self.monitor.fresh, self._params.dynamics.grace)
+            if not self._node.wait_for(self._has_pose, self._params.dynamics.grace):
+                self.monitor.lose()
             self._waiting = False
+
+    def _has_pose(self) -> bool:
+        """Return whether the newest pose is young enough for a verdict.
+
+        After a delay of this process, before its next tick, the monitor still takes an old one for
+        fresh; the pose that shows the delay would then stop the flight that a goal has just begun.
+        """
+        age = 0.0 if self._is_stepped else time.monotonic() - self._seen - _UNSEEN
+        return self.monitor.fresh and age <= self._params.safety.pose_timeout
 
     def _on_pose(self, pose: Pose) -> None:
         if self.monitor.ignores(pose):
@@ -146,12 +155,12 @@ class Safety:
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
             if before and not self._is_stepped:
-                # This loop's own delay: up to now, or up to its last tick.
-                own = max(time.monotonic() - self._ticked, self._stall)
+                # This loop's own delay: up to now, up to its last tick, or earlier in the silence.
+                own = max(time.monotonic() - self._ticked, self._stall, self._held_since(before))
                 self.monitor.silent(self._seen - before - _UNSEEN, own)
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
-            if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > _LOST_AFTER:
+            if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > LOST_AFTER:
                 # Repeated, so the answer was lost.
                 self._send_setpoint()
             return
@@ -197,7 +206,7 @@ def run(node: Node, params: Params) -> None:
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
     safety = Safety(node, params)
-    if not node.wait_for(lambda: safety.monitor.fresh, _FIRST_POSE):
+    if not node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE):
         safety.listen_to_all_poses()
     safety.serve()
     last_tick = 0.0

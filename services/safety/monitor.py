@@ -48,7 +48,8 @@ class TrackingMonitor:
     """Check of the newest pose, at least once in a period of the setpoint.
 
     A setpoint answers a pose. Poses that come late, because this process or the bus was held up,
-    mean that the vehicle had no setpoints. A vehicle that was held up itself did not fly on.
+    mean that the vehicle had no setpoints: the time for which it may stand still starts anew then.
+    A vehicle that was held up itself did not fly on.
     """
 
     def __init__(self) -> None:
@@ -62,18 +63,21 @@ class TrackingMonitor:
         """Return the stamp (s) after which a vehicle at a standstill is at fault, else inf."""
         return inf if self._still_since is None else self._still_since + PATIENCE
 
-    def observe(self, pose: Pose, goal: Position | None, *, moving: bool) -> tuple[float, bool]:
+    def observe(
+        self, pose: Pose, goal: Position | None, *, moving: bool, setpoint_timeout: float = inf
+    ) -> tuple[float, bool]:
         """Return how long (s) the vehicle had no setpoint, and whether it does not follow.
 
         `goal` is its present goal, None to brake; `moving` means that it is on its way. A goal that
-        is new since the previous call reaches the vehicle now.
+        is new since the previous call reaches the vehicle now. Without a setpoint for longer than
+        its timeout (s) the vehicle had to stand still.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
         gap = pose.stamp - self.stamp if same else 0.0
         self._boot, self.stamp, self._goal = pose.boot, pose.stamp, goal
         if not (same and moving and at_rest(pose)):
             self._still_since = None
-        elif self._still_since is None:
+        elif self._still_since is None or gap > setpoint_timeout:
             self._still_since = pose.stamp
         stuck = self._still_since is not None and pose.stamp - self._still_since > PATIENCE
         return gap, stuck
@@ -133,19 +137,23 @@ class Monitor:
         late = pose.boot == self.situation.boot and pose.stamp < self.pose.stamp
         return late or pose.boot in self._void
 
-    def watch(self, newest: Pose, age: float | None, setpoint_timeout: float) -> bool:
+    def watch(
+        self, newest: Pose, age: float | None, setpoint_timeout: float, own: float = 0.0
+    ) -> bool:
         """Stop or pause the flight if poses or setpoints are missing; return whether any were.
 
         `age` (s) is that of the newest pose; it is None after a delay of the caller itself, when the
-        poses in its queue count first.
+        poses in its queue count first. For `own` of these seconds this process did not run.
         """
         late = age is not None and age > self._params.pose_timeout
         if age is not None and late:
             self.lose()
-            self.silent(age)
+            self.silent(age, own)
         s = self.situation
         goal, moving = None if s.brake else s.goal, s.state is State.MOVING
-        gap, stuck = self.tracking.observe(newest, goal, moving=moving)
+        gap, stuck = self.tracking.observe(
+            newest, goal, moving=moving, setpoint_timeout=setpoint_timeout
+        )
         if stuck:
             self.halted(STOOD_STILL)
         elif gap > setpoint_timeout:

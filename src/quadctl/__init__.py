@@ -8,33 +8,57 @@ if not os.path.isdir(__path__[0] + "/services"):  # noqa: PTH112 - pathlib is sl
     # A checkout on a system without symbolic links: the three folders are at its top.
     __path__.append(os.path.dirname(os.path.dirname(__path__[0])))  # noqa: PTH120
 
-__all__ = ["Client", "Node", "Params", "QuadctlError", "Service", "Topic", "start"]
+__all__ = [
+    "AlreadyServed", "Arrival", "Calibration", "Client", "Error", "Flight", "Invalid", "Node", "NotReady",
+    "Params", "QuadctlError", "Refused", "Run", "Service", "TimedOut", "Topic", "Unreachable", "Vehicle",
+    "Watch", "connect", "launch", "read", "start",
+]  # fmt: skip
 
 if TYPE_CHECKING:
+    from quadctl.recordings import read
     from quadctl.schemas.params import Params
     from quadctl.schemas.topics import Service, Topic
     from quadctl.services.runtime.bus.client import Client
     from quadctl.services.runtime.entry import start
-    from quadctl.services.runtime.errors import QuadctlError
+    from quadctl.services.runtime.errors import (
+        AlreadyServed,
+        Invalid,
+        NotReady,
+        QuadctlError,
+        Refused,
+        TimedOut,
+        Unreachable,
+    )
     from quadctl.services.runtime.node import Node
+    from quadctl.system import Run, connect, launch
+    from quadctl.vehicle import Arrival, Calibration, Flight, Vehicle, Watch
+
+    Error = QuadctlError
 else:  # hidden from type checkers, which would accept any name as ours
-    _MODULES = {
-        "Client": "services.runtime.bus.client",
-        "Node": "services.runtime.node",
-        "Params": "schemas.params",
-        "QuadctlError": "services.runtime.errors",
-        "Service": "schemas.topics",
-        "Topic": "schemas.topics",
-        "start": "services.runtime.entry",
-    }
+    _NAMES = {
+        "recordings": ("read",),
+        "schemas.params": ("Params",),
+        "schemas.topics": ("Service", "Topic"),
+        "services.runtime.bus.client": ("Client",),
+        "services.runtime.entry": ("start",),
+        "services.runtime.errors": (
+            "AlreadyServed", "Invalid", "NotReady", "QuadctlError", "Refused", "TimedOut", "Unreachable",
+        ),
+        "services.runtime.node": ("Node",),
+        "system": ("Run", "connect", "launch"),
+        "vehicle": ("Arrival", "Calibration", "Flight", "Vehicle", "Watch"),
+    }  # fmt: skip
+    """Public names by the module that has them."""
 
     def __getattr__(name: str) -> object:
-        if name not in _MODULES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module
 
-        found = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-        return found
+        known = "QuadctlError" if name == "Error" else name
+        for module, names in _NAMES.items():
+            if known in names:
+                found = globals()[name] = getattr(import_module(f"{__name__}.{module}"), known)
+                return found
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__all__})

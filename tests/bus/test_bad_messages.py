@@ -6,6 +6,7 @@ import random
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,6 +93,31 @@ def test_an_invalid_third_party_reply_does_not_hide_the_state(shared_lab: Lab, b
     assert (said.code, said.error["code"]) == (6, "invalid")
     assert "drone/safety/state: not a valid SafetyState" in said.error["message"]
     only_server.undeclare()
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ('state = "HOVERING"', 'state = "HOVERNG"', "Invalid enum value 'HOVERNG' - at `$.state`"),
+        ("count, state, goal,", "count, state, (1, 2, 1),", "Expected `object`, got `array`"),
+    ],
+    ids=["misspelt state", "tuple for a goal"],
+)
+def test_a_state_that_cannot_be_read_is_named_as_the_cause(
+    lab: Lab, right: str, wrong: str, said: str
+):
+    example = Path(__file__).parents[2] / "examples" / "my_safety.py"
+    text = example.read_text(encoding="utf-8")
+    assert text.count(right) == 1
+    (lab.folder / "mine.py").write_text(text.replace(right, wrong), encoding="utf-8")
+    lab.start(lab.file('[processes]\nsafety = "python mine.py"\n'), "--set", "dynamics.start.z=1")
+    flown = lab.quadctl("goto", 0.4, 0, 1, "--json", "--timeout", 1)
+    assert (flown.code, flown.json["accepted"], flown.json["arrived"]) == (6, True, False)
+    assert said in flown.error["message"]
+    assert flown.error["message"].startswith("uav/safety/state: not a valid SafetyState: ")
+    checks = {check["name"]: check for check in lab.quadctl("doctor", "--json").json["checks"]}
+    assert checks["messages"]["verdict"] == "FAIL"
+    assert f"uav/safety/state: not a valid SafetyState: {said}" in checks["messages"]["evidence"]
 
 
 ERROR = "application/json;quadctl.Error"

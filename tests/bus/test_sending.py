@@ -15,8 +15,8 @@ def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
     lab.start("--set", "dynamics.start.z=1")
     old = lab.nodes()["hub"]["pid"]
     with lab.bare() as bare:
-        heard = bare.watch("own/key")
-        said = lab.spawn(*lab.command("topic", "pub", "own/key", "1", "-r", 20, "-n", 100_000))
+        heard = bare.watch("uav/own/key")
+        said = lab.spawn(*lab.command("topic", "pub", "uav/own/key", "1", "-r", 20, "-n", 100_000))
         heard.next(3)
         lab.signal("hub", signal.SIGKILL)
     lab.revived("hub", old)
@@ -29,8 +29,8 @@ def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
 def test_messages_to_a_frozen_hub_are_not_reported_as_sent(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=20")
     with lab.bare() as bare:
-        heard = bare.watch("own/key")
-        words = ("topic", "pub", "own/key", "1", "-r", 20, "-n", 100, "--timeout", 20)
+        heard = bare.watch("uav/own/key")
+        words = ("topic", "pub", "uav/own/key", "1", "-r", 20, "-n", 100, "--timeout", 20)
         said = lab.spawn(*lab.command(*words))
         heard.next(3)
         lab.signal("hub", signal.SIGSTOP)
@@ -47,8 +47,8 @@ def test_ctrl_c_reports_the_messages_that_may_be_lost(lab: Lab):
     lab.start("--set", "dynamics.start.z=1")
     old = lab.nodes()["hub"]["pid"]
     with lab.bare() as bare:
-        heard = bare.watch("own/key")
-        words = ("topic", "pub", "own/key", "1", "-r", 20, "--timeout", 20)
+        heard = bare.watch("uav/own/key")
+        words = ("topic", "pub", "uav/own/key", "1", "-r", 20, "--timeout", 20)
         said = lab.spawn(*lab.command(*words))
         heard.next(3)
         lab.signal("hub", signal.SIGKILL)
@@ -56,7 +56,7 @@ def test_ctrl_c_reports_the_messages_that_may_be_lost(lab: Lab):
         heard.next(3)
     said.send(signal.SIGINT)
     assert said.wait() == 130
-    assert "messages on own/key some may be lost: " in said.log
+    assert "messages on uav/own/key some may be lost: " in said.log
 
 
 def test_a_replay_checks_the_hub_and_not_its_own_session(lab: Lab, monkeypatch: pytest.MonkeyPatch):

@@ -125,6 +125,7 @@ def test_a_launch_without_the_sensor_fails_with_the_reason(lab: Lab):
     assert "pressure does not stay up" in done.err
     assert "neither in_pressure_input nor in_pressure_raw" in done.err
     assert "pressure.iio" in done.err
+    assert "in_pressure_raw" in lab.taken_logs()["pressure.log"]
 
 
 def test_a_real_sensor_needs_no_simulation(lab: Lab):

@@ -53,6 +53,20 @@ def test_calibrating_zeroes_the_topic_and_unset_restores_it(shared_lab: Lab, hov
     assert (after["samples"], after["spread"]) == (0, 0)
 
 
+def test_calibrating_in_a_climb_warns_and_settling_waits_for_rest(lab: Lab):
+    # At a fifth of real time the climb outlasts the command on any machine.
+    lab.start("--set", "dynamics.speed=0.2", "--set", "safety.takeoff=4")
+    eventually(lambda: lab.quadctl("state", "--json").json["pose"]["position"]["z"] > 1.5)
+    climbing = lab.quadctl("calibrate")
+    assert climbing.code == 0
+    assert "warning: the samples spread too far for a zero" in climbing.err
+    settled = lab.quadctl("goto", 0, 0, 3, "--replace", "--settle", "--arrive", 60, timeout=90)
+    assert settled.code == 0, settled.err
+    assert re.search(r"^rests within 0\.0\d m after", settled.out, re.MULTILINE)
+    both = lab.quadctl("goto", 0, 0, 3, "--settle", "--no-wait")
+    assert (both.code, both.out) == (2, "")
+
+
 @pytest.mark.parametrize(
     "words",
     [

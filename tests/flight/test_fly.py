@@ -124,6 +124,21 @@ def test_a_missing_service_is_reported_before_the_flight(lab: Lab):
     assert "nobody served uav/@srv/toggle_cage within 1 s" in done.err
 
 
+def test_a_node_that_follows_no_simulated_time_is_named(lab: Lab):
+    example = (Path(__file__).parents[2] / "examples" / "my_safety.py").read_text(encoding="utf-8")
+    own = example.replace("in node.poses():", "in poses(node):").replace(
+        "def run(", "def poses(node):\n    waiting = []\n    node.listen(POSE, waiting.append)\n"
+        "    for _ in node.ticks(20):\n        yield from waiting[-1:]\n\n\ndef run(", 1
+    ).replace("import GOTO,", "import GOTO, POSE,")  # fmt: skip
+    (lab.folder / "mine.py").write_text(own, encoding="utf-8")
+    lab.start(lab.file('[processes]\nsafety = "python mine.py"\n'), "--set", "dynamics.start.z=1")
+    lab.file('rows = [{ at = 1.0, do = "goto", x = 1, y = 0, z = 1 }]', "mission.toml")
+    done = lab.quadctl("fly", "mission.toml")
+    assert done.code == 5
+    assert "safety cannot fly a mission: this node has received no simulated time yet" in done.err
+    assert "node.poses()" in done.err
+
+
 PARAMS = """
 end = 6.0
 rows = [

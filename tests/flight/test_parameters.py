@@ -18,8 +18,9 @@ def tuned() -> Iterator[Lab]:
     with private_lab() as made:
         # Slow, so that a flight lasts longer than a command on a busy machine.
         made.start(
-            "--set", "dynamics.start.z=1", "--set", "dynamics.control.max_speed=0.3", *PATIENT
-        )
+            "--set", "dynamics.start.z=1", "--set", "dynamics.control.max_speed=0.3",
+            "--set", "dynamics.grace=5", *PATIENT,
+        )  # fmt: skip
         yield made
 
 

@@ -15,7 +15,7 @@ LOCKS = {
     "requirements.lock": RUNTIME,
     "requirements-dev.lock": RUNTIME + PROJECT["dependency-groups"]["dev"],
 }
-PIN = re.compile(r"[a-z0-9-]+==[0-9][0-9a-z.]*( ; [A-Za-z0-9_.'<>=! ]+)? \\")
+PIN = re.compile(r"[a-z0-9-]+==[0-9][0-9a-z.]*( ; [A-Za-z0-9_.'<>=! ()]+)? \\")
 HASH = re.compile(r"    --hash=sha256:[0-9a-f]{64}( \\)?")
 
 

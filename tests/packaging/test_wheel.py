@@ -1,7 +1,6 @@
 """Built wheel in a fresh environment, used outside the checkout."""
 
 import os
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -97,11 +96,13 @@ def test_the_package_comes_from_the_wheel(scripts, elsewhere):
 def test_modules_named_like_our_folders_do_no_harm(scripts, tmp_path):
     for name in ("schemas", "services", "cli"):
         (tmp_path / f"{name}.py").write_text("raise ImportError('the student's own')\n")
-    shutil.copy(ROOT / "examples" / "my_safety.py", tmp_path)
     toml = f'[processes]\nsafety = "{scripts / "python"} my_safety.py"\n'
     (tmp_path / "quad.toml").write_text(toml, encoding="utf-8")
     flags = ("--realm", f"wheel{os.getpid()}")
     quadctl = scripts / "quadctl"
+    run(quadctl, "init", "--safety", cwd=tmp_path)
+    example = (ROOT / "examples" / "my_safety.py").read_text(encoding="utf-8")
+    assert (tmp_path / "my_safety.py").read_text(encoding="utf-8") == example
     run(quadctl, "up", "-d", *flags, cwd=tmp_path)
     try:
         assert "arrived" in run(quadctl, "goto", "1", "0", "1", *flags, cwd=tmp_path)

@@ -68,12 +68,14 @@ def test_an_import_of_an_older_release_fails_with_the_new_name(lab: Lab):
     failed = lab.quadctl("up", "-d", toml, "--json")
     assert failed.code == 1
     assert "write `from quadctl.schemas` for `from schemas`" in str(failed.error)
+    assert "from quadctl.schemas" in lab.taken_logs()["old.log"]
 
 
 def test_a_command_that_ends_at_once_fails_the_launch(lab: Lab):
     failed = lab.quadctl("up", "-d", lab.file('[processes]\nx = "true"\n'), "--json")
     assert (failed.code, failed.out) == (1, "")
     assert "x does not stay up" in failed.error["message"]
+    assert lab.taken_logs()["up.log"].count("x ended (exit 0)") > 1
     assert lab.is_gone()
 
 
@@ -122,3 +124,36 @@ family = ["sh", "-c", "sleep 98 & setsid sleep 97 & echo started; exec sleep 99"
     eventually(lambda: len(sleep_pids()) == 3)
     assert lab.quadctl("down").code == 0
     assert not sleep_pids()
+
+
+BATTERY = """
+from msgspec import Struct
+from quadctl import start
+from quadctl.schemas.topics import Topic
+
+class Battery(Struct):
+    volts: float
+
+def run(node, params):
+    volts = node.publisher(Topic("NAME", Battery, node=node.name, hz=20, doc="Voltage."))
+    for _ in node.ticks(20):
+        volts.put(Battery(11.1))
+
+start("another_name", run)
+"""
+
+
+def test_the_name_in_processes_is_the_nodes_name_everywhere(lab: Lab):
+    for file, topic in (("battery", "own/battery"), ("meter", "power/volts")):
+        text = BATTERY.replace("NAME", topic)
+        (lab.folder / f"{file}.py").write_text(text, encoding="utf-8")
+    lab.start(lab.file('[processes]\nbattery = "python battery.py"\nmeter = "python meter.py"\n'))
+    done = lab.each(["status", "node list", "topic list", "topic info own/battery"])
+    assert all(
+        "battery" in ended.out and "another_name" not in ended.out for ended in done.values()
+    )
+    assert "uav/own/battery" in done["topic info own/battery"].out
+    for topic in ("own/battery", "/uav/own/battery", "power/volts", "uav/power/volts"):
+        echoed = lab.quadctl("topic", "echo", topic, "-n", 1, "--json")
+        assert (echoed.code, echoed.json) == (0, {"volts": 11.1}), topic
+        assert lab.quadctl("topic", "hz", topic, "-n", 2, "--json").json["key"].startswith("uav/")

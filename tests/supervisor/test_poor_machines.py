@@ -33,6 +33,7 @@ def test_a_hub_without_its_address_says_so_in_one_line(lab: Lab):
     assert "1\n" in done.out, done
     assert "tcp/[::1]:7700 cannot be opened: " in done.err
     assert "Cannot assign requested address" in done.err
+    assert "Cannot assign requested address" in lab.taken_logs()["hub.log"]
 
 
 def test_a_run_whose_folder_fills_up_flies_on_and_keeps_its_values(lab: Lab):

@@ -43,8 +43,9 @@ LINES = (
     Line("cage show", 0, {"hub": 4, "safety": 4}),
     Line("topic list", 0, {"hub": 4}),
     Line("topic info safety/state", 0, {"hub": 4, "safety": 4}),
+    Line("topic info pose", 0, {"hub": 4, "dynamics": 4}),
     # Safety subscribes, so there is something to show.
-    Line("topic info pose", 0, {"hub": 4}),
+    Line("topic info pose/slow", 0, {"hub": 4}),
     Line("topic echo pose -n 1", 0, {"hub": 4, "dynamics": 4}),
     Line("topic echo sensors/pressure -n 1", 0, {"hub": 4, "pressure": 4}),
     Line("topic echo input/position -n 1", 0, {"hub": 4, "safety": 4}),
@@ -120,6 +121,9 @@ _KEYS = "it reads and writes a fleet's folder, and calls no node"
 _FILES = "it reads a file, and calls no node"
 ELSEWHERE = {
     "demo": "it runs in its own realm, and calls no node of this one",
+    "lab new": "it writes files",
+    "lab check": "it runs in its own realm, and calls no node of this one",
+    "lab grade": "it runs each hand-in in a realm of its own",
     "record": "it waits for any message until Ctrl-C; test_record.py freezes its hub",
     "plot": "it draws a file, or the messages of a given time; test_plot.py freezes it",
     "bag info": _FILES,

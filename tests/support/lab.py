@@ -184,6 +184,14 @@ class Lab:
                 continue  # the process has just ended, or belongs to another user
         return [pid for pid in found if alive(pid)]
 
+    def taken_logs(self) -> dict[str, str]:
+        """Remove the logs that a failed start has left, and nothing else; return them by file."""
+        eventually(lambda: not self.processes(), 3.0)
+        assert [path.name for path in self.home.iterdir()] == ["logs"]
+        logs = {path.name: path.read_text(encoding="utf-8") for path in self.home.glob("logs/*")}
+        shutil.rmtree(self.home)
+        return logs
+
     def is_gone(self) -> bool:
         """Return whether neither a process nor the folder is left."""
         return not self.processes() and not self.home.exists()

@@ -1,4 +1,4 @@
-"""Command side of the bus: Client, the check of its hub connection, latched get, raw publisher."""
+"""Command side of the bus: Client, its hub connection and pace, latched get, raw publisher."""
 
 import time
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -167,10 +167,19 @@ class Client:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
         if self._hub.is_there:
             self.session.close()
         else:
             _lost.append(self)
+
+    @property
+    def is_local(self) -> bool:
+        """Return whether the hub is that of a realm on this machine."""
+        return not self._connect
 
     def beside(self, vehicle: str, timeout: float) -> Self:
         """Return this connection for another vehicle's keys, with another timeout (s)."""
@@ -233,9 +242,12 @@ class Client:
     def first(self, topic: Topic[M]) -> M:
         """Return the next message of a topic."""
         readings = self.subscribe(topic)
-        message = readings.next(self.timeout)
+        try:
+            message = readings.next(self.timeout)
+        finally:
+            readings.close()
         if message is None:
-            raise self.silent(topic.key(self.vehicle), readings.unread)
+            raise self.silent(topic.key(self.vehicle), readings.problem)
         return message
 
     def subscribe(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
@@ -257,7 +269,6 @@ class Client:
         for key in keys if held else ():
             if (topic := topic_of(key)) is not None and topic.latched:
                 stream.request_latched(self.session, key, self.timeout)
-        self._held.append(stream)
         return stream
 
     def silent(
@@ -339,3 +350,28 @@ class Client:
 
     def _within(self, timeout: float | None) -> float:
         return self.timeout if timeout is None else timeout
+
+
+class Pace:
+    """Pacing of a sender that checks the hub twice within the client's timeout.
+
+    Messages to a dead hub are lost without an error: the check reports it, however long the pause.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._checked = client, time.monotonic()
+
+    def sleep_until(self, until: float) -> None:
+        """Sleep until a time (monotonic s); raise as `check` does as soon as a check is due."""
+        half = self._client.timeout / 2
+        while (now := time.monotonic()) < until or now > self._checked + half:
+            time.sleep(max(min(until, self._checked + half) - now, 0))
+            if time.monotonic() > self._checked + half:
+                self.check()
+
+    def check(self) -> None:
+        """Wait until the hub confirms all that was sent; raise as Client.flush does."""
+        # The rest of the timeout since the last check; at least half of it, as we may be late.
+        left = self._checked + self._client.timeout - time.monotonic()
+        self._client.flush(max(left, self._client.timeout / 2))
+        self._checked = time.monotonic()

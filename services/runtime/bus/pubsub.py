@@ -4,6 +4,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Generic, TypeVar
 
 import zenoh
@@ -20,10 +21,17 @@ class Publisher(Generic[M]):
     """Publisher of one topic; a latched one also answers `get` with the last message.
 
     A subscriber without room loses the message; with `waits`, `put` blocks for it, 1 s at most.
+    `defer`, if any, sends a message later.
     """
 
     def __init__(
-        self, session: zenoh.Session, key: str, topic: Topic[M], *, waits: bool = False
+        self,
+        session: zenoh.Session,
+        key: str,
+        topic: Topic[M],
+        *,
+        waits: bool = False,
+        defer: Callable[[Callable[[], None]], None] | None = None,
     ) -> None:
         self._key, self._encoding = key, codec.encoding(topic.type)
         control = zenoh.CongestionControl
@@ -32,17 +40,22 @@ class Publisher(Generic[M]):
             encoding=self._encoding,
             congestion_control=control.BLOCK if waits else control.DROP,
         )
+        self._defer = defer
+        self._matches = zenoh_events.MatchingListener(self._publisher)
         self._last = b""
 
     @property
     def has_subscribers(self) -> bool:
-        """Return whether the hub has reported a subscriber; costs as much as a message."""
-        return zenoh_events.has_match(self._publisher)
+        """Return whether the hub has reported a subscriber."""
+        return self._matches.was_there
 
     def put(self, message: M) -> None:
         """Publish a message; numbers must be Python's own, not numpy's."""
-        self._last = codec.encode(message)
-        self._publisher.put(self._last)
+        self._last = payload = codec.encode(message)
+        if self._defer is None:
+            self._publisher.put(payload)
+        else:
+            self._defer(partial(self._publisher.put, payload))
 
     def answer(self, query: zenoh.Query) -> None:
         """Reply with the last message, or with nothing before the first."""

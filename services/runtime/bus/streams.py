@@ -29,10 +29,14 @@ class Message(NamedTuple):
 
 
 class RawSubscriber:
-    """Subscriber to one key or several, undecoded; keeps the newest `backlog` messages."""
+    """Subscriber to one key or several, undecoded; keeps the newest `backlog` messages.
+
+    `lost` counts the older ones that were dropped unread.
+    """
 
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
         self._backlog, self._has_come = backlog, False
+        self.lost = 0
         self._queue: SimpleQueue[Message] = SimpleQueue()
         callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
@@ -54,6 +58,11 @@ class RawSubscriber:
         """Return the number of unread messages."""
         return self._queue.qsize()
 
+    def close(self) -> None:
+        """End the subscriptions; messages that came before can still be read."""
+        while self._subscribers:
+            self._subscribers.pop().undeclare()
+
     def _on_reply(self, reply: zenoh.Reply) -> None:
         # A message that came before the reply is as new.
         if reply.ok is not None and not self._has_come:
@@ -67,6 +76,7 @@ class RawSubscriber:
         if self._queue.qsize() >= self._backlog:
             with suppress(Empty):  # the reader was faster
                 self._queue.get_nowait()
+                self.lost += 1
         self._queue.put(
             Message(
                 str(sample.key_expr),
@@ -79,16 +89,34 @@ class RawSubscriber:
 
 
 class TypedSubscriber(Generic[M]):
-    """Subscriber to topics; skips unreadable messages. `unread`: the error of the last, or None."""
+    """Subscriber to topics; skips unreadable messages.
+
+    `unread` has the errors of the topics whose newest message cannot be read, by key; those of
+    messages on patterns are under "".
+    """
 
     def __init__(self, stream: RawSubscriber, types: dict[str, type[M]]) -> None:
-        self.unread: Invalid | None = None
+        self.unread: dict[str, Invalid] = {}
         self._stream, self._types = stream, types
+
+    @property
+    def problem(self) -> Invalid | None:
+        """Return the error of the last message that cannot be read; None without any."""
+        return next(reversed(self.unread.values()), None)
 
     @property
     def waiting(self) -> int:
         """Return the number of unread messages."""
         return self._stream.waiting
+
+    @property
+    def lost(self) -> int:
+        """Return the number of messages that were dropped unread."""
+        return self._stream.lost
+
+    def close(self) -> None:
+        """End the subscriptions; messages that came before can still be read."""
+        self._stream.close()
 
     def next(self, timeout: float) -> M | None:
         """Return the next readable message, None if none comes within so many seconds."""
@@ -97,12 +125,15 @@ class TypedSubscriber(Generic[M]):
             try:
                 found = self._decode(message)
             except Invalid as problem:
-                self.unread = codec.unreadable(message.key, problem)
+                key = message.key if message.key in self._types else ""
+                self.unread.pop(key, None)
+                self.unread[key] = codec.unreadable(message.key, problem)
                 # A flood of nonsense on a key must not block its readers.
                 if time.monotonic() > deadline:
                     break
             else:
-                self.unread = None
+                self.unread.pop(message.key, None)
+                self.unread.pop("", None)
                 return found
         return None
 

@@ -51,12 +51,6 @@ def pin_thread_state() -> None:
         ctypes.pythonapi.PyGILState_Ensure()
 
 
-def has_match(end: zenoh.Querier | zenoh.Publisher) -> bool:
-    """Return whether the hub has reported a server of a querier or a subscriber of a publisher."""
-    status: Any = end.matching_status  # the stubs take it for a bool
-    return bool(status.matching)
-
-
 class MatchingListener:
     """Listener to the matching servers of a querier or subscribers of a publisher."""
 
@@ -69,7 +63,8 @@ class MatchingListener:
     @property
     def is_there(self) -> bool:
         """Return whether the hub has reported a match; the listener is called only later."""
-        return has_match(self._end)
+        status: Any = self._end.matching_status  # the stubs take it for a bool
+        return bool(status.matching)
 
     def wait(self, timeout: float) -> bool:
         """Wait up to a timeout (s) for a match; return False if none came.
@@ -83,6 +78,12 @@ class MatchingListener:
                 return True
         self._listen()
         return self._there.wait(max(timeout, 0))
+
+    @property
+    def was_there(self) -> bool:
+        """Return the last report of the listener, which takes no call of Zenoh."""
+        self._listen()
+        return self._there.is_set()
 
     @property
     def changes(self) -> int:

@@ -95,5 +95,5 @@ def nearest(name: str, names: Iterable[str]) -> str:
     import difflib
 
     folded = {known.lower(): known for known in names}
-    found = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    found = difflib.get_close_matches(name.lower(), folded, n=1)
     return f"did you mean {folded[found[0]]}?" if found else ""

@@ -5,20 +5,23 @@ ready or one has failed; before that, some with the progress of several vehicles
 with its owner, on every platform: a kill -9 closes its stdin.
 """
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import Struct
 
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.process_table import START_TIMEOUT
-from quadctl.services.runtime.supervisor import fork
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.supervisor.fork import ForkedProcess
+from quadctl.services.runtime.supervisor.fork import possible as may_fork
 from quadctl.services.runtime.supervisor.launch import Launch
 
 if TYPE_CHECKING:
@@ -37,15 +40,19 @@ class StartupResult(Struct, frozen=True):
     hint: str = ""
 
 
-def start_in_background(launch: Launch, on_progress: Callable[[str], None]) -> IO[bytes]:
+def start_in_background(
+    launch: Launch, on_progress: Callable[[str], None], *, fork: bool = True
+) -> subprocess.Popen[bytes] | ForkedProcess:
     """Start a supervisor in the background, and return when all processes are ready.
 
+    With `fork` it may begin as a copy of this process, which must then be a command of ours.
     `on_progress` gets a line each few seconds if the start of several vehicles takes that long.
-    An `owned` run ends when the returned pipe is closed, by the caller or by the caller's end.
+    An `owned` run ends when its supervisor's stdin is closed, by the caller or by the caller's end.
     Raises AlreadyServed if the realm is live, Invalid if the launch is impossible, and QuadctlError
-    with the last lines of a process that failed; then nothing is left running.
+    with the last lines of a process that failed; then nothing is left running, and only the logs
+    of a run that is not `owned` are left in its folder.
     """
-    supervisor = _start()
+    supervisor = _start(fork=fork)
     assert supervisor.stdin is not None  # noqa: S101 - Popen was given pipes
     assert supervisor.stdout is not None  # noqa: S101
     result: StartupResult | None = None
@@ -68,26 +75,37 @@ def start_in_background(launch: Launch, on_progress: Callable[[str], None]) -> I
         raise
     finally:
         watchdog.cancel()
+        supervisor.stdout.close()
     result = result or StartupResult(failed="the supervisor ended at once")
+    if result.progress or result.failed:
+        end(supervisor)
     for kind in (AlreadyServed, Invalid, UsageError):
         if result.code == kind.code:
             raise kind(result.failed, result.hint)
     if result.progress or result.failed:
-        supervisor.wait(START_TIMEOUT)
         raise QuadctlError(result.failed or "the supervisor ended before all was up", result.hint)
-    return supervisor.stdin
+    return supervisor
 
 
-def _watchdog(supervisor: subprocess.Popen[bytes] | fork.ForkedProcess) -> threading.Timer:
+def end(supervisor: subprocess.Popen[bytes] | ForkedProcess) -> None:
+    """Give up an owned run, and wait until its supervisor has ended."""
+    if supervisor.stdin is not None:
+        with contextlib.suppress(BrokenPipeError):
+            supervisor.stdin.close()
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        supervisor.wait(START_TIMEOUT)
+
+
+def _watchdog(supervisor: subprocess.Popen[bytes] | ForkedProcess) -> threading.Timer:
     """Start the timer that kills a supervisor that reports nothing."""
     timer = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
     timer.start()
     return timer
 
 
-def _start() -> subprocess.Popen[bytes] | fork.ForkedProcess:
-    if fork.possible():
-        return fork.ForkedProcess(_MODULE, {}, ".", both=False)
+def _start(*, fork: bool) -> subprocess.Popen[bytes] | ForkedProcess:
+    if fork and may_fork():
+        return ForkedProcess(_MODULE, {}, ".", both=False)
     return subprocess.Popen(
         (sys.executable, "-P", "-m", _MODULE),
         stdin=subprocess.PIPE,
@@ -116,8 +134,10 @@ def main() -> int:
     def on_settled(supervisor: "Supervisor", failed: str) -> None:
         nonlocal settled
         settled = True
-        if not _settle(StartupResult(failed=failed)) or failed:
-            supervisor.stop()
+        keep_logs = bool(failed) and not launch.owned
+        hint = f"all lines are in {Realm(launch.realm).logs}" if keep_logs else ""
+        if not _settle(StartupResult(failed=failed, hint=hint)) or failed:
+            supervisor.stop(keep_logs=keep_logs)
         elif launch.owned:
             # Only now, because a process with threads cannot fork its nodes.
             threading.Thread(target=_end_with_owner, args=(supervisor,), daemon=True).start()

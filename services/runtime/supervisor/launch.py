@@ -71,7 +71,7 @@ class Launch(Struct, frozen=True):
             endpoints.refuse_open(reached)
         rows = table(self.params.processes, self.without, gate=bool(gate), record=bool(self.record))
         self._check_hub(rows)
-        path = self.environment(0)["PATH"]
+        path = self.environment("", 0)["PATH"]
         for process in rows:
             program = process.command[0]
             # Search as the child will: a path from the file's folder, a plain name on PATH.
@@ -91,8 +91,8 @@ class Launch(Struct, frozen=True):
                 f"start one first: python -P -m quadctl.services.hub --realm {self.realm}",
             )
 
-    def environment(self, restarts: int) -> dict[str, str]:
-        """Return the variables that a child gets in addition to ours."""
+    def environment(self, name: str, restarts: int) -> dict[str, str]:
+        """Return the variables that the process of that name gets in addition to ours."""
         identity = os.environ.get("QUADCTL_IDENTITY")
         # `python` in a command means the interpreter that has quadctl.
         path = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
@@ -100,6 +100,7 @@ class Launch(Struct, frozen=True):
             "QUADCTL_REALM": self.realm,
             "QUADCTL_VEHICLES": ",".join(self.vehicles),
             "QUADCTL_VEHICLE": self.vehicles[0] if len(self.vehicles) == 1 else "",
+            "QUADCTL_NODE": name,
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
             "QUADCTL_RECORD": self.record,
@@ -145,7 +146,7 @@ class RunDirectory:
     def __init__(self, launch: Launch) -> None:
         self.realm, self._launch = Realm(launch.realm), launch
         self._lock: FileLock
-        self._is_held = self._lost = False
+        self._is_held = self._lost = self.keeps_logs = False
 
     def write(self, rows: list[ProcessRecord]) -> None:
         """Write the record; raises OSError."""
@@ -180,7 +181,7 @@ class RunDirectory:
         if not self._is_held:
             return
         if self._lock.is_held_by_us():
-            self.realm.remove()
+            self.realm.remove(but_logs=self.keeps_logs)
         self._lock.release()
 
     def _take(self) -> None:

@@ -152,6 +152,7 @@ class Logs:
         self._folder, self._emit = folder, emit
         self._files: dict[str, LogFile] = {}
         self._last: dict[str, deque[str]] = {}
+        self._earlier: dict[str, deque[str]] = {}
         self.disk = DiskFault(folder.parent, lambda line: emit("up", line, time.time()))
 
     def show(self, name: str, line: str, at: float | None = None) -> None:
@@ -164,14 +165,21 @@ class Logs:
         self._last[name].append(line)
         self._emit(name, line, time.time() if at is None else at)
 
+    def begin(self, name: str) -> None:
+        """Note that a process is started again: its last lines are those of this attempt."""
+        if name in self._last:
+            self._earlier[name] = self._last[name]
+            self._last[name] = deque(maxlen=_LAST_LINES)
+
     def look(self, now: float) -> None:
         """Check once a second whether the disk has room again."""
         if line := self.disk.probe(now):
             self.show("up", line)
 
     def last(self, name: str) -> str:
-        """Return the last lines of a process, indented."""
-        return "\n".join(f"  {line}" for line in self._last.get(name, ()))
+        """Return the last lines of a process, indented; without any, those of the attempt before."""
+        lines = self._last.get(name) or self._earlier.get(name) or ()
+        return "\n".join(f"  {line}" for line in lines)
 
     def close(self) -> None:
         """Close the files; a later line opens its file again, in the folder of that moment."""

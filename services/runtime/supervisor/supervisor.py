@@ -198,9 +198,9 @@ class Supervisor:
             self._stop_all()
         return self._stopped_by
 
-    def stop(self) -> None:
-        """End the run as SIGTERM does."""
-        self._stopped_by = signal.SIGTERM
+    def stop(self, *, keep_logs: bool = False) -> None:
+        """End the run as SIGTERM does; `keep_logs` leaves its logs in the realm's folder."""
+        self._stopped_by, self._home.keeps_logs = signal.SIGTERM, keep_logs
 
     def _handle_signals(self) -> None:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
@@ -303,9 +303,10 @@ class Supervisor:
                 self._liveness.ping(name, max(timeout, row.process.patience))
 
     def _spawn(self, process: Process, restarts: int) -> Child:
+        self._logs.begin(process.name)
         child = Child(
             process,
-            self._launch.environment(restarts),
+            self._launch.environment(process.name, restarts),
             self._launch.folder,
             self._mark,
             lambda: self._inbox.put(self._show),

@@ -92,6 +92,9 @@ def test_other_spellings_of_help_work(quadctl: Quadctl, typed: str, meant: str):
         ("up --wihtout hub", "--without", "quadctl up --help"),
         ("up --set", "requires an argument", "quadctl up --help"),
         ("goto 1 2", "Missing argument 'Z'", "quadctl goto --help"),
+        ("goto 1,-2,1.5", "'1,-2,1.5' is not a valid float", "quadctl goto 1 -2 1.5"),
+        ("stop", "No such command 'stop'.", "quadctl hold"),
+        ("--realm lab launch", "No such command 'launch'.", "quadctl up -d"),
     ],
 )
 def test_a_misspelt_line_gets_a_suggestion(quadctl: Quadctl, line: str, message: str, hint: str):

@@ -9,7 +9,7 @@ from msgspec import structs
 
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import DynamicsParams, FlightFaultParams, Params
-from quadctl.schemas.topics import POSE_SLOW, SETPOINT
+from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT
 from quadctl.services.dynamics.simulation import FaultyPose, GoalLatch, Simulation
 from quadctl.services.dynamics.vehicle import Vehicle
 from quadctl.services.runtime.node import Node
@@ -199,6 +199,21 @@ def test_a_tick_for_several_poses_flies_as_a_tick_for_each(late: float):
         assert len(published) == 1 + 600 / 5
         flown.append((simulation._vehicle.state, published))
     assert flown[0] == flown[1]
+
+
+def test_poses_without_a_subscriber_are_published_in_lockstep_only():
+    blown = Blown()
+    simulation = blown.simulation
+    cast("FakePublisher", simulation.poses).has_subscribers = False
+
+    def published() -> int:
+        blown.node.published.clear()
+        simulation.publish()
+        return sum(topic == POSE.name for topic, _ in blown.node.published)
+
+    assert published() == 0
+    blown.node.in_mission = True
+    assert published() == 1
 
 
 def test_a_tick_flies_several_poses_only_between_two_answers_and_in_real_time():

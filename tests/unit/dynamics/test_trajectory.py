@@ -223,6 +223,7 @@ def test_from_rest_the_path_is_straight_and_within_limits(start, goal):
 
 @settings(max_examples=20)
 @given(st.lists(st.tuples(POINT, st.floats(0.02, 1)), min_size=2, max_size=6))
+@example([((1.0, 0.0, 10.0), 0.5), ((5.0, 0.0, 11.0), 0.5), ((0.0, 0.0, 15.0), 1.0)])
 def test_a_goal_moved_in_flight_is_followed_smoothly(legs):
     trajectory = Path(DynamicsParams(), (0.0, 0.0, 10.0))
     before = trajectory.setpoint

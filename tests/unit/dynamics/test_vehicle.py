@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
 from quadctl.services.dynamics import flight_modes
 from quadctl.services.dynamics.rigidbody import body_constants, step
@@ -88,6 +88,25 @@ def test_the_vehicle_lands_stops_its_motors_and_takes_off_again():
     vehicle.goto(0.0, 0.0, 1.0)
     vehicle.advance(4000)
     assert vehicle.position == pytest.approx((0.0, 0.0, 1.0), abs=1e-3)
+
+
+def test_a_vehicle_that_dropped_tilted_stands_level_and_takes_off_again():
+    strong = WindParams(mean=MeanWindParams(x=10.0))
+    vehicle = Vehicle(DynamicsParams(start=StartParams(0.0, 0.0, 1.0), wind=strong))
+    vehicle.goto(0.0, 0.0, 0.0)
+    while vehicle.position[2] > 0.05:
+        vehicle.advance(1)
+    vehicle.stand()
+    vehicle.advance(500)
+    assert tilt(vehicle) > 0.6
+    vehicle.configure(DynamicsParams())
+    vehicle.stand()
+    assert tilt(vehicle) == 0.0
+    x, y, z = vehicle.position
+    assert z == 0.0
+    vehicle.goto(x, y, 1.0)
+    vehicle.advance(3000)
+    assert vehicle.position == pytest.approx((x, y, 1.0), abs=1e-3)
 
 
 def test_a_goal_below_the_floor_is_a_soft_landing():

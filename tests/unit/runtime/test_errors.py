@@ -1,9 +1,11 @@
 """Class tree of errors, and the exit code of each."""
 
+import traceback
+
 import pytest
 
 from quadctl.services.runtime import errors
-from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.errors import QuadctlError, Refused
 
 # From the contract, without 0, 8 (doctor, demo, campaign) and 130 (Ctrl-C), which are no errors.
 EXIT = {
@@ -49,3 +51,9 @@ def test_the_docstring_shows_every_error_with_its_exit_code():
 def test_five_codes_are_sent_on_the_wire():
     assert set(errors.WIRE_ERRORS) == {"invalid", "refused", "not_ready", "expired", "internal"}
     assert all(error.code == code for code, error in errors.WIRE_ERRORS.items())
+
+
+def test_a_traceback_ends_with_the_hint():
+    text = "".join(traceback.format_exception(Refused("no", "ask again")))
+    assert text.endswith("Refused: no\ntry: ask again\n")
+    assert not hasattr(Refused("no"), "__notes__")

@@ -137,6 +137,41 @@ def test_a_stop_from_another_thread_ends_all_executors(later):
     assert all(loop.stopping for loop in nodes.executors)
 
 
+def test_deferred_work_runs_once_all_due_nodes_have_run():
+    done: list[str] = []
+
+    def run(loop: Executor) -> None:
+        for _ in islice(loop.ticks(20), 2):
+            done.append("ran")
+            loop.defer(lambda: done.append("deferred"))
+        loop.wait_for(lambda: done.count("deferred") == 6, 5.0)
+
+    Nodes(run, run, run).executor.run()
+    assert done.count("deferred") == 6
+    # The nodes' first ticks may be a beat apart from the start; the second ones are together.
+    assert done[-6:] == ["ran"] * 3 + ["deferred"] * 3
+
+
+def test_deferred_work_runs_in_order_when_a_node_flushes_it():
+    done: list[int] = []
+
+    def run(loop: Executor) -> None:
+        for number in (1, 2, 3):
+            loop.defer(partial(done.append, number))
+        assert done == []
+        loop.flush()
+        assert done == [1, 2, 3]
+
+    Nodes(run).executor.run()
+    assert done == [1, 2, 3]
+
+
+def test_a_single_node_defers_nothing():
+    done: list[str] = []
+    MultiNodeExecutor(single=True).new_executor().defer(lambda: done.append("now"))
+    assert done == ["now"]
+
+
 def test_a_single_node_runs_on_the_main_thread():
     executor, ran = MultiNodeExecutor(single=True), list[str]()
     loop = executor.new_executor()

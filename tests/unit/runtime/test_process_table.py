@@ -279,6 +279,18 @@ def test_an_unknown_process_cannot_be_left_out():
     assert "cam" in caught.value.hint
 
 
+@pytest.mark.parametrize("name", ["saftey", "Safety", "dynamic", "presure"])
+def test_a_misspelt_node_is_refused_with_the_one_meant(name: str):
+    with pytest.raises(Invalid, match=rf"processes\.{name}: ") as caught:
+        table({name: "python mine.py"})
+    assert "did you mean" in caught.value.hint
+
+
+@pytest.mark.parametrize("name", ["safety_2", "safety2", "camera", "logger", "hub-2", "planner"])
+def test_a_node_of_ones_own_has_any_other_name(name: str):
+    assert name in [process.name for process in table({name: "python mine.py"})]
+
+
 @pytest.mark.parametrize("command", ["", "   ", [], "python 'my_safety.py"])
 def test_an_invalid_command_is_refused_with_its_name(command: str | list[str]):
     with pytest.raises(Invalid, match=r"processes\.safety: ") as caught:

@@ -188,7 +188,7 @@ def look(
     moving: bool = True,
 ) -> str:
     pose = replace(POSE, boot=boot, stamp=stamp, velocity=velocity)
-    gap, stuck = tracking.observe(pose, goal, moving=moving)
+    gap, stuck = tracking.observe(pose, goal, moving=moving, setpoint_timeout=LIMIT)
     return STOOD_STILL if stuck else f"{gap:.2g} s" if gap > LIMIT else ""
 
 
@@ -232,6 +232,19 @@ def test_a_vehicle_that_stops_on_its_way_is_a_fault():
     at = [count * PERIOD for count in range(round(PATIENCE / PERIOD) + 3)]
     faults = [look(tracking, stamp, velocity=STILL) for stamp in at]
     assert faults == [*[""] * (len(at) - 1), "the vehicle stood still for 1 s on its way"]
+
+
+def test_a_vehicle_without_setpoints_is_not_at_fault_for_standing_still():
+    tracking = TrackingMonitor()
+    # It has not yet left when the setpoints stop; after they return it has its whole time again.
+    assert [look(tracking, stamp, velocity=STILL) for stamp in (0.0, 0.05, 0.1)] == [""] * 3
+    late = 0.1 + PATIENCE + 0.05
+    assert look(tracking, late, velocity=STILL) == f"{late - 0.1:.2g} s"
+    at = [late + count * PERIOD for count in range(1, round(PATIENCE / PERIOD) + 3)]
+    faults = [look(tracking, stamp, velocity=STILL) for stamp in at]
+    first = faults.index(STOOD_STILL)
+    assert at[first] - late > PATIENCE >= at[first - 1] - late
+    assert set(faults[:first]) == {""}
 
 
 def test_each_new_goal_restarts_the_standstill_timer():

@@ -24,7 +24,7 @@ class FakePublisher:
     def change(self, *, there: bool) -> None:
         self.matching_status = SimpleNamespace(matching=there)
         for callback in self.callbacks:
-            callback(self.matching_status)
+            callback(SimpleNamespace(matching=there))
 
 
 def matching(publisher: FakePublisher) -> MatchingListener:
@@ -42,6 +42,10 @@ def test_the_listener_is_declared_on_the_first_query():
     assert not listener.wait(0.0)
     publisher.change(there=True)
     assert (listener.wait(0.0), listener.changes) == (True, 2)
+    del publisher.matching_status
+    assert listener.was_there
+    publisher.change(there=False)
+    assert not listener.was_there
 
 
 def test_the_status_is_read_once_and_then_the_listeners_report_counts():

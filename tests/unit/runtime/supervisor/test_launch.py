@@ -79,9 +79,10 @@ def test_a_realm_is_locked_by_one_run(realm: Realm):
 
 def test_the_environment_of_a_child_has_its_realm_and_python():
     launch = Launch("lab", {"drone": Params()}, [], "/")
-    found = launch.environment(3)
+    found = launch.environment("safety", 3)
     assert (found["QUADCTL_REALM"], found["QUADCTL_VEHICLE"]) == ("lab", "drone")
     assert (found["QUADCTL_RESTARTS"], found["QUADCTL_SUPERVISED"]) == ("3", "1")
+    assert found["QUADCTL_NODE"] == "safety"
     assert found["PATH"].endswith(os.environ["PATH"])
     first = Path(found["PATH"].split(os.pathsep)[0])
     assert (first / "python").exists()

@@ -1,20 +1,17 @@
 """The parameters of the running system, read and set under one deadline."""
 
 import time
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Self
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any
 
-from quadctl.cli import context
-from quadctl.cli.concurrent import Answers, ask_each
-from quadctl.cli.context import Options
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
 from quadctl.schemas.topics import get_params, set_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name
 from quadctl.services.runtime.process_table import NODES
-from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import UNSERVED, not_running
 
 
@@ -46,21 +43,16 @@ def tables() -> tuple[str, ...]:
 
 
 class RunningParams:
-    """Access to parameters in a `with` block; all calls together take at most --timeout."""
+    """Access to the parameters of a client's vehicle; all calls together end by a deadline.
 
-    def __init__(self, options: Options) -> None:
-        """Connect; raise Unreachable if nothing runs."""
-        self._options = options
-        self._deadline = time.monotonic() + options.timeout
-        self._client = context.connect(options)
+    The deadline is monotonic s; by default it is the client's timeout from now.
+    """
+
+    def __init__(self, client: Client, deadline: float | None = None) -> None:
+        self._client = client
+        self._deadline = time.monotonic() + client.timeout if deadline is None else deadline
         self.in_force: Values = {}
         """Values in force until the next standstill, for those read so far that wait for it."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._client.__exit__()
 
     def nodes(self) -> list[str]:
         """Return the live nodes that have parameters."""
@@ -127,11 +119,11 @@ class RunningParams:
 
     def _kept(self, wanted: Collection[str]) -> Values:
         """Return the values of tables from the realm's folder; none if it has none."""
-        if self._options.connect:
+        if not self._client.is_local:
             return {}
-        realm = Realm(self._options.realm)
+        realm = self._client.realm
         try:
-            stored = run_files.tables(realm, self._options.vehicle)
+            stored = run_files.tables(realm, self._client.vehicle)
         except FileNotFoundError as error:
             raise not_running(realm) from error
         # `processes` may be absent.
@@ -158,3 +150,45 @@ def leaves_of(found: Mapping[str, Any], name: str) -> list[str]:
 
 def _in(table: str, leaf: str) -> bool:
     return leaf == table or leaf.startswith(f"{table}.")
+
+
+class ParamTable:
+    """Parameters of a running vehicle by dotted name, e.g. `table["safety.virtual_cage.x"] = 3.0`.
+
+    A table's name reads all its values, as a dict by leaf. Reading raises Invalid, with the nearest
+    name, for an unknown one; setting raises Invalid if a node refuses, and then changes nothing.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def __getitem__(self, name: str) -> Any:
+        found = RunningParams(self._client).get([name])
+        return found.get(name, found)
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self.update({name: value})
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(RunningParams(self._client).get(["/"]))
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Change parameters: all of them or none, of several nodes, too."""
+        running = RunningParams(self._client)
+        live = running.nodes()
+        by_node: dict[str, Values] = {}
+        for name, value in values.items():
+            if name.partition(".")[0] in UNSERVED:
+                raise Invalid(f"{name} is fixed at launch", "give it to `launch(params=...)`")
+            by_node.setdefault(node_of(name, live), {})[name] = value
+        before = running.get(values) if len(by_node) > 1 else {}
+        done: list[str] = []
+        for node, wanted in by_node.items():
+            reply = running.set(node, wanted)
+            if not reply.success:
+                for changed in done:
+                    running.set(changed, {name: before[name] for name in by_node[changed]})
+                reason = reply.reason.removeprefix("param set: ")
+                hint = "`quadctl param describe` shows names and bounds"
+                raise Invalid(f"nothing was changed: {reason}", hint)
+            done.append(node)

@@ -1,4 +1,4 @@
-"""Calls to several nodes at once, and paced sending."""
+"""Calls to several nodes at once."""
 
 import threading
 import time
@@ -8,34 +8,7 @@ from typing import Generic, TypeVar
 
 from msgspec import Struct
 
-from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError, TimedOut
-
-
-class Pace:
-    """Pacing of a sender that checks the hub twice within the client's timeout.
-
-    Messages to a dead hub are lost without an error: the check reports it, however long the pause.
-    """
-
-    def __init__(self, client: Client) -> None:
-        self._client, self._checked = client, time.monotonic()
-
-    def sleep_until(self, until: float) -> None:
-        """Sleep until a time (monotonic s); raise as `check` does as soon as a check is due."""
-        half = self._client.timeout / 2
-        while (now := time.monotonic()) < until or now > self._checked + half:
-            time.sleep(max(min(until, self._checked + half) - now, 0))
-            if time.monotonic() > self._checked + half:
-                self.check()
-
-    def check(self) -> None:
-        """Wait until the hub confirms all that was sent; raise as Client.flush does."""
-        # The rest of the timeout since the last check; at least half of it, as we may be late.
-        left = self._checked + self._client.timeout - time.monotonic()
-        self._client.flush(max(left, self._client.timeout / 2))
-        self._checked = time.monotonic()
-
 
 T = TypeVar("T")
 

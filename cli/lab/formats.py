@@ -1,0 +1,191 @@
+"""Forms of grades: for people, spreadsheets, and the systems of courses. Pure."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, get_args
+from xml.etree import ElementTree as ET
+
+import msgspec
+from msgspec import Struct
+
+from quadctl.cli.lab.judge import RowResult
+from quadctl.services.runtime.errors import UsageError
+
+Form = Literal["text", "json", "csv", "gradescope", "junit", "github"]
+FORMS: tuple[str, ...] = get_args(Form)
+
+
+class Grade(Struct, frozen=True):
+    """Results of one hand-in, and the wall-clock seconds that it took."""
+
+    submission: str
+    tests: list[RowResult]
+    seconds: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """Return whether every row holds."""
+        return all(test.ok for test in self.tests)
+
+    @property
+    def score(self) -> float:
+        """Return the points."""
+        return sum(test.score for test in self.tests)
+
+    @property
+    def max_score(self) -> float:
+        """Return the points of all rows."""
+        return sum(test.max_score for test in self.tests)
+
+    def document(self) -> dict[str, Any]:
+        """Return what `lab check --json` prints."""
+        keys = ("name", "number", "ok", "score", "max_score", "output", "visible")
+        tests = [{key: getattr(test, key) for key in keys} for test in self.tests]
+        return {"ok": self.ok, "score": self.score, "max_score": self.max_score, "tests": tests}
+
+
+def require_fit(form: str, count: int) -> None:
+    """Raise UsageError if a form is for one hand-in, and there are more."""
+    if form in _OF_ONE and count != 1:
+        raise UsageError(
+            f"--format {form} is for one hand-in, not {count}",
+            "grade one at a time, or use json, csv or junit",
+        )
+
+
+def written(form: str, grades: Sequence[Grade]) -> str:
+    """Return the grades in a form; raise as require_fit."""
+    require_fit(form, len(grades))
+    return _WRITERS[form](grades)
+
+
+def text(grade: Grade) -> str:
+    """Return a hand-in's rows, hints of those that fail, and points."""
+    lines, before = [f"{grade.submission}: {grade.score:g} of {grade.max_score:g} points"], ""
+    for test in grade.tests:
+        first, *more = test.output.splitlines() or [""]
+        if test.output == before:
+            # A node that does not start fails every row with the same words.
+            first, more = "as above", []
+        before = test.output
+        mark = "ok  " if test.ok else "FAIL"
+        lines.append(f"  {mark}  {test.number:4} {test.name}: {test.score:g}/{test.max_score:g}")
+        lines.append(f"        {first}")
+        lines += [f"        {line}" for line in more]
+        if test.hint:
+            lines.append(f"        hint: {test.hint}")
+    return "\n".join(lines)
+
+
+def _text(grades: Sequence[Grade]) -> str:
+    return "\n\n".join(map(text, grades)) + "\n"
+
+
+def _json(grades: Sequence[Grade]) -> str:
+    return _encoded([{"submission": grade.submission} | grade.document() for grade in grades])
+
+
+def _csv(grades: Sequence[Grade]) -> str:
+    """Return a row a hand-in: student, points, comment, and the points of each row of the rubric."""
+    out = io.StringIO()
+    writer = csv.writer(out)  # its own line ends, \r\n: it quotes only these two in a cell
+    rows = [test.name for test in grades[0].tests] if grades else []
+    writer.writerow(["student", "points", "max_points", "comment", *rows])
+    for grade in grades:
+        failed = "; ".join(_line(test) for test in grade.tests if not test.ok)
+        scores = [f"{test.score:g}" for test in grade.tests]
+        cells = [grade.submission, f"{grade.score:g}", f"{grade.max_score:g}", failed, *scores]
+        writer.writerow([_harmless(cell) for cell in cells])
+    return out.getvalue()
+
+
+def _harmless(cell: str) -> str:
+    """Return a cell that no spreadsheet takes for a formula; a student chooses its text."""
+    return f"'{cell}" if cell[:1] in {"=", "+", "-", "@", "\t", "\r"} else cell
+
+
+def _gradescope(grades: Sequence[Grade]) -> str:
+    """Return Gradescope's results.json."""
+    grade = grades[0]
+    tests = [
+        {
+            "name": test.name,
+            "number": test.number,
+            "score": test.score,
+            "max_score": test.max_score,
+            "output": _output(test),
+            "visibility": "visible" if test.visible else "after_published",
+        }
+        for test in grade.tests
+    ]
+    return _encoded({"execution_time": round(grade.seconds), "tests": tests})
+
+
+def _github(grades: Sequence[Grade]) -> str:
+    """Return GitHub Classroom's result, before its base64."""
+    grade = grades[0]
+    tests = [
+        {
+            "name": test.name,
+            "status": "pass" if test.ok else "fail",
+            "message": _output(test),
+            "test_code": "",
+            "filename": "",
+            "line_no": 0,
+            "duration": 0,
+            "score": test.score,
+        }
+        for test in grade.tests
+    ]
+    status = "pass" if grade.ok else "fail"
+    return _encoded({"version": 1, "status": status, "max_score": grade.max_score, "tests": tests})
+
+
+def _junit(grades: Sequence[Grade]) -> str:
+    """Return JUnit's XML, a test suite for each hand-in."""
+    root = ET.Element("testsuites", name="quadctl lab")
+    for grade in grades:
+        failures = sum(not test.ok for test in grade.tests)
+        suite = ET.SubElement(
+            root, "testsuite", name=_printable(grade.submission), tests=str(len(grade.tests)),
+            failures=str(failures), errors="0", skipped="0", time=f"{grade.seconds:.3f}",
+        )  # fmt: skip
+        for test in grade.tests:
+            case = ET.SubElement(
+                suite, "testcase", classname=_printable(grade.submission), name=test.name, time="0"
+            )
+            if not test.ok:
+                failure = ET.SubElement(case, "failure", message=_printable(_line(test)))
+                failure.text = _printable(_output(test))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _printable(words: str) -> str:
+    """Return the characters that XML 1.0 may have; a student's node may log any."""
+    return "".join(c if c in "\n\t" or (c >= " " and c not in "\ufffe\uffff" and not "\ud800" <= c <= "\udfff") else "?" for c in words)  # fmt: skip
+
+
+def _line(test: RowResult) -> str:
+    return f"{test.number} {test.name}: {next(iter(test.output.splitlines()), '')}"
+
+
+def _output(test: RowResult) -> str:
+    return f"{test.output}\nhint: {test.hint}" if test.hint else test.output
+
+
+def _encoded(document: Any) -> str:
+    return json.dumps(msgspec.to_builtins(document), ensure_ascii=True) + "\n"
+
+
+_WRITERS: dict[str, Callable[[Sequence[Grade]], str]] = {
+    "text": _text,
+    "json": _json,
+    "csv": _csv,
+    "gradescope": _gradescope,
+    "junit": _junit,
+    "github": _github,
+}
+_OF_ONE = {"gradescope", "github"}

@@ -1,0 +1,253 @@
+"""Grading of hand-ins: each in a process of its own, in a sandbox, several at a time."""
+
+import json
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import threading
+import time
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, Any
+
+import msgspec
+from msgspec import Struct
+
+from quadctl.cli.lab.formats import Grade
+from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly, nodes_in
+from quadctl.cli.lab.rubric import Rubric, rubric
+from quadctl.cli.lab.verdict import RowVerdict
+from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.realm import Realm
+
+_MOST_FILES, _MOST_BYTES = 2_000, 100 << 20
+"""Files and bytes of a hand-in; more is no lab."""
+_LAST = 1.0
+"""Seconds for a judge to end after its last result."""
+_END = 10.0
+"""Seconds beyond its limit in which the process of a hand-in may end by itself."""
+_HIDDEN = ("cli", "services/safety", "services/pressure")
+"""Folders of quadctl that a hand-in does not see: the grader, and the solution."""
+
+
+class Limits(Struct, frozen=True):
+    """Limits of a hand-in: seconds for all rows; MB of memory and disk, and threads, of a node."""
+
+    seconds: float = 60.0
+    memory: int = 1024
+    disk: int = 64
+    processes: int = 128
+
+
+class GradingJob(Struct, frozen=True):
+    """Hand-in to be flown: folder, commands of its nodes, rubric's tables, limits, without sandbox."""
+
+    folder: str
+    nodes: dict[str, list[str]]
+    tables: dict[str, Any]
+    limits: Limits
+    trust: bool
+
+
+def missing() -> str:
+    """Return what this machine lacks for the sandbox, an empty text if it lacks nothing."""
+    if sys.platform != "linux":
+        return f"a sandbox needs Linux, and this is {sys.platform}"
+    from quadctl.cli.lab import sandbox  # it needs Linux
+
+    with tempfile.TemporaryDirectory(prefix="quadctl-") as folder:
+        there = Path(folder, "handin"), Path(folder, "realm")
+        for path in there:
+            path.mkdir()
+        spec = _spec(there[0], str(there[1]), Path(folder, "root"), Limits())
+        probe = _sandboxed(spec, ["true"])
+        done = subprocess.run(probe, capture_output=True, text=True, timeout=30, check=False)
+        lacks = done.stderr.strip().removeprefix(sandbox.REFUSED)
+        return "" if done.returncode == 0 else lacks or f"code {done.returncode}"
+
+
+def grade(
+    submissions: Sequence[Path],
+    tables: dict[str, Any],
+    limits: Limits,
+    *,
+    jobs: int,
+    trust: bool,
+    on_done: Callable[[Grade], None],
+) -> list[Grade]:
+    """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done."""
+    made = rubric(tables, "the rubric")
+
+    def one(submission: Path) -> Grade:
+        began = time.monotonic()
+        try:
+            with _unpacked(submission) as folder:
+                job = GradingJob(str(folder), nodes_in(folder), tables, limits, trust)
+                results = _flown(job, made)
+        except QuadctlError as problem:
+            results = _failed(made, [], problem.message)
+        graded = Grade(str(submission), results, time.monotonic() - began)
+        on_done(graded)
+        return graded
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(one, submissions))
+
+
+def _failed(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
+    return results + [
+        RowResult.of(row, RowVerdict(False, why)) for row in made.rows[len(results) :]
+    ]
+
+
+def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
+    """Fly a hand-in in a process of its own; its end, whatever its cause, costs only its own rows."""
+    command = (sys.executable, "-P", "-m", "quadctl.cli.lab.grading")
+    with (
+        tempfile.TemporaryFile() as errors,
+        subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,
+        ) as process,
+    ):
+        assert process.stdin is not None  # noqa: S101 - pipes, see above
+        assert process.stdout is not None  # noqa: S101
+        process.stdin.write(msgspec.json.encode(job) + b"\n")
+        process.stdin.flush()
+        try:
+            results = list(_results(process.stdout, job.limits.seconds + _END))
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_LAST)
+            code = process.returncode
+        finally:
+            # Its run ends with it.
+            process.kill()
+        errors.seek(0)
+        last = errors.read().decode(errors="replace").splitlines()[-1:]
+    failed = f"not flown: its judge failed: {last[0]}" if code and last else NOT_FLOWN.output
+    return _failed(made, results, failed)
+
+
+def _results(pipe: IO[bytes], seconds: float) -> Iterator[RowResult]:
+    """Yield the results that a process reports, until its end, or for so many seconds."""
+    # Windows can only wait for a pipe in a thread.
+    lines: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_read, args=(pipe, lines.put), daemon=True).start()
+    until = time.monotonic() + seconds
+    with suppress(Empty):
+        while (line := lines.get(timeout=max(until - time.monotonic(), 0))).endswith(b"\n"):
+            yield msgspec.json.decode(line, type=RowResult)
+
+
+def _read(pipe: IO[bytes], put: Callable[[bytes], None]) -> None:
+    for line in pipe:
+        put(line)
+    put(b"")
+
+
+@contextmanager
+def _unpacked(submission: Path) -> Iterator[Path]:
+    """Copy a hand-in, a folder or a zip file, to a temporary folder; yield the one with quad.toml.
+
+    Raises Invalid for one that is neither, is too large, or would write outside the folder.
+    """
+    with tempfile.TemporaryDirectory(prefix="quadctl-lab-") as made:
+        target = Path(made, "handin")
+        if submission.is_dir():
+            _check_size(path.lstat().st_size for path in submission.rglob("*"))
+            shutil.copytree(submission, target, symlinks=True)
+        elif zipfile.is_zipfile(submission):
+            _unzip(submission, target)
+        else:
+            raise Invalid(
+                f"{submission} is neither a folder nor a zip file", "hand in one of these"
+            )
+        found = sorted(target.rglob("quad.toml"), key=lambda path: len(path.parts))
+        if not found:
+            raise Invalid(f"{submission} has no quad.toml", "`quadctl lab new DIR` writes one")
+        yield found[0].parent
+
+
+def _unzip(file: Path, target: Path) -> None:
+    with zipfile.ZipFile(file) as archive:
+        _check_size(entry.file_size for entry in archive.infolist())
+        for entry in archive.infolist():
+            if stat.S_ISLNK(entry.external_attr >> 16):
+                raise Invalid(f"{file}: {entry.filename} is a link", "hand in the file itself")
+        # Zipfile itself keeps names such as ../x within the folder.
+        try:
+            archive.extractall(target)
+        except (OSError, RuntimeError, zipfile.BadZipFile) as error:
+            raise Invalid(f"{file}: {error}", "hand in a zip file without a password") from error
+
+
+def _check_size(sizes: Iterator[int]) -> None:
+    count = total = 0
+    for size in sizes:
+        count, total = count + 1, total + size
+        if count > _MOST_FILES or total > _MOST_BYTES:
+            raise Invalid(
+                f"more than {_MOST_FILES} files or {_MOST_BYTES >> 20} MB are handed in",
+                "leave out recordings and environments",
+            )
+
+
+def _spec(folder: Path, realm: str, root: Path, limits: Limits) -> dict[str, Any]:
+    root.mkdir(exist_ok=True)
+    ours = [os.path.abspath(each) for each in sys.modules["quadctl"].__path__]  # noqa: PTH100 - links are kept
+    parts = [f"{each}/{part}" for each in ours for part in ("services", "schemas")]
+    hidden = [f"{each}/{part}" for each in ours for part in _HIDDEN]
+    prefixes = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
+    return {
+        "folder": str(folder),
+        "root": str(root),
+        "realm": realm,
+        "shown": [*prefixes, *ours, *parts],
+        "hidden": hidden,
+        "memory": limits.memory,
+        "disk": limits.disk,
+        "processes": limits.processes,
+        "seconds": round(limits.seconds) + 1,
+    }
+
+
+def _sandboxed(spec: dict[str, Any], command: list[str]) -> list[str]:
+    file = str(Path(__file__).with_name("sandbox.py"))
+    return [sys.executable, "-I", "-S", file, json.dumps(spec), *command]
+
+
+def main() -> None:
+    """Fly the job from stdin, and write a line for each row."""
+    job = msgspec.json.decode(sys.stdin.buffer.readline(), type=GradingJob)
+    folder, roots = Path(job.folder), Path(job.folder).parent / "roots"
+    roots.mkdir(exist_ok=True)
+
+    def wrap(realm: Realm, command: list[str]) -> list[str]:
+        if job.trust:
+            return command
+        own = Path(tempfile.mkdtemp(dir=roots))
+        spec = _spec(folder, str(realm.folder), own, job.limits)
+        return _sandboxed(spec, command)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the grader ends us
+    made = rubric(job.tables, "the rubric")
+    until = time.monotonic() + job.limits.seconds
+    for result in fly(folder, job.nodes, made, until=until, wrap=wrap):
+        sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")
+        sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,230 @@
+"""`lab new`, `lab check` and `lab grade`."""
+
+import base64
+import html
+import os
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+from quadctl.cli import output
+from quadctl.cli.context import Options, require_local
+from quadctl.cli.declarations import Arg, Option
+from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
+from quadctl.services.runtime.files import making, write_new
+from quadctl.services.runtime.params.load import read
+from quadctl.services.runtime.params.names import nearest
+
+_HERE = Path(__file__).parent
+_VISIBLE, _HIDDEN = _HERE / "rubric.toml", _HERE / "hidden.toml"
+_TEMPLATE = _HERE / "template"
+_CHECK_SECONDS = 300.0
+"""Seconds of a check; its nodes are the student's own, and nobody waits in a queue."""
+_NEEDS = "`quadctl lab new DIR` writes one"
+
+
+def new(
+    options: Options,
+    folder: Annotated[Path, Arg("A new or empty folder.", "DIR")],
+) -> None:
+    """Write a student's folder: two nodes to complete, the visible rubric, tests, and LAB.md.
+
+    Example: quadctl lab new mylab
+    """
+    # Sources of a student are no modules of ours.
+    files = sorted(_TEMPLATE.iterdir())
+    texts = {path.name.removesuffix(".txt"): path.read_text("utf-8") for path in files}
+    texts["rubric.toml"] = _VISIBLE.read_text("utf-8")
+    there = [name for name in texts if (folder / name).exists()]
+    if there:
+        raise Invalid(f"{folder / there[0]} already exists", "choose another folder")
+    with making(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_new(folder / name, text)
+    document = {"folder": str(folder), "files": sorted(texts)}
+    output.either(
+        options, document, f"wrote {', '.join(sorted(texts))} to {folder}; begin with LAB.md"
+    )
+
+
+def check(
+    options: Options,
+    folder: Annotated[Path, Arg("A folder of `lab new` (default: this one).", "DIR")] = Path(),
+    report: Annotated[
+        Path | None, Option("Folder of the report (default: DIR/report).", metavar="DIR")
+    ] = None,
+) -> None:
+    """Fly the visible rubric against your nodes, and write a report with the flight's picture.
+
+    Exits with 8 if a row does not hold.
+
+    Example: quadctl lab check mylab
+    """
+    require_local(options, "lab check")
+    from quadctl.cli.lab import formats
+    from quadctl.cli.lab.judge import RowResult, fly, nodes_in
+    from quadctl.cli.lab.rubric import rubric
+
+    own = folder / "rubric.toml"
+    file = own if own.exists() else _VISIBLE
+    rows = rubric(read(file, _NEEDS), str(file)).visible()
+    if not folder.is_dir():
+        raise Invalid(f"there is no folder {folder}", _NEEDS)
+    nodes = nodes_in(folder)
+    target = report or folder / "report"
+    with making(target):
+        target.mkdir(parents=True, exist_ok=True)
+    recording = target / "flight.mcap"
+    recording.unlink(missing_ok=True)
+    began, results = time.monotonic(), list[RowResult]()
+    until = began + _CHECK_SECONDS
+    for result in fly(
+        folder.absolute(), nodes, rows, until=until, record=str(recording.absolute())
+    ):
+        results.append(result)
+        if not options.json:
+            output.line(f"{'ok  ' if result.ok else 'FAIL'}  {result.number}  {result.name}")
+    grade = formats.Grade(folder.absolute().name, results, time.monotonic() - began)
+    picture = _picture(recording, target / "flight.png")
+    page = target / "report.html"
+    with making(page):
+        page.write_text(_page(grade, picture), "utf-8")
+    if options.json:
+        output.document(grade.document())
+    else:
+        for line in formats.text(grade).splitlines():
+            output.line(line)
+        output.line(f"report: {page}")
+    output.end(ok=grade.ok)
+
+
+def grade(
+    options: Options,
+    submissions: Annotated[list[str], Arg("Folders or zip files.", "SUBMISSION...")],
+    rubric: Annotated[
+        Path | None, Option("Rubric, TOML (default: the built-in one).", metavar="FILE")
+    ] = None,
+    format: Annotated[  # noqa: A002 - the option's name
+        str, Option("text, json, csv, gradescope, junit or github.")
+    ] = "text",
+    output_file: Annotated[
+        Path | None, Option("Write to a file.", ("-o", "--output"), "FILE")
+    ] = None,
+    jobs: Annotated[
+        int, Option("Hand-ins at a time (default: one for each processor).", min=1)
+    ] = 0,
+    seconds: Annotated[float, Option("Limit for one hand-in, s.")] = 60.0,
+    memory: Annotated[int, Option("Limit for one node, MB.", min=64)] = 1024,
+    trust: Annotated[
+        bool, Option("Run the hand-ins without a sandbox, with your own rights.")
+    ] = False,
+) -> None:
+    """Grade hand-ins: fly the rubric against the nodes of each, in a sandbox.
+
+    Exits with 0 when all have been graded, whatever their points.
+
+    Example: quadctl lab grade handins/*.zip --format csv -o points.csv
+    """
+    require_local(options, "lab grade")
+    from quadctl.cli.lab import formats, grading
+
+    if format not in formats.FORMS:
+        hint = nearest(format, formats.FORMS) or f"one of {', '.join(formats.FORMS)}"
+        raise UsageError(f"--format {format}: there is no such form", hint)
+    paths = [Path(each) for each in submissions]
+    for path in paths:
+        if not path.exists():
+            raise Invalid(f"there is no hand-in {path}", "give folders or zip files")
+    formats.require_fit(format, len(paths))
+    tables = _tables(rubric) if rubric else _builtin()
+    if not trust and (lacks := grading.missing()):
+        raise QuadctlError(
+            f"hand-ins cannot be shut in on this machine: {lacks}",
+            "use a machine with user namespaces, or --trust, which runs them with your own rights",
+        )
+    done = 0
+
+    def on_done(graded: formats.Grade) -> None:
+        nonlocal done
+        done += 1
+        points = f"{graded.score:g} of {graded.max_score:g}"
+        output.note(f"{done}/{len(paths)}  {graded.submission}: {points}")
+
+    grades = grading.grade(
+        paths,
+        tables,
+        grading.Limits(seconds=seconds, memory=memory),
+        jobs=jobs or os.cpu_count() or 1,
+        trust=trust,
+        on_done=on_done,
+    )
+    text = formats.written("json" if options.json and format == "text" else format, grades)
+    if output_file is None:
+        output.write(text)
+        return
+    with making(output_file):
+        output_file.write_text(text, "utf-8", newline="")
+
+
+def _builtin() -> dict[str, Any]:
+    visible, hidden = read(_VISIBLE, _NEEDS), read(_HIDDEN, _NEEDS)
+    return {"row": [*visible["row"], *hidden["row"]]}
+
+
+def _tables(file: Path) -> dict[str, Any]:
+    """Return a rubric's tables; raise Invalid for a missing file or a bad rubric."""
+    from quadctl.cli.lab.rubric import rubric
+
+    tables = read(file, _NEEDS)
+    rubric(tables, str(file))
+    return tables
+
+
+def _picture(recording: Path, target: Path) -> Path | None:
+    """Draw the recorded flights; None if nothing was flown."""
+    if not recording.exists():
+        return None
+    from quadctl.cli.plot.figure import draw
+    from quadctl.cli.plot.plot import recorded
+
+    try:
+        draw(target, recorded(recording), "the flights of the rubric")
+    except QuadctlError as problem:
+        output.note(f"no picture: {problem.message}")
+        return None
+    return target
+
+
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+table { border-collapse: collapse; width: 100%; }
+th, td { text-align: left; padding: .4rem .6rem; border-bottom: 1px solid #ccc; vertical-align: top; }
+.ok { color: #0a6b2d; } .fail { color: #b3261e; font-weight: bold; }
+pre { white-space: pre-wrap; margin: 0; font-size: .85rem; } img { max-width: 100%; }
+"""
+
+
+def _page(grade: Any, picture: Path | None) -> str:
+    rows = "\n".join(
+        f"<tr><td>{html.escape(test.number)}</td><td>{html.escape(test.name)}</td>"
+        f'<td class="{"ok" if test.ok else "fail"}">{"ok" if test.ok else "fails"}</td>'
+        f"<td>{test.score:g} / {test.max_score:g}</td>"
+        f"<td><pre>{html.escape(test.output)}</pre>{_hint(test.hint)}</td></tr>"
+        for test in grade.tests
+    )
+    image = ""
+    if picture is not None:
+        data = base64.b64encode(picture.read_bytes()).decode()
+        image = f'<h2>Flights</h2><img alt="The flights" src="data:image/png;base64,{data}">'
+    title = f"{html.escape(grade.submission)}: {grade.score:g} of {grade.max_score:g} points"
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
+        f"<style>{_STYLE}</style><h1>{title}</h1><table>"
+        "<tr><th></th><th>Row</th><th></th><th>Points</th><th>Evidence</th></tr>"
+        f"{rows}</table>{image}</html>\n"
+    )
+
+
+def _hint(hint: str) -> str:
+    return f"<p>Hint: {html.escape(hint)}</p>" if hint else ""

@@ -1,0 +1,152 @@
+"""Rubric: rows that each fly a mission against a student's nodes, and the points they give. Pure.
+
+[[row]]
+name = "refuses a goal outside"
+points = 2.0
+hint = "compare all three coordinates"
+rows = [{ at = 3.0, do = "goto", x = 9.0, y = 0.0, z = 1.0 }]
+expect = "refused"
+"""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from quadctl.cli.mission.mission import Calibrate, GotoStep, MissionFile, mission, params_of
+from quadctl.schemas.topics import SERVICES
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.names import nearest
+
+Expectation = Literal[
+    "refused", "arrives", "stays_inside", "answers", "zeroed", "parameter_obeyed", "state_seen",
+    "random_flights",
+]  # fmt: skip
+_FLIES = {"random_flights"}
+"""Expectations that fly missions of their own."""
+_KEYS: dict[str, set[str]] = {
+    "refused": {"within"},
+    "arrives": {"within"},
+    "stays_inside": {"within"},
+    "answers": {"service", "within"},
+    "zeroed": {"within"},
+    "state_seen": {"state"},
+    "random_flights": {"flights", "seed", "seconds"},
+}
+"""Keys that an expectation takes beside those of every row."""
+_COMMON = {"name", "number", "points", "visible", "hint", "rows", "end", "set", "expect"}
+_MOST_ROWS = 200
+
+
+class RubricRow(Struct, frozen=True, forbid_unknown_fields=True):
+    """Row: a mission (with its own end and parameters), an expectation, and points.
+
+    `within` is in m, for `answers` and `zeroed` in hPa; 0 means the default of the expectation.
+    """
+
+    name: Annotated[str, Meta(min_length=1, max_length=120)]
+    expect: Expectation
+    points: Annotated[float, Meta(ge=0, le=1000)] = 1.0
+    number: str = ""
+    visible: bool = True
+    hint: str = ""
+    rows: list[dict[str, Any]] = []
+    end: float | None = None
+    set: dict[str, Any] = {}
+    within: Annotated[float, Meta(ge=0)] = 0.0
+    service: str = ""
+    state: Literal["", "HOVERING", "VERIFYING", "MOVING"] = ""
+    flights: Annotated[int, Meta(ge=1, le=1000)] = 20
+    seed: Annotated[int, Meta(ge=0)] = 7
+    seconds: Annotated[float, Meta(gt=0, le=600)] = 15.0
+
+    @property
+    def node(self) -> str:
+        """Return the node that the row is about: a row without that node of the student gives 0."""
+        return "pressure" if self.expect == "zeroed" or self.service in _OF_PRESSURE else "safety"
+
+
+_OF_PRESSURE = {"calibrate_pressure"}
+
+
+class _File(Struct, forbid_unknown_fields=True):
+    row: Annotated[list[dict[str, Any]], Meta(min_length=1, max_length=_MOST_ROWS)]
+
+
+class Rubric(Struct, frozen=True):
+    """Rows in the order of the file, each with its mission: empty for one that flies at random."""
+
+    rows: list[RubricRow]
+    missions: list[MissionFile]
+
+    @property
+    def points(self) -> float:
+        """Return the points of all rows."""
+        return sum(row.points for row in self.rows)
+
+    def visible(self) -> "Rubric":
+        """Return the rubric without the rows that students do not see."""
+        kept = [n for n, row in enumerate(self.rows) if row.visible]
+        return Rubric([self.rows[n] for n in kept], [self.missions[n] for n in kept])
+
+
+def rubric(tables: dict[str, Any], source: str) -> Rubric:
+    """Return the rubric in a file's tables; raise Invalid, which names the row and the key."""
+    try:
+        file = msgspec.convert(tables, _File)
+    except msgspec.ValidationError as error:
+        raise Invalid(
+            f"{source}: {error}",
+            "a rubric is a list of tables [[row]]: `quadctl lab new` writes one",
+        ) from error
+    rows = [_row(table, number, source) for number, table in enumerate(file.row, 1)]
+    names = [row.name for row in rows]
+    for name in names:
+        if names.count(name) > 1:
+            raise Invalid(f"{source}: two rows have the name {name!r}", "give each its own")
+    return Rubric(rows, [_mission(row, f"{source}: row {row.name!r}") for row in rows])
+
+
+def _row(table: dict[str, Any], number: int, source: str) -> RubricRow:
+    place = f"{source}: row {table.get('name', number)!r}"
+    for name in table:
+        known = [*RubricRow.__struct_fields__]
+        if name not in known:
+            raise Invalid(f"{place}: there is no key {name}", nearest(name, known))
+    try:
+        row = msgspec.convert({"number": str(number)} | table, RubricRow)
+    except msgspec.ValidationError as error:
+        raise Invalid(f"{place}: {error}", f"it takes {', '.join(sorted(_COMMON))}") from error
+    takes = _KEYS.get(row.expect, set())
+    for name in table:
+        if name not in _COMMON | takes:
+            also = (
+                f" beside those of every row it takes {', '.join(sorted(takes))}" if takes else ""
+            )
+            raise Invalid(f'{place}: expect = "{row.expect}" takes no {name}', also.strip())
+    return row
+
+
+def _mission(row: RubricRow, place: str) -> MissionFile:
+    """Return the mission of a row; raise Invalid for one that cannot show what the row expects."""
+    if row.expect in _FLIES:
+        if row.rows:
+            raise Invalid(f"{place}: {row.expect} flies missions of its own", "leave out `rows`")
+        return MissionFile([], 0.0, params_of(row.set, place))
+    tables = {"rows": row.rows, "set": row.set} | ({} if row.end is None else {"end": row.end})
+    made = mission(tables, place)
+    if row.expect == "state_seen" and not row.state:
+        raise Invalid(f"{place}: state_seen needs a state", 'e.g. state = "VERIFYING"')
+    services = {service.name: service for service in SERVICES}
+    if row.service and row.service not in services:
+        raise Invalid(
+            f"{place}: there is no service {row.service}", nearest(row.service, [*services])
+        )
+    if row.service and not any(step.call()[0].name == row.service for step in made.rows):
+        raise Invalid(f"{place}: no row of its mission calls {row.service}", "add one to `rows`")
+    goes = any(isinstance(step, GotoStep) for step in made.rows)
+    if row.expect in {"refused", "arrives", "parameter_obeyed"} and not goes:
+        raise Invalid(f"{place}: {row.expect} needs a goto among its `rows`")
+    if row.expect == "zeroed" and not any(isinstance(step, Calibrate) for step in made.rows):
+        raise Invalid(f"{place}: zeroed needs a calibrate among its `rows`")
+    return made

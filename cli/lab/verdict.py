@@ -1,0 +1,367 @@
+"""Verdicts on flights of a student's nodes, from what the bus showed. Pure.
+
+The true poses count, and the parameters of the launch; what a node reports of itself counts only
+where its report is the question.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from math import dist
+from typing import Any, NamedTuple
+
+from msgspec.structs import astuple
+
+from quadctl.cli.lab.rubric import RubricRow
+from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep, ParamStep, Row
+from quadctl.schemas.messages import Pose, Pressure, SafetyState
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import (
+    CalibrateResponse,
+    GotoResponse,
+    SetParamsResponse,
+    ToggleCageResponse,
+)
+from quadctl.services.campaign.score import Point, inside
+from quadctl.services.campaign.watch import gently, outside
+from quadctl.services.pressure.simulated import pressure_at
+from quadctl.services.runtime.errors import QuadctlError, Refused
+
+STILL = 0.3
+"""Metres that a vehicle may drift that refuses a goal."""
+_AT_REST = 0.05
+"""Speed (m/s) below which a vehicle is at rest."""
+_AWAKE = 1.0
+"""Seconds at rest, and without a new goal, after which a node has no reason to be busy."""
+_AIR = 1.0
+"""hPa by which a barometer, and so a baseline, may differ from the standard atmosphere."""
+_ZERO = 0.01
+"""hPa by which a zeroed reading may differ from 0, beside the height flown since."""
+_GRADIENT = 0.12
+"""Change of the pressure with height, hPa/m, rounded up."""
+_TIME_TO_ARRIVE = 10.0
+"""Simulated seconds after which a random flight's last goal must be reached."""
+
+
+class Outcome(NamedTuple):
+    """Step of a mission, and the answer to it: a reply or a problem."""
+
+    step: Row
+    reply: Any
+    problem: QuadctlError | None
+
+    @property
+    def accepted(self) -> bool:
+        """Return whether a goal was accepted."""
+        return isinstance(self.reply, GotoResponse) and self.reply.accepted
+
+
+class FlownMission(NamedTuple):
+    """Flight in one boot: parameters of the launch, answers, and every message, in order."""
+
+    params: Params
+    outcomes: Sequence[Outcome]
+    poses: Sequence[Pose]
+    states: Sequence[SafetyState]
+    readings: Sequence[Pressure]
+
+
+class RowVerdict(NamedTuple):
+    """Verdict on a row, and the evidence for it in one sentence."""
+
+    ok: bool
+    output: str
+
+
+def judge(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    """Return the verdict on one flight."""
+    for outcome in flown.outcomes:
+        if outcome.problem is not None and not isinstance(outcome.problem, Refused):
+            return RowVerdict(False, f"{outcome.step}: {outcome.problem.message}")
+    return _JUDGES[row.expect](row, flown)
+
+
+def _refused(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    *earlier, outcome = _gotos(flown)
+    for each in earlier:
+        if not each.accepted:
+            return RowVerdict(False, f"{each.step}: {_refusal(each)}")
+        # A refusal on the way to another goal shows nothing of the verification.
+        away = _distance(_at(flown.poses, outcome.step.at), _goal(each.step))
+        if each is earlier[-1] and away > flown.params.safety.acceptance_range:
+            return RowVerdict(
+                False, f"{each.step}: still {away:.2f} m away when the next goal came"
+            )
+    if outcome.accepted:
+        return RowVerdict(False, f"{outcome.step}: was accepted")
+    before, after = _at(flown.poses, outcome.step.at), flown.poses[-1]
+    moved = _distance(before, _place(after))
+    if moved > (row.within or STILL):
+        return RowVerdict(
+            False, f"{outcome.step}: was refused, but the vehicle moved {moved:.2f} m"
+        )
+    return RowVerdict(True, f"{outcome.step}: {_refusal(outcome)}")
+
+
+def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    outcome = _gotos(flown)[-1]
+    if not outcome.accepted:
+        return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
+    reach = row.within or flown.params.safety.acceptance_range
+    away = _distance(flown.poses[-1], _goal(outcome.step))
+    if away > reach:
+        return RowVerdict(
+            False,
+            f"{outcome.step}: {away:.2f} m away from it at the end, more than {reach:g} m",
+        )
+    last = flown.states[-1].state if flown.states else "no state at all"
+    if last != "HOVERING":
+        return RowVerdict(False, f"{outcome.step}: there, but safety/state shows {last}")
+    return RowVerdict(True, f"{outcome.step}: arrived, {away:.2f} m away")
+
+
+def _stays_inside(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    worst, at = excursion(flown)
+    allowed = row.within or flown.params.safety.margin
+    text = f"{worst * 1000:.0f} mm beyond the cage at {at:.1f} s"
+    return RowVerdict(worst <= allowed, text if worst > 0 else "never beyond the cage")
+
+
+def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    first = next(iter(_gotos(flown)), None)
+    if first is not None and not first.accepted and _permits(flown, first):
+        return RowVerdict(False, f"{first.step}: {_refusal(first)}")
+    for step, reply, problem in flown.outcomes:
+        service, _ = step.call()
+        if row.service and service.name != row.service:
+            continue
+        name = str(step)
+        if problem is not None:
+            return RowVerdict(False, f"{name}: {problem.message}")
+        if isinstance(reply, GotoResponse) and not reply.accepted and not reply.reason.strip():
+            return RowVerdict(False, f"{name}: refused without a reason")
+        if isinstance(reply, CalibrateResponse):
+            height = _at(flown.poses, step.at).position.z
+            unset = isinstance(step, Calibrate) and step.unset
+            air = 0.0 if unset else pressure_at(height)
+            if abs(reply.baseline - air) > (row.within or _AIR):
+                return RowVerdict(
+                    False, f"{name}: baseline {reply.baseline:g} hPa, not {air:.2f} hPa"
+                )
+        if isinstance(reply, ToggleCageResponse) and isinstance(step, CageStep):
+            later = [state for state in flown.states if state.stamp > step.at]
+            if not reply.success:
+                return RowVerdict(False, f"{name}: success is false")
+            if not later or later[0].cage_on is not step.on:
+                return RowVerdict(False, f"{name}: safety/state does not show it")
+    return RowVerdict(True, "each request was answered")
+
+
+def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    step = next(o.step for o in reversed(flown.outcomes) if isinstance(o.step, Calibrate))
+    # The reading of the calibration's own period may have been on its way.
+    after = [reading for reading in flown.readings if reading.stamp > step.at + 0.1]
+    if not after:
+        return RowVerdict(False, "sensors/pressure shows no reading after the calibration")
+    height = _at(flown.poses, step.at).position.z
+    for reading in after:
+        risen = abs(_at(flown.poses, reading.stamp).position.z - height)
+        allowed = (row.within or _ZERO) + _GRADIENT * risen
+        if abs(reading.pressure) > allowed:
+            return RowVerdict(
+                False,
+                f"sensors/pressure shows {reading.pressure:g} hPa {reading.stamp - step.at:.1f} s"
+                " after the calibration, not 0",
+            )
+    return RowVerdict(True, f"sensors/pressure shows {after[-1].pressure:+.6f} hPa")
+
+
+def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
+    cage = _Commanded(flown)
+    for number, outcome in enumerate(flown.outcomes):
+        if not isinstance(outcome.step, GotoStep):
+            continue
+        permitted = cage.permits(number, outcome.step)
+        if outcome.accepted is not permitted:
+            verdict = "accepted" if outcome.accepted else "refused"
+            return RowVerdict(False, f"{outcome.step}: was {verdict} with {cage.text(number)}")
+    reach = flown.params.safety.acceptance_range
+    early = _hovers_early(flown, reach)
+    if early:
+        return RowVerdict(False, early)
+    return RowVerdict(True, f"each verdict is that of {cage.text(-1)}")
+
+
+def _hovers_early(flown: FlownMission, reach: float) -> str:
+    """Return the first arrival that was reported too far from its goal; empty if there is none."""
+    before = None
+    for state in flown.states:
+        arrived = before is not None and before.state == "MOVING" and state.state == "HOVERING"
+        if arrived and before is not None and state.goal == before.goal:
+            away = _distance(_at(flown.poses, state.stamp), astuple(state.goal))
+            # The state may follow its pose by a period of the setpoint.
+            if away > reach + STILL:
+                return f"HOVERING {away:.2f} m from the goal; the acceptance range is {reach:g} m"
+        before = state
+    return ""
+
+
+def _state_seen(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    seen = sorted({state.state for state in flown.states})
+    return RowVerdict(row.state in seen, f"safety/state showed {', '.join(seen) or 'nothing'}")
+
+
+def random_flight(flown: FlownMission) -> RowVerdict:
+    """Return the campaign's verdict: never beyond the cage, and each goal rightly answered."""
+    cage, accepted_at = _Commanded(flown), -_AWAKE
+    target: Outcome | None = None
+    for number, outcome in enumerate(flown.outcomes):
+        step = outcome.step
+        if outcome.problem is not None:
+            return RowVerdict(False, f"{step} at {step.at:.2f} s: {outcome.problem.message}")
+        if isinstance(step, CageStep):
+            target = None
+        if not isinstance(step, GotoStep):
+            continue
+        name = f"{step} at {step.at:.2f} s"
+        if outcome.accepted and not cage.permits(number, step):
+            return RowVerdict(False, f"{name}: was accepted with {cage.text(number)}")
+        idle = step.at - max(accepted_at, _moved(flown.poses, step.at))
+        if not outcome.accepted and cage.permits(number, step) and idle > _AWAKE:
+            return RowVerdict(
+                False,
+                f"{name}: was refused {idle:.1f} s after the last flight: {outcome.reply.reason}",
+            )
+        if outcome.accepted:
+            accepted_at, target = step.at, outcome
+    worst, at = excursion(flown)
+    if worst > flown.params.safety.margin:
+        return RowVerdict(False, f"the vehicle was {worst:.2f} m beyond the cage at {at:.2f} s")
+    if target is not None and flown.poses[-1].stamp - accepted_at > _TIME_TO_ARRIVE:
+        away = _distance(flown.poses[-1], _goal(target.step))
+        if away > flown.params.safety.acceptance_range:
+            return RowVerdict(False, f"{target.step} at {accepted_at:.2f} s: never arrived")
+    return RowVerdict(True, "inside, and each goal rightly answered")
+
+
+def excursion(flown: FlownMission) -> tuple[float, float]:
+    """Return the worst way (m) beyond the cage in force, more than permitted, and its time (s).
+
+    A vehicle outside, or about to leave, when the cage comes on may go as far as it needs to stop,
+    and never out again once it has come nearer.
+    """
+    cage = _Commanded(flown)
+    braking = flown.params.dynamics.control.max_acceleration
+    worst, at, allowed = 0.0, 0.0, 0.0
+    before: Point | None = None
+    for pose in flown.poses:
+        size = cage.in_force(pose.stamp)
+        if size is not None:
+            p, v = _place(pose), (pose.velocity.x, pose.velocity.y, pose.velocity.z)
+            if size != before:
+                sx, sy, sz = (x + 0.5 / braking * u * abs(u) for x, u in zip(p, v, strict=True))
+                room = max(outside(*p, *size), outside(sx, sy, sz, *size))
+                allowed = max(room, gently(*p, *v, braking, *size)) if room > 0 else 0.0
+            out = outside(*p, *size)
+            if out - allowed > worst:
+                worst, at = out - allowed, pose.stamp
+            if allowed and dist(v, (0, 0, 0)) < _AT_REST:
+                allowed = min(allowed, out)
+        before = size
+    return worst, at
+
+
+class _Commanded:
+    """Cage as the mission commands it, whatever the node makes of it."""
+
+    def __init__(self, flown: FlownMission) -> None:
+        size = flown.params.safety.virtual_cage
+        now = (size.x, size.y, size.z), flown.params.safety.cage_on
+        self._launch = now[0] if now[1] else None
+        self._times: list[float] = []
+        self._after: list[Point | None] = []
+        for step, reply, problem in flown.outcomes:
+            now = _changed(now, step, reply, problem)
+            self._times.append(step.at)
+            self._after.append(now[0] if now[1] else None)
+
+    def in_force(self, at: float) -> Point | None:
+        """Return the bounds (m) at a time (s), None if the cage is off."""
+        passed = bisect_right(self._times, at)
+        return self._after[passed - 1] if passed else self._launch
+
+    def permits(self, number: int, step: GotoStep) -> bool:
+        """Return whether a goal may be flown to; `number` is that of its outcome, for equal times."""
+        size = self._after[number]
+        return step.z >= 0 if size is None else inside((step.x, step.y, step.z), size)
+
+    def text(self, number: int) -> str:
+        """Return the cage at an outcome, for a message."""
+        size = self._after[number]
+        return "the cage off" if size is None else f"a cage of {' '.join(f'{s:g}' for s in size)}"
+
+
+def _changed(now: tuple[Point, bool], step: Row, reply: Any, problem: Any) -> tuple[Point, bool]:
+    """Return the cage's size, and whether it is on, after a step."""
+    (x, y, z), on = now
+    if isinstance(step, CageStep):
+        return (x, y, z), step.on
+    if isinstance(step, ParamStep) and isinstance(reply, SetParamsResponse):
+        bounds = {"x": x, "y": y, "z": z}
+        for name, value in step.values.items() if reply.success and problem is None else ():
+            if name.startswith("safety.virtual_cage."):
+                bounds[name[-1]] = float(value)
+        x, y, z = bounds.values()
+    return (x, y, z), on
+
+
+def _permits(flown: FlownMission, outcome: Outcome) -> bool:
+    return _Commanded(flown).permits(flown.outcomes.index(outcome), outcome.step)  # type: ignore[arg-type]
+
+
+_JUDGES = {
+    "refused": _refused,
+    "arrives": _arrives,
+    "stays_inside": _stays_inside,
+    "answers": _answers,
+    "zeroed": _zeroed,
+    "parameter_obeyed": _parameter_obeyed,
+    "state_seen": _state_seen,
+}
+
+
+def _gotos(flown: FlownMission) -> list[Outcome]:
+    return [each for each in flown.outcomes if isinstance(each.step, GotoStep)]
+
+
+def _refusal(outcome: Outcome) -> str:
+    return f"refused, {outcome.reply.reason or 'without a reason'}"
+
+
+def _goal(step: Any) -> Point:
+    return step.x, step.y, step.z
+
+
+def _place(pose: Pose) -> Point:
+    p = pose.position
+    return p.x, p.y, p.z
+
+
+def _distance(pose: Pose, place: Iterable[float]) -> float:
+    return dist(_place(pose), tuple(place))
+
+
+def _stamp(pose: Pose) -> float:
+    return pose.stamp
+
+
+def _at(poses: Sequence[Pose], at: float) -> Pose:
+    """Return the pose at a time (s), or the next."""
+    return poses[min(bisect_left(poses, at - 1e-9, key=_stamp), len(poses) - 1)]
+
+
+def _moved(poses: Sequence[Pose], at: float) -> float:
+    """Return when (s) the vehicle last moved before a time."""
+    for pose in reversed(poses[: bisect_left(poses, at - 1e-9, key=_stamp)]):
+        if dist(astuple(pose.velocity), (0, 0, 0)) > _AT_REST:
+            return pose.stamp
+    return -_AWAKE

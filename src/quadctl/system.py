@@ -1,0 +1,160 @@
+"""Systems for programs: `launch` starts one, `connect` reaches one that runs already."""
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from secrets import token_hex
+from typing import Any, Self
+from weakref import finalize
+
+from msgspec.structs import replace
+
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.params import load
+from quadctl.services.runtime.params.names import put
+from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, listed, vehicle_name
+from quadctl.services.runtime.supervisor import capacity
+from quadctl.services.runtime.supervisor.control import stop_run
+from quadctl.services.runtime.supervisor.daemon import end, start_in_background
+from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.vehicles import only_vehicle
+from quadctl.vehicle import Vehicle
+
+TIMEOUT = 3.0
+"""Seconds that a reply may take."""
+
+
+class Run:
+    """A system that this program has started: hub, vehicles and their nodes.
+
+    It ends with its `with` block, at `close`, and at the latest with the program, however that
+    ends. `realm` is its name for commands: `quadctl status --realm NAME`.
+    """
+
+    def __init__(self, launch: Launch, timeout: float, on_progress: Callable[[str], None]) -> None:
+        """Start the processes; raise as `start_in_background`, with nothing left running."""
+        self.realm = launch.realm
+        # Not by a fork: it would inherit the files, the memory and the state of the program.
+        supervisor = start_in_background(replace(launch, owned=True), on_progress, fork=False)
+        self._stop = finalize(self, _stop, Realm(launch.realm), supervisor)
+        try:
+            client = Client(launch.realm, launch.vehicles[0], timeout=timeout)
+            self._clients = [client]
+        except BaseException:
+            self._stop()
+            raise
+        self.vehicles: dict[str, Vehicle] = {
+            name: Vehicle(client.beside(name, timeout)) for name in launch.vehicles
+        }
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Return the only vehicle; raise UsageError if there are several."""
+        if len(self.vehicles) > 1:
+            names = listed(list(self.vehicles))
+            raise UsageError(f"there are several vehicles: {names}", 'name one: vehicles["uav0"]')
+        return next(iter(self.vehicles.values()))
+
+    def logs(self) -> dict[str, list[str]]:
+        """Return the lines that each process has logged so far, by its name."""
+        files = sorted(Realm(self.realm).logs.glob("*.log"))
+        return {file.stem: file.read_text(errors="replace").splitlines() for file in files}
+
+    def close(self) -> None:
+        """Disconnect and end all processes; a second call does nothing."""
+        while self._clients:
+            self._clients.pop().close()
+        self._stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def launch(
+    config: str | os.PathLike[str] | None = None,
+    *,
+    params: Mapping[str, Any] | None = None,
+    vehicles: int = 1,
+    realm: str | None = None,
+    processes: Mapping[str, str] | None = None,
+    record: str | os.PathLike[str] | None = None,
+    timeout: float = TIMEOUT,
+) -> Run:
+    """Start a system, and return it when all its nodes answer.
+
+    Args:
+        config: parameter file; without one, the defaults count.
+        params: parameters by dotted name, e.g. `{"dynamics.speed": 0, "uav1.safety.takeoff": 2}`;
+            they override the file.
+        vehicles: number of vehicles: one is `uav`, several are `uav0`, `uav1` ..
+        realm: name of the run; by default one of its own, so that programs do not meet.
+        processes: commands by node, e.g. `{"safety": "python my_safety.py"}`, in place of ours or
+            beside them.
+        record: file for a recording of the whole run.
+        timeout: seconds that a reply may take.
+
+    Raises Invalid for a wrong parameter, UsageError for a wrong name or number, AlreadyServed if the
+    realm runs already, and QuadctlError, with the last lines of its log, for a node that fails.
+    """
+    names = [DEFAULT] if vehicles == 1 else load.names(DEFAULT, vehicles)
+    source = None if config is None else Path(config)
+    table, origin = load.gather(source)
+    for name, value in (params or {}).items():
+        put(table, name, value, f"params[{name!r}]")
+    if processes:
+        table["processes"] = {**table.get("processes", {}), **processes}
+    fleet = load.of(table, f"{origin} with params" if params else origin, names)
+    folder = source.resolve().parent if source else Path.cwd()
+    recording = "" if record is None else str(Path(record).resolve())
+    name = realm or f"py-{os.getpid()}-{token_hex(2)}"
+    plan = Launch(Realm(name).name, fleet, [], str(folder), recording)
+    plan.processes()
+    capacity.check(plan)
+    return Run(plan, timeout, lambda _line: None)
+
+
+class Connection(Vehicle):
+    """Vehicle of a system that runs already; `close` or the end of a `with` block disconnects."""
+
+    def close(self) -> None:
+        """Disconnect; the system runs on."""
+        self.client.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def connect(
+    realm: str | None = None,
+    vehicle: str | None = None,
+    connect: str = "",
+    timeout: float = TIMEOUT,
+) -> Connection:
+    """Connect to a vehicle of a system that runs already.
+
+    Args:
+        realm: name of the run; by default that of the environment variable QUADCTL_REALM, else
+            `default`.
+        vehicle: name of the vehicle; by default that of QUADCTL_VEHICLE, else the only one.
+        connect: a hub's Zenoh endpoint, e.g. `tls/host:7447`, in place of the realm's own.
+        timeout: seconds that a reply may take.
+
+    Raises Unreachable if nothing runs there, UsageError for a wrong name and if several vehicles
+    are there, and TimedOut if the hub does not answer.
+    """
+    place = realm or default_name()
+    named = vehicle or os.environ.get("QUADCTL_VEHICLE")
+    name = vehicle_name(named) if named else only_vehicle(place, connect, timeout)
+    return Connection(Client(place, name, connect=connect, timeout=timeout))
+
+
+def _stop(realm: Realm, supervisor: Any) -> None:
+    stop_run(realm)
+    end(supervisor)

@@ -1,0 +1,473 @@
+"""One vehicle of a running system, for programs; the commands and the console use the same calls.
+
+quad.goto(1, 2, 1)                      # waits for the arrival
+flight = quad.goto(2, 2, 1, wait=False)
+flight.wait()
+"""
+
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeVar, overload
+from weakref import finalize
+
+import msgspec
+from msgspec import Struct
+
+from quadctl.schemas.messages import PAUSED, Pose, Position, Pressure, SafetyState
+from quadctl.schemas.services import (
+    CalibrateRequest,
+    GetParamsRequest,
+    GotoRequest,
+    HoldRequest,
+    ResetRequest,
+    ToggleCageRequest,
+)
+from quadctl.schemas.topics import (
+    CALIBRATE,
+    GOTO,
+    HOLD,
+    POSE,
+    PRESSURE,
+    RESET,
+    STATE,
+    TOGGLE_CAGE,
+    TOPICS,
+    Topic,
+    get_params,
+)
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, Refused, TimedOut
+
+if TYPE_CHECKING:
+    from quadctl.parameters import ParamTable
+    from quadctl.services.runtime.bus.streams import TypedSubscriber
+
+M = TypeVar("M", bound=Struct)
+
+_SLACK = 5.0
+"""Seconds that a flight may take beyond twice the planned time."""
+
+
+_STATES_MISSED = 3
+"""Periods of safety's state without one that can be read, after which a flight is given up."""
+_LONGEST_WAIT = 3600.0
+"""Seconds of one wait in a watch without an end; a queue cannot wait for ever."""
+
+
+class Calibration(Struct, frozen=True):
+    """Baseline of the barometer, hPa: the mean of so many samples, and their spread (hPa)."""
+
+    baseline: float
+    samples: int
+    spread: float
+
+
+class Arrival(Struct, frozen=True):
+    """End of a flight: the distance left to the goal (m), and the simulated seconds it took."""
+
+    distance: float
+    seconds: float
+
+
+def distance(a: Position, b: Position) -> float:
+    """Return the metres between two points."""
+    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+
+
+def goal_of(x: float, y: float, z: float, *, replace: bool = False) -> GotoRequest:
+    """Return a request for a point, m; raise Invalid for a bad coordinate."""
+    point = {"x": x, "y": y, "z": z}
+    try:
+        return msgspec.convert(point | {"replace": replace}, GotoRequest)
+    except msgspec.ValidationError as error:
+        axis = str(error).rpartition("$.")[2].rstrip("`")
+        raise Invalid(
+            f"{axis} = {point[axis]:g} is not a valid coordinate",
+            "coordinates are metres, finite, and at most 10 km from the origin",
+        ) from error
+
+
+def patience(client: Client, metres: float) -> float:
+    """Return the time (s) to wait for an arrival: twice the planned time, and 5.
+
+    The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
+    """
+    reply = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"]))
+    values = reply.values | reply.in_force
+    speed, acceleration, jerk = (
+        float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
+    )
+    planned = metres / speed + speed / acceleration + acceleration / jerk
+    return 2 * planned + _SLACK
+
+
+_RESTS, _AT_REST = 0.05, 0.25
+"""Speed (m/s) of a vehicle that rests, and the simulated seconds of it: one that turns is slow, too."""
+_SETTLING = 30.0
+"""Seconds for a vehicle to rest after its arrival."""
+
+
+def speed(pose: Pose) -> float:
+    """Return the speed of a vehicle, m/s."""
+    return math.hypot(pose.velocity.x, pose.velocity.y, pose.velocity.z)
+
+
+def slowed(client: Client, below: float, timeout: float, lasting: float = 0.0) -> Pose | None:
+    """Return the first pose slower than so many m/s for so long (simulated s); None after `timeout` s.
+
+    Raises Client.silent's error if poses stop.
+    """
+    poses, ends = client.subscribe(POSE), time.monotonic() + timeout
+    since = math.inf
+    try:
+        while time.monotonic() < ends:
+            pose = poses.next(client.timeout)
+            if pose is None:
+                raise client.silent(POSE.key(client.vehicle), poses.problem)
+            since = min(since, pose.stamp) if speed(pose) < below else math.inf
+            if pose.stamp - since >= lasting:
+                return pose
+        return None
+    finally:
+        poses.close()
+
+
+class Flight:
+    """One flight to a goal, from safety's verdict on it to its end.
+
+    `accepted` and `reason` are the verdict; `reason` is also why an accepted flight was stopped,
+    and `paused` why it waits, e.g. for poses that are late.
+    """
+
+    def __init__(self, client: Client, request: GotoRequest, timeout: float | None = None) -> None:
+        """Request the goal; raise what Client.call raises. `timeout` (s) is for the verdict."""
+        self._client, self._goal = client, Position(request.x, request.y, request.z)
+        self.paused = ""
+        self._arrived, self._reason = False, ""
+        self._distance, self._seconds = math.inf, 0.0
+        self._began: float | None = None
+        self._moving, self._state_at = False, time.monotonic()
+        topics: tuple[Topic[Any], ...] = (STATE, POSE)
+        # Before the request, so that no message is missed.
+        self._messages: TypedSubscriber[Any] = client.subscribe(*topics)
+        self._end = finalize(self, self._messages.close)
+        reply = client.call(GOTO, request, timeout)
+        self.accepted = reply.accepted
+        if not reply.accepted:
+            self._reason = reply.reason
+            self._end()
+
+    @property
+    def reason(self) -> str:
+        """Return why the goal was refused, or the flight stopped; else an empty string."""
+        self._catch_up()
+        return self._reason
+
+    @property
+    def arrived(self) -> bool:
+        """Return whether the vehicle has arrived."""
+        self._catch_up()
+        return self._arrived
+
+    @property
+    def distance(self) -> float:
+        """Return the metres to the goal; infinite before the first pose."""
+        self._catch_up()
+        return self._distance
+
+    @property
+    def seconds(self) -> float:
+        """Return the simulated seconds of the flight so far."""
+        self._catch_up()
+        return self._seconds
+
+    def begin(self) -> float:
+        """Wait for a pose, or an earlier stop, and return the metres to go.
+
+        Raises Client.silent's error if none comes.
+        """
+        deadline = time.monotonic() + self._client.timeout
+        while self._began is None and not self._is_over:
+            message = self._messages.next(deadline - time.monotonic())
+            if message is None:
+                raise self._client.silent(POSE.key(self._client.vehicle), self._messages.problem)
+            self._take(message)
+        return self._distance
+
+    def wait(
+        self,
+        timeout: float | None = None,
+        on_progress: Callable[[float], None] | None = None,
+        on_pause: Callable[[str], None] = lambda _reason: None,
+    ) -> Arrival:
+        """Wait for the arrival for up to `timeout` s, by default twice the planned time and 5 s.
+
+        `on_progress` is called with the metres to go, `on_pause` with the reason when the flight
+        pauses, and with "" when it goes on. Raises Refused if the goal was refused or the flight
+        stopped, TimedOut if it takes longer, Invalid if safety's states cannot be read, and
+        Client.silent's error if messages stop.
+        """
+        metres = self.begin()
+        if timeout is None:
+            timeout = 0.0 if self._is_over else patience(self._client, metres)
+        ends = time.monotonic() + timeout
+        while not self._is_over:
+            left = ends - time.monotonic()
+            if left <= 0:
+                raise TimedOut(
+                    f"not there after {timeout:.1f} s: {self._distance:.2f} m to go",
+                    "the flight goes on; `quadctl hold` stops it, --arrive (in Python timeout=) waits longer",
+                )
+            message = self._messages.next(min(left, self._client.timeout))
+            if message is not None:
+                before = self.paused
+                self._take(message)
+                if self.paused != before:
+                    on_pause(self.paused)
+                if on_progress is not None:
+                    on_progress(self._distance)
+                self._check_states()
+            elif left > self._client.timeout:
+                raise self._client.silent(STATE.key(self._client.vehicle), self._messages.problem)
+        if self._reason:
+            raise self.refusal()
+        return Arrival(self._distance, self._seconds)
+
+    def _check_states(self) -> None:
+        """Raise Invalid if safety's states cannot be read: poses alone report no end of a flight."""
+        problem = self._messages.unread.get(STATE.key(self._client.vehicle))
+        silence = time.monotonic() - self._state_at
+        if problem and silence > max(self._client.timeout, _STATES_MISSED / STATE.hz):
+            raise problem
+
+    def settle(self, timeout: float = _SETTLING) -> Arrival:
+        """Wait, after the arrival, until the vehicle rests; raise TimedOut after `timeout` s."""
+        pose = slowed(self._client, _RESTS, timeout, _AT_REST)
+        if pose is None:
+            raise TimedOut(
+                f"the vehicle does not rest within {timeout:g} s of its arrival",
+                "is there wind? `quadctl param get dynamics.wind`",
+            )
+        self._distance = distance(pose.position, self._goal)
+        self._seconds = pose.stamp - (self._began or 0.0)
+        return Arrival(self._distance, self._seconds)
+
+    def refusal(self) -> Refused:
+        """Return the error for a goal that was refused, or a flight that was stopped."""
+        if self.accepted:
+            text = f"the flight was stopped: {self._reason}"
+            return Refused(text, "`quadctl state` shows more", reason=self._reason)
+        busy = self._reason.startswith("busy")
+        course = "`--replace` changes course; `quadctl hold` stops"
+        more = "`quadctl cage show` and `quadctl state` show more"
+        return Refused(self._reason, course if busy else more, reason=self._reason)
+
+    @property
+    def _is_over(self) -> bool:
+        return self._arrived or bool(self._reason)
+
+    def _catch_up(self) -> None:
+        while not self._is_over and (message := self._messages.next(0)) is not None:
+            self._take(message)
+
+    def _take(self, message: Pose | SafetyState) -> None:
+        self._read(message)
+        if self._is_over:
+            self._end()
+
+    def _read(self, message: Pose | SafetyState) -> None:
+        if isinstance(message, Pose):
+            if self._began is None:
+                self._began = message.stamp
+            self._distance = distance(message.position, self._goal)
+            self._seconds = message.stamp - self._began
+        else:
+            self._state_at = time.monotonic()
+            self._follow(message)
+
+    def _follow(self, state: SafetyState) -> None:
+        if not state.boot:
+            # Safety has restarted and has seen no pose; its next states report the outcome.
+            return
+        if self._moving and state.reason.startswith(PAUSED):
+            self.paused = state.reason
+            return
+        if state.goal == self._goal:
+            self.paused = ""
+            self._moving = self._moving or state.state == "MOVING"
+            self._arrived = self._moving and state.state == "HOVERING"
+        elif self._moving and state.state != "VERIFYING":
+            other = "another goal was accepted in its place"
+            elsewhere = "safety holds the vehicle elsewhere"
+            self._reason = state.reason or (other if state.state == "MOVING" else elsewhere)
+
+
+class Watch(Generic[M]):
+    """Iterator over a topic's messages as they come, for so many seconds of the reader's clock.
+
+    Of unread messages the oldest beyond 10 000 are dropped, and `lost` counts them.
+    """
+
+    def __init__(self, client: Client, topic: Topic[M], seconds: float) -> None:
+        self._ends = time.monotonic() + seconds
+        self._messages: TypedSubscriber[M] = client.subscribe(topic)
+        self._end = finalize(self, self._messages.close)
+
+    @property
+    def lost(self) -> int:
+        """Return the number of messages that were dropped unread."""
+        return self._messages.lost
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> M:
+        while (left := self._ends - time.monotonic()) > 0:
+            message = self._messages.next(min(left, _LONGEST_WAIT))
+            if message is not None:
+                return message
+        self._end()
+        raise StopIteration
+
+
+class Vehicle:
+    """One vehicle of a running system.
+
+    Each method raises Unreachable if nobody answers, TimedOut if an answer takes longer than the
+    connection's timeout, and Invalid for an unreadable message; metres, seconds, ENU.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+
+    @property
+    def name(self) -> str:
+        """Return the vehicle's name."""
+        return self.client.vehicle
+
+    def calibrate(self, *, unset: bool = False) -> Calibration:
+        """Zero the barometer at the mean of its last second, or drop the baseline.
+
+        Raises NotReady if the barometer had no reading in that second.
+        """
+        if unset:
+            baseline = self.client.call(CALIBRATE, CalibrateRequest(zero=False)).baseline
+            return Calibration(baseline, 0, 0.0)
+        readings = self.client.subscribe(PRESSURE)
+        try:
+            baseline = self.client.call(CALIBRATE, CalibrateRequest(zero=True)).baseline
+            deadline = time.monotonic() + self.client.timeout
+            # The first message with the baseline also has its samples and spread.
+            while (reading := readings.next(deadline - time.monotonic())) is not None:
+                if reading.baseline == baseline:
+                    return Calibration(baseline, reading.samples, reading.spread)
+                if time.monotonic() > deadline:
+                    break
+            raise self.client.silent(PRESSURE.key(self.name), readings.problem)
+        finally:
+            readings.close()
+
+    @overload
+    def goto(
+        self, x: float, y: float, z: float, *,
+        replace: bool = ..., wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
+    ) -> Arrival: ...  # fmt: skip
+    @overload
+    def goto(
+        self, x: float, y: float, z: float, *,
+        replace: bool = ..., wait: Literal[False], timeout: float | None = ...,
+    ) -> Flight: ...  # fmt: skip
+
+    def goto(
+        self,
+        x: float,
+        y: float,
+        z: float,
+        *,
+        replace: bool = False,
+        wait: bool = True,
+        settle: bool = False,
+        timeout: float | None = None,
+    ) -> Arrival | Flight:
+        """Fly to a point (m, ENU); return its Arrival, or without `wait` the Flight.
+
+        With `settle` also wait until the vehicle rests. `replace` changes course while flying to
+        another goal. Raises Refused, with the reason, if safety refuses the goal or stops the
+        flight, Invalid for a bad coordinate, and TimedOut after `timeout` (s; default: twice the
+        planned time and 5 s).
+        """
+        flight = Flight(self.client, goal_of(x, y, z, replace=replace))
+        if not flight.accepted:
+            raise flight.refusal()
+        if not wait:
+            return flight
+        arrival = flight.wait(timeout)
+        return flight.settle() if settle else arrival
+
+    def hold(self) -> None:
+        """Stop, and hover at the stopping point."""
+        self.client.call(HOLD, HoldRequest())
+
+    def reset(self) -> None:
+        """Put the vehicle back at its start, as a new boot of the simulation."""
+        self.client.call(RESET, ResetRequest())
+
+    def cage(self, *, on: bool) -> None:
+        """Turn the cage on or off; raise Refused if safety does not."""
+        if not self.client.call(TOGGLE_CAGE, ToggleCageRequest(on)).success:
+            raise Refused(f"safety did not turn the cage {'on' if on else 'off'}")
+
+    def pose(self) -> Pose:
+        """Return the vehicle's next pose."""
+        return self.client.first(POSE)
+
+    def pressure(self) -> Pressure:
+        """Return the barometer's next reading."""
+        return self.client.first(PRESSURE)
+
+    def state(self) -> SafetyState:
+        """Return the automaton's present state."""
+        return self.client.latest(STATE)
+
+    @overload
+    def watch(self, topic: Literal["pose"], seconds: float = ...) -> Watch[Pose]: ...
+    @overload
+    def watch(self, topic: Literal["pressure"], seconds: float = ...) -> Watch[Pressure]: ...
+    @overload
+    def watch(self, topic: Literal["state"], seconds: float = ...) -> Watch[SafetyState]: ...
+    @overload
+    def watch(self, topic: Topic[M], seconds: float = ...) -> Watch[M]: ...
+    @overload
+    def watch(self, topic: str, seconds: float = ...) -> Watch[Any]: ...
+
+    def watch(self, topic: Any, seconds: float = math.inf) -> Watch[Any]:
+        """Subscribe to a topic, and iterate over its messages for so many seconds.
+
+        A topic is named in full or by its last word, e.g. `safety/state` or `state`. Raises Invalid
+        for an unknown name.
+        """
+        return Watch(self.client, topic_named(topic) if isinstance(topic, str) else topic, seconds)
+
+    @property
+    def params(self) -> "ParamTable":
+        """Return the parameters of the vehicle's nodes: read and set by dotted name."""
+        from quadctl.parameters import ParamTable
+
+        return ParamTable(self.client)
+
+
+def topic_named(name: str) -> Topic[Any]:
+    """Return a declared topic by its name or its last word; raise Invalid with the nearest."""
+    bare = name.strip("/")
+    for topic in TOPICS:
+        if bare == topic.name or (
+            bare == topic.name.rpartition("/")[2] and topic.name != "pose/slow"
+        ):
+            return topic
+    from quadctl.services.runtime.params.names import nearest
+
+    names = [topic.name for topic in TOPICS]
+    raise Invalid(
+        f"there is no topic {name}", nearest(bare, names) or f"there are {', '.join(names)}"
+    )

@@ -1,0 +1,54 @@
+"""Recordings as arrays."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import quadctl
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    file = tmp_path_factory.mktemp("recorded") / "flight.mcap"
+    with quadctl.launch(params={"dynamics.speed": 0}, record=file) as run:
+        run.vehicle.calibrate()
+        run.vehicle.goto(1, 2, 1)
+    return file
+
+
+def test_a_recording_is_read_into_arrays_by_key_and_field(recording):
+    flight = quadctl.read(recording)
+    pose = flight["uav/pose"]
+    count = len(pose["stamp"])
+    assert count > 100
+    assert pose["position"].shape == (count, 3)
+    assert pose["orientation"].shape == (count, 4)
+    assert pose["seq"].dtype == np.int64
+    assert np.all(np.diff(pose["seq"]) == 1)
+    assert np.linalg.norm(pose["position"][-1] - [1, 2, 1]) < 0.5
+    assert np.allclose(np.linalg.norm(pose["orientation"], axis=1), 1)
+    assert np.all(np.diff(pose["received"]) >= 0)
+    state = flight["uav/safety/state"]
+    assert state["cage_on"].dtype == bool
+    assert {"HOVERING", "VERIFYING", "MOVING"} == set(state["state"])
+    assert flight["uav/@call/goto"]["request"][0]["x"] == 1
+    assert not any("scene" in key for key in flight)
+
+
+def test_a_torn_recording_is_read_to_its_last_whole_record(recording, tmp_path):
+    torn = tmp_path / "torn.mcap"
+    data = recording.read_bytes()
+    torn.write_bytes(data[: len(data) * 2 // 3])
+    whole, part = quadctl.read(recording), quadctl.read(torn)
+    assert part.keys() <= whole.keys()
+    for key, columns in part.items():
+        assert len(columns["received"]) <= len(whole[key]["received"])
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    text = tmp_path / "text.mcap"
+    text.write_text("no recording at all")
+    for file in (text, tmp_path / "nowhere.mcap"):
+        with pytest.raises(quadctl.Invalid, match=file.name):
+            quadctl.read(file)

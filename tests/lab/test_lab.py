@@ -1,0 +1,179 @@
+"""`lab new`, `lab check` and `lab grade`, as a student and a teacher use them."""
+
+import shutil
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from quadctl.cli.lab import grading
+from tests.support.handins import CHEATS, GOOD, MISTAKES, write
+from tests.support.lab import Lab
+from tests.support.proofs import Proofs
+
+ROWS = ["1.1", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "3.1", "3.2", "4.1", "4.2"]
+HIDDEN = "5.1"
+LAZY = {"2.6", "3.1", "3.2"}
+"""Rows that hold for a safety node that accepts every goal and flies nowhere."""
+
+
+def graded(lab: Lab, *words: object, timeout: float = 60.0) -> dict[str, dict[str, str]]:
+    """Grade hand-ins; return the output of each row that does not hold, by hand-in and number."""
+    done = lab.quadctl("lab", "grade", *words, "--format", "json", timeout=timeout)
+    assert done.code == 0, done.err
+    return {
+        Path(each["submission"]).stem: {
+            test["number"]: test["output"] for test in each["tests"] if not test["ok"]
+        }
+        for each in done.json
+    }
+
+
+def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
+    done = lab.quadctl("lab", "new", "mine")
+    assert done.code == 0, done.err
+    mine = lab.folder / "mine"
+    assert {path.name for path in mine.iterdir()} == {
+        "LAB.md", "my_pressure.py", "my_safety.py", "quad.toml", "rubric.toml", "test_lab.py"
+    }  # fmt: skip
+    assert lab.quadctl("lab", "new", "mine").code == 6
+
+    first = lab.quadctl("lab", "check", "mine", "--json", timeout=60)
+    assert first.code == 8, first.err
+    assert (first.json["ok"], first.json["score"]) == (False, 0)
+    assert [test["number"] for test in first.json["tests"]] == ROWS
+    assert all(test["output"] for test in first.json["tests"])
+
+    completed = write("completed", lab.folder)
+    for name in ("my_safety.py", "my_pressure.py"):
+        shutil.copy(completed / name, mine / name)
+    last = lab.quadctl("lab", "check", "mine", "--report", "out", timeout=60)
+    assert last.code == 0, last.out + last.err
+    assert "mine: 17 of 17 points" in last.out
+    page = (lab.folder / "out/report.html").read_text("utf-8")
+    assert "mine: 17 of 17 points" in page
+    assert "data:image/png;base64," in page
+    assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
+
+
+def test_a_class_is_graded_each_for_itself(lab: Lab):
+    folders = [write(name, lab.folder) for name in ("functions", "no_baseline", "exits_at_once")]
+    zipped = lab.folder / "zipped.zip"
+    with zipfile.ZipFile(zipped, "w") as archive:
+        for path in sorted(folders[1].iterdir()):
+            archive.write(path, f"inner/{path.name}")
+    bad = lab.folder / "bad.zip"
+    bad.write_text("no zip", encoding="utf-8")
+    found = graded(lab, folders[0], zipped, folders[2], bad)
+    assert found["functions"] == {}
+    assert found["zipped"].keys() == {"3.2"}
+    assert found["exits_at_once"].keys() == {*ROWS, HIDDEN}
+    assert "safety does not stay up" in found["exits_at_once"]["2.1"]
+    assert set(found["bad"].values()) == {f"{bad} is neither a folder nor a zip file"}
+
+
+def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
+    outputs = graded(lab, write("reads_the_rubric", lab.folder))["reads_the_rubric"]
+    assert outputs.keys() == {*ROWS, HIDDEN}
+    assert "FOUND []" in outputs["2.1"]
+
+
+def test_without_namespaces_grading_asks_for_trust(lab: Lab):
+    good = write("completed", lab.folder)
+    rubric = lab.file(
+        '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
+        'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n',
+        "rubric.toml",
+    )
+    grade = lab.command("lab", "grade", good, "--rubric", rubric)
+    forbid = 'echo 0 > /proc/sys/user/max_mnt_namespaces; exec "$@"'
+    done = lab.run(["unshare", "-r", "sh", "-c", forbid, "sh", *grade])
+    assert done.code == 1
+    assert (
+        "hand-ins cannot be shut in on this machine: namespaces of its own: No space left"
+        in done.err
+    )
+    assert "--trust" in done.err
+    trusted = lab.run(["unshare", "-r", "sh", "-c", forbid, "sh", *grade, "--trust"], 60.0)
+    assert (trusted.code, trusted.out.splitlines()[0]) == (0, f"{good}: 1 of 1 points")
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "error"),
+    [
+        ("grade nothere", 6, "there is no hand-in nothere"),
+        ("grade . --format grade", 2, "--format grade: there is no such form"),
+        ("grade . . --format github", 2, "--format github is for one hand-in, not 2"),
+        ("grade . --rubric nothere.toml", 6, "nothere.toml"),
+        ("check nothere", 6, "there is no folder nothere"),
+        ("check .", 6, "quad.toml"),
+    ],
+)
+def test_a_wrong_call_is_refused(lab: Lab, words: str, code: int, error: str):
+    done = lab.quadctl("lab", *words.split())
+    assert done.code == code
+    assert error in done.err
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("", "names no node under [processes]"),
+        ('[processes]\ndynamics = "python x.py"\n', "processes.dynamics: the lab flies its own"),
+        ('[processes]\nsafety = "nothere x.py"\n', "nothere was not found"),
+    ],
+)
+def test_only_safety_and_pressure_may_be_handed_in(lab: Lab, text: str, error: str):
+    lab.file(text, "quad.toml")
+    done = lab.quadctl("lab", "check", "--json")
+    assert error in (done.err or str(done.json["tests"]))
+    assert done.code == (6 if done.err else 8)
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(3000)
+def test_the_rubric_tells_the_mistakes_apart_in_20_runs_of_20(lab: Lab, proofs: Proofs):
+    folders = [write(name, lab.folder) for name in (*GOOD, *MISTAKES)]
+    expected = dict.fromkeys(GOOD, frozenset[str]()) | {n: m.rows for n, m in MISTAKES.items()}
+    assert len(set(expected.values())) == 1 + len(MISTAKES)
+    for _ in range(20):
+        found = graded(lab, *folders, timeout=300)
+        assert {name: frozenset(rows) for name, rows in found.items()} == expected
+    proofs.add(
+        "The rubric tells three good hand-ins and nine mistakes apart", "20 runs of 20", "20 of 20"
+    )
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(900)
+def test_no_cheat_gains_a_point_or_disturbs_the_next(lab: Lab, proofs: Proofs):
+    folders = [write(name, lab.folder) for name in CHEATS]
+    honest = write("completed", lab.folder)
+    in_turn = [each for folder in folders for each in (folder, honest)]
+    done = lab.quadctl(
+        "lab", "grade", *in_turn, "--jobs", 1, "--seconds", 30, "--format", "json", timeout=800
+    )
+    assert done.code == 0, done.err
+    for cheat, after in zip(done.json[::2], done.json[1::2], strict=True):
+        held = {test["number"] for test in cheat["tests"] if test["ok"]}
+        assert held <= LAZY, cheat
+        assert after["ok"], cheat["submission"]
+    assert not lab.processes()
+    proofs.add("Cheats that gain a point or disturb the next hand-in", "0 of 10", "0")
+
+
+def test_a_judge_that_fails_is_reported_as_that(lab: Lab, monkeypatch: pytest.MonkeyPatch):
+    broken = lab.file("#!/bin/sh\nread job\necho 'no wings' >&2\nexit 3\n", "python")
+    broken.chmod(0o700)
+    row = {
+        "name": "flies",
+        "expect": "arrives",
+        "rows": [{"at": 4.0, "do": "goto", "x": 1.0, "y": 1.0, "z": 1.0}],
+    }
+    monkeypatch.setattr(sys, "executable", str(broken))
+    (found,) = grading.grade(
+        [write("completed", lab.folder)], {"row": [row]}, grading.Limits(), jobs=1, trust=True,
+        on_done=lambda _grade: None,
+    )  # fmt: skip
+    assert [each.output for each in found.tests] == ["not flown: its judge failed: no wings"]

@@ -1,0 +1,86 @@
+"""Hand-ins for the lab's tests: good ones, typical mistakes, and cheats, as folders."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+SOURCES = Path(__file__).parents[1] / "lab" / "handins"
+
+GOOD = ("completed", "functions", "table")
+"""Three that hold in every row, written differently."""
+
+
+class Mistake(NamedTuple):
+    """A change of the completed hand-in, and the rows of the built-in rubric that it costs."""
+
+    node: str
+    old: str
+    new: str
+    rows: frozenset[str]
+
+
+def _costs(*rows: str) -> frozenset[str]:
+    return frozenset(rows)
+
+
+MISTAKES = {
+    "no_verifying": Mistake(
+        "safety", '        self.state = "VERIFYING"\n        self.publish()\n', "", _costs("2.1")
+    ),
+    "forgets_z": Mistake(
+        "safety", "0 <= point.z <= cage.z", "0 <= point.z", _costs("1.1", "2.5", "5.1")
+    ),
+    "accepts_the_far_side": Mistake(
+        "safety", "abs(point.x) <= cage.x and abs(point.y)", "point.x <= cage.x and point.y",
+        _costs("2.4", "5.1"),
+    ),
+    "never_arrives": Mistake(
+        "safety", "Setpoint(pose.boot, pose.seq, self.goal,", "Setpoint(pose.boot, pose.seq, self.home,",
+        _costs("1.1", "2.2", "2.3", "2.4", "2.5", "4.1", "4.2", "5.1"),
+    ),
+    "toggles_without_effect": Mistake(
+        "safety", "(self.cage_on and not self.is_inside(goal))", "not self.is_inside(goal)",
+        _costs("4.1", "4.2", "5.1"),
+    ),
+    "no_baseline": Mistake("pressure", "raw - self.baseline", "raw", _costs("3.2")),
+    "baseline_in_pascals": Mistake(
+        "pressure", "sum(self.last) / len(self.last)", "100 * sum(self.last) / len(self.last)",
+        _costs("3.1", "3.2"),
+    ),
+    "drops_requests_in_flight": Mistake(
+        "safety", '"busy: flying to another goal"', '""', _costs("2.6")
+    ),
+    "hard_coded_parameters": Mistake(
+        "safety", "CageSize(size.x, size.y, size.z)", "CageSize(5.0, 5.0, 5.0)", _costs("1.1")
+    ),
+}  # fmt: skip
+
+CHEATS = (
+    "prints_a_forged_report", "kills_the_grader", "sleeps_for_ever", "forks_without_end",
+    "fills_the_disk", "reads_the_rubric", "publishes_poses_of_its_own", "answers_for_another_node",
+    "exits_at_once", "floods_the_bus",
+)  # fmt: skip
+
+
+def write(name: str, folder: Path) -> Path:
+    """Write a hand-in by its name to a new folder, and return the folder."""
+    target = folder / name
+    target.mkdir()
+    safety, pressure = "python my_safety.py", "python my_pressure.py"
+    sources = {"my_safety.py": "completed_safety.py", "my_pressure.py": "completed_pressure.py"}
+    if name == "functions":
+        safety, pressure = "python nodes.py safety", "python nodes.py pressure"
+        sources = {"nodes.py": "functions.py"}
+    elif name == "table":
+        sources["my_safety.py"] = "table.py"
+    elif name in CHEATS:
+        safety = f"python cheat.py {name}"
+        sources = {"cheat.py": "cheat.py", "my_pressure.py": "completed_pressure.py"}
+    texts = {own: (SOURCES / source).read_text("utf-8") for own, source in sources.items()}
+    if mistake := MISTAKES.get(name):
+        file = f"my_{mistake.node}.py"
+        assert mistake.old in texts[file], f"{name}: the completed hand-in has changed"
+        texts[file] = texts[file].replace(mistake.old, mistake.new)
+    texts["quad.toml"] = f'[processes]\nsafety = "{safety}"\npressure = "{pressure}"\n'
+    for own, text in texts.items():
+        (target / own).write_text(text, "utf-8")
+    return target

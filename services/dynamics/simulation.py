@@ -167,6 +167,9 @@ class Simulation:
     def configure(self) -> None:
         """Take the parameters' new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
+        if self._lands:
+            # Safety judges the same change, and its next goal may come before the next pose.
+            self._hold_or_land()
         self._log_limits()
 
     def _log_limits(self) -> None:
@@ -222,15 +225,14 @@ class Simulation:
         if self._faster and not self._is_fast and (fly := self._faster()):
             self._vehicle.fly, self._is_fast = fly, True
         self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
-        self._hold_or_land()
+        if self._answer_is_due:
+            self._hold_or_land()
         self._seq += 1
         self.publish()
         self.advance_time()
 
     def _hold_or_land(self) -> None:
         """Begin or continue a landing if the vehicle cannot hold itself; end it when it can."""
-        if not self._answer_is_due:
-            return
         vehicle = self._vehicle
         flown = vehicle.in_force
         if flown is not self._judged:

@@ -44,7 +44,7 @@ def test_a_file_or_settings_change_log_and_behaviour(lab: Lab, way: str):
         "Param: cage z - [0.0, 3.0]",
         "Param: acceptance range - 0.25",
     ):
-        assert line in run.log
+        eventually(lambda line=line: line in run.log, describe=lambda: run.log)
 
     refused = lab.quadctl("goto", 4, 0, 1, "--json")
     assert refused.code == 5

@@ -84,9 +84,10 @@ class Lab:
             return dict(zip(lines, pool.map(run, lines), strict=True))
 
     def start(self, *words: object) -> Done:
-        """Run `quadctl up -d`, which must succeed."""
+        """Run `quadctl up -d`, which must succeed; a slow start may report its progress."""
         done = self.quadctl("up", "-d", *words)
-        assert done == (0, f"realm {self.realm} is up\n", "")
+        assert (done.code, done.out) == (0, f"realm {self.realm} is up\n"), done
+        assert all(line.startswith("starting: ") for line in done.err.splitlines()), done
         return done
 
     def foreground(self, *words: object) -> Foreground:

@@ -1,12 +1,13 @@
 """Checkpoint 1: parameters outside the code change the behaviour and the log of the system."""
 
 import signal
+from functools import partial
 
 import pytest
 
 from tests.support.bare import gap
 from tests.support.lab import Lab
-from tests.support.running import eventually
+from tests.support.running import Foreground, eventually
 
 FILE = """
 [safety]
@@ -33,6 +34,11 @@ SAID = (
 )
 
 
+def has(run: Foreground, line: str) -> bool:
+    """Return whether a line is in the output so far."""
+    return line in run.log
+
+
 @pytest.mark.parametrize("way", ["file", "settings"])
 def test_a_file_or_settings_change_log_and_behaviour(lab: Lab, way: str):
     run = lab.foreground(*([lab.file(FILE)] if way == "file" else SETTINGS))
@@ -44,7 +50,7 @@ def test_a_file_or_settings_change_log_and_behaviour(lab: Lab, way: str):
         "Param: cage z - [0.0, 3.0]",
         "Param: acceptance range - 0.25",
     ):
-        eventually(lambda line=line: line in run.log, describe=lambda: run.log)
+        eventually(partial(has, run, line), describe=lambda: run.log)
 
     refused = lab.quadctl("goto", 4, 0, 1, "--json")
     assert refused.code == 5

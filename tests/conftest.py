@@ -16,8 +16,11 @@ PROOFS = pytest.StashKey[Proofs]()
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[PROOFS] = Proofs()
-    # A shell's background jobs ignore SIGINT, and so would every command that a test starts.
+    # A shell's background jobs ignore SIGINT and `nohup` ignores SIGHUP; so would every command
+    # that a test starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
     # No deadline: the time of an example depends on the load of the machine.
     hypothesis.settings.register_profile("quadctl", deadline=None)
     hypothesis.settings.load_profile("quadctl")

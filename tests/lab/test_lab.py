@@ -67,7 +67,7 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
     bad.write_text("no zip", encoding="utf-8")
     found = graded(lab, folders[0], zipped, folders[2], bad)
     assert found["functions"] == {}
-    assert found["zipped"].keys() == {"3.2"}
+    assert found["zipped"].keys() == {"3.2"}, found["zipped"]
     assert found["exits_at_once"].keys() == {*ROWS, HIDDEN}
     assert "safety does not stay up" in found["exits_at_once"]["2.1"]
     assert set(found["bad"].values()) == {f"{bad} is neither a folder nor a zip file"}
@@ -139,7 +139,7 @@ def test_the_rubric_tells_the_mistakes_apart_in_20_runs_of_20(lab: Lab, proofs: 
     assert len(set(expected.values())) == 1 + len(MISTAKES)
     for _ in range(20):
         found = graded(lab, *folders, timeout=300)
-        assert {name: frozenset(rows) for name, rows in found.items()} == expected
+        assert {name: frozenset(rows) for name, rows in found.items()} == expected, found
     proofs.add(
         "The rubric tells three good hand-ins and nine mistakes apart", "20 runs of 20", "20 of 20"
     )

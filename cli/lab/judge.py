@@ -57,7 +57,7 @@ class RowResult(Struct, frozen=True):
         )  # fmt: skip
 
 
-NOT_FLOWN = RowVerdict(False, "not flown: the time for this hand-in is over")
+NOT_FLOWN = RowVerdict(False, "not flown: the time for this hand-in is over (--seconds)")
 
 
 class Witness:
@@ -151,7 +151,7 @@ def fly(
         wrapped = {node: wrap(Realm(name), command) for node, command in nodes.items()}
         own = replace(params, processes=wrapped)
         file = record if rows is max(groups, key=len) else ""
-        launch = Launch(name, {DEFAULT: own}, [], str(folder), file)
+        launch = Launch(name, {DEFAULT: own}, [], str(folder), file, patient=True)
         yield from _fly_run(launch, rows, nodes, until)
 
 

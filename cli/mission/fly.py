@@ -285,7 +285,7 @@ def _connection(options: Options, file: Path, params: Params | None) -> Iterator
         )
     output.note(f"{file} has [set]: it flies in a run of its own")
     vehicle = options.named or DEFAULT
-    launch = Launch(f"fly-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()))
+    launch = Launch(f"fly-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()), patient=True)
     with temporary_run(launch), Client(launch.realm, vehicle, timeout=options.timeout) as client:
         yield client
 

@@ -1,7 +1,10 @@
 """`fly`: a mission gives the same flight to the last bit, at any speed and under any load."""
 
+import json
+import os
 import re
 import signal
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -13,7 +16,7 @@ import pytest
 from tests.support.compiled import compiled_vehicle
 from tests.support.lab import Lab, private_lab
 from tests.support.missions import MISSION, busy, fly, same, start
-from tests.support.running import eventually
+from tests.support.running import Foreground, eventually
 
 SETTINGS = {
     "fast": ("dynamics.speed=0",),
@@ -202,18 +205,38 @@ def test_wrong_settings_start_no_run(lab: Lab):
 @pytest.mark.parametrize(("victim", "code"), [("fly", 130), ("safety", 3)])
 def test_a_run_of_its_own_ends_with_its_mission(lab: Lab, victim: str, code: int):
     lab.file(f"{LONG}\n[set]\ndynamics.speed = 10\n", "long.toml")
-    flying = lab.spawn(*lab.command("fly", "long.toml"))
-    [record] = eventually(lambda: [*lab.runtime.glob("quadctl/fly-*/run.json")])
-    lab.realm = record.parent.name
-    eventually(lab.is_ready)
-    with lab.first_bare() as bare:
-        bare.watch("uav/pose").until(lambda p: p["stamp"] > 5)
+    flying = in_flight(lab, "long.toml")
     if victim == "fly":
         flying.send(signal.SIGINT)
     else:
         lab.signal(victim, signal.SIGKILL)
     assert flying.wait() == code, flying.log
     eventually(lab.is_gone)
+
+
+def test_a_run_of_its_own_waits_for_a_frozen_process(lab: Lab, fast: Lab):
+    lab.file(f"{MISSION}\n[set]\ndynamics.speed = 2\n", "mission.toml")
+    flying = in_flight(lab, "mission.toml", "--json")
+    # Longer than the lease of a link and the timeout of a health ping in other runs.
+    for pid in (lab.nodes()["hub"]["pid"], flying.pid, lab.nodes()["dynamics"]["pid"]):
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(2.5)
+        os.kill(pid, signal.SIGCONT)
+    assert flying.wait(30) == 0, flying.log
+    flown = json.loads(flying.log.splitlines()[-1])
+    assert flown["wall_seconds"] > 2.5
+    assert same(flown) == same(fly(fast))
+
+
+def in_flight(lab: Lab, *words: str) -> Foreground:
+    """Fly a mission in a run of its own, which becomes the lab's; return when it is on its way."""
+    flying = lab.spawn(*lab.command("fly", *words))
+    [record] = eventually(lambda: [*lab.runtime.glob("quadctl/fly-*/run.json")])
+    lab.realm = record.parent.name
+    eventually(lab.is_ready)
+    with lab.first_bare() as bare:
+        bare.watch("uav/pose").until(lambda p: p["boot"] and p["stamp"] > 1)
+    return flying
 
 
 LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 1.0 }]'

@@ -47,11 +47,6 @@ def disable_tcp_linger() -> None:
                 link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _OFF)
 
 
-_ROOM_US = 1_000_000
-"""Time (us) that the hub waits for a receiver without room for a message that must not be dropped;
-then it drops the receiver. Less than the 2 s after which a silent process counts as frozen."""
-
-
 def open_router(address: Address, params: "Params", realm: Realm) -> Session:
     """Open the hub with its plain endpoints; raise UsageError if one is open to everybody."""
     listen, join = endpoints.plain(params.hub.listen), endpoints.plain(params.hub.connect)
@@ -106,7 +101,9 @@ def _opened(config: dict[str, Any], what: str) -> zenoh.Session:
 def _router(address: Address) -> dict[str, Any]:
     config = session.common_config(address)
     config["mode"] = "router"
-    block = {"wait_before_close": _ROOM_US}
+    # A receiver without room for a message that must not be dropped is waited for as long as for a
+    # silent one. By default that is less than the 2 s after which a process counts as frozen.
+    block = {"wait_before_close": 1000 * address.lease_ms}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
     # Another hub may start at any time.
     retry = session.retry(session.JOIN_MS)

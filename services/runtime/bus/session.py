@@ -37,19 +37,23 @@ _RETRY_MS = 10
 """Milliseconds between a client's attempts while a hub starts; they cost nothing."""
 JOIN_MS = 100
 """The same over a network and between hubs, where each attempt costs the peer a handshake."""
-_LEASE_MS = 1000
-"""Milliseconds of silence after which a peer counts as gone."""
 LEASE_AFAR_MS = 4000
-"""The same between machines: a network of 30 laptops, or one laptop, sometimes stalls for 1 s, and
-a peer that times out must redo the handshake and declare everything again."""
+"""Lease between machines: a network of 30 laptops, or one laptop, sometimes stalls for 1 s, and a
+peer that times out must redo the handshake and declare everything again."""
+LEASE_PATIENT_MS = 20_000
+"""Lease in a run that waits for each of its processes, on a machine of any load."""
 
 
 class Address(Struct, frozen=True):
-    """Endpoint of a realm's hub; user and password only if it listens on a port."""
+    """Endpoint of a realm's hub; user and password only if it listens on a port.
+
+    `lease_ms`: milliseconds of silence after which a peer counts as gone.
+    """
 
     endpoint: str
     user: str = ""
     password: str = ""
+    lease_ms: int = 1000
 
 
 def free_port() -> int:
@@ -126,7 +130,7 @@ def common_config(address: Address) -> dict[str, Any]:
     """Return the common part of a router's and a client's configuration."""
     transport: dict[str, Any] = {
         "shared_memory": {"enabled": False},
-        "link": {"tx": {"lease": _LEASE_MS}},
+        "link": {"tx": {"lease": address.lease_ms}},
     }
     if address.user:
         transport["auth"] = {"usrpwd": {"user": address.user, "password": address.password}}

@@ -13,10 +13,11 @@ from typing import Self
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from quadctl.schemas.params import Params
 from quadctl.services.runtime import run_files
-from quadctl.services.runtime.bus.session import Address, free_port
+from quadctl.services.runtime.bus.session import LEASE_PATIENT_MS, Address, free_port
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.params import live
@@ -28,13 +29,16 @@ from quadctl.services.runtime.shutdown import uninterrupted
 from quadctl.services.runtime.supervisor import logs
 
 _ATTEMPTS = 100
+_PATIENCE = 2 * LEASE_PATIENT_MS / 1000
 
 
 class Launch(Struct, frozen=True):
     """Settings of a supervisor, with each vehicle's parameters.
 
     `[processes]` commands run in `folder`. The run is recorded to `record`, if it is not empty.
-    `insecure` allows plain endpoints beyond this machine. An `owned` run ends with its starter.
+    `insecure` allows plain endpoints beyond this machine. An `owned` run ends with its starter. In
+    a `patient` run, which flies in lock-step, a process may be silent for long: on a busy machine
+    a flight then takes longer, and is the same.
     """
 
     realm: str
@@ -44,6 +48,7 @@ class Launch(Struct, frozen=True):
     record: str = ""
     insecure: bool = False
     owned: bool = False
+    patient: bool = False
 
     @property
     def vehicles(self) -> list[str]:
@@ -54,6 +59,12 @@ class Launch(Struct, frozen=True):
     def params(self) -> Params:
         """Return the first vehicle's parameters; all vehicles share those of hub and run."""
         return self.fleet[self.vehicles[0]]
+
+    @property
+    def answer_timeout(self) -> float:
+        """Return the seconds after which a silent process is restarted."""
+        timeout = self.params.supervise.answer_timeout
+        return max(timeout, _PATIENCE) if self.patient else timeout
 
     def processes(self) -> tuple[Process, ...]:
         """Return the processes to run; raises Invalid for a missing command or hub.
@@ -189,6 +200,8 @@ class RunDirectory:
         try:
             self.realm.clear()
             self.address = choose_address(self.realm, self._launch.params.hub.transport)
+            if self._launch.patient:
+                self.address = replace(self.address, lease_ms=LEASE_PATIENT_MS)
             logs.probe(self.realm.folder)
             self._write_files()
         except OSError as error:

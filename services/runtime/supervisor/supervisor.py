@@ -265,7 +265,7 @@ class Supervisor:
         for name in control.pending_restarts(self._home.realm):
             if name in self._rows:
                 self._rows[name].restart(now, "restart requested")
-        timeout = self._launch.params.supervise.answer_timeout
+        timeout = self._launch.answer_timeout
         # No answer arrives while this process does not run, or while no hub does.
         asleep = now - self._looked > PING_EVERY
         self._looked = now
@@ -297,7 +297,7 @@ class Supervisor:
                 hub.restart(now, "its socket was removed: restarted")
 
     def _ping(self) -> None:
-        timeout = self._launch.params.supervise.answer_timeout
+        timeout = self._launch.answer_timeout
         for name, row in self._rows.items():
             if self._liveness and row.life.state == "ready" and row.process.must_announce:
                 self._liveness.ping(name, max(timeout, row.process.patience))

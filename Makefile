@@ -34,8 +34,9 @@ test: $(READY)
 	$(RUN) -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 20
 
 prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md.
-	$(RUN) -m pytest -m prove
-	$(RUN) -m benchmarks.measure --write --check
+	$(RUN) -m benchmarks.measure --write
+	$(RUN) -m pytest -m prove --durations 0
+	$(RUN) -m benchmarks.measure --file benchmarks/figures.json --check
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.
 	$(RUN) tests/checks/house.py

@@ -12,6 +12,8 @@ from quadctl.cli.doctor.installation import build
 
 _PACKAGES = ("eclipse-zenoh", "msgspec", "typer", "numpy")
 _CPUINFO = Path("/proc/cpuinfo")
+_WRITTEN = (":!benchmarks/*.json", ":!docs/figures.md", ":!docs/promises.md")
+"""Files that a run itself writes: a commit is not changed by them."""
 
 
 def described() -> dict[str, Any]:
@@ -20,7 +22,7 @@ def described() -> dict[str, Any]:
     if not ros.absent():
         packages["rospy"] = _said("dpkg-query", "-W", "-f", "${Version}", "python3-rospy")
     return {
-        "commit": _said("git", "describe", "--always", "--dirty"),
+        "commit": commit(),
         "date": _said("date", "-u", "+%Y-%m-%d"),
         "processor": _processor(),
         "system": f"{platform.system()} {platform.release()}",
@@ -29,6 +31,12 @@ def described() -> dict[str, Any]:
         # Other load on the machine increases every figure; ratios change less.
         "load": round(os.getloadavg()[0], 1),
     }
+
+
+def commit() -> str:
+    """Return the commit of the checkout, with `-dirty` if its sources have changed since."""
+    changed = _said("git", "status", "--porcelain", "--untracked-files=no", "--", ".", *_WRITTEN)
+    return _said("git", "rev-parse", "--short", "HEAD") + ("-dirty" if changed else "")
 
 
 def _said(*command: str) -> str:

@@ -129,3 +129,13 @@ def test_a_goal_is_accepted_as_soon_as_safety_is_ready(lab: Lab):
         assert bare.call("goto", **GOAL).value == {"accepted": True, "reason": ""}
         assert bare.state()["goal"] == GOAL
     eventually(lab.is_ready)
+
+
+def test_settle_waits_until_the_vehicle_rests(shared_lab: Lab, hover: Bare):
+    done = shared_lab.quadctl("goto", 1, 1, 1, "--settle")
+    assert done.code == 0, done.err
+    (distance,) = re.findall(r"^rests within ([\d.]+) m after [\d.]+ s$", done.out, re.MULTILINE)
+    assert float(distance) <= 0.02
+    refused = shared_lab.quadctl("goto", 0, 0, 1, "--settle", "--no-wait")
+    assert refused.code == 2
+    assert "--settle goes not with --no-wait" in refused.err

@@ -35,7 +35,8 @@ test: $(READY)
 
 prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md.
 	$(RUN) -m benchmarks.measure --write
-	$(RUN) -m pytest -m prove --durations 0
+	$(RUN) -m pytest -m "prove and alone" --durations 0
+	$(RUN) -m pytest -m "prove and not alone" --durations 0 --numprocesses 3 --dist worksteal
 	$(RUN) -m benchmarks.measure --file benchmarks/figures.json --check
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.

@@ -2,6 +2,7 @@
 
 import signal
 from collections.abc import Iterator
+from typing import Any
 
 import hypothesis
 import pytest
@@ -25,6 +26,9 @@ def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.register_profile("quadctl", deadline=None)
     hypothesis.settings.load_profile("quadctl")
     config.addinivalue_line("markers", "prove: full counts, for `make prove`; otherwise left out")
+    config.addinivalue_line(
+        "markers", "alone: a count that measures times, or needs the whole machine"
+    )
     config.addinivalue_line(
         "markers", "browser: drives a Chromium; without one left out, with a warning"
     )
@@ -51,7 +55,18 @@ def _leave_out(marker: str, config: pytest.Config, items: list[pytest.Item]) -> 
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    session.config.stash[PROOFS].write()
+    proofs = session.config.stash[PROOFS]
+    output = getattr(session.config, "workeroutput", None)  # of a worker of pytest-xdist
+    if output is None:
+        proofs.write()
+    else:
+        output["proofs"] = proofs.found
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take a worker's results: one process writes the file."""
+    node.config.stash[PROOFS].found += getattr(node, "workeroutput", {}).get("proofs", [])
 
 
 @pytest.fixture(scope="session")

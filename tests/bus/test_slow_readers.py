@@ -113,6 +113,7 @@ def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(flying_lab: Lab):
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(300)
 def test_answers_beside_a_stalled_viewer_are_not_later(flying_lab: Lab, proofs: Proofs):
     free: list[float] = []

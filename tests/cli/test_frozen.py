@@ -64,6 +64,7 @@ def test_commands_end_in_time_right_after_a_freeze(patient: Lab, who: str):
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("who", ["", *FREEZABLE])
 def test_commands_end_in_time_after_the_hub_dropped_a_process(
@@ -83,6 +84,7 @@ def test_commands_end_in_time_after_the_hub_dropped_a_process(
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.parametrize("who", FREEZABLE)
 @pytest.mark.parametrize("line", STREAMS, ids=lambda line: line.words)
 def test_a_stream_ends_in_time_when_a_process_freezes(patient: Lab, line: Line, who: str):
@@ -107,6 +109,7 @@ def test_a_stream_ends_in_time_when_a_process_freezes(patient: Lab, line: Line, 
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.parametrize("who", FREEZABLE)
 def test_commands_that_end_processes_work_with_one_frozen(who: str):
     with patient_lab() as lab:

@@ -191,6 +191,7 @@ def test_a_violation_exits_8_and_prints_the_command_to_replay_it(
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(1200)
 def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Proofs):
     compiled_kernel()

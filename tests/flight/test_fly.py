@@ -273,6 +273,7 @@ def test_ctrl_c_drops_a_mission(fast: Lab):
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", ["fast", "ten", "real"])
 def test_a_flight_is_the_same_under_any_load(lab: Lab, fast: Lab, name: str):

@@ -75,6 +75,7 @@ def test_a_frozen_node_restarts_and_the_vehicle_stays_in_the_cage(patient: Lab, 
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(1500)
 def test_the_vehicle_brakes_in_time_after_a_hundred_kills(proofs: Proofs):
     late, stalls = kill_a_hundred_times([*PROMISED, "pressure"], signal.SIGKILL)
@@ -84,6 +85,7 @@ def test_the_vehicle_brakes_in_time_after_a_hundred_kills(proofs: Proofs):
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(1500)
 def test_the_vehicle_brakes_in_time_after_a_hundred_freezes(proofs: Proofs):
     late, stalls = kill_a_hundred_times([*PROMISED], signal.SIGSTOP)

@@ -214,6 +214,7 @@ def test_sixty_flights_arrive_despite_short_stalls():
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(7200)
 def test_a_thousand_flights_arrive_despite_short_stalls(proofs: Proofs):
     problems, out, assumed = side_by_side(5, 200)
@@ -273,6 +274,7 @@ def test_an_outage_beyond_the_grace_ends_the_flight(patient: Lab, nodes: list[st
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(3600)
 def test_a_hundred_outages_beyond_the_grace_end_the_flights(proofs: Proofs):
     def twenty(lab: Lab, seed: int) -> None:

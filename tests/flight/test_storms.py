@@ -27,6 +27,7 @@ def test_a_storm_of_stops_never_moves_the_vehicle_out(lab: Lab):
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(600)
 def test_a_long_storm_of_stops_never_moves_the_vehicle_out(lab: Lab, proofs: Proofs):
     stops, _ = storm(lab, seconds=60.0, seed=2)

@@ -18,20 +18,20 @@ class Proofs:
     """Results that the tests of one run have found."""
 
     def __init__(self) -> None:
-        self._found: list[Proof] = []
+        self.found: list[Proof] = []
 
     def add(self, promise: str, found: str, promised: str) -> None:
         """Add the result of a promise; the test itself asserts that the promise holds."""
-        self._found.append({"promise": promise, "found": found, "promised": promised})
+        self.found.append({"promise": promise, "found": found, "promised": promised})
 
     def write(self) -> None:
         """Replace the earlier results of the same promises, in the file and on the page."""
-        if not self._found:
+        if not self.found:
             return
         about = machine.described()
         here = {name: about[name] for name in ("commit", "date", "processor")}
         kept = {proof["promise"]: proof for proof in read()}
-        kept |= {proof["promise"]: proof | here for proof in self._found}
+        kept |= {proof["promise"]: proof | here for proof in self.found}
         FILE.write_bytes(msgspec.json.format(msgspec.json.encode(list(kept.values())), indent=1))
         write_table()
 

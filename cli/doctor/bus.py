@@ -23,6 +23,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.schemas.typeinfo import schema_hash
 from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus.diagnosis import NOT_OFFERED_FIX, not_offered
 from quadctl.services.runtime.bus.survey import Survey, TopicStats
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut
 from quadctl.services.runtime.process_table import NODES
@@ -86,13 +87,12 @@ def announced(found: Survey, run: RunState | None) -> Finding:
     offered = {offer.name for offer in found.offers}
     declared: tuple[Any, ...] = (*SERVICES, *TOPICS)
     lacking = [
-        f"{entry.node} does not offer {entry.name}"
+        not_offered(entry.node, entry.name)
         for entry in declared
         if entry.node in found.nodes and entry.name not in offered
     ]
     if lacking:
-        fix = "add it to your own node, or use ours: see [processes] in quad.toml"
-        return warned("announced", ", ".join(lacking), fix)
+        return warned("announced", ", ".join(lacking), NOT_OFFERED_FIX)
     return passed("announced", ", ".join(found.nodes))
 
 

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Callable, Sequence
+from pathlib import PurePath
 from typing import Any, Literal, get_args
 from xml.etree import ElementTree as ET
 
@@ -18,11 +19,12 @@ FORMS: tuple[str, ...] = get_args(Form)
 
 
 class Grade(Struct, frozen=True):
-    """Results of one hand-in, and the wall-clock seconds that it took."""
+    """Results of one hand-in, the wall-clock seconds that it took, and why it is not gradable."""
 
     submission: str
     tests: list[RowResult]
     seconds: float = 0.0
+    problem: str = ""
 
     @property
     def ok(self) -> bool:
@@ -38,6 +40,17 @@ class Grade(Struct, frozen=True):
     def max_score(self) -> float:
         """Return the points of all rows."""
         return sum(test.max_score for test in self.tests)
+
+    @property
+    def summary(self) -> str:
+        """Return the points in words, and why it is not gradable."""
+        points = f"{self.submission}: {self.score:g} of {self.max_score:g} points"
+        return f"{points}: {self.fault}" if self.problem else points
+
+    @property
+    def fault(self) -> str:
+        """Return why it is not gradable, in words; empty if it is."""
+        return f"not gradable: {self.problem}" if self.problem else ""
 
     def document(self) -> dict[str, Any]:
         """Return what `lab check --json` prints."""
@@ -62,8 +75,10 @@ def written(form: str, grades: Sequence[Grade]) -> str:
 
 
 def text(grade: Grade) -> str:
-    """Return a hand-in's rows, hints of those that fail, and points."""
-    lines, before = [f"{grade.submission}: {grade.score:g} of {grade.max_score:g} points"], ""
+    """Return a hand-in's points, rows, and hints of those that fail; one line if not gradable."""
+    lines, before = [grade.summary], ""
+    if grade.problem:
+        return grade.summary
     for test in grade.tests:
         first, *more = test.output.splitlines() or [""]
         if test.output == before:
@@ -93,12 +108,39 @@ def _csv(grades: Sequence[Grade]) -> str:
     writer = csv.writer(out)  # its own line ends, \r\n: it quotes only these two in a cell
     rows = [test.name for test in grades[0].tests] if grades else []
     writer.writerow(["student", "points", "max_points", "comment", *rows])
-    for grade in grades:
-        failed = "; ".join(_line(test) for test in grade.tests if not test.ok)
+    for student, grade in zip(_students(grades), grades, strict=True):
         scores = [f"{test.score:g}" for test in grade.tests]
-        cells = [grade.submission, f"{grade.score:g}", f"{grade.max_score:g}", failed, *scores]
+        comment = grade.fault or _comment(grade)
+        cells = [student, f"{grade.score:g}", f"{grade.max_score:g}", comment, *scores]
         writer.writerow([_harmless(cell) for cell in cells])
     return out.getvalue()
+
+
+def _students(grades: Sequence[Grade]) -> list[str]:
+    """Return the names of the hand-ins: a folder's, or a zip file's without .zip.
+
+    Hand-ins that would have the same name keep their paths.
+    """
+    paths = [PurePath(grade.submission) for grade in grades]
+    names = [path.stem if path.suffix.lower() == ".zip" else path.name for path in paths]
+    return [
+        name if name and names.count(name) == 1 else grade.submission
+        for name, grade in zip(names, grades, strict=True)
+    ]
+
+
+def _comment(grade: Grade) -> str:
+    """Return the causes of the rows that fail, one that several rows share once."""
+    rows: dict[str, list[RowResult]] = {}
+    for test in grade.tests:
+        if not test.ok:
+            rows.setdefault(_cause(test), []).append(test)
+    return "; ".join(
+        _line(tests[0])
+        if len(tests) == 1
+        else f"{', '.join(test.number for test in tests)}: {cause}"
+        for cause, tests in rows.items()
+    )
 
 
 def _harmless(cell: str) -> str:
@@ -169,7 +211,11 @@ def _printable(words: str) -> str:
 
 
 def _line(test: RowResult) -> str:
-    return f"{test.number} {test.name}: {next(iter(test.output.splitlines()), '')}"
+    return f"{test.number} {test.name}: {_cause(test)}"
+
+
+def _cause(test: RowResult) -> str:
+    return next(iter(test.output.splitlines()), "")
 
 
 def _output(test: RowResult) -> str:

@@ -25,7 +25,6 @@ from msgspec import Struct
 from quadctl.cli.lab.formats import Grade
 from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly, nodes_in
 from quadctl.cli.lab.rubric import Rubric, rubric
-from quadctl.cli.lab.verdict import RowVerdict
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
@@ -88,14 +87,15 @@ def grade(
     made = rubric(tables, "the rubric")
 
     def one(submission: Path) -> Grade:
-        began = time.monotonic()
+        began, why = time.monotonic(), ""
         try:
             with _unpacked(submission) as folder:
                 job = GradingJob(str(folder), nodes_in(folder), tables, limits, trust)
                 results = _flown(job, made)
         except QuadctlError as problem:
-            results = _failed(made, [], problem.message)
-        graded = Grade(str(submission), results, time.monotonic() - began)
+            why = problem.message
+            results = _all(made, [], why)
+        graded = Grade(str(submission), results, time.monotonic() - began, why)
         on_done(graded)
         return graded
 
@@ -103,10 +103,10 @@ def grade(
         return list(pool.map(one, submissions))
 
 
-def _failed(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
-    return results + [
-        RowResult.of(row, RowVerdict(False, why)) for row in made.rows[len(results) :]
-    ]
+def _all(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
+    """Return a result for each row, in the order of the rubric; rows without one failed, why."""
+    found = {result.name: result for result in results}
+    return [found.get(row.name) or RowResult.without_flight(row, why) for row in made.rows]
 
 
 def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
@@ -136,8 +136,8 @@ def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
             process.kill()
         errors.seek(0)
         last = errors.read().decode(errors="replace").splitlines()[-1:]
-    failed = f"not flown: its judge failed: {last[0]}" if code and last else NOT_FLOWN.output
-    return _failed(made, results, failed)
+    failed = f"not flown: its judge failed: {last[0]}" if code and last else NOT_FLOWN
+    return _all(made, results, failed)
 
 
 def _results(pipe: IO[bytes], seconds: float) -> Iterator[RowResult]:

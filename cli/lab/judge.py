@@ -1,12 +1,13 @@
 """Flights of a student's nodes in place of ours, row by row of a rubric, in lock-step."""
 
 import os
+import re
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from itertools import groupby
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path, PurePath
 from random import Random
 from secrets import token_hex
+from textwrap import dedent
 from typing import Any
 
 from msgspec import Struct
@@ -21,11 +22,14 @@ from quadctl.schemas.messages import Pose, Pressure, SafetyState
 from quadctl.schemas.params import Params
 from quadctl.services.campaign.mission import FAR, CageEvent, Conditions, GotoEvent
 from quadctl.services.campaign.mission import mission as random_mission
+from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.params.load import check, read
-from quadctl.services.runtime.process_table import table
+from quadctl.services.runtime.process_table import QUICK, START_TIMEOUT, table
 from quadctl.services.runtime.realm import DEFAULT, Realm
+from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.supervisor import control
 from quadctl.services.runtime.supervisor.launch import Launch
 
 NODES = ("safety", "pressure")
@@ -50,14 +54,24 @@ class RowResult(Struct, frozen=True):
 
     @classmethod
     def of(cls, row: RubricRow, verdict: RowVerdict) -> "RowResult":
-        """Return the result of a row with this verdict."""
+        """Return the result of a row with this verdict on its flight."""
         return cls(
             row.name, row.number, verdict.ok, row.points if verdict.ok else 0.0, row.points,
             verdict.output, row.visible, "" if verdict.ok else row.hint,
         )  # fmt: skip
 
+    @classmethod
+    def without_flight(cls, row: RubricRow, why: str) -> "RowResult":
+        """Return the result of a row whose flight ended early, or never began.
 
-NOT_FLOWN = RowVerdict(False, "not flown: the time for this hand-in is over (--seconds)")
+        It has no hint: a row's hint is about its flight, and the cause is another.
+        """
+        return cls(row.name, row.number, False, 0.0, row.points, why, row.visible)
+
+
+NOT_FLOWN = "not flown: the time for this hand-in is over (--seconds)"
+_SANDBOXED = Path("/handin")
+"""Folder of a hand-in as its own nodes see it in the sandbox."""
 
 
 class Witness:
@@ -133,68 +147,204 @@ def fly(
     record: str = "",
     wrap: Wrap = lambda _realm, command: command,
 ) -> Iterator[RowResult]:
-    """Fly each row against these nodes, which run in `folder`; yield a result for each, in order.
+    """Fly each row against its node, which runs in `folder`; yield a result for each, as flown.
 
-    Rows with the same parameters share a run, and each begins with a new boot. After `until`, on
-    the monotonic clock, the rows that are left give 0. `record` is a file for the longest run.
+    A row flies with the student's node that it is about and with ours for the other: so a fault
+    costs the rows of one node only. Rows with the same node and parameters share a run, and each
+    begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `record` is a file
+    for the longest run.
     """
-    pairs = zip(rubric.rows, rubric.missions, strict=True)
-    groups = [list(group) for _, group in groupby(pairs, key=lambda pair: pair[0].set)]
-    for rows in groups:
-        if all(_missing(row, nodes) for row, _ in rows):
-            # Nothing of theirs would fly.
-            yield from (RowResult.of(row, _missing(row, nodes) or NOT_FLOWN) for row, _ in rows)
+    groups: dict[tuple[str, str], list[tuple[RubricRow, MissionFile]]] = {}
+    for row, made in zip(rubric.rows, rubric.missions, strict=True):
+        groups.setdefault((row.node, repr(row.set)), []).append((row, made))
+    longest = max(groups, key=lambda key: len(groups[key]), default=None)
+    for key, rows in groups.items():
+        node = key[0]
+        if node not in nodes:
+            why = f"quad.toml names no {node} node under [processes]"
+            yield from (RowResult.without_flight(row, why) for row, _ in rows)
             continue
         params = rows[0][1].params
         assert params is not None  # noqa: S101 - a rubric's missions have their own
         name = f"lab-{os.getpid()}-{token_hex(2)}"
-        wrapped = {node: wrap(Realm(name), command) for node, command in nodes.items()}
-        own = replace(params, processes=wrapped)
-        file = record if rows is max(groups, key=len) else ""
+        own = replace(params, processes={node: wrap(Realm(name), nodes[node])})
+        file = record if key == longest else ""
         launch = Launch(name, {DEFAULT: own}, [], str(folder), file, patient=True)
-        yield from _fly_run(launch, rows, nodes, until)
-
-
-def _missing(row: RubricRow, nodes: Collection[str]) -> RowVerdict | None:
-    if row.node in nodes:
-        return None
-    return RowVerdict(False, f"quad.toml names no {row.node} node under [processes]")
+        yield from _fly_run(launch, rows, node, until)
 
 
 def _fly_run(
-    launch: Launch,
-    rows: list[tuple[RubricRow, MissionFile]],
-    nodes: Collection[str],
-    until: float,
+    launch: Launch, rows: list[tuple[RubricRow, MissionFile]], name: str, until: float
 ) -> Iterator[RowResult]:
-    params = launch.params
     done = 0
     try:
         with (
             temporary_run(launch) as realm,
             Client(launch.realm, DEFAULT, timeout=_TIMEOUT) as client,
         ):
+            node = _StudentNode(realm, name, Path(launch.folder))
             for row, made in rows:
-                verdict = _missing(row, nodes)
-                if verdict is None and time.monotonic() > until:
-                    verdict = NOT_FLOWN
-                yield RowResult.of(row, verdict or _fly_row(client, realm, params, row, made))
+                if time.monotonic() > until:
+                    yield RowResult.without_flight(row, NOT_FLOWN)
+                elif why := node.renew():
+                    yield RowResult.without_flight(row, why)
+                else:
+                    yield _fly_row(client, node, launch.params, row, made)
                 done += 1
     except QuadctlError as problem:
-        # The nodes did not start, or the run has gone: its rows give 0, the others are flown.
+        # The node did not start, or the run has gone: its rows give 0, the others are flown.
         for row, _ in rows[done:]:
-            yield RowResult.of(row, RowVerdict(False, problem.message))
+            yield RowResult.without_flight(row, _with_cause(problem.message, Path(launch.folder)))
+
+
+_LAST_LINES = "; its last lines:"
+"""End of a supervisor's first line on a process that does not stay up."""
+
+
+def _with_cause(message: str, folder: Path) -> str:
+    """Return a message with the cause of a failed start in its first line."""
+    first, *lines = message.splitlines()
+    if not first.endswith(_LAST_LINES):
+        return message
+    written = [line for line in dedent("\n".join(lines)).splitlines() if line.strip()]
+    cause = last_error(written, folder) or (written[-1] if written else "it ends, and logs nothing")
+    return "\n".join((f"{first.removesuffix(_LAST_LINES)}: {cause}", *lines))
 
 
 def _fly_row(
-    client: Client, realm: Realm, params: Params, row: RubricRow, made: MissionFile
-) -> RowVerdict:
+    client: Client, node: "_StudentNode", params: Params, row: RubricRow, made: MissionFile
+) -> RowResult:
     try:
         if made.rows:
-            return judge(row, _flown(client, params, made, row.node))
-        return _random_flights(client, params, row)
+            verdict = judge(row, _flown(client, params, made, row.node))
+        else:
+            verdict = _random_flights(client, params, row)
     except QuadctlError as problem:
-        return RowVerdict(False, "\n".join((problem.message, *_last_lines(realm, row.node))))
+        return RowResult.without_flight(row, node.explained(problem))
+    if not verdict.ok and (crash := node.crash()):
+        return RowResult.without_flight(row, crash)
+    return RowResult.of(row, verdict)
+
+
+_FRAME = re.compile(r'\s+File "(.+)", line (\d+)')
+_ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
+
+
+def last_error(lines: Iterable[str], folder: Path) -> str:
+    """Return the error of the last traceback, with its place in the hand-in; empty without one."""
+    found, places = "", list[tuple[str, str]]()
+    for line in lines:
+        if frame := _FRAME.match(line):
+            places.append((frame[1], frame[2]))
+        elif places and line[:1].strip():
+            # Lines of the source are indented.
+            if _ERROR.match(line):
+                found = f"{line} ({_place(places, folder)})"
+            places = []
+    return found
+
+
+def _place(places: Sequence[tuple[str, str]], folder: Path) -> str:
+    """Return the innermost place in a file of the student, else the innermost one."""
+    for file, line in reversed(places):
+        for parent in (folder, folder.resolve(), _SANDBOXED):
+            if PurePath(file).is_relative_to(parent):
+                return f"{PurePath(file).relative_to(parent).as_posix()}, line {line}"
+    file, line = places[-1]
+    return f"{PurePath(file).name}, line {line}"
+
+
+class _StudentNode:
+    """Student's node in a run: whether it has ended since a row began, and why."""
+
+    def __init__(self, realm: Realm, name: str, folder: Path) -> None:
+        self._realm, self._name, self._folder = realm, name, folder
+        self._log = realm.logs / f"{name}.log"
+        self._before = self._record()
+        self._begin = 0
+
+    def renew(self) -> str:
+        """Begin a row; after a crash, start the node anew first.
+
+        Returns the crash if the node is left down: every row that is left has that verdict.
+        """
+        if crash := self.crash():
+            # One that ends again and again is ready for moments: wait until it is left down.
+            looping = self._record().restarts > self._before.restarts + 1
+            if not self._stays_up(QUICK / 2 if looping else 0.0):
+                return crash
+            # The supervisor counts quick ends. A new start makes it forget those of other rows.
+            asked = control.request_restart(self._realm, self._name)
+            try:
+                control.wait_restarted(self._realm, self._name, asked, START_TIMEOUT)
+            except QuadctlError:
+                return crash
+        self._before, self._begin = self._record(), len(self._written(0))
+        return ""
+
+    def crash(self) -> str:
+        """Return how the node has crashed since the row began, empty if it has not."""
+        now = self._record()
+        if now.state == "ready" and now.pid == self._before.pid:
+            return ""
+        cause = self._error() or self._how_it_ended()
+        return "\n".join((f"{self._name} crashed: {cause}", *self._last_lines()))
+
+    def explained(self, problem: QuadctlError) -> str:
+        """Return what ended a row's flight: the node's crash, its error in a handler, or neither."""
+        # The supervisor writes its record a moment after a process has ended.
+        deadline = time.monotonic() + _NOTICED
+        while not (crash := self.crash()) and time.monotonic() < deadline:
+            time.sleep(_LOOK)
+        if crash:
+            return crash
+        error = self._error()
+        first = [f"{self._name} failed: {error}"] if error else []
+        return "\n".join((*first, problem.message, *self._last_lines()))
+
+    def _record(self) -> ProcessRecord:
+        run = run_files.read(self._realm)
+        return next(node for node in run.nodes if node.name == self._name)
+
+    def _stays_up(self, seconds: float) -> bool:
+        """Wait until the node has been ready for so long, or is left down; return which."""
+        deadline = time.monotonic() + START_TIMEOUT
+        since, ready = time.monotonic(), self._record()
+        while (now := self._record()).state != "down" and time.monotonic() < deadline:
+            if now.state != "ready" or now.pid != ready.pid:
+                since, ready = time.monotonic(), now
+            elif time.monotonic() - since >= seconds:
+                return True
+            time.sleep(_LOOK)
+        return False
+
+    def _error(self) -> str:
+        return last_error(self._lines(), self._folder)
+
+    def _how_it_ended(self) -> str:
+        """Return the exit code or signal of the last end, as the supervisor has logged it."""
+        text = (self._realm.logs / "up.log").read_text("utf-8", errors="replace")
+        ends = re.findall(rf"^{self._name} ended \((.+?)\)", text, re.MULTILINE)
+        return ends[-1] if ends else "it ended, and logged nothing"
+
+    def _last_lines(self, most: int = 3) -> list[str]:
+        return [f"{self._name}: {line}" for line in self._lines()[-most:]]
+
+    def _lines(self) -> list[str]:
+        """Return what the node has logged since the row began."""
+        return self._written(self._begin).decode(errors="replace").splitlines()
+
+    def _written(self, begin: int) -> bytes:
+        try:
+            data = self._log.read_bytes()
+        except OSError:
+            return b""
+        # A full log is replaced by a new one.
+        return data[begin:] if begin <= len(data) else data
+
+
+_NOTICED, _LOOK = 0.3, 0.02
+"""Seconds until the end of a process is in the record, and between two looks at it."""
 
 
 def _random_flights(client: Client, params: Params, row: RubricRow) -> RowVerdict:
@@ -239,11 +389,3 @@ def _flown(client: Client, params: Params, made: MissionFile, node: str) -> Flow
     record = flight.record
     outcomes = [Outcome(step, call.reply, call.problem) for step, call in flight.rows]
     return FlownMission(params, outcomes, record.poses, record.states, record.readings)
-
-
-def _last_lines(realm: Realm, node: str, most: int = 3) -> list[str]:
-    try:
-        lines = (realm.logs / f"{node}.log").read_text("utf-8", errors="replace").splitlines()
-    except OSError:
-        return []
-    return [f"{node}: {line}" for line in lines[-most:]]

@@ -21,6 +21,7 @@ _TEMPLATE = _HERE / "template"
 _CHECK_SECONDS = 300.0
 """Seconds of a check; its nodes are the student's own, and nobody waits in a queue."""
 _NEEDS = "`quadctl lab new DIR` writes one"
+_HAND_INS = "give folders or zip files, e.g. `quadctl lab grade handins/*`"
 
 
 def new(
@@ -68,7 +69,9 @@ def check(
 
     own = folder / "rubric.toml"
     file = own if own.exists() else _VISIBLE
-    rows = rubric(read(file, _NEEDS), str(file)).visible()
+    tables = read(file, _NEEDS)
+    every = rubric(_with_hidden(tables), str(file))
+    rows = every.visible()
     if not folder.is_dir():
         raise Invalid(f"there is no folder {folder}", _NEEDS)
     nodes = nodes_in(folder)
@@ -85,15 +88,18 @@ def check(
         results.append(result)
         if not options.json:
             output.line(f"{'ok  ' if result.ok else 'FAIL'}  {result.number}  {result.name}")
+    place = {row.name: number for number, row in enumerate(rows.rows)}
+    results.sort(key=lambda result: place[result.name])
     grade = formats.Grade(folder.absolute().name, results, time.monotonic() - began)
     picture = _picture(recording, target / "flight.png")
     page = target / "report.html"
+    unseen = _unseen(every.points - rows.points)
     with making(page):
-        page.write_text(_page(grade, picture), "utf-8")
+        page.write_text(_page(grade, unseen, picture), "utf-8")
     if options.json:
         output.document(grade.document())
     else:
-        for line in formats.text(grade).splitlines():
+        for line in (*formats.text(grade).splitlines(), *unseen):
             output.line(line)
         output.line(f"report: {page}")
     output.end(ok=grade.ok)
@@ -101,7 +107,7 @@ def check(
 
 def grade(
     options: Options,
-    submissions: Annotated[list[str], Arg("Folders or zip files.", "SUBMISSION...")],
+    submissions: Annotated[list[str] | None, Arg("Folders or zip files.", "SUBMISSION...")] = None,
     rubric: Annotated[
         Path | None, Option("Rubric, TOML (default: the built-in one).", metavar="FILE")
     ] = None,
@@ -112,8 +118,8 @@ def grade(
         Path | None, Option("Write to a file.", ("-o", "--output"), "FILE")
     ] = None,
     jobs: Annotated[
-        int, Option("Hand-ins at a time (default: one for each processor).", min=1)
-    ] = 0,
+        int | None, Option("Hand-ins at a time (default: one for each processor).", min=1)
+    ] = None,
     seconds: Annotated[float, Option("Limit for one hand-in, s.")] = 60.0,
     memory: Annotated[int, Option("Limit for one node, MB.", min=64)] = 1024,
     trust: Annotated[
@@ -132,10 +138,12 @@ def grade(
     if format not in formats.FORMS:
         hint = nearest(format, formats.FORMS) or f"one of {', '.join(formats.FORMS)}"
         raise UsageError(f"--format {format}: there is no such form", hint)
+    if not submissions:
+        raise UsageError("there is no hand-in to grade", _HAND_INS)
     paths = [Path(each) for each in submissions]
     for path in paths:
         if not path.exists():
-            raise Invalid(f"there is no hand-in {path}", "give folders or zip files")
+            raise Invalid(f"there is no hand-in {path}", _HAND_INS)
     formats.require_fit(format, len(paths))
     tables = _tables(rubric) if rubric else _builtin()
     if not trust and (lacks := grading.missing()):
@@ -149,7 +157,8 @@ def grade(
         nonlocal done
         done += 1
         points = f"{graded.score:g} of {graded.max_score:g}"
-        output.note(f"{done}/{len(paths)}  {graded.submission}: {points}")
+        gradable = ": not gradable" if graded.problem else ""
+        output.note(f"{done}/{len(paths)}  {graded.submission}: {points}{gradable}")
 
     grades = grading.grade(
         paths,
@@ -168,8 +177,23 @@ def grade(
 
 
 def _builtin() -> dict[str, Any]:
-    visible, hidden = read(_VISIBLE, _NEEDS), read(_HIDDEN, _NEEDS)
-    return {"row": [*visible["row"], *hidden["row"]]}
+    return _with_hidden(read(_VISIBLE, _NEEDS))
+
+
+def _with_hidden(tables: dict[str, Any]) -> dict[str, Any]:
+    """Return a rubric's tables; for the built-in rubric with the rows that students do not see."""
+    # Whose rubric is their own is graded by others, of which nothing is known here.
+    if tables != read(_VISIBLE, _NEEDS) or not _HIDDEN.exists():
+        return tables
+    return {"row": [*tables["row"], *read(_HIDDEN, _NEEDS)["row"]]}
+
+
+def _unseen(points: float) -> list[str]:
+    """Return a line on the points that a check leaves out; none if it leaves none out."""
+    if not points:
+        return []
+    many = "more point is" if points == 1 else "more points are"
+    return [f"{points:g} {many} in rows that only `lab grade` flies"]
 
 
 def _tables(file: Path) -> dict[str, Any]:
@@ -205,7 +229,7 @@ pre { white-space: pre-wrap; margin: 0; font-size: .85rem; } img { max-width: 10
 """
 
 
-def _page(grade: Any, picture: Path | None) -> str:
+def _page(grade: Any, unseen: list[str], picture: Path | None) -> str:
     rows = "\n".join(
         f"<tr><td>{html.escape(test.number)}</td><td>{html.escape(test.name)}</td>"
         f'<td class="{"ok" if test.ok else "fail"}">{"ok" if test.ok else "fails"}</td>'
@@ -217,12 +241,13 @@ def _page(grade: Any, picture: Path | None) -> str:
     if picture is not None:
         data = base64.b64encode(picture.read_bytes()).decode()
         image = f'<h2>Flights</h2><img alt="The flights" src="data:image/png;base64,{data}">'
+    note = "".join(f"<p>{html.escape(line)}</p>" for line in unseen)
     title = f"{html.escape(grade.submission)}: {grade.score:g} of {grade.max_score:g} points"
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
         f"<style>{_STYLE}</style><h1>{title}</h1><table>"
         "<tr><th></th><th>Row</th><th></th><th>Points</th><th>Evidence</th></tr>"
-        f"{rows}</table>{image}</html>\n"
+        f"{rows}</table>{note}{image}</html>\n"
     )
 
 

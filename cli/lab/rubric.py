@@ -8,19 +8,28 @@ rows = [{ at = 3.0, do = "goto", x = 9.0, y = 0.0, z = 1.0 }]
 expect = "refused"
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
-from quadctl.cli.mission.mission import Calibrate, GotoStep, MissionFile, mission, params_of
+from quadctl.cli.mission.mission import (
+    CageStep,
+    Calibrate,
+    GotoStep,
+    MissionFile,
+    Row,
+    mission,
+    params_of,
+)
 from quadctl.schemas.topics import SERVICES
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
 Expectation = Literal[
-    "refused", "arrives", "stays_inside", "answers", "zeroed", "parameter_obeyed", "state_seen",
-    "random_flights",
+    "refused", "arrives", "stays_inside", "stops", "answers", "zeroed", "parameter_obeyed",
+    "state_seen", "random_flights",
 ]  # fmt: skip
 _FLIES = {"random_flights"}
 """Expectations that fly missions of their own."""
@@ -116,7 +125,13 @@ def _row(table: dict[str, Any], number: int, source: str) -> RubricRow:
     try:
         row = msgspec.convert({"number": str(number)} | table, RubricRow)
     except msgspec.ValidationError as error:
-        raise Invalid(f"{place}: {error}", f"it takes {', '.join(sorted(_COMMON))}") from error
+        hint = f"it takes {', '.join(sorted(_COMMON))}"
+        for name in ("expect", "state"):
+            if f"`$.{name}`" in str(error):
+                allowed = [value for value in RubricRow.__annotations__[name].__args__ if value]
+                near = nearest(str(table[name]), allowed)
+                hint = f"{near}{' ' * bool(near)}{name} is one of {', '.join(allowed)}"
+        raise Invalid(f"{place}: {error}", hint) from error
     takes = _KEYS.get(row.expect, set())
     for name in table:
         if name not in _COMMON | takes:
@@ -147,6 +162,15 @@ def _mission(row: RubricRow, place: str) -> MissionFile:
     goes = any(isinstance(step, GotoStep) for step in made.rows)
     if row.expect in {"refused", "arrives", "parameter_obeyed"} and not goes:
         raise Invalid(f"{place}: {row.expect} needs a goto among its `rows`")
+    if row.expect == "stops" and not _shuts_in_flight(made.rows):
+        raise Invalid(f"{place}: stops needs a goto and then a cage with on = true in its `rows`")
     if row.expect == "zeroed" and not any(isinstance(step, Calibrate) for step in made.rows):
         raise Invalid(f"{place}: zeroed needs a calibrate among its `rows`")
     return made
+
+
+def _shuts_in_flight(steps: Sequence[Row]) -> bool:
+    """Return whether a goal comes before the last command that turns the cage on."""
+    goals = [n for n, step in enumerate(steps) if isinstance(step, GotoStep)]
+    shut = [n for n, step in enumerate(steps) if isinstance(step, CageStep) and step.on]
+    return bool(goals and shut) and goals[0] < shut[-1]

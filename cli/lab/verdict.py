@@ -21,6 +21,7 @@ from quadctl.schemas.services import (
     SetParamsResponse,
     ToggleCageResponse,
 )
+from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign.score import Point, inside
 from quadctl.services.campaign.watch import gently, outside
 from quadctl.services.pressure.simulated import pressure_at
@@ -106,6 +107,9 @@ def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
     outcome = _gotos(flown)[-1]
     if not outcome.accepted:
         return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
+    early = _hovers_early(flown, outcome.step)
+    if early:
+        return RowVerdict(False, f"{outcome.step}: {early}")
     reach = row.within or flown.params.safety.acceptance_range
     away = _distance(flown.poses[-1], _goal(outcome.step))
     if away > reach:
@@ -119,10 +123,53 @@ def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
     return RowVerdict(True, f"{outcome.step}: arrived, {away:.2f} m away")
 
 
+def _hovers_early(flown: FlownMission, step: Any) -> str:
+    """Return the report of an arrival too far from the goal of a step; empty if there is none."""
+    reach, moving = flown.params.safety.acceptance_range, False
+    for state in flown.states:
+        # Up to the step it is the flight before.
+        if state.stamp <= step.at:
+            continue
+        if moving and state.state == "HOVERING":
+            pose = _at(flown.poses, state.stamp)
+            away = _distance(pose, _goal(step))
+            # The stamp may be that of the setpoint before.
+            if away > reach + _speed(pose) / SETPOINT.hz:
+                return f"HOVERING {away:.2f} m from it; the acceptance range is {reach:g} m"
+            return ""
+        moving = state.state == "MOVING"
+    return ""
+
+
+def _stops(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    shut = max(
+        n for n, o in enumerate(flown.outcomes) if isinstance(o.step, CageStep) and o.step.on
+    )
+    step = flown.outcomes[shut].step
+    *_, flight = _gotos(flown, shut)
+    if not flight.accepted:
+        return RowVerdict(False, f"{flight.step}: {_refusal(flight)}")
+    if _speed(_at(flown.poses, step.at)) < _AT_REST:
+        return RowVerdict(False, f"{step}: the vehicle was not on its way to {flight.step}")
+    held = _stays_inside(row, flown)
+    if not held.ok:
+        return held
+    if _gotos(flown)[-1] is not flight:
+        return _arrives(row, flown)
+    last = flown.poses[-1]
+    if _speed(last) > _AT_REST:
+        return RowVerdict(
+            False, f"{step}: the vehicle still moves {last.stamp - step.at:.1f} s later"
+        )
+    return RowVerdict(
+        True, f"{step}: stopped inside, at {' '.join(f'{x:.2f}' for x in _place(last))}"
+    )
+
+
 def _stays_inside(row: RubricRow, flown: FlownMission) -> RowVerdict:
     worst, at = excursion(flown)
     allowed = row.within or flown.params.safety.margin
-    text = f"{worst * 1000:.0f} mm beyond the cage at {at:.1f} s"
+    text = f"{worst:.3g} m beyond the cage at {at:.1f} s"
     return RowVerdict(worst <= allowed, text if worst > 0 else "never beyond the cage")
 
 
@@ -157,22 +204,29 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    step = next(o.step for o in reversed(flown.outcomes) if isinstance(o.step, Calibrate))
-    # The reading of the calibration's own period may have been on its way.
-    after = [reading for reading in flown.readings if reading.stamp > step.at + 0.1]
-    if not after:
-        return RowVerdict(False, "sensors/pressure shows no reading after the calibration")
-    height = _at(flown.poses, step.at).position.z
-    for reading in after:
-        risen = abs(_at(flown.poses, reading.stamp).position.z - height)
-        allowed = (row.within or _ZERO) + _GRADIENT * risen
-        if abs(reading.pressure) > allowed:
-            return RowVerdict(
-                False,
-                f"sensors/pressure shows {reading.pressure:g} hPa {reading.stamp - step.at:.1f} s"
-                " after the calibration, not 0",
+    steps = [o.step for o in flown.outcomes if isinstance(o.step, Calibrate)]
+    # A reading of the time of the next calibration may be from before it, or from after it.
+    ends = [step.at - 1e-6 for step in steps[1:]] + [flown.poses[-1].stamp]
+    shown = 0.0
+    for step, end in zip(steps, ends, strict=True):
+        # The reading of the calibration's own period may have been on its way.
+        after = [reading for reading in flown.readings if step.at + 0.1 < reading.stamp <= end]
+        if not after and step is steps[-1]:
+            return RowVerdict(False, f"sensors/pressure shows no reading after `{step}`")
+        begun = _at(flown.poses, step.at).position.z
+        for reading in after:
+            height, shown = _at(flown.poses, reading.stamp).position.z, reading.pressure
+            expected = pressure_at(height) if step.unset else 0.0
+            allowed = (
+                _AIR if step.unset else (row.within or _ZERO) + _GRADIENT * abs(height - begun)
             )
-    return RowVerdict(True, f"sensors/pressure shows {after[-1].pressure:+.6f} hPa")
+            if abs(shown - expected) > allowed:
+                return RowVerdict(
+                    False,
+                    f"sensors/pressure shows {shown:g} hPa {reading.stamp - step.at:.1f} s after"
+                    f" `{step}`, not {expected:.6g}",
+                )
+    return RowVerdict(True, f"sensors/pressure shows {shown:+.6f} hPa")
 
 
 def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
@@ -184,25 +238,7 @@ def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
         if outcome.accepted is not permitted:
             verdict = "accepted" if outcome.accepted else "refused"
             return RowVerdict(False, f"{outcome.step}: was {verdict} with {cage.text(number)}")
-    reach = flown.params.safety.acceptance_range
-    early = _hovers_early(flown, reach)
-    if early:
-        return RowVerdict(False, early)
     return RowVerdict(True, f"each verdict is that of {cage.text(-1)}")
-
-
-def _hovers_early(flown: FlownMission, reach: float) -> str:
-    """Return the first arrival that was reported too far from its goal; empty if there is none."""
-    before = None
-    for state in flown.states:
-        arrived = before is not None and before.state == "MOVING" and state.state == "HOVERING"
-        if arrived and before is not None and state.goal == before.goal:
-            away = _distance(_at(flown.poses, state.stamp), astuple(state.goal))
-            # The state may follow its pose by a period of the setpoint.
-            if away > reach + STILL:
-                return f"HOVERING {away:.2f} m from the goal; the acceptance range is {reach:g} m"
-        before = state
-    return ""
 
 
 def _state_seen(row: RubricRow, flown: FlownMission) -> RowVerdict:
@@ -322,6 +358,7 @@ _JUDGES = {
     "refused": _refused,
     "arrives": _arrives,
     "stays_inside": _stays_inside,
+    "stops": _stops,
     "answers": _answers,
     "zeroed": _zeroed,
     "parameter_obeyed": _parameter_obeyed,
@@ -329,8 +366,8 @@ _JUDGES = {
 }
 
 
-def _gotos(flown: FlownMission) -> list[Outcome]:
-    return [each for each in flown.outcomes if isinstance(each.step, GotoStep)]
+def _gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
+    return [each for each in flown.outcomes[:end] if isinstance(each.step, GotoStep)]
 
 
 def _refusal(outcome: Outcome) -> str:
@@ -344,6 +381,10 @@ def _goal(step: Any) -> Point:
 def _place(pose: Pose) -> Point:
     p = pose.position
     return p.x, p.y, p.z
+
+
+def _speed(pose: Pose) -> float:
+    return dist(astuple(pose.velocity), (0, 0, 0))
 
 
 def _distance(pose: Pose, place: Iterable[float]) -> float:
@@ -362,6 +403,6 @@ def _at(poses: Sequence[Pose], at: float) -> Pose:
 def _moved(poses: Sequence[Pose], at: float) -> float:
     """Return when (s) the vehicle last moved before a time."""
     for pose in reversed(poses[: bisect_left(poses, at - 1e-9, key=_stamp)]):
-        if dist(astuple(pose.velocity), (0, 0, 0)) > _AT_REST:
+        if _speed(pose) > _AT_REST:
             return pose.stamp
     return -_AWAKE

@@ -11,7 +11,7 @@ from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.output import duration
 from quadctl.services.runtime import run_files
-from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.files import write_new
 from quadctl.services.runtime.procfs import stats_of
 from quadctl.services.runtime.realm import Realm, listed
@@ -41,7 +41,8 @@ def init(
 ) -> None:
     """Write the parameter file with every key, its unit, default and meaning.
 
-    With --safety or --mission, write one of these to begin with instead.
+    With --safety or --mission, write one of these to begin with instead; with --safety also a
+    quad.toml that names it, if there is none.
 
     Example: quadctl init my_lab.toml
     """
@@ -57,13 +58,41 @@ def init(
         file = file or DEFAULT_FILE
         write_new(file, render())
     output.either(options, {"file": str(file)}, f"wrote {file}")
-    if safety and not options.json:
-        output.line(f'`quadctl up` runs it if quad.toml has: [processes] safety = "python {file}"')
+    if safety:
+        for line in _named(file):
+            if not options.json:
+                output.line(line)
     if mission and not options.json:
         output.line(f"`quadctl fly {file}` flies it, with a running system")
 
 
 _NODE, _MISSION = "my_safety.py", "mission.toml"
+
+
+def _named(file: Path) -> list[str]:
+    """Name a safety node in a new quad.toml; return lines on it, or the TOML for an existing one."""
+    import json  # here, because `status` and `down` need none of it
+    import shlex
+
+    command = f"python {shlex.quote(file.as_posix())}"
+    entry = f"safety = {json.dumps(command, ensure_ascii=False)}"  # a string of TOML, too
+    if not DEFAULT_FILE.exists():
+        write_new(DEFAULT_FILE, f"[processes]\n{entry}\n")
+        return [f"wrote {DEFAULT_FILE}: `quadctl up` runs {file} in place of our own safety"]
+    from quadctl.services.runtime.params.load import read
+
+    try:
+        processes = read(DEFAULT_FILE).get("processes")
+    except Invalid as problem:
+        return [f"{DEFAULT_FILE} is left as it was: {problem.message}"]
+    if not isinstance(processes, dict):
+        return [f"`quadctl up` runs it with these lines at the end of {DEFAULT_FILE}:",
+                "[processes]", entry]  # fmt: skip
+    if "safety" not in processes:
+        return [f"`quadctl up` runs it with this line below [processes] in {DEFAULT_FILE}:", entry]
+    if processes["safety"] == command:
+        return [f"`quadctl up` runs it: {DEFAULT_FILE} names it"]
+    return [f"`quadctl up` runs it with this line in place of safety's in {DEFAULT_FILE}:", entry]
 
 
 def _example(name: str) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -17,7 +18,7 @@ from quadctl.cli.run.screen import Screen, for_lines, is_live
 from quadctl.schemas.airworthy import limited
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.params import load
-from quadctl.services.runtime.process_table import NODES
+from quadctl.services.runtime.process_table import NODES, Process
 from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
 from quadctl.services.runtime.supervisor import capacity
 from quadctl.services.runtime.supervisor import supervisor as running
@@ -70,11 +71,23 @@ def up(
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
     launch = Launch(options.realm, parameters, without or [], str(folder), recording, insecure)
+    own = [each for each in launch.processes() if each.stranger]
+    if not detach:
+        _name(own)
     begin(launch, options, detach=detach)
+    if detach:  # only now: with --json an error is all that stderr holds
+        _name(own)
     bodies = (each.dynamics for each in parameters.values() if detach)
     limits = (line for each in bodies for line in limited(each.vehicle, each.control, each.wind))
     for line in dict.fromkeys(limits):
         output.note(line)
+
+
+def _name(own: list[Process]) -> None:
+    """Print the commands that run in place of our nodes or beside them: a forgotten file shows."""
+    for process in own:
+        command = " ".join(shlex.join(process.command).split())  # on one line
+        output.note(f"{process.name}: {command}")
 
 
 def _parameter(name: str) -> str:

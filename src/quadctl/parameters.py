@@ -169,6 +169,9 @@ class ParamTable:
     def __setitem__(self, name: str, value: Any) -> None:
         self.update({name: value})
 
+    def __repr__(self) -> str:
+        return f"<parameters of {self._client.vehicle} in the realm {self._client.realm}>"
+
     def __iter__(self) -> Iterator[str]:
         return iter(RunningParams(self._client).get(["/"]))
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import DERIVED
 
@@ -14,10 +16,40 @@ Columns = dict[str, npt.NDArray[Any]]
 """Arrays by field, one row a message, and `received`: the time of the arrival, Unix s."""
 
 
-def read(file: str | os.PathLike[str]) -> dict[str, Columns]:
+class UnknownKey(Invalid, KeyError):
+    """Key that a recording does not have, or a short name of several; a KeyError, too."""
+
+    __str__ = Exception.__str__  # that of KeyError shows the quoted text
+
+
+class Recording(dict[str, Columns]):
+    """Arrays of a recording by key; an unambiguous end of a key does, e.g. `pose` for `uav/pose`.
+
+    Iteration, `in` and `get` know the whole keys only.
+    """
+
+    def __missing__(self, name: str) -> Columns:
+        ends = [key for key in self if key.endswith(f"/{name}")]
+        if len(ends) == 1:
+            return self[ends[0]]
+        if ends:
+            raise UnknownKey(f"{name} is the end of several keys", f"name one: {', '.join(ends)}")
+        hint = nearest(str(name), [*self, *(key.partition("/")[2] for key in self)])
+        raise UnknownKey(
+            f"the recording has no key {name}", hint or f"its keys are {', '.join(self)}"
+        )
+
+    def __repr__(self) -> str:
+        times = [columns["received"] for columns in self.values()]
+        begin, end = (min(map(np.min, times)), max(map(np.max, times))) if times else (0.0, 0.0)
+        counts = (f"{key} ({len(columns['received'])})" for key, columns in self.items())
+        return f"<recording of {end - begin:.1f} s: {', '.join(counts) or 'empty'}>"
+
+
+def read(file: str | os.PathLike[str]) -> Recording:
     """Read a recording into arrays by key and field.
 
-    `read("flight.mcap")["uav/pose"]["position"]` has shape (n, 3): the components of a vector stand
+    `read("flight.mcap")["uav/pose"]["position"]`, or `["pose"]` with one vehicle, has shape (n, 3): the components of a vector stand
     in the order of the message, x, y, z or w, x, y, z. Numbers have shape (n,), and so have texts
     and lists, as objects. Units are those of the message. Raises Invalid for an unreadable file.
     """
@@ -26,10 +58,12 @@ def read(file: str | os.PathLike[str]) -> dict[str, Columns]:
     for message in Bag(Path(file)).messages(lambda channel: DERIVED not in channel.metadata):
         rows.setdefault(message.key, []).append(message.value)
         times.setdefault(message.key, []).append(message.at)
-    return {
-        key: _columns(values) | {"received": np.array(times[key]) / 1e9}
-        for key, values in rows.items()
-    }
+    return Recording(
+        {
+            key: _columns(values) | {"received": np.array(times[key]) / 1e9}
+            for key, values in rows.items()
+        }
+    )
 
 
 def _columns(values: list[Any]) -> Columns:

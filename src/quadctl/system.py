@@ -1,7 +1,8 @@
 """Systems for programs: `launch` starts one, `connect` reaches one that runs already."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, Self
@@ -10,7 +11,7 @@ from weakref import finalize
 from msgspec.structs import replace
 
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, UsageError
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.params.names import put
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, listed, vehicle_name
@@ -100,10 +101,38 @@ def launch(
     Raises Invalid for a wrong parameter, UsageError for a wrong name or number, AlreadyServed if the
     realm runs already, and QuadctlError, with the last lines of its log, for a node that fails.
     """
+    with _one_traceback():
+        plan = _plan(config, params or {}, vehicles, realm, processes or {}, record)
+        try:
+            return Run(plan, timeout, lambda _line: None)
+        except AlreadyServed as problem:
+            # The supervisor's hint is for a command line.
+            hint = f"`quadctl down --realm {plan.realm}` ends it; launch(realm=...) of another name"
+            raise AlreadyServed(problem.message, f"{hint}, or of none, runs beside it") from None
+
+
+@contextmanager
+def _one_traceback() -> Iterator[None]:
+    """Raise our errors without their causes: the message has all that a program's author needs."""
+    try:
+        yield
+    except QuadctlError as problem:
+        raise problem from None
+
+
+def _plan(
+    config: str | os.PathLike[str] | None,
+    params: Mapping[str, Any],
+    vehicles: int,
+    realm: str | None,
+    processes: Mapping[str, str],
+    record: str | os.PathLike[str] | None,
+) -> Launch:
+    """Return the checked settings of a launch with these arguments."""
     names = [DEFAULT] if vehicles == 1 else load.names(DEFAULT, vehicles)
     source = None if config is None else Path(config)
     table, origin = load.gather(source)
-    for name, value in (params or {}).items():
+    for name, value in params.items():
         put(table, name, value, f"params[{name!r}]")
     if processes:
         table["processes"] = {**table.get("processes", {}), **processes}
@@ -114,7 +143,7 @@ def launch(
     plan = Launch(Realm(name).name, fleet, [], str(folder), recording)
     plan.processes()
     capacity.check(plan)
-    return Run(plan, timeout, lambda _line: None)
+    return plan
 
 
 class Connection(Vehicle):

@@ -6,8 +6,10 @@ flight.wait()
 """
 
 import math
+import reprlib
 import time
 from collections.abc import Callable
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeVar, overload
 from weakref import finalize
 
@@ -76,16 +78,33 @@ def distance(a: Position, b: Position) -> float:
 
 
 def goal_of(x: float, y: float, z: float, *, replace: bool = False) -> GotoRequest:
-    """Return a request for a point, m; raise Invalid for a bad coordinate."""
-    point = {"x": x, "y": y, "z": z}
+    """Return a request for a point, m; raise Invalid for a bad coordinate.
+
+    Numbers of NumPy count as numbers; True and texts do not.
+    """
+    point = {axis: _metres(axis, value) for axis, value in (("x", x), ("y", y), ("z", z))}
     try:
         return msgspec.convert(point | {"replace": replace}, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
-        raise Invalid(
-            f"{axis} = {point[axis]:g} is not a valid coordinate",
-            "coordinates are metres, finite, and at most 10 km from the origin",
-        ) from error
+        raise _bad_coordinate(axis, f"{point[axis]:g}") from None
+
+
+def _metres(axis: str, value: object) -> float:
+    """Return a coordinate as a plain float, which NumPy's numbers are not; raise Invalid for others."""
+    if not isinstance(value, bool) and isinstance(value, Real):
+        try:
+            return float(value)
+        except OverflowError:
+            pass  # an int with more than 308 digits
+    raise _bad_coordinate(axis, reprlib.repr(value))
+
+
+def _bad_coordinate(axis: str, value: str) -> Invalid:
+    return Invalid(
+        f"{axis} = {value} is not a valid coordinate",
+        "coordinates are metres, finite, and at most 10 km from the origin",
+    )
 
 
 def patience(client: Client, metres: float) -> float:
@@ -104,8 +123,12 @@ def patience(client: Client, metres: float) -> float:
 
 _RESTS, _AT_REST = 0.05, 0.25
 """Speed (m/s) of a vehicle that rests, and the simulated seconds of it: one that turns is slow, too."""
+_SETTLED = 1.0
+"""Simulated seconds at rest of a settled vehicle: `calibrate` averages the last second."""
 _SETTLING = 30.0
 """Seconds for a vehicle to rest after its arrival."""
+_LOOK = 0.02
+"""Seconds between two looks at safety's state."""
 
 
 def speed(pose: Pose) -> float:
@@ -131,6 +154,19 @@ def slowed(client: Client, below: float, timeout: float, lasting: float = 0.0) -
         return None
     finally:
         poses.close()
+
+
+def restless(timeout: float, since: str = "") -> TimedOut:
+    """Return the error for a vehicle that does not come to rest within `timeout` s."""
+    return TimedOut(
+        f"the vehicle does not rest within {timeout:g} s{since}",
+        "is there wind? `quadctl param get dynamics.wind`",
+    )
+
+
+def hovers(state: SafetyState) -> bool:
+    """Return whether safety holds the vehicle at its goal, and no paused flight is to go on."""
+    return bool(state.boot) and state.state == "HOVERING" and not state.reason.startswith(PAUSED)
 
 
 class Flight:
@@ -245,10 +281,7 @@ class Flight:
         """Wait, after the arrival, until the vehicle rests; raise TimedOut after `timeout` s."""
         pose = slowed(self._client, _RESTS, timeout, _AT_REST)
         if pose is None:
-            raise TimedOut(
-                f"the vehicle does not rest within {timeout:g} s of its arrival",
-                "is there wind? `quadctl param get dynamics.wind`",
-            )
+            raise restless(timeout, " of its arrival")
         self._distance = distance(pose.position, self._goal)
         self._seconds = pose.stamp - (self._began or 0.0)
         return Arrival(self._distance, self._seconds)
@@ -404,6 +437,30 @@ class Vehicle:
             return flight
         arrival = flight.wait(timeout)
         return flight.settle() if settle else arrival
+
+    def settle(self, timeout: float = _SETTLING) -> Pose:
+        """Wait until the vehicle hovers and has rested for a second, and return its pose.
+
+        A program begins with it after a launch: the vehicle still climbs, and a baseline of
+        `calibrate` would be wrong. Raises TimedOut, with the cause, after `timeout` (s).
+        """
+        ends = time.monotonic() + timeout
+        # The latched state: a vehicle that hovers already may publish no other for a second.
+        while not hovers(state := self.state()):
+            if time.monotonic() > ends:
+                why = f": {state.reason}" if state.reason else ""
+                raise TimedOut(
+                    f"the vehicle does not hover after {timeout:g} s: safety is {state.state}{why}",
+                    "timeout= waits longer; `quadctl hold` stops a flight",
+                )
+            time.sleep(_LOOK)
+        # Only now: on the ground the vehicle rests before its take-off, too.
+        pose = slowed(self.client, _RESTS, ends - time.monotonic(), _SETTLED)
+        if pose is None:
+            raise restless(timeout)
+        if pose.boot != state.boot:  # a reset in between, which safety has not seen yet
+            return self.settle(max(ends - time.monotonic(), 0.0))
+        return pose
 
     def hold(self) -> None:
         """Stop, and hover at the stopping point."""

@@ -1,5 +1,6 @@
 """Recordings as arrays."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,34 @@ def test_a_recording_is_read_into_arrays_by_key_and_field(recording):
     assert {"HOVERING", "VERIFYING", "MOVING"} == set(state["state"])
     assert flight["uav/@call/goto"]["request"][0]["x"] == 1
     assert not any("scene" in key for key in flight)
+
+
+def test_an_unambiguous_end_of_a_key_does_and_others_name_the_nearest(recording):
+    flight = quadctl.read(recording)
+    assert flight["pose"] is flight["uav/pose"]
+    assert flight["safety/state"] is flight["state"] is flight["uav/safety/state"]
+    assert "pose" not in flight
+    assert "uav/pose" in flight
+    assert flight.get("pose") is None
+    assert len(flight) == len(list(flight)) == len(flight.keys())
+    for error in (KeyError, quadctl.Invalid):
+        with pytest.raises(error) as unknown:
+            flight["posse"]
+    assert str(unknown.value) == "the recording has no key posse"
+    assert unknown.value.hint == "did you mean pose?"
+    both = type(flight)({"uav0/pose": flight["pose"], "uav1/pose": flight["pose"]})
+    with pytest.raises(quadctl.Invalid, match="pose is the end of several keys") as several:
+        both["pose"]
+    assert several.value.hint == "name one: uav0/pose, uav1/pose"
+
+
+def test_a_recording_is_shown_in_short(recording):
+    flight = quadctl.read(recording)
+    count = len(flight["pose"]["stamp"])
+    assert re.match(r"<recording of \d+\.\d s: .*\buav/pose \(\d+\),", str(flight))
+    assert f"uav/pose ({count})" in repr(flight)
+    assert len(repr(flight)) < 500
+    assert repr(type(flight)()) == "<recording of 0.0 s: empty>"
 
 
 def test_a_torn_recording_is_read_to_its_last_whole_record(recording, tmp_path):

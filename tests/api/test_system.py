@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+import traceback
 from pathlib import Path
 
 import pytest
@@ -88,12 +89,16 @@ def test_a_launch_that_fails_names_the_fault_and_starts_nothing(arguments, error
     with pytest.raises(error) as failed:
         quadctl.launch(**arguments)
     assert said in str(failed.value)
+    assert "direct cause" not in "".join(traceback.format_exception(failed.value))
+    assert "During handling" not in "".join(traceback.format_exception(failed.value))
 
 
 def test_a_realm_is_launched_once_and_connected_to_by_any_number(monkeypatch):
     with quadctl.launch(params=FAST) as run:
-        with pytest.raises(quadctl.AlreadyServed):
+        with pytest.raises(quadctl.AlreadyServed) as held:
             quadctl.launch(realm=run.realm)
+        assert "launch(realm=...)" in held.value.hint
+        assert "another --realm" not in "".join(traceback.format_exception(held.value))
         with quadctl.connect(run.realm) as quad:
             assert quad.name == "uav"
             assert quad.goto(1, 0, 1, replace=True).distance <= 0.5

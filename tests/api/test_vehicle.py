@@ -3,9 +3,11 @@
 import math
 import threading
 
+import numpy as np
 import pytest
 
 import quadctl
+from quadctl.schemas.messages import Position
 from quadctl.schemas.topics import SETPOINT
 
 LOCKSTEP = pytest.mark.quad(params={"dynamics.speed": 0})
@@ -51,6 +53,31 @@ def test_a_flight_is_followed_replaced_and_stopped(quad):
     assert quad.state().reason == "hold: stopped on request"
 
 
+@pytest.mark.parametrize("speed", [0, 1])
+def test_a_program_waits_for_the_end_of_the_take_off(speed):
+    with quadctl.launch(params=CALM | {"dynamics.speed": speed}) as run:
+        quad = run.vehicle
+        pose = quad.settle()
+        assert abs(pose.position.z - 1) < 0.02
+        assert quad.state().state == "HOVERING"
+        assert quad.calibrate().spread < 0.02
+        again = quad.settle()  # it hovers already
+        assert again.stamp > pose.stamp
+        quad.reset()
+        assert abs(quad.settle().position.z - 1) < 0.02
+
+
+@pytest.mark.quad(params=CALM)
+def test_a_vehicle_that_does_not_settle_in_time_is_reported_with_the_cause(quad):
+    with pytest.raises(quadctl.TimedOut, match=r"not hover after 0.1 s: safety is MOVING"):
+        quad.settle(timeout=0.1)
+    quad.settle()
+    quad.params["dynamics.wind.gust"] = 3.0
+    with pytest.raises(quadctl.TimedOut, match=r"does not rest within 1.5 s") as restless:
+        quad.settle(timeout=1.5)
+    assert "wind" in restless.value.hint
+
+
 @LOCKSTEP
 def test_the_barometer_is_calibrated_and_the_vehicle_put_back(quad):
     found = quad.calibrate()
@@ -94,13 +121,37 @@ def test_parameters_change_all_or_none_across_nodes(quad):
     with pytest.raises(quadctl.Invalid, match="fixed at launch"):
         quad.params["supervise.patience"] = 1.0
     assert "dynamics.vehicle.mass" in set(quad.params)
+    assert repr(quad.params) == f"<parameters of uav in the realm {quad.client.realm}>"
 
 
 def test_bad_coordinates_are_refused_before_anything_is_sent(quad):
     for bad in (math.nan, math.inf, 1e6):
         with pytest.raises(quadctl.Invalid, match=r"y = .* is not a valid coordinate"):
             quad.goto(0, bad, 1)
+    for bad, shown in (
+        ("a", "'a'"),
+        (None, "None"),
+        (True, "True"),
+        (np.True_, ".*True.*"),
+        ([1], ".*"),
+    ):
+        with pytest.raises(
+            quadctl.Invalid, match=rf"x = {shown} is not a valid coordinate"
+        ) as said:
+            quad.goto(bad, 0, 1)
+        assert "coordinates are metres" in said.value.hint
+        assert said.value.__suppress_context__ or said.value.__context__ is None
+    with pytest.raises(quadctl.Invalid, match=r"x = 1000.* is not a valid coordinate"):
+        quad.goto(10**400, 0, 1)
     assert quad.state().request <= 1  # the take-off alone
+
+
+@LOCKSTEP
+def test_numbers_of_numpy_are_coordinates(quad):
+    arrival = quad.goto(np.float64(1.0), np.int64(2), np.float32(1.0))
+    assert arrival.distance <= 0.5
+    assert quad.state().goal == Position(1.0, 2.0, 1.0)
+    quad.goto(*np.array([0.0, 0.0, 1.0]))
 
 
 @pytest.mark.quad(vehicles=2, params={"dynamics.speed": 0, "uav1.safety.takeoff": 2.0})

@@ -125,6 +125,16 @@ def test_a_missing_service_is_reported_before_the_flight(lab: Lab):
     done = lab.quadctl("fly", "mission.toml", "--timeout", 1)
     assert done.code == 3
     assert "nobody served uav/@srv/toggle_cage within 1 s" in done.err
+    done = lab.quadctl("cage", "off", "--timeout", 0.5)
+    assert (done.code, done.err) == (
+        3,
+        (
+            "error: nobody served uav/@srv/toggle_cage within 0.5 s: safety does not offer toggle_cage\n"
+            "  try: add it to your own node, or use ours: see [processes] in quad.toml\n"
+        ),
+    )
+    done = lab.quadctl("calibrate", "--timeout", 0.5)
+    assert done.code == 0  # pressure offers it
 
 
 def test_a_node_that_follows_no_simulated_time_is_named(lab: Lab):

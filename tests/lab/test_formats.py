@@ -52,8 +52,42 @@ def test_csv_has_a_line_a_student_and_no_formula():
         io.StringIO(written("csv", [ONE[0], Grade("=bob", ONE[0].tests)]))
     )
     assert header == ["student", "points", "max_points", "comment", "flies", "refuses"]
-    assert ada == ["ada.zip", "2", "3.5", "2 refuses: was accepted", "2", "0"]
+    assert ada == ["ada", "2", "3.5", "2 refuses: was accepted", "2", "0"]
     assert bob[0] == "'=bob"
+
+
+def cells(*grades: Grade) -> list[dict[str, str]]:
+    """Return the lines of the CSV by their columns."""
+    return list(csv.DictReader(io.StringIO(written("csv", grades), newline="")))
+
+
+def test_csv_has_a_cause_that_rows_share_once():
+    crash = "safety crashed: KeyError: 'x' (my_safety.py, line 7)"
+    tests = [
+        RowResult(name, number, False, 0.0, 1.0, output, True)
+        for name, number, output in [
+            ("a", "1.1", f"{crash}\nsafety: KeyError: 'x'"), ("b", "3.1", "was accepted"),
+            ("c", "4.1", f"{crash}\nsafety: other lines"),
+        ]
+    ]  # fmt: skip
+    (line,) = cells(Grade("ada", tests))
+    assert line["comment"] == f"1.1, 4.1: {crash}; 3.1 b: was accepted"
+
+
+def test_csv_has_the_name_of_a_folder_or_the_stem_of_a_zip_file():
+    given = ["all/anna.zip", "all/bob.b", "x/lab", "y/lab.ZIP", "."]
+    lines = cells(*(Grade(each, [PASSED]) for each in given))
+    assert [line["student"] for line in lines] == ["anna", "bob.b", "x/lab", "y/lab.ZIP", "."]
+
+
+def test_a_hand_in_that_is_not_gradable_has_one_line():
+    why = "bad.zip is neither a folder nor a zip file"
+    tests = [RowResult(name, name, False, 0.0, 1.0, why, True) for name in ("first", "second")]
+    bad = Grade("bad.zip", tests, 0.1, why)
+    assert written("text", [bad]) == f"bad.zip: 0 of 2 points: not gradable: {why}\n"
+    (line,) = cells(bad)
+    assert line["comment"] == f"not gradable: {why}"
+    assert len(json.loads(written("json", [bad]))[0]["tests"]) == 2
 
 
 def test_gradescope_gets_its_results_json():

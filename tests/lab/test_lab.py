@@ -2,20 +2,29 @@
 
 import shutil
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 
 from quadctl.cli.lab import grading
+from quadctl.cli.lab.judge import last_error
+from quadctl.cli.lab.rubric import rubric
+from quadctl.services.runtime.errors import Invalid
 from tests.support.handins import CHEATS, GOOD, MISTAKES, write
 from tests.support.lab import Lab
 from tests.support.proofs import Proofs
 
-ROWS = ["1.1", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "3.1", "3.2", "4.1", "4.2"]
+ROWS = [
+    "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "3.1", "3.2", "3.3", "4.1",
+    "4.2", "4.3", "4.4",
+]  # fmt: skip
 HIDDEN = "5.1"
-LAZY = {"2.6", "3.1", "3.2"}
+LAZY = {"2.6", "3.1", "3.2", "3.3"}
 """Rows that hold for a safety node that accepts every goal and flies nowhere."""
+
+ABOUT_SAFETY = {number for number in (*ROWS, HIDDEN) if not number.startswith("3.")}
 
 
 def graded(lab: Lab, *words: object, timeout: float = 60.0) -> dict[str, dict[str, str]]:
@@ -50,9 +59,9 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
         shutil.copy(completed / name, mine / name)
     last = lab.quadctl("lab", "check", "mine", "--report", "out", timeout=60)
     assert last.code == 0, last.out + last.err
-    assert "mine: 17 of 17 points" in last.out
+    assert "mine: 22 of 22 points" in last.out
     page = (lab.folder / "out/report.html").read_text("utf-8")
-    assert "mine: 17 of 17 points" in page
+    assert "mine: 22 of 22 points" in page
     assert "data:image/png;base64," in page
     assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
 
@@ -67,15 +76,15 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
     bad.write_text("no zip", encoding="utf-8")
     found = graded(lab, folders[0], zipped, folders[2], bad)
     assert found["functions"] == {}
-    assert found["zipped"].keys() == {"3.2"}, found["zipped"]
-    assert found["exits_at_once"].keys() == {*ROWS, HIDDEN}
-    assert "safety does not stay up" in found["exits_at_once"]["2.1"]
+    assert found["zipped"].keys() == {"3.2", "3.3"}, found["zipped"]
+    assert found["exits_at_once"].keys() == ABOUT_SAFETY
+    assert found["exits_at_once"]["2.1"] == "safety does not stay up: it ends, and logs nothing"
     assert set(found["bad"].values()) == {f"{bad} is neither a folder nor a zip file"}
 
 
 def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     outputs = graded(lab, write("reads_the_rubric", lab.folder))["reads_the_rubric"]
-    assert outputs.keys() == {*ROWS, HIDDEN}
+    assert outputs.keys() == ABOUT_SAFETY
     assert "FOUND []" in outputs["2.1"]
 
 
@@ -103,6 +112,8 @@ def test_without_namespaces_grading_asks_for_trust(lab: Lab):
     ("words", "code", "error"),
     [
         ("grade nothere", 6, "there is no hand-in nothere"),
+        ("grade", 2, "there is no hand-in to grade"),
+        ("grade", 2, "give folders or zip files, e.g. `quadctl lab grade handins/*`"),
         ("grade . --format grade", 2, "--format grade: there is no such form"),
         ("grade . . --format github", 2, "--format github is for one hand-in, not 2"),
         ("grade . --rubric nothere.toml", 6, "nothere.toml"),
@@ -141,7 +152,9 @@ def test_the_rubric_tells_the_mistakes_apart_in_20_runs_of_20(lab: Lab, proofs: 
         found = graded(lab, *folders, timeout=300)
         assert {name: frozenset(rows) for name, rows in found.items()} == expected, found
     proofs.add(
-        "The rubric tells three good hand-ins and nine mistakes apart", "20 runs of 20", "20 of 20"
+        f"The rubric tells {len(GOOD)} good hand-ins and {len(MISTAKES)} mistakes apart",
+        "20 runs of 20",
+        "20 of 20",
     )
 
 
@@ -177,3 +190,110 @@ def test_a_judge_that_fails_is_reported_as_that(lab: Lab, monkeypatch: pytest.Mo
         on_done=lambda _grade: None,
     )  # fmt: skip
     assert [each.output for each in found.tests] == ["not flown: its judge failed: no wings"]
+
+
+def broken(folder: Path, old: str, new: str) -> Path:
+    """Write the completed hand-in with a fault in its safety node, and return its folder."""
+    handin = write("completed", folder)
+    file = handin / "my_safety.py"
+    text = file.read_text("utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), "utf-8")
+    return handin
+
+
+def test_a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only(lab: Lab):
+    handin = broken(lab.folder, "        away = dist(", "        away = math.dist(")
+    shutil.copy(Path(grading.__file__).with_name("rubric.toml"), handin)
+    done = lab.quadctl("lab", "check", handin, timeout=120)
+    assert done.code == 8, done.err
+    live, text = done.out.split("completed: ")
+    assert {line.split()[1] for line in live.splitlines() if line.startswith("ok")} == {
+        number for number in ROWS if number.startswith("3.")
+    }
+    first, _, evidence, *more = text.splitlines()
+    error = "NameError: name 'math' is not defined (my_safety.py, line "
+    assert evidence.startswith((
+        f"        safety crashed: {error}", f"        safety does not stay up: {error}"
+    )), first  # fmt: skip
+    assert not [line for line in more if "hint:" in line or "nobody" in line]
+    assert [line for line in more if "in rows that only `lab grade` flies" in line] == more[-2:-1]
+    page = (handin / "report/report.html").read_text("utf-8")
+    assert "in rows that only `lab grade` flies" in page
+
+
+def test_a_crash_in_one_row_costs_that_row_only(lab: Lab):
+    handin = broken(
+        lab.folder, "        self.cage_on = request.cage_on\n", "        import os; os._exit(3)\n"
+    )
+    # A process that ends quickly five times is left down by the supervisor.
+    crashes = [
+        f'[[row]]\nname = "crash {n}"\nexpect = "answers"\nend = 5.0\n'
+        'rows = [{ at = 4.0, do = "cage", on = false }]\nhint = "look"\n'
+        for n in range(6)
+    ]
+    arrives = (
+        '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
+        'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n'
+    )
+    own = lab.file("".join((*crashes, arrives)), "own.toml")
+    found = graded(lab, handin, "--rubric", own)["completed"]
+    assert found == {str(n): "safety crashed: exit 3" for n in range(1, 7)}
+
+
+SYNTAX = """\
+  File "/handin/sub/a.py", line 111
+    def f(:
+          ^
+SyntaxError: invalid syntax
+"""
+IN_OURS = """\
+Traceback (most recent call last):
+  File "/mine/my_safety.py", line 9, in <module>
+    start("safety", run)
+  File "/lib/quadctl/entry.py", line 3, in start
+    run()
+KeyError: 'x'
+afterwards: more
+"""
+CHAINED = """\
+Traceback (most recent call last):
+  File "/mine/a.py", line 1, in f
+    g()
+OSError: first
+
+During handling of the above exception, another exception occurred:
+
+Traceback (most recent call last):
+  File "/lib/b.py", line 2, in h
+    raise
+quadctl.errors.Invalid
+"""
+
+
+@pytest.mark.parametrize(
+    ("log", "error"),
+    [
+        ("", ""),
+        ("flying\nValueError: of my own words", ""),
+        (SYNTAX, "SyntaxError: invalid syntax (sub/a.py, line 111)"),
+        (IN_OURS, "KeyError: 'x' (my_safety.py, line 9)"),
+        (CHAINED, "quadctl.errors.Invalid (b.py, line 2)"),
+    ],
+)
+def test_the_last_error_of_a_log_has_its_place_in_the_hand_in(log: str, error: str):
+    assert last_error(log.splitlines(), Path("/mine")) == error
+
+
+@pytest.mark.parametrize(
+    ("keys", "hint"),
+    [
+        ("expect = 'zerod'", "did you mean zeroed? expect is one of refused, arrives, "),
+        ("expect = 'xxxxx'", "expect is one of refused, arrives, "),
+        ("expect = 'state_seen'\nstate = 'MOVE'", "state is one of HOVERING, VERIFYING, MOVING"),
+    ],
+)
+def test_a_wrong_word_in_a_rubric_gets_those_that_are_allowed(keys: str, hint: str):
+    with pytest.raises(Invalid) as refused:
+        rubric(tomllib.loads(f"[[row]]\nname = 'a'\n{keys}\n"), "r.toml")
+    assert hint in refused.value.hint

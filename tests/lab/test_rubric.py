@@ -1,11 +1,28 @@
-"""Rubrics: what they may have, and what is refused, with the row and the key."""
+"""Rubrics: what they may have, and what is refused, with the row and the key; verdicts of rows."""
 
 import tomllib
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from quadctl.cli.lab.rubric import rubric
+from quadctl.cli.lab.rubric import RubricRow, rubric
+from quadctl.cli.lab.verdict import FlownMission, Outcome, RowVerdict, judge
+from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep, Row
+from quadctl.schemas.messages import (
+    BodyRates,
+    CageSize,
+    Pose,
+    Position,
+    Pressure,
+    Quaternion,
+    SafetyState,
+    StateName,
+    Velocity,
+)
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import CalibrateResponse, GotoResponse, ToggleCageResponse
 from quadctl.services.runtime.errors import Invalid
 
 LAB = Path(__file__).parents[2] / "cli/lab"
@@ -57,6 +74,14 @@ def test_the_built_in_rows_are_a_rubric_with_hints(file: str):
             f"[[row]]\nname = 'a'\nexpect = 'answers'\nservice = 'toggle_cage'\n{GOTO}",
             "no row of its mission calls toggle_cage",
         ),
+        (f"[[row]]\nname = 'a'\nexpect = 'stops'\n{GOTO}", "needs a goto and then a cage"),
+        (
+            (
+                "[[row]]\nname = 'a'\nexpect = 'stops'\nrows = ["
+                "{ at = 1.0, do = 'cage', on = true }, { at = 3.0, do = 'goto', x = 9, y = 0, z = 1 }]"
+            ),
+            "needs a goto and then a cage",
+        ),
         (
             "[[row]]\nname = 'a'\nexpect = 'arrives'\nrows = [{ at = 1.0, do = 'hold' }]",
             "needs a goto",
@@ -76,3 +101,95 @@ def test_a_bad_rubric_is_refused_with_its_place(text: str, error: str):
     with pytest.raises(Invalid, match=error) as refused:
         read(text)
     assert refused.value.message.startswith("r.toml")
+
+
+def replied(step: Row) -> Outcome:
+    """Return a step with the reply of a node that accepts everything."""
+    replies: dict[type[Row], Any] = {
+        GotoStep: GotoResponse(True, ""),
+        CageStep: ToggleCageResponse(True),
+        Calibrate: CalibrateResponse(0.0),
+    }
+    return Outcome(step, replies[type(step)], None)
+
+
+def judged(
+    expect: Any,
+    steps: Sequence[Row],
+    x: Callable[[float], float],
+    *,
+    hovers: Callable[[float], bool] = lambda _at: True,
+    shown: Callable[[float], float] = lambda _at: 0.0,
+) -> RowVerdict:
+    """Return the verdict on 9 s of flight at 1 m along `x` (m), each a function of the time (s)."""
+    turn, rates = Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0)
+    poses, states = list[Pose](), list[SafetyState]()
+    for seq in range(901):
+        at = seq / 100
+        velocity = Velocity((x(at) - x(at - 0.01)) / 0.01, 0, 0)
+        poses.append(Pose("b", seq, at, Position(x(at), 0, 1), velocity, turn, rates))
+        if seq % 5 == 0:
+            state: StateName = "HOVERING" if hovers(at) else "MOVING"
+            goal, cage = Position(0, 0, 1), CageSize(5, 5, 5)
+            states.append(SafetyState("b", at, 1, state, goal, True, cage, ""))
+    readings = [Pressure(n / 10, shown(n / 10), 0, 0, 0) for n in range(91)]
+    outcomes = [replied(step) for step in steps]
+    return judge(RubricRow("r", expect), FlownMission(Params(), outcomes, poses, states, readings))
+
+
+@pytest.mark.parametrize(
+    ("range_", "output"),
+    [(0.5, "goto 4 0 1: arrived, 0.00 m away"), (0.9, "HOVERING 0.90 m from it")],
+)
+def test_an_arrival_is_not_reported_before_the_acceptance_range(range_: float, output: str):
+    def x(at: float) -> float:
+        return min(max(at - 1.0, 0.0), 4.0)
+
+    arrival = 5.0 - range_
+    verdict = judged(
+        "arrives", [GotoStep(1.0, 4.0, 0.0, 1.0)], x, hovers=lambda at: not 1 < at < arrival
+    )
+    assert output in verdict.output
+    assert verdict.ok is (range_ == 0.5)
+
+
+OUT = [CageStep(0.5, False), GotoStep(1.0, 9.0, 0.0, 1.0), CageStep(3.0, True)]
+BACK = GotoStep(6.0, 1.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("steps", "x", "output"),
+    [
+        (OUT, lambda at: min(max(at - 1, 0), 2.5), ""),
+        (OUT, lambda at: max(at - 1, 0), "3 m beyond the cage at 9.0 s"),
+        (OUT, lambda at: min(max(at - 1, 0), 1.5), "was not on its way to goto 9 0 1"),
+        (OUT, lambda at: min(max(at - 1, 0), 3) - max(at - 7, 0), "still moves 6.0 s later"),
+        ([*OUT, BACK], lambda at: min(max(at - 1, 0), 2.5, max(8.5 - at, 1)), ""),
+        ([*OUT, BACK], lambda at: min(max(at - 1, 0), 2.5), "goto 1 0 1: 1.50 m away"),
+    ],
+)
+def test_a_vehicle_on_its_way_out_stops_and_flies_to_a_later_goal(
+    steps: list[Row], x: Callable[[float], float], output: str
+):
+    verdict = judged("stops", steps, x)
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
+AIR = 1013.13
+"""Pressure at 1 m, hPa."""
+
+
+@pytest.mark.parametrize(
+    ("shown", "output"),
+    [
+        (lambda at: 0.0 if 3 < at < 6 else AIR, ""),
+        (lambda at: AIR, "after `calibrate`, not 0"),
+        (lambda at: 0.0 if at > 3 else AIR, "after `calibrate --unset`, not 1013.13"),
+    ],
+)
+def test_each_calibration_is_obeyed_until_the_next(shown: Callable[[float], float], output: str):
+    steps = [Calibrate(3.0), Calibrate(6.0, unset=True)]
+    verdict = judged("zeroed", steps, lambda _at: 0.0, shown=shown)
+    assert output in verdict.output
+    assert verdict.ok is (not output)

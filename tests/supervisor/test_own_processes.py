@@ -62,6 +62,16 @@ def test_an_own_safety_node_runs_beside_a_helper_that_keeps_dying(
     assert lab.quadctl("down").code == 0
 
 
+def test_up_names_the_processes_that_the_file_gives(lab: Lab):
+    file = lab.file("[processes]\nidle = \"sleep 9\"\nmore = ['sh', '-c', 'exec sleep 9']\n")
+    started = lab.start(file, "--without", "pressure")
+    notes = [line for line in started.err.splitlines() if not line.startswith("starting: ")]
+    assert notes == ["idle: sleep 9", "more: sh -c 'exec sleep 9'"]
+    assert lab.quadctl("down").code == 0
+    run = lab.foreground(file)
+    assert run.log.startswith("idle: sleep 9\nmore: sh -c 'exec sleep 9'\n")
+
+
 def test_an_import_of_an_older_release_fails_with_the_new_name(lab: Lab):
     (lab.folder / "old.py").write_text("from schemas.messages import Pose\n", encoding="utf-8")
     toml = lab.file(f'[processes]\nold = "{sys.executable} -P old.py"\n')

@@ -27,7 +27,7 @@ MISTAKES = {
         "safety", '        self.state = "VERIFYING"\n        self.publish()\n', "", _costs("2.1")
     ),
     "forgets_z": Mistake(
-        "safety", "0 <= point.z <= cage.z", "0 <= point.z", _costs("1.1", "2.5", "5.1")
+        "safety", " and point.z <= cage.z", "", _costs("1.1", "2.5", "5.1")
     ),
     "accepts_the_far_side": Mistake(
         "safety", "abs(point.x) <= cage.x and abs(point.y)", "point.x <= cage.x and point.y",
@@ -35,16 +35,16 @@ MISTAKES = {
     ),
     "never_arrives": Mistake(
         "safety", "Setpoint(pose.boot, pose.seq, self.goal,", "Setpoint(pose.boot, pose.seq, self.home,",
-        _costs("1.1", "2.2", "2.3", "2.4", "2.5", "4.1", "4.2", "5.1"),
+        _costs("1.1", "1.2", "2.2", "2.3", "2.4", "2.5", "4.1", "4.2", "4.3", "4.4", "5.1"),
     ),
     "toggles_without_effect": Mistake(
         "safety", "(self.cage_on and not self.is_inside(goal))", "not self.is_inside(goal)",
-        _costs("4.1", "4.2", "5.1"),
+        _costs("4.1", "4.2", "4.3", "4.4", "5.1"),
     ),
-    "no_baseline": Mistake("pressure", "raw - self.baseline", "raw", _costs("3.2")),
+    "no_baseline": Mistake("pressure", "raw - self.baseline", "raw", _costs("3.2", "3.3")),
     "baseline_in_pascals": Mistake(
         "pressure", "sum(self.last) / len(self.last)", "100 * sum(self.last) / len(self.last)",
-        _costs("3.1", "3.2"),
+        _costs("3.1", "3.2", "3.3"),
     ),
     "drops_requests_in_flight": Mistake(
         "safety", '"busy: flying to another goal"', '""', _costs("2.6")
@@ -52,6 +52,21 @@ MISTAKES = {
     "hard_coded_parameters": Mistake(
         "safety", "CageSize(size.x, size.y, size.z)", "CageSize(5.0, 5.0, 5.0)", _costs("1.1")
     ),
+    "never_stops": Mistake(
+        "safety",
+        """        if self.cage_on and self.state == "MOVING" and not self.is_inside(self.goal):
+            self.state, self.brake, self.reason = "HOVERING", True, "stopped: the cage is on"
+""",
+        "", _costs("4.3", "4.4"),
+    ),
+    "never_releases_the_brake": Mistake(
+        "safety", '"MOVING", goal, False, ""', '"MOVING", goal, self.brake, ""', _costs("4.4")
+    ),
+    "hard_coded_range": Mistake(
+        "safety", "params.safety.acceptance_range", "0.5", _costs("1.2")
+    ),
+    "forgets_the_floor": Mistake("safety", "goal.z < 0 or ", "", _costs("2.7")),
+    "ignores_unset": Mistake("pressure", " if request.zero else 0.0", "", _costs("3.3")),
 }  # fmt: skip
 
 CHEATS = (

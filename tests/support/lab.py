@@ -84,10 +84,14 @@ class Lab:
             return dict(zip(lines, pool.map(run, lines), strict=True))
 
     def start(self, *words: object) -> Done:
-        """Run `quadctl up -d`, which must succeed; a slow start may report its progress."""
+        """Run `quadctl up -d`, which must succeed; a slow start may report its progress.
+
+        It also names the processes of the file that it runs.
+        """
         done = self.quadctl("up", "-d", *words)
         assert (done.code, done.out) == (0, f"realm {self.realm} is up\n"), done
-        assert all(line.startswith("starting: ") for line in done.err.splitlines()), done
+        notes = [line.partition(": ") for line in done.err.splitlines()]
+        assert all(name in {"starting", *self.nodes()} and what for name, _, what in notes), done
         return done
 
     def foreground(self, *words: object) -> Foreground:

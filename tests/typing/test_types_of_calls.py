@@ -61,6 +61,7 @@ with quadctl.launch(params={"dynamics.speed": 0}, vehicles=1) as run:
     reveal_type(flight.arrived)  # bool
     reveal_type(flight.wait())  # quadctl.vehicle.Arrival
     reveal_type(quad.calibrate().samples)  # int
+    reveal_type(quad.settle(timeout=5).stamp)  # float
     reveal_type(quad.pose().position.x)  # float
     reveal_type([m.pressure for m in quad.watch("pressure", seconds=2)])  # list[float]
     reveal_type(quad.watch("pose").lost)  # int

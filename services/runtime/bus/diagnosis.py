@@ -16,6 +16,8 @@ from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
 _LOOK = 0.1
 """Seconds for the search for a reason, after the timeout; a hub answers in 0.5 ms."""
+NOT_OFFERED_FIX = "add it to your own node, or use ours: see [processes] in quad.toml"
+"""Remedy for a node that is there without one of its topics or services."""
 _FROZEN = "it is frozen or busy: `quadctl status`"
 
 
@@ -73,16 +75,34 @@ def explain_unreachable(
     """Return the problem with all that is known of it, as `Client.explained` describes."""
     try:
         silent = client.silent_processes(_LOOK, live)
+        endpoints = client.endpoints(_LOOK) if key else []
         if key and connect:
             from quadctl.services.runtime.security import permissions
 
-            permissions.raise_if_blocked(client.session, connect, key, client.endpoints(_LOOK))
+            permissions.raise_if_blocked(client.session, connect, key, endpoints)
     except NotAllowed as denied:
         return denied
     except QuadctlError as other:
         return type(other)(f"{problem.message}: {other.message}", other.hint)
     unknown = None if connect else _unknown_vehicle(client, problem)
-    return unknown or explain_frozen(problem, node, silent)
+    lacking = _not_offered_by(node, key, endpoints, problem)
+    return unknown or lacking or explain_frozen(problem, node, silent)
+
+
+def not_offered(node: str, name: str) -> str:
+    """Return the sentence on a node that is there without a topic or service of that name."""
+    return f"{node} does not offer {name}"
+
+
+def _not_offered_by(
+    node: str, key: str, endpoints: list[EndpointInfo], problem: Unreachable
+) -> Unreachable | None:
+    """Return the problem if the node of a service is live and offers others, but not this key."""
+    is_live = any(offer.node == node for offer in endpoints)
+    if not is_live or any(offer.key == key for offer in endpoints):
+        return None
+    name = key.partition("/@srv/")[2]
+    return Unreachable(f"{problem.message}: {not_offered(node, name)}", NOT_OFFERED_FIX)
 
 
 def explain_silence(client: DiagnosisClient, key: str, *, more: bool) -> QuadctlError:

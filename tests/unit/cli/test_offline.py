@@ -1,6 +1,8 @@
 """Commands that need no running system."""
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -100,6 +102,63 @@ def test_init_writes_the_file_once(quadctl: Quadctl, tmp_path: Path):
     assert (result.code, result.error["code"]) == (6, "invalid")
     assert "quad.toml already exists" in result.error["message"]
     assert quadctl("init", "my_lab.toml", "--json").json == {"file": "my_lab.toml"}
+
+
+def pasted(printed: str, file: Path) -> dict[str, Any]:
+    """Paste what `init --safety` printed into its file as it says, and return the tables."""
+    said, *lines = printed.splitlines()[1:]
+    text = file.read_text(encoding="utf-8")
+    if "below [processes]" in said:
+        text = text.replace("[processes]", "\n".join(["[processes]", *lines]))
+    elif "in place of" in said:
+        text = "\n".join(lines[0] if "safety =" in line else line for line in text.splitlines())
+    else:
+        text = "\n".join([text, *lines])
+    return tomllib.loads(text)
+
+
+def test_init_writes_a_safety_node_and_a_file_that_names_it(quadctl: Quadctl, tmp_path: Path):
+    assert quadctl("init", "--safety") == (
+        0,
+        (
+            "wrote my_safety.py\n"
+            "wrote quad.toml: `quadctl up` runs my_safety.py in place of our own safety\n"
+        ),
+        "",
+    )
+    assert (tmp_path / "quad.toml").read_text(encoding="utf-8") == (
+        '[processes]\nsafety = "python my_safety.py"\n'
+    )
+    (tmp_path / "my_safety.py").unlink()
+    again = quadctl("init", "--safety").out
+    assert again.endswith("`quadctl up` runs it: quad.toml names it\n")
+    assert quadctl("init", "--safety", "second.py", "--json").json == {"file": "second.py"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[safety]\ntakeoff = 2.0\n",
+        "[processes]\n# none yet\n[safety]\ntakeoff = 2.0\n",
+        "[processes]\nsafety = 'python other.py'\nidle = 'sleep 9'\n",
+        render(),
+    ],
+)
+def test_init_prints_toml_for_a_file_that_exists(quadctl: Quadctl, tmp_path: Path, text: str):
+    file = tmp_path / "quad.toml"
+    file.write_text(text, encoding="utf-8")
+    printed = quadctl("init", "--safety", "my node.py").out
+    assert file.read_text(encoding="utf-8") == text
+    before, after = tomllib.loads(text), pasted(printed, file)
+    processes = before.pop("processes", {}) | {"safety": "python 'my node.py'"}
+    assert after == before | {"processes": processes}
+
+
+def test_init_leaves_a_broken_file_alone(quadctl: Quadctl, tmp_path: Path):
+    (tmp_path / "quad.toml").write_text("[processes", encoding="utf-8")
+    result = quadctl("init", "--safety")
+    assert result.code == 0
+    assert "quad.toml is left as it was: quad.toml is not TOML" in result.out
 
 
 def test_init_reports_an_unwritable_path(quadctl: Quadctl):

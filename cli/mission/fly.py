@@ -41,6 +41,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.scheduled_calls import FutureCall
+from quadctl.services.runtime.bus.session import LEASE_PATIENT_MS
 from quadctl.services.runtime.errors import (
     Invalid,
     NotReady,
@@ -74,12 +75,16 @@ class MissionFlight(Generic[R]):
         mission: MissionFile,
         record: Callable[[str, float], R],
         nodes: Collection[str] = NODES,
+        *,
+        silence: float = 0.0,
     ) -> None:
         """Read the parameters; raise Unreachable or TimedOut if a node does not answer.
 
         `record` makes the record of a boot up to a time (s); of the lab's nodes, `nodes` take part.
+        A flight is given up when no pose comes for the longer of `silence` and the client's timeout (s).
         """
         self._client, self._mission, self._nodes = client, mission, nodes
+        self._silence = max(silence, client.timeout)
         self.parameters: dict[str, Any] = {}
         for node in nodes:
             self.parameters |= client.call(get_params(node), GetParamsRequest([])).values
@@ -151,7 +156,7 @@ class MissionFlight(Generic[R]):
 
     def _follow(self, on_progress: Callable[[float], None]) -> None:
         """Record all messages until the three nodes have reached the end."""
-        patience, record = self._client.timeout, self.record
+        patience, record = self._silence, self.record
         moved = time.monotonic()
         while not self._ended.wait(_LOOK):
             if self._record_waiting():
@@ -225,7 +230,8 @@ def fly(
     """
     plan = _read(mission_file)
     with _connection(options, mission_file, plan.params) as client:
-        flight = MissionFlight(client, plan, Record)
+        own = plan.params is not None
+        flight = MissionFlight(client, plan, Record, silence=LEASE_PATIENT_MS / 1000 if own else 0)
         began = time.monotonic()
         try:
             with Progress("flying", quiet=options.json) as progress:

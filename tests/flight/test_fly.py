@@ -227,8 +227,9 @@ def test_a_run_of_its_own_ends_with_its_mission(lab: Lab, victim: str, code: int
 def test_a_run_of_its_own_waits_for_a_frozen_process(lab: Lab, fast: Lab):
     lab.file(f"{MISSION}\n[set]\ndynamics.speed = 2\n", "mission.toml")
     flying = in_flight(lab, "mission.toml", "--json")
+    nodes = lab.nodes()
     # Longer than the lease of a link and the timeout of a health ping in other runs.
-    for pid in (lab.nodes()["hub"]["pid"], flying.pid, lab.nodes()["dynamics"]["pid"]):
+    for pid in (nodes["hub"]["pid"], nodes["dynamics"]["pid"], flying.pid):
         os.kill(pid, signal.SIGSTOP)
         time.sleep(2.5)
         os.kill(pid, signal.SIGCONT)

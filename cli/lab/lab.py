@@ -182,7 +182,7 @@ def _builtin() -> dict[str, Any]:
 
 def _with_hidden(tables: dict[str, Any]) -> dict[str, Any]:
     """Return a rubric's tables; for the built-in rubric with the rows that students do not see."""
-    # Whose rubric is their own is graded by others, of which nothing is known here.
+    # A teacher grades a rubric of his own with rows of his own, which are not known here.
     if tables != read(_VISIBLE, _NEEDS) or not _HIDDEN.exists():
         return tables
     return {"row": [*tables["row"], *read(_HIDDEN, _NEEDS)["row"]]}

@@ -170,7 +170,7 @@ class ParamTable:
         self.update({name: value})
 
     def __repr__(self) -> str:
-        return f"<parameters of {self._client.vehicle} in the realm {self._client.realm}>"
+        return f"<parameters of {self._client.vehicle} in the realm {self._client.realm.name}>"
 
     def __iter__(self) -> Iterator[str]:
         return iter(RunningParams(self._client).get(["/"]))

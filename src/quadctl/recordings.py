@@ -49,9 +49,10 @@ class Recording(dict[str, Columns]):
 def read(file: str | os.PathLike[str]) -> Recording:
     """Read a recording into arrays by key and field.
 
-    `read("flight.mcap")["uav/pose"]["position"]`, or `["pose"]` with one vehicle, has shape (n, 3): the components of a vector stand
-    in the order of the message, x, y, z or w, x, y, z. Numbers have shape (n,), and so have texts
-    and lists, as objects. Units are those of the message. Raises Invalid for an unreadable file.
+    `read("flight.mcap")["uav/pose"]["position"]`, or `["pose"]` with one vehicle, has shape (n, 3):
+    the components of a vector stand in the order of the message, x, y, z or w, x, y, z. Numbers
+    have shape (n,), and so have texts and lists, as objects. Units are those of the message.
+    Raises Invalid for an unreadable file.
     """
     rows: dict[str, list[Any]] = {}
     times: dict[str, list[int]] = {}

@@ -107,7 +107,7 @@ def test_a_watch_yields_messages_until_its_end_and_counts_the_lost(quad):
 
 
 @LOCKSTEP
-def test_parameters_change_all_or_none_across_nodes(quad):
+def test_parameters_change_all_or_none_across_nodes(quad, quad_run):
     quad.params["safety.acceptance_range"] = 0.25
     assert quad.params["safety.acceptance_range"] == 0.25
     assert quad.params["safety.virtual_cage"]["safety.virtual_cage.x"] == 5.0
@@ -121,7 +121,7 @@ def test_parameters_change_all_or_none_across_nodes(quad):
     with pytest.raises(quadctl.Invalid, match="fixed at launch"):
         quad.params["supervise.patience"] = 1.0
     assert "dynamics.vehicle.mass" in set(quad.params)
-    assert repr(quad.params) == f"<parameters of uav in the realm {quad.client.realm}>"
+    assert repr(quad.params) == f"<parameters of uav in the realm {quad_run.realm}>"
 
 
 def test_bad_coordinates_are_refused_before_anything_is_sent(quad):

@@ -169,7 +169,8 @@ def fly(
         name = f"lab-{os.getpid()}-{token_hex(2)}"
         own = replace(params, processes={node: wrap(Realm(name), nodes[node])})
         file = record if key == longest else ""
-        launch = Launch(name, {DEFAULT: own}, [], str(folder), file, patient=True)
+        idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
+        launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True)
         yield from _fly_run(launch, rows, node, until)
 
 

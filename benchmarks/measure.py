@@ -36,6 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
         for row, figure in document.figures(found):
             print(report.line(row, figure))
     else:
+        # A shell's background jobs ignore SIGINT, and so would each command that is ended by it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         # However the run ends, the processes that it started end with it.
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
         try:

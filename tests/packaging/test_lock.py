@@ -11,9 +11,13 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 RUNTIME = PROJECT["project"]["dependencies"]
+GROUPS = PROJECT["dependency-groups"]
 LOCKS = {
     "requirements.lock": RUNTIME,
-    "requirements-dev.lock": RUNTIME + PROJECT["dependency-groups"]["dev"],
+    # The group dev includes the group docs.
+    "requirements-dev.lock": RUNTIME
+    + GROUPS["docs"]
+    + [x for x in GROUPS["dev"] if isinstance(x, str)],
 }
 PIN = re.compile(r"[a-z0-9-]+==[0-9][0-9a-z.]*( ; [A-Za-z0-9_.'<>=! ()]+)? \\")
 HASH = re.compile(r"    --hash=sha256:[0-9a-f]{64}( \\)?")

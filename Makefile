@@ -25,7 +25,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # A shell with ROS sourced would add its packages and pytest plugins.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test prove check lock clean
+.PHONY: demo test prove check docs lock clean
 
 demo: $(READY)
 	$(VENV)/bin/quadctl demo
@@ -38,6 +38,9 @@ prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md
 	$(RUN) -m pytest -m "prove and alone" --durations 0
 	$(RUN) -m pytest -m "prove and not alone" --durations 0 --numprocesses 3 --dist worksteal
 	$(RUN) -m benchmarks.measure --file benchmarks/figures.json --check
+
+docs: $(READY)  ## The book, in build/book.
+	$(RUN) -m docs.book
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.
 	$(RUN) tests/checks/house.py

@@ -1,4 +1,4 @@
-"""Diagram and tables of the automaton for docs/safety.md; a test compares them with the page."""
+"""Diagram and tables of the automaton for docs/explanation/safety.md; a test compares them with the page."""
 
 import re
 

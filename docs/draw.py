@@ -1,20 +1,30 @@
-"""Command that writes the automaton's table into docs/safety.md: `python -m docs.draw`."""
+"""Command that writes the tables of docs/ made from declarations: `python -m docs.draw`."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+from docs import declared
 from docs.diagram import diagram, table, words
 
-PAGE = Path(__file__).with_name("safety.md")
+_DOCS = Path(__file__).parent
+PAGES: dict[Path, Callable[[], str]] = {
+    _DOCS / "explanation" / "safety.md": lambda: f"{diagram()}\n\n{words()}\n\n{table()}\n",
+    _DOCS / "reference" / "commands.md": declared.commands,
+    _DOCS / "reference" / "exit-codes.md": declared.exit_codes,
+    _DOCS / "reference" / "parameters.md": declared.parameters,
+    _DOCS / "reference" / "types.md": declared.types,
+}
+"""Text between the marks of each page."""
 _BEGIN, _END = "<!-- table -->\n", "<!-- /table -->"
 
 
-def drawn(page: str) -> str:
+def drawn(page: Path) -> str:
     """Return the page with everything between its marks generated again."""
-    head, _, rest = page.partition(_BEGIN)
+    head, _, rest = page.read_text(encoding="utf-8").partition(_BEGIN)
     _, _, tail = rest.partition(_END)
-    made = f"{diagram()}\n\n{words()}\n\n{table()}"
-    return f"{head}{_BEGIN}{made}\n{_END}{tail}"
+    return f"{head}{_BEGIN}{PAGES[page]()}{_END}{tail}"
 
 
 if __name__ == "__main__":
-    PAGE.write_text(drawn(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for each in PAGES:
+        each.write_text(drawn(each), encoding="utf-8")

@@ -8,8 +8,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = [
     page
-    for folder in (".", "docs", "benchmarks", "examples")
-    for page in sorted((ROOT / folder).glob("*.md"))
+    for pattern in ("*.md", "docs/**/*.md", "benchmarks/*.md", "examples/*.md")
+    for page in sorted(ROOT.glob(pattern))
 ]
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
 TITLE = re.compile(r"^#+ (.*)$", re.MULTILINE)

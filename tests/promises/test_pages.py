@@ -18,7 +18,7 @@ from tests.support.page_blocks import Block, Command, blocks, commands, fits
 from tests.support.running import eventually
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ELSEWHERE = {
     "many-machines.md": "needs three machines: tests/security/test_many_machines.py runs it",
 }

@@ -1,4 +1,4 @@
-"""docs/many-machines.md, executed: each block of commands on the machine that it names."""
+"""docs/how-to/many-machines.md, executed: each block of commands on the machine that it names."""
 
 import os
 import re
@@ -14,7 +14,7 @@ import pytest
 from tests.support.lab import Lab, private_lab
 from tests.support.namespaces import Machine, three_machines
 
-PAGE = Path(__file__).parents[2] / "docs" / "many-machines.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "many-machines.md"
 BLOCK = re.compile(r"^```console (\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SCP = """#!/bin/sh
 while case "$1" in -*) true;; *) false;; esac; do shift; done

@@ -1,4 +1,4 @@
-"""Classroom of docs/many-machines.md: the machines of teacher and students on one network."""
+"""Classroom of docs/how-to/many-machines.md: the machines of teacher and students on one network."""
 
 import shutil
 import time
@@ -20,7 +20,9 @@ from tests.support.running import Done, eventually
 S = TypeVar("S")
 T = TypeVar("T")
 
-PAGE = (Path(__file__).parents[2] / "docs" / "many-machines.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "how-to" / "many-machines.md").read_text(
+    encoding="utf-8"
+)
 COUNT = 30
 HERE = f"{COUNT} students' machines and a teacher's on one network"
 AT = "tls/10.7.1.1:7447"

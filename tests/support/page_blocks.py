@@ -58,7 +58,8 @@ def fits(shown: str, printed: str) -> bool:
     number, and blanks for any count of blanks. A PAUSE does not count.
     """
     pattern = "".join(map(_pattern, shown.splitlines()))
-    return re.fullmatch(pattern, PAUSE.sub("", f"{printed.rstrip()}\n")) is not None
+    text = f"{printed.rstrip()}\n" if printed.strip() else ""
+    return re.fullmatch(pattern, PAUSE.sub("", text)) is not None
 
 
 def _pattern(line: str) -> str:

@@ -1,0 +1,121 @@
+"""Tables of docs/reference/ from the declarations: commands, parameters, exit codes, types."""
+
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+from msgspec import inspect
+
+from quadctl.cli.commands import ALIASES, COMMANDS, GROUPS, command
+from quadctl.cli.context import COMMON
+from quadctl.cli.declarations import Parameter, words_of
+from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.schemas.typeinfo import bounds_text, definition, service_definition
+from quadctl.services.runtime import errors
+from quadctl.services.runtime.params import catalogue
+
+_EXAMPLE = "Example: "
+
+
+def commands() -> str:
+    """Return a section for each command, and the options that all of them take."""
+    lines, group = ["## Options of every command", "", *_table(_common())], ""
+    for path in COMMANDS:
+        if path in ALIASES:
+            continue
+        noun, _, _ = path.rpartition(" ")
+        if noun and noun != group:
+            lines += [f"## {noun}", "", GROUPS[noun], ""]
+        group = noun
+        lines += _command(path, "###" if noun else "##")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _command(path: str, level: str) -> list[str]:
+    function = command(path)
+    about, _, example = textwrap.dedent(f"    {function.__doc__}").partition(_EXAMPLE)
+    rows = [(_word(word), word.declaration.about + _default(word)) for word in words_of(function)]
+    lines = [f"{level} {path}", "", about.strip(), ""]
+    if example:
+        lines += ["```text", f"$ {example.strip()}", "```", ""]
+    return [*lines, *_table(rows)]
+
+
+def _common() -> Iterator[tuple[str, str]]:
+    for name, (_, about) in COMMON.items():
+        yield f"`--{name}`", about
+
+
+def _word(word: Parameter) -> str:
+    placeholder = word.declaration.metavar or word.name.upper()
+    if not word.is_option:
+        return f"`{placeholder}`"
+    value = "" if word.type is bool else f" {placeholder}"
+    return f"`{', '.join(word.names)}{value}`"
+
+
+def _default(word: Parameter) -> str:
+    known = word.default not in (None, False, "", [])
+    return f" Default: {word.default}." if known and "default" not in word.declaration.about else ""
+
+
+def _table(rows: Any) -> list[str]:
+    cells = [f"| {name} | {_cell(about)} |" for name, about in rows]
+    return ["| word | meaning |", "|---|---|", *cells, ""] if cells else []
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|")
+
+
+def parameters() -> str:
+    """Return a table of each section of quad.toml: default, unit, bounds, and when it may change."""
+    lines: list[str] = []
+    for section in catalogue.sections():
+        if not section.entries:
+            continue
+        lines += [f"## {section.name}", "", f"{section.about}.", ""]
+        lines += [
+            "| parameter | default | unit | bounds | meaning | changed |",
+            "|---|---|---|---|---|---|",
+        ]
+        for entry in section.entries:
+            live = "at launch" if catalogue.fixed_at_launch(entry.name) else "in flight"
+            bounds = "" if isinstance(entry.type, inspect.StructType) else bounds_text(entry.type)
+            default = f"`{catalogue.value(entry.default)}`"
+            cells = f"`{entry.name}`", default, entry.unit, bounds, entry.about, live
+            lines.append(f"| {' | '.join(map(_cell, cells))} |")
+        lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def exit_codes() -> str:
+    """Return each error with its exit code, its name in `--json`, and its meaning."""
+    lines = ["| exit | name | class | meaning |", "|---|---|---|---|", "| 0 | | | Done. |"]
+    root = errors.QuadctlError
+    found = [
+        each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, root)
+    ]
+    for error in sorted(found, key=lambda each: each.exit_code):
+        about = (
+            (error.__doc__ or "").partition("\n")[0] if error is not root else "Unexpected error."
+        )
+        lines.append(f"| {error.exit_code} | `{error.code}` | `{error.__name__}` | {about} |")
+    lines += ["| 8 | | | A command that looks for faults has found one. |", "| 130 | | | Ctrl-C. |"]
+    return "\n".join(lines) + "\n"
+
+
+def types() -> str:
+    """Return every message and service as `type show` prints it, with its meaning."""
+    shown: dict[str, tuple[str, str]] = {}
+    for topic in TOPICS:
+        shown.setdefault(topic.type.__name__, (topic.type.__doc__ or "", definition(topic.type)))
+    for service in SERVICES:
+        about = f"{service.request.__doc__ or ''}\n\n{service.response.__doc__ or ''}"
+        shown[service.name] = about, service_definition(service.request, service.response)
+    lines: list[str] = []
+    for name, (about, text) in shown.items():
+        words = [" ".join(part.split()) for part in about.split("\n\n") if part.strip()]
+        lines += [f"### {name}", "", *(line for word in words for line in (word, ""))]
+        lines += ["```text", text, "```", ""]
+    return "\n".join(lines).rstrip() + "\n"

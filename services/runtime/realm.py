@@ -135,15 +135,18 @@ class Realm:
 
 
 def _check_own(folder: str) -> None:
-    """Raise UsageError if an existing folder is a link, or another user's.
+    """Raise UsageError if a folder is a link or another user's, or lies in one that is closed to us.
 
     Anybody may create it first in /tmp: files of ours would be removed behind a link, and we would
     fly through another user's hub.
     """
     if sys.platform == "win32":
         return
-    with contextlib.suppress(OSError):
-        found = os.lstat(folder)
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+        try:
+            found = os.lstat(folder)
+        except PermissionError as error:
+            raise UsageError(f"{folder} is closed to this user", _OWN_FOLDER) from error
         if stat.S_ISLNK(found.st_mode):
             raise UsageError(f"{folder} is a link, which is not followed", _OWN_FOLDER)
         if found.st_uid != os.getuid():

@@ -193,3 +193,17 @@ def test_a_file_is_replaced_atomically(tmp_path: Path):
         assert reader.read() == b"old"
     assert path.read_bytes() == b"new"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="Windows has no such modes")
+def test_a_folder_that_cannot_be_entered_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def closed(path: str) -> None:
+        raise PermissionError(13, "Permission denied", path)
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(os, "lstat", closed)
+    with pytest.raises(UsageError, match="quadctl is closed to this user") as caught:
+        Realm("lab")
+    assert caught.value.hint == "set XDG_RUNTIME_DIR to a folder of your own"

@@ -376,6 +376,17 @@ thirty students on one network
   = longest gap in another's poses with one cable out, then ten: at home, at the teacher's; poses
     back after <- network, the cable
   = last message after; longest gap in another's poses at the teacher's, at home <- network, one revoked
+a grade that depends on the load of the machine, or on luck
+  a hand-in gets the same grade each time, and a mistake costs its own rows alone; a run that grades
+  waits for a process that stands still
+  - lab/lab: a_class_is_graded_each_for_itself a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only
+  - flight/fly: a_run_of_its_own_waits_for_a_frozen_process
+  - lab/lab: the_rubric_tells_the_mistakes_apart_in_20_runs_of_20
+  = The rubric tells
+a hand-in that cheats
+  gains no point, and disturbs no other hand-in; it sees neither rubric nor solution
+  - lab/lab: a_hand_in_sees_neither_rubric_nor_solution no_cheat_gains_a_point_or_disturbs_the_next
+  = Cheats that gain
 a thousand vehicles on one hub
   no message is lost
   - bus/many: no_telemetry_of_fifty_vehicles_is_lost no_telemetry_of_a_thousand_vehicles_is_lost

@@ -139,7 +139,7 @@ def _known(realm: Realm, name: str) -> str:
     """Return the name of a process of the run, live or killed; raise Unreachable."""
     wanted, names = normal_name(name), set(_printing(realm))
     if run_files.is_live(realm):
-        names |= {process.name for process in run_files.read(realm).nodes}
+        names |= {"up", *(process.name for process in run_files.read(realm).nodes)}
     if wanted not in names:
         hint = nearest(wanted, names) or f"there are {', '.join(sorted(names))}"
         raise Unreachable(f"no process {name} in the realm {realm.name}", hint)

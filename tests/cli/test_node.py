@@ -81,6 +81,7 @@ def test_a_frozen_node_is_exit_4_and_the_others_answer(patient: Lab):
 
 def launches(lab: Lab) -> int:
     """Return the number of launches in the log of pressure."""
+    assert lab.quadctl("node", "logs", "up") == (0, "", "")  # it has logged nothing so far
     said = lab.quadctl("node", "logs", "pressure").out.splitlines()
     return sum(line.startswith("Launching") for line in said)
 

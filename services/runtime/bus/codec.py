@@ -137,10 +137,10 @@ def decode_fields(type_: type[M], payload: bytes) -> M:
     try:
         message: M = _decoder(type_).decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise Invalid(
-            f"not a valid {type_.__name__}: {error}",
-            f"`quadctl type show {type_.__name__}` prints its fields",
-        ) from error
+        name = type_.__name__
+        ours = type_.__module__.startswith("quadctl.schemas.")
+        hint = f"`quadctl type show {name}` prints its fields" if ours else f"see {name} in its node"
+        raise Invalid(f"not a valid {name}: {error}", hint) from error
     return message
 
 

@@ -202,6 +202,15 @@ def test_without_a_hash_the_fields_decide(encoding: str):
     assert caught.value.hint == "`quadctl type show Waypoint` prints its fields"
 
 
+def test_the_hint_for_a_users_own_type_names_no_command_that_does_not_know_it():
+    class Light(msgspec.Struct):
+        on: bool
+
+    with pytest.raises(Invalid) as caught:
+        codec.decode(Light, b"\x80", "")
+    assert caught.value.hint == "see Light in its node"
+
+
 @settings(max_examples=500)
 @given(st.sampled_from(ON_THE_WIRE), st.binary(max_size=64), ENCODINGS)
 def test_garbage_raises_only_invalid(type_: type[Struct], payload: bytes, encoding: str):

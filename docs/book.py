@@ -52,8 +52,15 @@ def build(target: Path, work: Path) -> int:
     lay_out(work / "pages")
     settings = (ROOT / "docs" / "book.toml").read_text(encoding="utf-8")
     (work / "zensical.toml").write_text(settings.replace("SOURCES", str(ROOT / "src")), "utf-8")
-    zensical = Path(sys.executable).with_name("zensical")
-    command = [zensical, "build", "--strict", "--clean", "--config-file", work / "zensical.toml"]
+    zensical = str(Path(sys.executable).with_name("zensical"))
+    command = [
+        zensical,
+        "build",
+        "--strict",
+        "--clean",
+        "--config-file",
+        str(work / "zensical.toml"),
+    ]
     code = subprocess.run(command, check=False, cwd=work).returncode
     if not code:
         shutil.rmtree(target, ignore_errors=True)

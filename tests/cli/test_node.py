@@ -81,7 +81,6 @@ def test_a_frozen_node_is_exit_4_and_the_others_answer(patient: Lab):
 
 def launches(lab: Lab) -> int:
     """Return the number of launches in the log of pressure."""
-    assert lab.quadctl("node", "logs", "up") == (0, "", "")  # it has logged nothing so far
     said = lab.quadctl("node", "logs", "pressure").out.splitlines()
     return sum(line.startswith("Launching") for line in said)
 
@@ -137,6 +136,11 @@ def test_a_pid_reused_by_another_process_is_not_signalled(patient: Lab):
         assert (done.code, done.error["code"]) == (3, "unreachable")
     finally:
         record.write_bytes(was)
+
+
+def test_the_supervisor_has_a_log_before_its_first_line(lab: Lab):
+    lab.start()
+    assert lab.quadctl("node", "logs", "up") == (0, "", "")
 
 
 def test_logs_are_followed_until_ctrl_c_or_the_end_of_the_run(lab: Lab):

@@ -139,7 +139,9 @@ def decode_fields(type_: type[M], payload: bytes) -> M:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         name = type_.__name__
         ours = type_.__module__.startswith("quadctl.schemas.")
-        hint = f"`quadctl type show {name}` prints its fields" if ours else f"see {name} in its node"
+        hint = (
+            f"`quadctl type show {name}` prints its fields" if ours else f"see {name} in its node"
+        )
         raise Invalid(f"not a valid {name}: {error}", hint) from error
     return message
 

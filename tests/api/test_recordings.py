@@ -26,7 +26,8 @@ def test_a_recording_is_read_into_arrays_by_key_and_field(recording):
     assert pose["position"].shape == (count, 3)
     assert pose["orientation"].shape == (count, 4)
     assert pose["seq"].dtype == np.int64
-    assert np.all(np.diff(pose["seq"]) == 1)
+    # In lock-step a pose without an answer is published again, e.g. the first on a busy machine.
+    assert set(np.diff(pose["seq"])) <= {0, 1}
     assert np.linalg.norm(pose["position"][-1] - [1, 2, 1]) < 0.5
     assert np.allclose(np.linalg.norm(pose["orientation"], axis=1), 1)
     assert np.all(np.diff(pose["received"]) >= 0)

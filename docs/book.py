@@ -47,21 +47,19 @@ def lay_out(folder: Path) -> None:
             shutil.copy(ROOT / file, folder / file)
 
 
+def render(work: Path) -> int:
+    """Render the pages in a working folder, strictly; return the exit code of Zensical."""
+    zensical = str(Path(sys.executable).with_name("zensical"))
+    words = ("build", "--strict", "--clean", "--config-file", str(work / "zensical.toml"))
+    return subprocess.run([zensical, *words], check=False, cwd=work).returncode
+
+
 def build(target: Path, work: Path) -> int:
     """Build the book into a folder by way of a working folder; return the exit code of Zensical."""
     lay_out(work / "pages")
     settings = (ROOT / "docs" / "book.toml").read_text(encoding="utf-8")
     (work / "zensical.toml").write_text(settings.replace("SOURCES", str(ROOT / "src")), "utf-8")
-    zensical = str(Path(sys.executable).with_name("zensical"))
-    command = [
-        zensical,
-        "build",
-        "--strict",
-        "--clean",
-        "--config-file",
-        str(work / "zensical.toml"),
-    ]
-    code = subprocess.run(command, check=False, cwd=work).returncode
+    code = render(work)
     if not code:
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(work / "site", target)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmarks.tables import between
 from docs import declared
 from docs.diagram import diagram, table, words
 
@@ -15,14 +16,11 @@ PAGES: dict[Path, Callable[[], str]] = {
     _DOCS / "reference" / "types.md": declared.types,
 }
 """Text between the marks of each page."""
-_BEGIN, _END = "<!-- table -->\n", "<!-- /table -->"
 
 
 def drawn(page: Path) -> str:
     """Return the page with everything between its marks generated again."""
-    head, _, rest = page.read_text(encoding="utf-8").partition(_BEGIN)
-    _, _, tail = rest.partition(_END)
-    return f"{head}{_BEGIN}{PAGES[page]()}{_END}{tail}"
+    return between(page.read_text(encoding="utf-8"), "table", PAGES[page]())
 
 
 if __name__ == "__main__":

@@ -76,9 +76,9 @@ def written(form: str, grades: Sequence[Grade]) -> str:
 
 def text(grade: Grade) -> str:
     """Return a hand-in's points, rows, and hints of those that fail; one line if not gradable."""
-    lines, before = [grade.summary], ""
     if grade.problem:
         return grade.summary
+    lines, before = [grade.summary], ""
     for test in grade.tests:
         first, *more = test.output.splitlines() or [""]
         if test.output == before:

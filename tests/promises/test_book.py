@@ -1,8 +1,6 @@
 """The book: built strictly and offline, with every page in its contents; tables made from declarations."""
 
 import shutil
-import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from docs.book import ROOT, build, pages
+from docs.book import ROOT, build, pages, render
 from docs.draw import PAGES, drawn
 
 
@@ -52,10 +50,5 @@ def test_a_link_that_leads_nowhere_ends_the_build(tmp_path: Path):
     work = tmp_path / "work"
     assert build(tmp_path / "book", work) == 0
     (work / "pages" / "README.md").write_text("# Home\n\n[gone](docs/gone.md)\n", "utf-8")
-    zensical = Path(sys.executable).with_name("zensical")
-    done = subprocess.run(
-        [zensical, "build", "--strict", "--clean", "--config-file", work / "zensical.toml"],
-        cwd=work, capture_output=True, check=False,
-    )  # fmt: skip
-    assert done.returncode != 0
+    assert render(work) != 0
     shutil.rmtree(work)

@@ -154,7 +154,7 @@ def _started(count: int) -> tuple[list[Worker], Flown]:
         )
     workers = [Worker() for _ in range(count)]
     # A worker that compiles and one that waits for a busy machine look alike from here.
-    preparing = {"note": "preparing the vehicle: the first campaign of a machine compiles it"}
+    preparing = {"note": "still starting: the first campaign of a machine compiles the vehicle"}
     note = threading.Timer(_PATIENCE, emit, [preparing])
     note.start()
     (probe,) = workers[0].fly(PROBE)

@@ -443,12 +443,10 @@ def setpoint_of(plan: Plan, limits: Limits) -> Setpoint:
 
 def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
     """Return an axis one period later, and 1 if it moved, else 0."""
-    p, v, a, goal, heading, share, j1, j2, j3 = axis
-    most_v, most_a, most_j, _, decay, ratio, _, least_a = limits
+    p, v, a, goal, heading, share, _, _, _ = axis
+    most_v, most_a, most_j, _, _, _, _, least_a = limits
     moves = (v != 0.0) | (a != 0.0) | (p != goal)
-    jerk = 0.0
     if moves:
-        old = a
         p, v, a, heading = advance_axis(
             p,
             v,
@@ -460,9 +458,26 @@ def follow(axis: Axis, limits: Limits) -> tuple[Axis, float]:
             share * least_a,
             share * most_j,
         )
-        jerk = (a - old) / PERIOD
-    j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)
+    j1, j2, j3 = lag_behind(axis, p, v, a, limits)
     return (p, v, a, goal, heading, share, j1, j2, j3), 1.0 if moves else 0.0
+
+
+def lag_behind(
+    axis: Axis, p: float, v: float, a: float, limits: Limits
+) -> tuple[float, float, float]:
+    """Return the lagged jerks of an axis one period later, when its path has this motion.
+
+    The jerk may change within the period. Its mean leads to the same acceleration, but to another
+    speed, by up to 2e-4 m/s. Uncorrected, the lagged path would step by 0.02 mm, past its goal.
+    """
+    p0, v0, a0, _, _, _, j1, j2, j3 = axis
+    _, _, _, lag, decay, ratio, _, _ = limits
+    jerk = (a - a0) / PERIOD
+    j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)
+    p_mean, v_mean, _ = ramp(p0, v0, a0, jerk, PERIOD)
+    dv = (v - v_mean) / (lag * lag)
+    dp = (p - p_mean) / (lag * lag * lag)
+    return j1 - dv + dp, j2 + dv - 2.0 * dp, j3 + dp
 
 
 def lagged(

@@ -40,6 +40,9 @@ def dask_setup(worker):
 """
 """Preload of a worker that calculates differently."""
 
+QUIET = ("", "still starting: the first campaign of a machine compiles the vehicle\n")
+"""What a campaign may print on stderr: the note after 5 s of a start, which a busy machine takes."""
+
 
 @pytest.fixture(scope="module")
 def module_lab() -> Iterator[Lab]:
@@ -169,8 +172,8 @@ def flies(campaign: Foreground) -> bool:
 def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
     compiled_kernel()
     done = module_lab.quadctl(*FLIGHTS, "--dask", "local", "--processes", 2, timeout=60.0)
-    assert done == (0, done.out, "")
-    assert done.json == report
+    assert (done.code, done.json) == (0, report)
+    assert done.err in QUIET
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
@@ -181,7 +184,7 @@ def test_a_command_that_ends_leaves_no_worker(lab: Lab, end: int):
     flying.send(end)
     assert flying.wait() == (130 if end == signal.SIGINT else -end)
     eventually(lambda: not lab.processes(), 5.0)
-    assert flying.log == ""
+    assert flying.log in QUIET
 
 
 def test_an_impossible_cluster_is_refused_with_the_reason(lab: Lab):

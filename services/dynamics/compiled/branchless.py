@@ -13,7 +13,7 @@ from quadctl.services.dynamics.trajectory import (
     Plan,
     accelerate,
     decelerate,
-    lagged,
+    lag_behind,
 )
 
 NOTHING = 0.0
@@ -26,8 +26,8 @@ RARE = 2.0
 
 def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
     """Return an axis one period later, 1 if it moved, and 1 if it should have begun to brake."""
-    p, v, a, goal, heading, share, j1, j2, j3 = axis
-    most_v, most_a, most_j, _, decay, ratio, _, least_a = limits
+    p, v, a, goal, heading, share, _, _, _ = axis
+    most_v, most_a, most_j, _, _, _, _, least_a = limits
     most_v = share * most_v
     most_a = share * most_a
     least_a = share * least_a
@@ -39,21 +39,13 @@ def axis_on(axis: Axis, limits: Limits) -> tuple[Axis, float, float]:
     p2 = p1 if brakes else p2
     v2 = v1 if brakes else v2
     a2 = a1 if brakes else a2
-    jerk = (a2 - a) / PERIOD if moves else 0.0
-    j1, j2, j3 = lagged(j1, j2, j3, jerk, decay, ratio)
+    p2 = p2 if moves else p
+    v2 = v2 if moves else v
+    a2 = a2 if moves else a
+    j1, j2, j3 = lag_behind(axis, p2, v2, a2, limits)
     turns = moves & (heading != 0.0) & (past > 0.0)
     return (
-        (
-            p2 if moves else p,
-            v2 if moves else v,
-            a2 if moves else a,
-            goal,
-            heading,
-            share,
-            j1,
-            j2,
-            j3,
-        ),
+        (p2, v2, a2, goal, heading, share, j1, j2, j3),
         1.0 if moves else 0.0,
         1.0 if turns else 0.0,
     )

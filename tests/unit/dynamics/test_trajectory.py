@@ -20,6 +20,8 @@ AXIS = st.sampled_from([-1.0, 0.0, 1.0]) | st.floats(-1.0, 1.0)
 HEIGHT = st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0)
 GOAL = st.tuples(AXIS.map(lambda n: 5 * n), AXIS.map(lambda n: 5 * n), HEIGHT.map(lambda n: 2 * n))
 
+WEST, EAST = (-5.0, -5.0, 0.0), (5.0, -5.0, 0.0)
+
 
 def excursion(position):
     """Return the distance of a point outside the cage (m), negative inside."""
@@ -29,6 +31,7 @@ def excursion(position):
 
 @settings(max_examples=40)
 @given(st.lists(st.tuples(GOAL, st.integers(1, 400)), min_size=2, max_size=8))
+@example([(WEST, 3), (EAST, 774), (WEST, 2), (EAST, 20)])
 def test_the_setpoint_stays_inside_for_any_sequence_of_goals(moves):
     setpoint = Path(DynamicsParams(), (0.0, 0.0, 1.0))
     worst = -1.0

@@ -18,6 +18,7 @@ COMMANDS = {
     "lab check": "quadctl.cli.lab.lab:check",
     "lab grade": "quadctl.cli.lab.lab:grade",
     "doctor": "quadctl.cli.doctor.doctor:doctor",
+    "graph": "quadctl.cli.graph:graph",
     "console": "quadctl.cli.console.console:console",
     "goto": "quadctl.cli.vehicle.goto:goto",
     "fly": "quadctl.cli.mission.fly:fly",

@@ -15,6 +15,7 @@ from quadctl.services.runtime.vehicles import only_vehicle, vehicles_of
 
 if TYPE_CHECKING:
     from quadctl.parameters import RunningParams
+    from quadctl.schemas.keyexpr import EndpointInfo, Kind
     from quadctl.services.runtime.bus.client import Client
 
 
@@ -92,6 +93,19 @@ def connect(options: Options) -> "Client":
     from quadctl.services.runtime.bus.client import Client
 
     return Client(options.realm, options.vehicle, connect=options.connect, timeout=options.timeout)
+
+
+def listed_vehicles(options: Options) -> list[str]:
+    """Return the vehicles that a listing shows: the named one, else all of the run."""
+    return _vehicles(options) or [options.vehicle]
+
+
+def listing(options: Options, *kinds: "Kind") -> "tuple[list[str], list[EndpointInfo]]":
+    """Return the vehicles that a listing shows, and their endpoints of these kinds, by key."""
+    vehicles = listed_vehicles(options)
+    with connect(with_any_vehicle(options)) as client:
+        found = client.endpoints(*kinds, of=vehicles[0] if len(vehicles) == 1 else "*")
+    return vehicles, [each for each in found if each.vehicle in vehicles]
 
 
 @contextmanager

@@ -16,6 +16,7 @@ _SAME = {
     "srv show": "type show",
     "srv list": "type list",
     "topic type": "topic info",
+    "rqt_graph": "graph",
     "service type": "service info",
 }
 """Our command by the first words of a line."""
@@ -61,9 +62,7 @@ INSTEAD = {
     "set": "`quadctl param set NAME VALUE`",
     "get": "`quadctl param get NAME`",
     "list": "`quadctl topic list`, `quadctl service list`, `quadctl node list`",
-    "graph": "`quadctl node list` and `quadctl topic list` show nodes and topics",
     "rqt": _PICTURE,
-    "rqt_graph": "`quadctl node list` and `quadctl topic list` show nodes and topics",
     "rqt_plot": "`quadctl plot`",
     "rqt_console": "`quadctl node logs -f`",
     "rviz": _PICTURE,

@@ -40,14 +40,14 @@ def is_relative(name: str, vehicle: str = "") -> bool:
 
 
 def live_key(client: "Client", key: str) -> str:
-    """Return the key of the vehicle's live topic that a user named without the vehicle.
+    """Return the key of the vehicle's announced topic that a user named without the vehicle.
 
     Any other key is returned unchanged.
     """
     whole = f"{client.vehicle}/{key}"
     if "*" in key or key.startswith(f"{client.vehicle}/"):
         return key
-    live = {offer.key for offer in client.endpoints() if offer.kind == "@pub"}
+    live = {offer.key for offer in client.endpoints("@pub", "@sub")}
     return whole if whole in live and key not in live else key
 
 

@@ -96,6 +96,11 @@ def table(rows: Iterable[Sequence[object]]) -> None:
         line("  ".join(cells).rstrip())
 
 
+def listing(vehicles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print rows that begin with their vehicle; without that column if there is only one."""
+    table(row if len(vehicles) > 1 else row[1:] for row in rows)
+
+
 def fields(value: Any, indent: str = "") -> None:
     """Print data as `rostopic echo` does: one field per line, nested ones indented."""
     if not isinstance(value, dict):

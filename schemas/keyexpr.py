@@ -3,6 +3,7 @@
     uav/@node/safety                                               the node is ready
     uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state  a topic of it, at 1 Hz
     uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto            a service of it
+    uav/@node/safety/@sub/Pose/1a2b3c4d/20/uav%pose%slow           a topic that it subscribes to
 
 The last chunk is the full key of the topic or service, `/` written `%`.
 """
@@ -12,12 +13,13 @@ from typing import Literal
 
 from msgspec import Struct
 
-Kind = Literal["@pub", "@srv"]
+Kind = Literal["@pub", "@srv", "@sub"]
 
 
 class EndpointInfo(Struct, frozen=True):
-    """Topic or service that a live node offers, on a full Zenoh key."""
+    """Topic or service that a live node of a vehicle offers or uses, on a full Zenoh key."""
 
+    vehicle: str
     kind: Kind
     node: str
     type: str
@@ -36,11 +38,11 @@ def node_key(vehicle: str, node: str) -> str:
     return f"{vehicle}/@node/{node}"
 
 
-def endpoint_key(vehicle: str, offer: EndpointInfo) -> str:
+def endpoint_key(offer: EndpointInfo) -> str:
     """Return the liveliness key of an endpoint."""
     key = offer.key.replace("/", "%")
     offered = f"{offer.kind}/{offer.type}/{offer.hash}/{offer.hz:g}/{key}"
-    return f"{node_key(vehicle, offer.node)}/{offered}"
+    return f"{node_key(offer.vehicle, offer.node)}/{offered}"
 
 
 def vehicle_of(key: str) -> str:
@@ -59,9 +61,10 @@ def node_of(key: str) -> str | None:
 def offer_of(key: str) -> EndpointInfo | None:
     """Return a liveliness key's endpoint, None for others: third parties may declare any key."""
     match key.split("/"):
-        case [_, "@node", node, "@pub" | "@srv" as kind, type_, digest, hz, offered]:
+        case [vehicle, "@node", node, "@pub" | "@srv" | "@sub" as kind, type_, digest, hz, offered]:
+            key = offered.replace("%", "/")
             try:
-                return EndpointInfo(kind, node, type_, digest, float(hz), offered.replace("%", "/"))
+                return EndpointInfo(vehicle, kind, node, type_, digest, float(hz), key)
             except ValueError:
                 return None
     return None

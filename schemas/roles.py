@@ -35,7 +35,7 @@ EVERY = "*"
 ROUTERS = ("hub", "gate")
 """Nodes of a run that are not part of the vehicle."""
 
-_OFFERS = ("", "/@pub/**", "/@srv/**")
+_OFFERS = ("", "/@pub/**", "/@srv/**", "/@sub/**")
 _OWN = "own/**"
 _OWN_SERVICES = "@srv/own/**"
 _OWN_NODES = (
@@ -43,6 +43,7 @@ _OWN_NODES = (
     # A declaration of another node's endpoint would keep that node from starting.
     "@node/own-$*/@pub/*/*/*/$*%own%$*",
     "@node/own-$*/@srv/*/*/*/$*%@srv%own%$*",
+    "@node/own-$*/@sub/**",
 )
 _RECORDERS = "@node/recorder-$*"
 """A recorder is a node without endpoints."""

@@ -126,19 +126,11 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
                 for name in client.call(get_params(each), GetParamsRequest([])).values:
                     yield from parameter(name, begun, vehicle)
     elif kind == "service":
-        for offer in client.endpoints():
-            if offer.kind == "@srv":
-                yield from service(offer, begun, vehicle)
+        for offer in client.endpoints("@srv"):
+            yield from service(offer, begun, vehicle)
     else:
-        for key in _topics(client):
+        for key in {offer.key for offer in client.endpoints("@pub", "@sub")}:
             yield from topic(key, begun, vehicle)
-
-
-def _topics(client: Client) -> Iterator[str]:
-    """Yield the keys of all published topics, and of those that any client may publish."""
-    yield from (offer.key for offer in client.endpoints() if offer.kind == "@pub")
-    for vehicle in client.vehicles() if client.vehicle == _ALL else [client.vehicle]:
-        yield from (topic.key(vehicle) for topic in TOPICS if not topic.node)
 
 
 _COMMON = {f"--{name}": (type_, about) for name, (type_, about) in COMMON.items()}

@@ -84,7 +84,7 @@ def announced(found: Survey, run: RunState | None) -> Finding:
         return failed("announced", f"not on the bus: {', '.join(missing)}", fix)
     if not found.nodes:
         return failed("announced", "no node is on the bus", "`quadctl up -d`")
-    offered = {offer.name for offer in found.offers}
+    offered = {offer.name for offer in found.offers if offer.kind != "@sub"}
     declared: tuple[Any, ...] = (*SERVICES, *TOPICS)
     lacking = [
         not_offered(entry.node, entry.name)
@@ -106,7 +106,8 @@ def schemas(found: Survey) -> Finding:
     if others:
         fix = "install the same version on both sides: `quadctl --version`, then `quadctl up -d`"
         return failed("schemas", "\n".join(others), fix)
-    return passed("schemas", f"{len(found.offers)} topics and services have the fields known here")
+    count = len({offer.key for offer in found.offers})
+    return passed("schemas", f"{count} topics and services have the fields known here")
 
 
 def messages(found: Survey, vehicle: str) -> Finding:

@@ -16,39 +16,43 @@ from quadctl.services.runtime.run_files import ProcessRecord
 
 
 def list_(options: Options) -> None:
-    """List the nodes: those that `up` supervises, and any other that has announced itself.
+    """List the nodes of all vehicles: those that `up` supervises, and any other that is announced.
 
     Example: quadctl node list
     """
     run = run_of(options)
-    client = connected(options, run)
+    vehicles = context.listed_vehicles(options)
+    client = connected(context.with_any_vehicle(options), run)
     if isinstance(client, QuadctlError):
         output.note(f"the bus cannot be seen: {client.message}")
-        seen = see(None, run)
+        by_vehicle = {vehicle: see(None, run) for vehicle in vehicles}
     else:
         with client:
-            seen = see(client, run)
-    nodes = [
-        msgspec.to_builtins(process)
+            by_vehicle = {vehicle: see(client, run, of=vehicle) for vehicle in vehicles}
+    nodes: list[dict[str, Any]] = [
+        {"vehicle": vehicle}
+        | msgspec.to_builtins(process)
         | {
-            title: [offer.key for offer in seen.offered(process.name, kind)]
-            for title, kind in (("topics", "@pub"), ("services", "@srv"))
+            "topics": [offer.key for offer in seen.offered(process.name, "@pub")],
+            "services": [offer.key for offer in seen.offered(process.name, "@srv")],
         }
+        for vehicle, seen in by_vehicle.items()
         for process in seen.processes
     ]
     if options.json:
         output.document(nodes)
         return
     rows = [
-        (node["name"], node["state"], node["pid"] or "-", node["restarts"],
+        (node["vehicle"], node["name"], node["state"], node["pid"] or "-", node["restarts"],
          len(node["topics"]), len(node["services"]))
         for node in nodes
     ]  # fmt: skip
-    output.table([("NAME", "STATE", "PID", "RESTARTS", "TOPICS", "SERVICES"), *rows])
+    title = ("VEHICLE", "NAME", "STATE", "PID", "RESTARTS", "TOPICS", "SERVICES")
+    output.listing(vehicles, [title, *rows])
 
 
 def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]) -> None:
-    """Show a node: its process, topics, services, parameters, memory and CPU time.
+    """Show a node: its process, topics, subscriptions, services, parameters, memory and CPU time.
 
     Example: quadctl node info safety
     """
@@ -64,7 +68,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
         process = seen.find(name)
     else:
         with client:
-            seen = see(client, run)
+            seen = see(client, run, "@pub", "@srv", "@sub")
             process = seen.find(name)
             params, problem = _params(client, seen, process, deadline)
     stats = stats_of(process.pid) if process.pid else ProcessStats()
@@ -109,6 +113,9 @@ def _document(
             {"key": offer.key, "type": offer.type, "declared_hz": offer.hz}
             for offer in seen.offered(process.name, "@pub")
         ],
+        "subscriptions": [
+            {"key": offer.key, "type": offer.type} for offer in seen.offered(process.name, "@sub")
+        ],
         "services": [
             {"name": offer.name, "key": offer.key, "type": offer.type}
             for offer in seen.offered(process.name, "@srv")
@@ -133,9 +140,12 @@ def _print(node: dict[str, Any]) -> None:
         for topic in node["topics"]
         for hz in [topic["declared_hz"]]
     ]
-    services = [f"{each['key']} [{each['type']}]" for each in node["services"]]
-    parts = (("Topics", topics), ("Services", services), ("Parameters", node["params"]))
-    for title, items in parts:
+    used, served = (
+        [f"{each['key']} [{each['type']}]" for each in node[kind]]
+        for kind in ("subscriptions", "services")
+    )
+    for title, items in (("Topics", topics), ("Subscriptions", used), ("Services", served),
+                         ("Parameters", node["params"])):  # fmt: skip
         output.line(f"{title}:{'' if items else ' none'}")
         for item in items:
             output.line(f" * {item}")

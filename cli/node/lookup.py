@@ -7,7 +7,7 @@ from msgspec import Struct
 
 from quadctl.cli import context
 from quadctl.cli.context import Options
-from quadctl.schemas.keyexpr import EndpointInfo
+from quadctl.schemas.keyexpr import EndpointInfo, Kind
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import get_params
 from quadctl.services.runtime import run_files
@@ -51,8 +51,8 @@ class NodesSeen(Struct, frozen=True):
         """Return whether a node announces get_params, and so answers calls."""
         return any(offer.type == "GetParams" for offer in self.offered(name, "@srv"))
 
-    def offered(self, name: str, kind: str) -> list[EndpointInfo]:
-        """Return the topics (`@pub`) or services (`@srv`) of a node."""
+    def offered(self, name: str, kind: Kind) -> list[EndpointInfo]:
+        """Return the endpoints of one kind of a node."""
         return [offer for offer in self.offers if offer.node == name and offer.kind == kind]
 
 
@@ -73,9 +73,11 @@ def connected(options: Options, run: RunState | None) -> "Client | QuadctlError"
         return problem
 
 
-def see(client: "Client | None", run: RunState | None) -> NodesSeen:
-    """Return the nodes by the run and, with a client, by the bus."""
-    return NodesSeen(run, client.nodes(), client.endpoints()) if client else NodesSeen(run, [], [])
+def see(client: "Client | None", run: RunState | None, *kinds: Kind, of: str = "") -> NodesSeen:
+    """Return the nodes by the run and, with a client, by the bus: of its vehicle or of another."""
+    if client is None:
+        return NodesSeen(run, [], [])
+    return NodesSeen(run, client.nodes(of=of), client.endpoints(*kinds, of=of))
 
 
 def answering(seen: NodesSeen) -> list[ProcessRecord]:

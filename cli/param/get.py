@@ -2,6 +2,8 @@
 
 from typing import Annotated, Any
 
+from msgspec import structs
+
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
@@ -9,7 +11,7 @@ from quadctl.parameters import ALL, Values, leaves_of
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.schemas.typeinfo import bounds_text, type_name
 from quadctl.services.runtime.bus.concurrent import Answers
-from quadctl.services.runtime.errors import TimedOut, Unreachable
+from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch
 from quadctl.services.runtime.params.names import normal_name
@@ -119,21 +121,28 @@ def list_(
 ) -> None:
     """List every parameter of the running system, or of some nodes.
 
-    If a node does not answer, only the rest is listed; see the exit code.
+    With several vehicles each name begins with its vehicle. If a node does not answer, only the
+    rest is listed; see the exit code.
 
     Example: quadctl param list safety
     """
     options, tables = context.about_parameters(options, tables or ["/"])
-    with context.running_params(options) as running:
-        everything = ALL in map(normal_name, tables)
-        results = running.every() if everything else Answers({"": running.get(tables)}, {})
-    names = sorted(name for answer in results.answers.values() for name in answer)
+    everything = ALL in map(normal_name, tables)
+    vehicles = context.listed_vehicles(options)
+    names: list[str] = []
+    problems: dict[str, QuadctlError] = {}
+    for vehicle in vehicles:
+        whose = f"{vehicle}." if len(vehicles) > 1 else ""
+        with context.running_params(structs.replace(options, named=vehicle)) as running:
+            results = running.every() if everything else Answers({"": running.get(tables)}, {})
+        names += sorted(f"{whose}{name}" for answer in results.answers.values() for name in answer)
+        problems |= {f"{whose}{node}": problem for node, problem in results.problems.items()}
     if options.json:
         output.document(names)
     else:
         for name in names:
             output.line(name)
-    results.fail()
+    Answers({}, problems).fail()
 
 
 def get(

@@ -116,8 +116,9 @@ def status(options: Options) -> None:
         return
     vehicles = f"vehicle{'s' if len(run.vehicles) > 1 else ''} {listed(run.vehicles)}"
     output.line(f"realm {run.realm}, {vehicles}, supervised by process {run.pid}")
-    rows = (_row(node) for node in run.nodes)
-    output.table([("NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY"), *rows])
+    rows = ((listed(run.vehicles), *_row(node)) for node in run.nodes)
+    title = ("VEHICLES", "NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY")
+    output.listing(run.vehicles, [title, *rows])
     for fault in faults:
         output.line(f"fault: {fault}; `quadctl fault clear` removes it")
 

@@ -24,18 +24,19 @@ _FORMS = {
 
 
 def list_(options: Options) -> None:
-    """List the live services with their type and node.
+    """List the live services of all vehicles with their type and node.
 
     Example: quadctl service list
     """
-    with context.connect(options) as client:
-        live = _live_services(client)
+    vehicles, live = context.listing(options, "@srv")
     if options.json:
-        output.document(
-            [{"name": s.name, "key": s.key, "type": s.type, "node": s.node} for s in live]
-        )
+        output.document([
+            {"vehicle": s.vehicle, "name": s.name, "key": s.key, "type": s.type, "node": s.node}
+            for s in live
+        ])  # fmt: skip
         return
-    output.table([("SERVICE", "TYPE", "NODE"), *((s.name, s.type, s.node) for s in live)])
+    rows = ((s.vehicle, s.name, s.type, s.node) for s in live)
+    output.listing(vehicles, [("VEHICLE", "SERVICE", "TYPE", "NODE"), *rows])
 
 
 def info(options: Options, name: Annotated[str, Arg("A service.", complete="service")]) -> None:
@@ -154,15 +155,12 @@ def _connect(options: Options, name: str) -> Client:
         raise
 
 
-def _live_services(client: Client) -> list[EndpointInfo]:
-    return [endpoint for endpoint in client.endpoints() if endpoint.kind == "@srv"]
-
-
 def _find_live(client: Client, name: str) -> EndpointInfo | None:
     """Return the live service of that name or key, or None."""
     bare = name.strip("/")
     spellings = {bare, bare.removeprefix(_MARK)}
-    return next((s for s in _live_services(client) if s.key == bare or s.name in spellings), None)
+    live = client.endpoints("@srv")
+    return next((s for s in live if s.key == bare or s.name in spellings), None)
 
 
 def _key_of(client: Client, name: str) -> tuple[str, str]:
@@ -196,6 +194,6 @@ def _nearest_live(client: Client, name: str) -> str:
     """Return a hint that names the nearest live service; empty without one, or for its own name."""
     if _find_live(client, name) is not None:
         return ""
-    live = {endpoint.name for endpoint in _live_services(client)}
+    live = {endpoint.name for endpoint in client.endpoints("@srv")}
     bare = name.strip("/").removeprefix(f"{client.vehicle}/").removeprefix(_MARK)
     return nearest(bare, live | {service.name for service in SERVICES})

@@ -122,7 +122,7 @@ def echo(
 def _is_field(client: Client, key: str, topic: str) -> bool:
     """Return whether a key means a field of the vehicle's topic, and not a user's own topic."""
     ours = checked_key(topic, client.vehicle).startswith(f"{client.vehicle}/")
-    return ours and all(offer.key != key for offer in client.endpoints())
+    return ours and all(offer.key != key for offer in client.endpoints("@pub", "@sub"))
 
 
 _SIGNAL = 0.1

@@ -175,11 +175,11 @@ def _no_listener(client: Client, key: str) -> QuadctlError:
     """Return the error for a topic without listeners, with the nearest name that exists."""
     message = f"no listener on {key} within {client.timeout:g} s: nothing was sent"
     try:
-        offers = client.endpoints(_LOOK)
+        offers = client.endpoints("@pub", "@srv", "@sub", timeout=_LOOK)
     except QuadctlError as other:
         return type(other)(f"{message}: {other.message}", other.hint)
-    # Listeners are not announced; the likeliest names are declared or published ones.
-    names = {offer.key for offer in offers if offer.kind == "@pub"}
+    # A listener that is no node is not announced; the likeliest names are announced or declared.
+    names = {offer.key for offer in offers if offer.kind != "@srv"}
     names |= {topic.key(client.vehicle) for topic in TOPICS}
     similar = "" if key in names else nearest(key, names)
     hint = f"{similar or 'is it spelled right?'} --no-wait sends anyway"

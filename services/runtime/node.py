@@ -69,6 +69,7 @@ class Node:
         self._declared: list[Any] = []
         self._subscribers: dict[Subscription[Any], zenoh.Subscriber[None]] = {}
         self._offers: list[Callable[[], keyexpr.EndpointInfo]] = []
+        self._subscribed: dict[Subscription[Any], keyexpr.EndpointInfo] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._schedule = Schedule()
         self._ready = False
@@ -89,13 +90,8 @@ class Node:
         `together`, messages of several vehicles go out when all that are due have run: an answer
         to the first would else interrupt the others.
         """
-        key, digest = topic.key(self.vehicle), codec.digest(topic.type)
-
-        def offer() -> keyexpr.EndpointInfo:
-            rate = topic.hz if hz is None else hz()
-            return keyexpr.EndpointInfo("@pub", self.name, topic.type.__name__, digest, rate, key)
-
-        self._offers.append(offer)
+        key = topic.key(self.vehicle)
+        self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
         defer = self.executor.defer if together and not self.single else None
         publisher = Publisher(self._session, key, topic, waits=waits, defer=defer)
         if topic.latched:
@@ -128,12 +124,18 @@ class Node:
         self._subscribers[subscription] = self._session.declare_subscriber(
             topic.key(self.vehicle), callback
         )
+        if not topic.name.startswith("@"):  # calls are announced as services
+            self._subscribed[subscription] = self._endpoint("@sub", topic, topic.hz)
+            if self._ready:
+                self._announce()
         return subscription
 
     def unlisten(self, subscription: Subscription[Any]) -> None:
         """End a subscription; messages that wait for its handler are dropped."""
         self._subscribers.pop(subscription).undeclare()
         self.executor.remove_poller(subscription.poll)
+        if self._subscribed.pop(subscription, None) and self._ready:
+            self._announce()
 
     def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
         """Subscribe to keys or key expressions, undecoded."""
@@ -162,7 +164,7 @@ class Node:
         if other := self._servers.get(server.key):
             raise AlreadyServed(f"{server.key} is already served by the node {other}")
         name, digest = service.type_name, codec.digest(service.request)
-        offer = keyexpr.EndpointInfo("@srv", self.name, name, digest, 0.0, server.key)
+        offer = keyexpr.EndpointInfo(self.vehicle, "@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)
         self._answer_queries(server.key, server.answer, inline=inline)
         return server
@@ -266,9 +268,15 @@ class Node:
         callback = zenoh.handlers.Callback(on_query, indirect=False)
         self._declared.append(self._session.declare_queryable(key, callback, complete=True))
 
+    def _endpoint(self, kind: keyexpr.Kind, topic: Topic[M], hz: float) -> keyexpr.EndpointInfo:
+        name, digest = topic.type.__name__, codec.digest(topic.type)
+        key = topic.key(self.vehicle)
+        return keyexpr.EndpointInfo(self.vehicle, kind, self.name, name, digest, hz, key)
+
     def _announce(self) -> None:
         # An unchanged token stays: an endpoint must not disappear, even for a moment.
-        keys = {keyexpr.endpoint_key(self.vehicle, offer()) for offer in self._offers}
+        offers = [*(offer() for offer in self._offers), *self._subscribed.values()]
+        keys = {*map(keyexpr.endpoint_key, offers)}
         for key in self._tokens.keys() - keys:
             self._tokens.pop(key).undeclare()
         for key in keys - self._tokens.keys():

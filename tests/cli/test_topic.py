@@ -174,7 +174,8 @@ def test_topic_info_shows_type_publishers_and_listeners(shared_lab: Lab):
     assert len(said["hash"]) == 8
     text = shared_lab.quadctl("topic", "info", "input/position_request")
     assert (text.code, text.err) == (0, "")
-    assert "Publishers:  none that is announced\nListeners:   at least one\n" in text.out
+    assert "Publishers:   none that is announced\nSubscribers:  safety\n" in text.out
+    assert "Listeners:    at least one\n" in text.out
     assert text.out.endswith("float64 x\nfloat64 y\nfloat64 z\n")
 
 
@@ -184,7 +185,7 @@ def test_topic_info_of_a_foreign_topic_and_of_an_unknown_one(shared_lab: Lab, ba
     said = shared_lab.quadctl("topic", "info", "camera/image", "--json").json
     assert said == {
         "key": "camera/image", "type": "Image", "hash": "00c0ffee", "declared_hz": 30.0,
-        "publishers": ["eye"], "definition": "", "listened": False,
+        "publishers": ["eye"], "subscribers": [], "definition": "", "listened": False,
     }  # fmt: skip
     assert "not known" in shared_lab.quadctl("topic", "info", "camera/image").out
     done = shared_lab.each(

@@ -17,7 +17,7 @@ VEHICLE = "uav"
 def keys() -> dict[str, Any]:
     """Gather the keys of topics, services, parameters and liveliness tokens."""
     offer = product.EndpointInfo(
-        "@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state"
+        VEHICLE, "@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state"
     )
     return {
         "nodes": list(product.NODES),
@@ -44,7 +44,7 @@ def keys() -> dict[str, Any]:
         },
         "tokens": {
             "node": product.node_key(VEHICLE, "safety"),
-            "offer": product.endpoint_key(VEHICLE, offer),
+            "offer": product.endpoint_key(offer),
         },
     }
 

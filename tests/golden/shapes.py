@@ -50,6 +50,7 @@ LOOKING = (
     "ps",
     "state",
     "cage show",
+    "graph",
     "topic list",
     "topic info pose",
     "topic echo pose -n 1",
@@ -137,7 +138,7 @@ def gather(lab: Lab) -> dict[str, Any]:
 
 def tokens(bare: Bare) -> list[str]:
     """Return every liveliness token of the vehicle."""
-    patterns = ("uav/@node/*", "uav/@node/*/@pub/**", "uav/@node/*/@srv/**")
+    patterns = ("uav/@node/*", "uav/@node/*/@pub/**", "uav/@node/*/@srv/**", "uav/@node/*/@sub/**")
     replies = [
         reply
         for pattern in patterns

@@ -137,9 +137,9 @@ def test_vehicles_start_on_a_grid_each_with_its_own_settings(three_vehicles: Lab
 
 @pytest.mark.parametrize(
     "line",
-    ["goto 0 0 1", "hold", "reset", "state", "calibrate", "cage show", "cage off", "topic list",
-     "topic echo pose -n 1", "topic hz pose -n 3", "service list", "service call hold",
-     "param list", "param get safety.takeoff", "node list", "doctor", "fly mission.toml"],
+    ["goto 0 0 1", "hold", "reset", "state", "calibrate", "cage show", "cage off",
+     "topic echo pose -n 1", "topic hz pose -n 3", "service call hold",
+     "param get safety.takeoff", "doctor", "fly mission.toml"],
 )  # fmt: skip
 def test_a_command_without_a_vehicle_lists_the_vehicles(three_vehicles: Lab, line: str):
     three_vehicles.file('rows = [{ at = 0.05, do = "hold" }]', "mission.toml")
@@ -147,6 +147,20 @@ def test_a_command_without_a_vehicle_lists_the_vehicles(three_vehicles: Lab, lin
     assert (done.code, done.out) == (2, "")
     assert "there are several vehicles: uav0, uav1, uav2" in done.err
     assert "--vehicle uav0" in done.err
+
+
+def test_listings_show_all_vehicles_and_name_the_vehicle_of_each_line(three_vehicles: Lab):
+    lines = ["topic list", "service list", "node list", "graph"]
+    done = three_vehicles.each([*lines, "param list safety", "status"])
+    shown = {line: done[line].out.splitlines() for line in lines}
+    for line, (title, *rows) in shown.items():
+        assert title.startswith("VEHICLE "), line
+        assert {row.split()[0] for row in rows} == set(VEHICLES), line
+        one = three_vehicles.quadctl(*line.split(), "--vehicle", "uav1").out
+        own = [row.partition(" ")[2].split() for row in rows if row.startswith("uav1 ")]
+        assert [row.split() for row in one.splitlines()[1:]] == own, line
+    assert "uav1.safety.takeoff" in done["param list safety"].out.splitlines()
+    assert done["status"].out.splitlines()[1].startswith("VEHICLES ")
 
 
 def test_a_full_key_selects_its_vehicle(three_vehicles: Lab):

@@ -329,23 +329,30 @@ class Client:
         self._hub.answered([node for node in found if node not in self._own])
         self._hub.check_unbroken()
 
-    def nodes(self, timeout: float | None = None) -> list[str]:
-        """Return the ready nodes.
+    def nodes(self, timeout: float | None = None, *, of: str = "") -> list[str]:
+        """Return the ready nodes of this vehicle, or of another one.
 
         Raises TimedOut if the hub does not answer in time (s), Unreachable if it has ended.
         """
         return self._hub.answered(
-            liveliness.nodes(self.session, self.vehicle, self._within(timeout))
+            liveliness.nodes(self.session, of or self.vehicle, self._within(timeout))
         )
 
     def vehicles(self) -> list[str]:
         """Return the vehicles that have a ready node; raise as `nodes`."""
         return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
-    def endpoints(self, timeout: float | None = None) -> list[keyexpr.EndpointInfo]:
-        """Return the topics and services of the ready nodes; raise as `nodes`."""
+    def endpoints(
+        self, *kinds: keyexpr.Kind, of: str = "", timeout: float | None = None
+    ) -> list[keyexpr.EndpointInfo]:
+        """Return the ready nodes' endpoints of these kinds, by default what they offer.
+
+        They are those of this vehicle, of another one, or with `*` of all. Raises as `nodes`.
+        """
+        kinds = kinds or ("@pub", "@srv")
+        within = self._within(timeout)
         return self._hub.answered(
-            liveliness.offers(self.session, self.vehicle, self._within(timeout))
+            liveliness.offers(self.session, of or self.vehicle, *kinds, timeout=within)
         )
 
     def _within(self, timeout: float | None) -> float:

@@ -4,7 +4,7 @@ from typing import Protocol
 
 import zenoh
 
-from quadctl.schemas.keyexpr import EndpointInfo
+from quadctl.schemas.keyexpr import EndpointInfo, Kind
 from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime import procfs, run_files
 from quadctl.services.runtime.bus import liveliness
@@ -29,7 +29,7 @@ class DiagnosisClient(Protocol):
     vehicle: str
     timeout: float
 
-    def endpoints(self, timeout: float | None = None) -> list[EndpointInfo]:
+    def endpoints(self, *kinds: Kind, timeout: float | None = None) -> list[EndpointInfo]:
         """Return the endpoints of the hub's nodes."""
 
     def silent_processes(
@@ -75,7 +75,7 @@ def explain_unreachable(
     """Return the problem with all that is known of it, as `Client.explained` describes."""
     try:
         silent = client.silent_processes(_LOOK, live)
-        endpoints = client.endpoints(_LOOK) if key else []
+        endpoints = client.endpoints(timeout=_LOOK) if key else []
         if key and connect:
             from quadctl.services.runtime.security import permissions
 
@@ -109,7 +109,7 @@ def explain_silence(client: DiagnosisClient, key: str, *, more: bool) -> Quadctl
     """Return why nothing, or no `more`, came on a key: its publisher is quiet, or there is none."""
     came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
     try:
-        endpoints = client.endpoints(_LOOK)
+        endpoints = client.endpoints(timeout=_LOOK)
     except QuadctlError as other:
         return type(other)(f"{came}: {other.message}", other.hint)
     offers = [offer for offer in endpoints if offer.kind == "@pub"]

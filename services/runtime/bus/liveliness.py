@@ -35,25 +35,23 @@ def _flies(session: zenoh.Session, vehicle: str, timeout: float) -> bool:
     from quadctl.schemas.topics import GOTO, POSE
 
     known_by = {POSE.key(vehicle), GOTO.key(vehicle)}
-    return any(offer.key in known_by for offer in offers(session, vehicle, timeout))
+    found = offers(session, vehicle, "@pub", "@srv", timeout=timeout)
+    return any(offer.key in known_by for offer in found)
 
 
 def offers(
-    session: zenoh.Session, vehicle: str, timeout: float = _TIMEOUT
+    session: zenoh.Session, vehicle: str, *kinds: keyexpr.Kind, timeout: float = _TIMEOUT
 ) -> list[keyexpr.EndpointInfo]:
-    """Return every topic and service that live nodes offer; raise as `nodes`."""
+    """Return the endpoints of these kinds of a vehicle's live nodes, by key; raise as `nodes`.
+
+    The vehicle `*` means all vehicles of the hub.
+    """
     found = [
-        offer for kind in ("@pub", "@srv") for offer in _offers(session, vehicle, kind, timeout)
+        keyexpr.offer_of(key)
+        for kind in kinds
+        for key in _keys(session, f"{vehicle}/@node/*/{kind}/**", timeout)
     ]
-    return sorted(found, key=lambda offer: offer.key)
-
-
-def _offers(
-    session: zenoh.Session, vehicle: str, kind: str, timeout: float
-) -> list[keyexpr.EndpointInfo]:
-    keys = _keys(session, f"{vehicle}/@node/*/{kind}/**", timeout)
-    found = (keyexpr.offer_of(key) for key in keys)
-    return [offer for offer in found if offer is not None]
+    return sorted((offer for offer in found if offer is not None), key=lambda offer: offer.key)
 
 
 class Present(NamedTuple):
@@ -70,7 +68,7 @@ def present(session: zenoh.Session, vehicles: Iterable[str]) -> Present:
     for vehicle in vehicles:
         for key in _keys(session, f"{vehicle}/@node/*", _TIMEOUT):
             nodes.add((keyexpr.vehicle_of(key), keyexpr.node_of(key) or ""))
-        for offer in _offers(session, vehicle, "@srv", _TIMEOUT):
+        for offer in offers(session, vehicle, "@srv"):
             servers[offer.key] = offer.node
     return Present(frozenset(nodes), servers)
 

@@ -29,9 +29,7 @@ class ReplayPublisher:
         for vehicle in sorted(vehicles):
             _refuse_live(session, vehicle, keys)
         self._publishers = {key: _KeyPublisher(session, key) for key in keys}
-        tokens = [
-            keyexpr.endpoint_key(key.partition("/")[0], offer) for key, offer in _offers(keys)
-        ]
+        tokens = [*map(keyexpr.endpoint_key, _offers(keys))]
         # The nodes' tokens last: a client that sees a node may call it at once.
         tokens += [keyexpr.node_key(vehicle, NAME) for vehicle in vehicles]
         self._tokens = [session.liveliness().declare_token(token) for token in tokens]
@@ -68,15 +66,15 @@ class _KeyPublisher:
                 query.reply(self._key, payload, encoding=encoding)
 
 
-def _offers(keys: dict[str, str]) -> list[tuple[str, keyexpr.EndpointInfo]]:
+def _offers(keys: dict[str, str]) -> list[keyexpr.EndpointInfo]:
     """Return the endpoints for listings: the keys with known types."""
-    found: list[tuple[str, keyexpr.EndpointInfo]] = []
+    found: list[keyexpr.EndpointInfo] = []
     for key, encoding in keys.items():
         topic: Any = topic_of(key)
         name, _, digest = encoding.removeprefix(codec.PREFIX).partition("#")
         if codec.is_typed(encoding) and name and digest and "/@" not in key:
-            hz = topic.hz if topic else 0.0
-            found.append((key, keyexpr.EndpointInfo("@pub", NAME, name, digest, hz, key)))
+            vehicle, hz = key.partition("/")[0], topic.hz if topic else 0.0
+            found.append(keyexpr.EndpointInfo(vehicle, "@pub", NAME, name, digest, hz, key))
     return found
 
 
@@ -84,8 +82,8 @@ def _refuse_live(session: zenoh.Session, vehicle: str, keys: dict[str, str]) -> 
     hint = "replay in another realm, e.g. with --realm replay"
     if "dynamics" in liveliness.nodes(session, vehicle):
         raise AlreadyServed(f"vehicle {vehicle} is live: a replay would be mistaken for it", hint)
-    for offer in liveliness.offers(session, vehicle):
-        if offer.kind == "@pub" and offer.key in keys:
+    for offer in liveliness.offers(session, vehicle, "@pub"):
+        if offer.key in keys:
             raise AlreadyServed(
                 f"{offer.key} is published by {offer.node}: a replay would be mistaken for it",
                 f"{hint}, or replay other keys only",

@@ -168,7 +168,7 @@ class _Surveyor:
     def find_nodes(self, deadline: float) -> None:
         """Find the nodes and their endpoints; raise TimedOut if the hub is silent."""
         timeout = max(deadline - time.monotonic(), 0.001)
-        for pattern in ("*", "*/@pub/**", "*/@srv/**"):
+        for pattern in ("*", "*/@pub/**", "*/@srv/**", "*/@sub/**"):
             self._pending += 1
             self._session.liveliness().get(
                 f"{self._vehicle}/@node/{pattern}",

@@ -36,7 +36,7 @@ _TO: dict[Right, list[str]] = {
 """The messages that a right lets out to its holder."""
 
 _LIVELINESS = ["liveliness_query", "declare_liveliness_subscriber"]
-_ROLL = ["*/@node/*", "*/@node/*/@pub/**", "*/@node/*/@srv/**"]
+_ROLL = ["*/@node/*", "*/@node/*/@pub/**", "*/@node/*/@srv/**", "*/@node/*/@sub/**"]
 """Everyone may ask for all nodes and endpoints; only the answers need the right `see`."""
 _EVERYWHERE = ["**", "*/@call/**", "*/@srv/**", "*/@node/**", *_ROLL]
 

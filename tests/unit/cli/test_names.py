@@ -18,19 +18,20 @@ ODD = st.text(st.sampled_from("ab/*$@#?{}~%: é\n"), max_size=8) | st.text(
 
 def canonical(text: str) -> str | None:
     """Return the canonical spelling of a key expression, or None if Zenoh rejects it."""
+    while "$*$*" in text:
+        # Zenoh 1.10 panics on it behind any other character, e.g. `a$*$*`.
+        text = text.replace("$*$*", "$*")
     try:
         return str(zenoh.KeyExpr.autocanonize(text))
-    except BaseException as error:
-        # Zenoh 1.10 panics where it means to reject a forbidden character before `$*$*`.
-        if isinstance(error, zenoh.ZError) or type(error).__name__ == "PanicException":
-            return None
-        raise
+    except zenoh.ZError:
+        return None
 
 
 @settings(max_examples=400)
 @given(ODD)
 @example("a/***")
 @example("?$*$*")
+@example(":$*$*")
 @example("$*")
 @example("$*$*")
 @example("a/$*/**/b")

@@ -66,6 +66,8 @@ WORKS = {
     "bag info flight.mcap": "bag info",
     "bag check flight.mcap": "bag check",
     "bag reindex flight.mcap": "bag repair",
+    "graph": "graph",
+    "rqt_graph": "graph",
     "wtf": "doctor",
     "doctor": "doctor",
 }
@@ -76,9 +78,7 @@ NAMES = {
     "run lab safety_node": "quadctl up -d",
     "core": "quadctl hub -d",
     "daemon status": "quadctl status",
-    "graph": "quadctl node list",
     "rqt": "quadctl console",
-    "rqt_graph": "quadctl topic list",
     "rqt_plot": "quadctl plot",
     "rviz": "quadctl console",
     "tf tf_echo map base_link": "quadctl topic echo pose",

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from quadctl.schemas.keyexpr import (
     EndpointInfo,
+    Kind,
     endpoint_key,
     includes,
     node_key,
@@ -22,12 +23,12 @@ OFFER = offer_of("uav/@node/safety/@pub/SafetyState/1a2b3c4d/1/uav%safety%state"
 
 
 @settings(max_examples=40)
-@given(CHUNK, CHUNK, CHUNK, HASH, HZ, NAME)
+@given(CHUNK, st.sampled_from(["@pub", "@sub"]), CHUNK, CHUNK, HASH, HZ, NAME)
 def test_a_topics_token_round_trips(
-    vehicle: str, node: str, type_: str, digest: str, hz: float, name: str
+    vehicle: str, kind: Kind, node: str, type_: str, digest: str, hz: float, name: str
 ):
-    offer = EndpointInfo("@pub", node, type_, digest, hz, f"{vehicle}/{name}")
-    key = endpoint_key(vehicle, offer)
+    offer = EndpointInfo(vehicle, kind, node, type_, digest, hz, f"{vehicle}/{name}")
+    key = endpoint_key(offer)
     assert offer_of(key) == offer
     assert key.count("/") == 7
     assert node_of(key) is None
@@ -36,8 +37,8 @@ def test_a_topics_token_round_trips(
 @settings(max_examples=40)
 @given(CHUNK, CHUNK, CHUNK, HASH, NAME)
 def test_a_services_token_round_trips(vehicle: str, node: str, type_: str, digest: str, name: str):
-    offer = EndpointInfo("@srv", node, type_, digest, 0.0, f"{vehicle}/@srv/{name}")
-    assert offer_of(endpoint_key(vehicle, offer)) == offer
+    offer = EndpointInfo(vehicle, "@srv", node, type_, digest, 0.0, f"{vehicle}/@srv/{name}")
+    assert offer_of(endpoint_key(offer)) == offer
 
 
 @settings(max_examples=40)
@@ -49,11 +50,10 @@ def test_a_nodes_token_round_trips(vehicle: str, node: str):
 
 def test_the_tokens_are_those_of_the_contract():
     assert node_key("uav", "safety") == "uav/@node/safety"
-    assert (
-        EndpointInfo("@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state") == OFFER
-    )
-    goto = EndpointInfo("@srv", "safety", "Goto", "1a2b3c4d", 0.0, "uav/@srv/goto")
-    assert endpoint_key("uav", goto) == "uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto"
+    state = ("uav", "@pub", "safety", "SafetyState", "1a2b3c4d", 1.0, "uav/safety/state")
+    assert EndpointInfo(*state) == OFFER
+    goto = EndpointInfo("uav", "@srv", "safety", "Goto", "1a2b3c4d", 0.0, "uav/@srv/goto")
+    assert endpoint_key(goto) == "uav/@node/safety/@srv/Goto/1a2b3c4d/0/uav%@srv%goto"
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_the_tokens_are_those_of_the_contract():
         "uav/@node/a/b",
         "uav/@node/a/@pub/T/00000000/1",
         "uav/@node/a/@pub/T/00000000/often/pose",
-        "uav/@node/a/@sub/T/00000000/1/pose",
+        "uav/@node/a/@own/T/00000000/1/pose",
         "uav/@node/a/@pub/T/00000000/1/pose/more",
     ],
 )

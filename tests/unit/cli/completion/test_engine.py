@@ -23,7 +23,7 @@ def matching(found, begun: str) -> list[str]:
 
 
 def served(key: str, type_: str = "Calibrate") -> EndpointInfo:
-    return EndpointInfo("@srv", "somebody", type_, "00000000", 0, key)
+    return EndpointInfo("uav", "@srv", "somebody", type_, "00000000", 0, key)
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,12 @@ def digest(type_: type[Struct]) -> str:
 
 
 TOPIC = [
-    EndpointInfo("@pub", t.node, t.type.__name__, digest(t.type), t.hz, t.key("uav"))
+    EndpointInfo("uav", "@pub", t.node, t.type.__name__, digest(t.type), t.hz, t.key("uav"))
     for t in TOPICS
     if t.node
 ]
 SERVICE = [
-    EndpointInfo("@srv", s.node, s.type_name, digest(s.request), 0.0, s.key("uav"))
+    EndpointInfo("uav", "@srv", s.node, s.type_name, digest(s.request), 0.0, s.key("uav"))
     for s in SERVICES
 ]
 NODES = ["dynamics", "hub", "pressure", "safety"]

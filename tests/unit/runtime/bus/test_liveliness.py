@@ -31,7 +31,7 @@ def vehicles_of(*keys: str) -> list[str]:
 
 
 def offered(vehicle: str, node: str, kind: Any, key: str) -> str:
-    return endpoint_key(vehicle, EndpointInfo(kind, node, "T", "1a2b3c4d", 1.0, key))
+    return endpoint_key(EndpointInfo(vehicle, kind, node, "T", "1a2b3c4d", 1.0, key))
 
 
 @pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])

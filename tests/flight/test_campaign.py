@@ -241,6 +241,7 @@ def searched(
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(7200)
 def test_a_search_finds_no_way_out_of_twelve_cages(lab: Lab, proofs: Proofs):
     compiled_kernel()
@@ -263,6 +264,7 @@ WIND = 4.5
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(3600)
 def test_a_search_in_wind_finds_no_way_beyond_the_margin(lab: Lab, proofs: Proofs):
     compiled_kernel()
@@ -281,6 +283,7 @@ def test_a_search_in_wind_finds_no_way_beyond_the_margin(lab: Lab, proofs: Proof
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(1800)
 def test_the_memory_does_not_grow_with_the_flights(lab: Lab, proofs: Proofs):
     compiled_kernel()

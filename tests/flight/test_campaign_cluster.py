@@ -126,6 +126,7 @@ def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: 
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(1800)
 def test_20_000_flights_have_one_hash_however_they_are_flown(lab: Lab, proofs: Proofs):
     compiled_kernel()

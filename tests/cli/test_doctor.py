@@ -54,6 +54,14 @@ def test_doctor_reports_a_dead_run_and_its_leftover_folder(lab: Lab):
     glance(lab).said("realm", "PASS")
 
 
+def test_doctor_takes_a_subscription_for_no_topic(lab: Lab):
+    """Safety subscribes to poses that nobody publishes here."""
+    lab.start("--without", "dynamics")
+    found = lab.quadctl("doctor", "--json")
+    assert (found.code, found.err) in {(0, ""), (8, "")}
+    assert not any("pose/slow" in check["name"] for check in found.json["checks"])
+
+
 def test_doctor_reports_nodes_started_by_hand(lab: Lab):
     hub = lab.spawn(*lab.command()[:2], "-m", "quadctl.services.hub")
     bare = lab.first_bare()

@@ -47,6 +47,7 @@ def test_topic_and_service_list_print_types_and_rates(shared_lab: Lab):
     assert "uav/safety/state" in rates
     services = {service["name"]: service for service in ask(shared_lab, "service", "list")}
     assert services["calibrate_pressure"] == {
+        "vehicle": "uav",
         "name": "calibrate_pressure",
         "key": "uav/@srv/calibrate_pressure",
         "type": "Calibrate",

@@ -42,6 +42,7 @@ LINES = (
     Line("cage on", 0, {"hub": 4, "safety": 4}),
     Line("cage show", 0, {"hub": 4, "safety": 4}),
     Line("topic list", 0, {"hub": 4}),
+    Line("graph", 0, {"hub": 4}),
     Line("topic info safety/state", 0, {"hub": 4, "safety": 4}),
     Line("topic info pose", 0, {"hub": 4, "dynamics": 4}),
     # Safety subscribes, so there is something to show.

@@ -214,11 +214,11 @@ class _Surveyor:
     def wait(self) -> None:
         """Collect messages and replies until there are enough, or the time is up."""
         began = time.monotonic()
-        rates = {offer.key: offer.hz for offer in self.found.offers if offer.hz}
+        paced = {offer.key for offer in self.found.offers if offer.kind == "@pub" and offer.hz}
 
         def enough() -> bool:
             elapsed = time.monotonic() - began
-            complete = all(self.found.topics[key].count > 1 for key in rates)
+            complete = all(self.found.topics[key].count > 1 for key in paced)
             return not self._pending and elapsed > (SHORTEST if complete else LONGEST)
 
         self._serve(self._deadline, enough)

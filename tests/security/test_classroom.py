@@ -211,7 +211,7 @@ def test_no_student_reaches_his_neighbours_vehicle(room: Room, proofs: Proofs):
     places = {student.name: student.at() for student in room.students}
 
     def tries(student: Student) -> list[int]:
-        return [student.say(*one, "--vehicle", "uav8", "--timeout", 9).code for one in TRIED]
+        return [student.say(*one, "--vehicle", "uav8", "--timeout", 4).code for one in TRIED]
 
     assert room.students[0].do("hold --vehicle uav8 --timeout 0.5").code == 3
     assert side_by_side(tries, room.students) == [[3] * len(TRIED)] * COUNT

@@ -54,7 +54,7 @@ LINES = (
     Line("topic hz sensors/pressure -n 3", 0, {"hub": 4, "pressure": 4}),
     Line("topic bw pose -n 3", 0, {"hub": 4, "dynamics": 4}),
     Line("topic delay pose -n 3", 0, {"hub": 4, "dynamics": 4}),
-    # Subscribers are not announced: only a complete lack of them can be detected.
+    # A listener may be no node: only a complete lack of listeners can be detected.
     Line("topic pub input/position_request x=0 y=0 z=1", 0, {"hub": 4, "safety": 3}),
     Line("topic pub nobodys/own text --no-wait", 0, {"hub": 4}),
     Line("service list", 0, {"hub": 4}),

@@ -27,11 +27,11 @@ def diagram() -> str:
     for rule in RULES:
         if rule.at is not rule.to:
             arrows.setdefault((rule.at, rule.to), []).append(_cause(rule))
+    size = f'viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" height="{_HEIGHT}"'
+    tip = 'viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto"'
     return "\n".join([
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}"'
-        f' height="{_HEIGHT}" font-family="sans-serif" font-size="13">',
-        '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" '
-        'markerHeight="8" orient="auto"><path d="M0 0 8 4 0 8z" fill="#555"/></marker></defs>',
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="13">',
+        f'<defs><marker id="tip" {tip}><path d="M0 0 8 4 0 8z" fill="#555"/></marker></defs>',
         # A page may be dark: the picture brings the paper for its black words.
         f'<rect width="{_WIDTH}" height="{_HEIGHT}" fill="#fff"/>',
         f'<circle cx="12" cy="{_MIDDLE}" r="6"/>{_arrow(f"M18 {_MIDDLE}H40")}',

@@ -6,7 +6,7 @@ import textwrap
 from quadctl.services.safety.automaton import RULES, Rule
 from quadctl.services.safety.model import State
 
-_WIDTH, _HEIGHT, _MIDDLE, _LINE = 790, 250, 115, 17
+_WIDTH, _HEIGHT, _MIDDLE, _LINE = 790, 285, 115, 17
 """Size of the picture, height of the boxes' middle, and distance of two lines of text, px."""
 _LEFT = {State.HOVERING: 40, State.VERIFYING: 360, State.MOVING: 660}
 """Left edge of each state's box, px."""
@@ -16,7 +16,7 @@ _PATHS = {
     (State.VERIFYING, State.MOVING): ("M470 105H660", 565, 97, 20),
     (State.MOVING, State.VERIFYING): ("M660 125H470", 565, 142, 20),
     (State.HOVERING, State.MOVING): ("M95 85C95 10 715 10 715 85", 405, 20, 60),
-    (State.MOVING, State.HOVERING): ("M715 145C715 230 95 230 95 145", 405, 226, 60),
+    (State.MOVING, State.HOVERING): ("M715 145C715 250 95 250 95 145", 405, 241, 84),
 }
 """Of each change of state: its arrow's path, and the place (px) and columns of its causes."""
 

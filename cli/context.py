@@ -2,15 +2,15 @@
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
 
 from quadctl.schemas.topics import Topic, topic_of
-from quadctl.services.runtime.errors import UsageError
-from quadctl.services.runtime.realm import default_name, vehicle_name
+from quadctl.services.runtime.errors import Unreachable, UsageError
+from quadctl.services.runtime.realm import default_name, listed, vehicle_name
 from quadctl.services.runtime.vehicles import only_vehicle, vehicles_of
 
 if TYPE_CHECKING:
@@ -105,7 +105,20 @@ def listing(options: Options, *kinds: "Kind") -> "tuple[list[str], list[Endpoint
     vehicles = listed_vehicles(options)
     with connect(with_any_vehicle(options)) as client:
         found = client.endpoints(*kinds, of=vehicles[0] if len(vehicles) == 1 else "*")
+    check_vehicle(options, found)
     return vehicles, [each for each in found if each.vehicle in vehicles]
+
+
+def check_vehicle(options: Options, found: "Sequence[object]") -> None:
+    """Raise Unreachable if the run lacks the vehicle that the options name, and none was `found`.
+
+    A hub that has joined others also shows their vehicles, which are not in the run's record.
+    """
+    if found or not options.named:
+        return
+    names = vehicles_of(options.realm, options.connect, options.timeout)
+    if names and options.named not in names:
+        raise Unreachable(f"this run has no vehicle {options.named}", f"it has {listed(names)}")
 
 
 @contextmanager

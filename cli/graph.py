@@ -55,7 +55,8 @@ def as_dot(topics: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of a directed graph: nodes as ellipses, topics as boxes, a frame a vehicle."""
     yield "digraph quadctl {"
     yield "  rankdir=LR;"
-    for vehicle in sorted({topic["vehicle"] for topic in topics}):
+    # From left to right, Graphviz puts the first frame at the bottom.
+    for vehicle in sorted({topic["vehicle"] for topic in topics}, reverse=True):
         yield f"  subgraph {_quoted(f'cluster {vehicle}')} {{"
         yield f"    label={_quoted(vehicle)};"
         ours = [topic for topic in topics if topic["vehicle"] == vehicle]

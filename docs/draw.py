@@ -1,4 +1,4 @@
-"""Command that writes the tables of docs/ made from declarations: `python -m docs.draw`."""
+"""Command that writes the tables of docs/ made from declarations, and a picture: `python -m docs.draw`."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,13 +9,15 @@ from docs.diagram import diagram, table, words
 
 _DOCS = Path(__file__).parent
 PAGES: dict[Path, Callable[[], str]] = {
-    _DOCS / "explanation" / "safety.md": lambda: f"{diagram()}\n\n{words()}\n\n{table()}\n",
+    _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n",
     _DOCS / "reference" / "commands.md": declared.commands,
     _DOCS / "reference" / "exit-codes.md": declared.exit_codes,
     _DOCS / "reference" / "parameters.md": declared.parameters,
     _DOCS / "reference" / "types.md": declared.types,
 }
 """Text between the marks of each page."""
+PICTURES: dict[Path, Callable[[], str]] = {_DOCS / "explanation" / "automaton.svg": diagram}
+"""Text of each picture."""
 
 
 def drawn(page: Path) -> str:
@@ -26,3 +28,5 @@ def drawn(page: Path) -> str:
 if __name__ == "__main__":
     for each in PAGES:
         each.write_text(drawn(each), encoding="utf-8")
+    for picture, text in PICTURES.items():
+        picture.write_text(text(), encoding="utf-8")

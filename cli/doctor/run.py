@@ -106,7 +106,8 @@ def realm(
         fix = f"`kill -CONT {run.pid}`, or `fg` where it was stopped with Ctrl-Z"
         return failed("realm", evidence, fix)
     if vehicle not in run.vehicles:
-        evidence = f"{name} runs the vehicle {listed(run.vehicles)}, and {vehicle} was asked for"
+        noun = "vehicle" if len(run.vehicles) == 1 else "vehicles"
+        evidence = f"{name} runs the {noun} {listed(run.vehicles)}, and {vehicle} was asked for"
         fix = f"`quadctl doctor --vehicle {run.vehicles[0]}`, or `unset QUADCTL_VEHICLE`"
         return failed("realm", evidence, fix)
     if not found.socket:

@@ -29,6 +29,7 @@ def list_(options: Options) -> None:
     else:
         with client:
             by_vehicle = {vehicle: see(client, run, of=vehicle) for vehicle in vehicles}
+        context.check_vehicle(options, [name for seen in by_vehicle.values() for name in seen.live])
     nodes: list[dict[str, Any]] = [
         {"vehicle": vehicle}
         | msgspec.to_builtins(process)
@@ -69,6 +70,7 @@ def info(options: Options, name: Annotated[str, Arg("A node.", complete="node")]
     else:
         with client:
             seen = see(client, run, "@pub", "@srv", "@sub")
+            context.check_vehicle(options, seen.live)
             process = seen.find(name)
             params, problem = _params(client, seen, process, deadline)
     stats = stats_of(process.pid) if process.pid else ProcessStats()

@@ -43,10 +43,14 @@ def ping(
     run = run_of(options)
     with context.connect(options) as client:
         seen = see(client, run)
+        context.check_vehicle(options, seen.live)
         processes = answering(seen) if name is None else [seen.find(name)]
         for process in processes:
             if process.name in seen.live and not seen.answers(process.name):
-                raise Unreachable(f"{process.name} serves no get_params", "a ping calls get_params")
+                raise Unreachable(
+                    f"{process.name} serves no get_params, which a ping calls",
+                    f"`quadctl node info {process.name}` shows its process",
+                )
         by_name = {process.name: process for process in processes}
         _Pings(options, client).run(by_name, count, interval, ends)
 

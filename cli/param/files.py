@@ -100,6 +100,7 @@ def diff(
     from_file = file_values(source, options)
     with context.running_params(options) as running:
         now = running.whole()
+    context.check_vehicle(options, list(now))
     found = changes(known_of(from_file, now), now)
     print_changes(options, [change.document("file", "running") for change in found], found)
 
@@ -119,6 +120,7 @@ def dump(
     """
     with context.running_params(options) as running:
         values = running.get(names) if names else running.whole()
+    context.check_vehicle(options, list(values))
     if not names:
         known_of(file_values(None, options), values)
     text = catalogue.document(values)

@@ -137,6 +137,8 @@ def list_(
             results = running.every() if everything else Answers({"": running.get(tables)}, {})
         names += sorted(f"{whose}{name}" for answer in results.answers.values() for name in answer)
         problems |= {f"{whose}{node}": problem for node, problem in results.problems.items()}
+    if not problems:
+        context.check_vehicle(options, names)
     if options.json:
         output.document(names)
     else:

@@ -82,7 +82,9 @@ def info(options: Options, topic: Annotated[str, Arg("A topic or key.", complete
         ours = own_topic(key, options.vehicle)
         found = sorted((o for o in offers if o.key == key), key=lambda o: o.kind)
         if not found and not (ours and has_listener):
-            problem = _no_publisher(key, offers, has_listener=bool(has_listener))
+            keys = {offer.key for offer in offers}
+            hint = nearest(key, keys) or nearest(key, {each.partition("/")[2] for each in keys})
+            problem = _no_publisher(key, hint, has_listener=bool(has_listener))
             raise client.explained(problem, ours.node if ours else "")
     document = _described(key, found, ours) | {"listened": has_listener}
     if options.json:
@@ -137,8 +139,8 @@ def _rows(document: dict[str, Any], about: str) -> list[tuple[str, str]]:
     return [*rows, ("About:", about)] if about else rows
 
 
-def _no_publisher(key: str, offers: list[EndpointInfo], *, has_listener: bool) -> Unreachable:
+def _no_publisher(key: str, hint: str, *, has_listener: bool) -> Unreachable:
     return Unreachable(
         f"no node publishes {key} now" + (", but it has a listener" if has_listener else ""),
-        nearest(key, {offer.key for offer in offers}) or "`quadctl topic list` shows what there is",
+        hint or "`quadctl topic list` shows what there is",
     )

@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.services.runtime.errors import Unreachable
-from quadctl.services.runtime.realm import LOCK, RECORD, Realm, write_atomically
+from quadctl.services.runtime.realm import LOCK, RECORD, Realm, default_name, write_atomically
 
 UNSERVED = ("supervise", "processes")
 """Tables of the supervisor, which is not a node: nothing on the bus reads or sets them."""
@@ -65,7 +65,7 @@ def read(realm: Realm) -> RunState:
 
 def not_running(realm: Realm) -> Unreachable:
     """Return the error for a realm without a run."""
+    named = "" if realm.name == default_name() else f" --realm {realm.name}"
     return Unreachable(
-        f"nothing is running in the realm {realm.name}",
-        f"`quadctl up --realm {realm.name}` starts it",
+        f"nothing is running in the realm {realm.name}", f"`quadctl up -d{named}` starts it"
     )

@@ -189,7 +189,13 @@ def test_topic_info_of_a_foreign_topic_and_of_an_unknown_one(shared_lab: Lab, ba
     }  # fmt: skip
     assert "not known" in shared_lab.quadctl("topic", "info", "camera/image").out
     done = shared_lab.each(
-        ["topic info camera/imag", "topic info sensors/presure", "topic info zzz"], "--json"
+        [
+            "topic info camera/imag",
+            "topic info sensors/presure",
+            "topic info zzz",
+            "topic info pos",
+        ],
+        "--json",
     )
     assert {ended.code for ended in done.values()} == {3}
     hints = [ended.error["hint"] for ended in done.values()]
@@ -198,6 +204,7 @@ def test_topic_info_of_a_foreign_topic_and_of_an_unknown_one(shared_lab: Lab, ba
         "uav/sensors/pressure?"
     )
     assert "topic list" in hints[2]
+    assert hints[3] == "did you mean pose?"
     assert kept
 
 

@@ -139,7 +139,10 @@ def test_a_listing_has_one_item_per_line_on_a_narrow_terminal(module_lab: Lab):
 
 
 def test_commands_without_a_run_name_the_next_step(lab: Lab):
-    up = f"  try: `quadctl up --realm {lab.realm}` starts it\n"
+    # QUADCTL_REALM names the lab's realm, so the hint need not; another realm is named.
+    up = "  try: `quadctl up -d` starts it\n"
+    other = lab.quadctl("status", "--realm", "other").err
+    assert other.endswith("  try: `quadctl up -d --realm other` starts it\n")
     for line in ("state", "down", "status", "service list", "service call uav/@srv/x"):
         done = lab.quadctl(*line.split())
         assert done == (3, "", f"error: nothing is running in the realm {lab.realm}\n{up}")

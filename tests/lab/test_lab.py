@@ -12,7 +12,7 @@ from quadctl.cli.lab import grading
 from quadctl.cli.lab.judge import last_error
 from quadctl.cli.lab.rubric import rubric
 from quadctl.services.runtime.errors import Invalid
-from tests.support.handins import CHEATS, GOOD, MISTAKES, write
+from tests.support.handins import CHEATS, GOOD, MISTAKES, promised, write
 from tests.support.lab import Lab
 from tests.support.proofs import Proofs
 
@@ -80,6 +80,13 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
     assert found["exits_at_once"].keys() == ABOUT_SAFETY
     assert found["exits_at_once"]["2.1"] == "safety does not stay up: it ends, and logs nothing"
     assert set(found["bad"].values()) == {f"{bad} is neither a folder nor a zip file"}
+
+
+def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
+    expected = {"completed": 26, "no_baseline": 23, "never_arrives": 9}
+    assert {name: promised()[name] for name in expected} == expected
+    done = lab.quadctl("lab", "grade", write("no_baseline", lab.folder), timeout=60)
+    assert "no_baseline: 23 of 26" in done.err, done.out
 
 
 def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from docs.book import ROOT, build, pages, render
-from docs.draw import PAGES, drawn
+from docs.draw import PAGES, PICTURES, drawn
 
 
 def contents(entries: list[dict[str, Any]]) -> Iterator[str]:
@@ -27,6 +27,11 @@ def test_every_page_is_in_the_contents_once():
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_table_is_that_of_the_declarations(page: Path):
     assert drawn(page) == page.read_text("utf-8"), "`python -m docs.draw` writes it again"
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda picture: picture.name)
+def test_a_picture_is_that_of_the_declarations(picture: Path):
+    assert PICTURES[picture]() == picture.read_text("utf-8"), "`python -m docs.draw` draws it again"
 
 
 def test_the_book_is_built_without_a_warning_and_names_no_other_site(tmp_path: Path):

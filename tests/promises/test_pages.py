@@ -30,8 +30,8 @@ LEFT_OUT = {
     ".venv/bin/quadctl demo": "takes 17 s; tests/flight/test_checkpoint_1.py to _4.py hold the same",
 }
 """Commands that a test cannot run, each with the reason."""
-READ = {"console", "python", "toml", "mermaid", "text"}
-"""Languages of blocks: `text` and `mermaid` are not run."""
+READ = {"console", "python", "toml", "text"}
+"""Languages of blocks: `text` is not run, and the book draws no other, e.g. mermaid, offline."""
 WITHIN = 60.0
 """s, for one command."""
 

@@ -191,6 +191,14 @@ def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three_vehicles: L
     assert "it has uav0, uav1, uav2" in done.err
 
 
+def test_a_listing_of_an_unknown_vehicle_is_no_empty_table(three_vehicles: Lab):
+    lines = ["topic list", "service list", "node list", "graph", "graph --json", "graph --dot",
+             "param list", "param dump", "param diff", "node info safety", "node ping safety"]  # fmt: skip
+    for line, done in three_vehicles.each([f"{line} --vehicle drone" for line in lines]).items():
+        assert (done.code, "no vehicle drone" in done.err + done.out) == (3, True), line
+        assert "it has uav0, uav1, uav2" in done.err + done.out, line
+
+
 def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(three_vehicles: Lab):
     def ask(*words: object, vehicle: str = "uav1") -> dict[str, object]:
         done = three_vehicles.quadctl(*words, "--vehicle", vehicle, "--json")

@@ -1,7 +1,16 @@
-"""Hand-ins for the lab's tests: good ones, typical mistakes, and cheats, as folders."""
+"""Hand-ins for the lab's tests: good ones, typical mistakes, and cheats, as folders.
 
+    python -m tests.support.handins FOLDER
+
+It writes the good ones and the mistakes, a class to try `lab grade` on, and prints each one's points.
+"""
+
+import sys
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
+
+from quadctl.cli.lab import grading
 
 SOURCES = Path(__file__).parents[1] / "lab" / "handins"
 
@@ -99,3 +108,22 @@ def write(name: str, folder: Path) -> Path:
     for own, text in texts.items():
         (target / own).write_text(text, "utf-8")
     return target
+
+
+def promised() -> dict[str, float]:
+    """Return the points that the built-in rubric has for each good hand-in and each mistake."""
+    texts = [Path(grading.__file__).with_name(name) for name in ("rubric.toml", "hidden.toml")]
+    rows = [row for text in texts for row in tomllib.loads(text.read_text("utf-8"))["row"]]
+    points = {row["number"]: row.get("points", 1.0) for row in rows}
+    lost = dict.fromkeys(GOOD, _costs()) | {name: each.rows for name, each in MISTAKES.items()}
+    return {
+        name: sum(points.values()) - sum(points[row] for row in rows) for name, rows in lost.items()
+    }
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1])
+    target.mkdir()
+    for name, points in promised().items():
+        write(name, target)
+        print(f"{target / name}: {points:g}")

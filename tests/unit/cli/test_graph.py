@@ -2,6 +2,8 @@
 
 import re
 
+from msgspec.structs import replace
+
 from quadctl.cli.graph import as_dot, described
 from quadctl.schemas.keyexpr import EndpointInfo, Kind
 
@@ -36,6 +38,11 @@ def test_the_drawing_has_an_arrow_for_each_publisher_and_subscriber():
     ]
     assert '[shape=box, label="uav/pose\\n100 Hz"]' in text
     assert text.count("{") == text.count("}") == 2
+
+
+def test_the_first_vehicle_is_drawn_last_which_graphviz_puts_on_top():
+    found = [replace(FOUND[0], vehicle=name, key=f"{name}/pose") for name in ("uav0", "uav1")]
+    assert re.findall('cluster (.*)"', "\n".join(as_dot(described(found)))) == ["uav1", "uav0"]
 
 
 def test_a_strangers_name_cannot_leave_its_quotes():

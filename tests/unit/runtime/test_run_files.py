@@ -92,7 +92,7 @@ def test_a_record_is_read_while_its_run_is_live(realm: Realm):
     assert not run_files.is_live(realm)
     with pytest.raises(Unreachable, match="nothing is running in the realm lab") as caught:
         run_files.read(realm)
-    assert caught.value.hint == "`quadctl up --realm lab` starts it"
+    assert caught.value.hint == "`quadctl up -d --realm lab` starts it"
 
 
 def test_without_any_run_nothing_is_live_and_nothing_is_created(realm: Realm):

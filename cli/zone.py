@@ -33,7 +33,9 @@ def list_(options: Options) -> None:
         output.line("no zones")
 
 
-def add(options: Options, file: Annotated[Path, Arg("TOML file with [[safety.zones]] tables.")]) -> None:
+def add(
+    options: Options, file: Annotated[Path, Arg("TOML file with [[safety.zones]] tables.")]
+) -> None:
     """Add the zones of a file, all or none; they hold at once, also for a flight.
 
     Example: quadctl zone add tower.toml
@@ -81,7 +83,9 @@ def _set(running: RunningParams, zones: list[dict[str, Any]]) -> None:
     reply = running.set("safety", {_PARAMETER: zones})
     if not reply.success:
         reason = reply.reason.removeprefix("param set: ")
-        raise Invalid(f"nothing was changed: {reason}", "`quadctl zone list` shows the present ones")
+        raise Invalid(
+            f"nothing was changed: {reason}", "`quadctl zone list` shows the present ones"
+        )
 
 
 def _report(options: Options, done: str, names: list[str]) -> None:

@@ -107,9 +107,7 @@ REQUEST = Topic(
     "input/position_request", Waypoint, node="", hz=0, doc="Requested waypoint, without an answer."
 )
 SETPOINT = Topic("input/position", Setpoint, node="safety", hz=20, doc="The verified setpoint.")
-ZONES = Topic(
-    "safety/zones", Zones, node="safety", hz=0, doc="Zones that bar ways.", latched=True
-)
+ZONES = Topic("safety/zones", Zones, node="safety", hz=0, doc="Zones that bar ways.", latched=True)
 
 INFO = Topic("info", Info, node="safety", hz=0, doc="Nodes by service and topic.", latched=True)
 

@@ -43,9 +43,12 @@ class ZoneParams(Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=
         described("exclusion: the vehicle stays out; inclusion: it stays in one of these"),
     ] = "exclusion"
     polygon: Annotated[
-        tuple[Corner, ...] | None, described("corners, 3 to 64, either way round, not crossing", "m")
+        tuple[Corner, ...] | None,
+        described("corners, 3 to 64, either way round, not crossing", "m"),
     ] = None
-    circle: Annotated[CircleParams | None, described("centre and radius, without a polygon", "m")] = None
+    circle: Annotated[
+        CircleParams | None, described("centre and radius, without a polygon", "m")
+    ] = None
     floor: Annotated[Metres | None, described("lower bound; none by default", "m")] = None
     ceiling: Annotated[Metres | None, described("upper bound; none by default", "m")] = None
 
@@ -92,7 +95,9 @@ def turn(
         if -det > bound:
             return -1
     fax, fay = Fraction(ax), Fraction(ay)
-    exact = (Fraction(bx) - fax) * (Fraction(cy) - fay) - (Fraction(by) - fay) * (Fraction(cx) - fax)
+    exact = (Fraction(bx) - fax) * (Fraction(cy) - fay) - (Fraction(by) - fay) * (
+        Fraction(cx) - fax
+    )
     return (exact > 0) - (exact < 0)
 
 

@@ -7,7 +7,6 @@ from msgspec import Struct
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.services.safety.zones import Box, Region
 
-
 _NO_ZONES = Region()
 
 

@@ -53,9 +53,7 @@ class _Search:
     def __init__(self, region: Region, cage: CageSize) -> None:
         self._region, self._cage, self._left = region, cage, _MOST_LOOKS
 
-    def way(
-        self, start: Point, goal: Point, clearance: float, *, rough: bool
-    ) -> tuple[Point, ...]:
+    def way(self, start: Point, goal: Point, clearance: float, *, rough: bool) -> tuple[Point, ...]:
         """Return the corners of the shortest way; none if there is none.
 
         With `rough`, an outline with fewer corners replaces that of a polygon with many.
@@ -64,7 +62,9 @@ class _Search:
         while True:
             corners = [corner for zone in zones for corner in outline(zone, clearance, rough=rough)]
             corners += _gates(self._region.inclusions, clearance)
-            inside = [(x, y) for x, y in corners if abs(x) <= self._cage.x and abs(y) <= self._cage.y]
+            inside = [
+                (x, y) for x, y in corners if abs(x) <= self._cage.x and abs(y) <= self._cage.y
+            ]
             found = self._shortest(zones, inside, start, goal, clearance)
             more = [zone for zone in self._crossed(found) if zone not in zones]
             if not more:
@@ -189,9 +189,7 @@ def _mitre(one: Edge, other: Edge) -> Corner:
 def _hull(zone: Zone, clearance: float) -> list[Corner]:
     """Return the corners of a polygon with sides in `_ROUND` directions around a zone."""
     angles = [2 * pi * n / _ROUND for n in range(_ROUND)]
-    reach = [
-        max(x * cos(a) + y * sin(a) for x, y, _, _ in zone.edges) + clearance for a in angles
-    ]
+    reach = [max(x * cos(a) + y * sin(a) for x, y, _, _ in zone.edges) + clearance for a in angles]
     step = 2 * pi / _ROUND
     return [
         (r * cos(a) - t * sin(a), r * sin(a) + t * cos(a))

@@ -7,6 +7,7 @@ decide alike. Depths and distances are plain floating point.
 
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from math import hypot, inf, isqrt
 from typing import NamedTuple
 
@@ -65,7 +66,7 @@ def side(zone: Zone, x: float | Fraction, y: float | Fraction) -> int:
     for ax, ay, bx, by in zone.edges:
         if (ay > y) == (by > y):
             # Both ends are on one side; a point may still be on an end, or on a level edge.
-            on = (ay == y or by == y) and min(ax, bx) <= x <= max(ax, bx)
+            on = y in {ay, by} and min(ax, bx) <= x <= max(ax, bx)
             if on and turn(ax, ay, bx, by, x, y) == 0 and min(ay, by) <= y <= max(ay, by):
                 return 0
             continue
@@ -215,7 +216,7 @@ def _parts(
             marks.add((ox * dx + oy * dy) / way)
             marks.add(((bx - px) * dx + (by - py) * dy) / way)
     ordered = sorted(t for t in marks if clip[0] <= t <= clip[1])
-    for a, b in zip(ordered, ordered[1:], strict=False):
+    for a, b in pairwise(ordered):
         t = (a + b) / 2
         yield a, b, side(zone, px + t * dx, py + t * dy)
 
@@ -312,7 +313,7 @@ class Nearest(NamedTuple):
 
 
 class Region:
-    """What all zones of a vehicle allow: outside every exclusion, and inside an inclusion if any."""
+    """Space outside every exclusion zone, and inside an inclusion zone if there is any."""
 
     def __init__(self, zones: Iterable[ZoneParams] = ()) -> None:
         self.exclusions: list[Zone] = []
@@ -357,8 +358,10 @@ class Region:
         inside = _joined(part for zone in self.inclusions for part in spans(zone, p, q))
         started = any(contains(zone, p, closed=True) for zone in self.inclusions)
         # A way that ends on a boundary, from outside, has no part inside.
-        return not started if not inside else len(inside) == 1 and inside[0][1] == 1 and (
-            inside[0][0] == 0 or not started
+        return (
+            not started
+            if not inside
+            else len(inside) == 1 and inside[0][1] == 1 and (inside[0][0] == 0 or not started)
         )
 
     def why_overlaps(self, box: Box) -> str:
@@ -391,7 +394,9 @@ class Region:
                 if best is None or found < best.distance:
                     best = Nearest(zone.name, found)
         if self.inclusions:
-            inner = max((Nearest(zone.name, -clearance(zone, p)) for zone in self.inclusions), key=_distance)
+            inner = max(
+                (Nearest(zone.name, -clearance(zone, p)) for zone in self.inclusions), key=_distance
+            )
             if best is None or inner.distance < best.distance:
                 best = inner
         return best
@@ -408,7 +413,9 @@ def _distance(nearest: Nearest) -> float:
 def _at_least(zone: Zone, p: Point) -> float:
     """Return a lower bound (m) of a point's distance from a zone: that from its bounding box."""
     x, y, z = p
-    return max(zone.west - x, x - zone.east, zone.south - y, y - zone.north, zone.low - z, z - zone.high)
+    return max(
+        zone.west - x, x - zone.east, zone.south - y, y - zone.north, zone.low - z, z - zone.high
+    )
 
 
 def _leaves(zone: Zone, p: Point, q: Point) -> bool:

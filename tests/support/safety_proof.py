@@ -31,6 +31,8 @@ Assumptions:
 - The geometry raises no error: the deceleration is positive. The bounds of the cage are finite, for
   one clause: otherwise a goal at infinity could be refused without a reason. A boot has a name.
 - The tracking monitor may report anything. Python, msgspec and the solver are right.
+
+Over 500 lines: the clauses, the events and the calls are one argument, to be read as a whole.
 """
 
 from collections.abc import Callable, Iterator
@@ -186,7 +188,8 @@ def abstracted() -> Iterator[None]:
             patch.setattr(owner, "motion", lambda s: box_around(s.origin, s.goal))
         patch.setattr(way, "around", box_around)
         patch.setattr(
-            way, "latest_stop",
+            way,
+            "latest_stop",
             lambda w, _: somewhere("stop", *astuple(w.pose.position), *astuple(w.pose.velocity)),
         )
         for owner in (automaton, monitor):
@@ -274,6 +277,7 @@ def invariant(s: Situation, cage: CageSize, fresh: z3.BoolRef) -> Clauses:
 def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
     """Return the clauses that hold for an event."""
     check = isinstance(e, Check) and s.state is VERIFYING
+    straight = isinstance(e, Check) and not e.corners
     candidate, fresh = s.candidate.goal, term(w.fresh)
     continues = z3.And(z3.Not(term(s.brake)), same(after.goal, s.goal))
     accepts = z3.And(check, same(after.end, candidate), fresh)
@@ -317,7 +321,7 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
         ),
         "a place inside is accepted, but for zones": z3.Implies(
             z3.And(
-                check and not e.corners, z3.Not(ZONED), place(candidate),
+                check and straight, z3.Not(ZONED), place(candidate),
                 z3.Or(z3.Not(term(s.cage_on)), inside(candidate, w.cage)),
             ),
             z3.And(after.state is MOVING, same(after.goal, candidate)),

@@ -16,7 +16,7 @@ from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.zones import Region
 from tests.support.worlds import POSE
 
-PERIOD_MS = 1000 // SETPOINT.hz
+PERIOD_MS = round(1000 / SETPOINT.hz)
 SIZE = 6.0
 
 
@@ -24,7 +24,9 @@ class ZoneFlight:
     """Vehicle at (0, 0, 1) whose depth in zones is measured at each 10 ms."""
 
     def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
-        self.params = SafetyParams(virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=zones, takeoff=0.0)
+        self.params = SafetyParams(
+            virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=zones, takeoff=0.0
+        )
         self.monitor = Monitor(self.params, lambda *_: None, restarted=False, grace=1.0)
         dynamics = DynamicsParams()
         place = start or Position(0.0, 0.0, 1.0)
@@ -103,10 +105,16 @@ def random_zone(draws: random.Random, number: int) -> ZoneParams:
         else:
             angles = sorted(draws.uniform(0, 2 * math.pi) for _ in range(draws.randint(3, 12)))
             reach = [draws.uniform(0.2, 2.0) for _ in angles]
-            corners = [(x + r * math.cos(a), y + r * math.sin(a)) for a, r in zip(angles, reach, strict=True)]
+            corners = [
+                (x + r * math.cos(a), y + r * math.sin(a))
+                for a, r in zip(angles, reach, strict=True)
+            ]
         try:
             return ZoneParams(
-                name, polygon=tuple((float(a), float(b)) for a, b in corners), floor=floor, ceiling=ceiling
+                name,
+                polygon=tuple((float(a), float(b)) for a, b in corners),
+                floor=floor,
+                ceiling=ceiling,
             )
         except ValueError:
             continue  # its edges cross
@@ -119,7 +127,9 @@ def random_flight(seed: int) -> ZoneFlight:
     region = Region(zones)
 
     def somewhere() -> Position:
-        return Position(draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE), draws.uniform(0.2, 4))
+        return Position(
+            draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE), draws.uniform(0.2, 4)
+        )
 
     start = next(p for p in iter(somewhere, None) if not region.why_inside(p))
     flight = ZoneFlight(*zones, start=start)

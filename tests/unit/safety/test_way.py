@@ -43,7 +43,9 @@ def test_a_zone_in_the_way_is_flown_around_as_one_request(zone: ZoneParams):
 
 
 def test_a_low_zone_is_flown_over_where_that_is_shorter():
-    flight = ZoneFlight(ZoneParams("wall", polygon=((1, -5), (1.5, -5), (1.5, 5), (1, 5)), ceiling=1.1))
+    flight = ZoneFlight(
+        ZoneParams("wall", polygon=((1, -5), (1.5, -5), (1.5, 5), (1, 5)), ceiling=1.1)
+    )
     assert flight.goto(BEHIND) == ""
     assert all(1.1 < point.z < 1.2 for point in legs_of(flight)[:-1])
     assert flight.land().deepest == 0.0
@@ -149,10 +151,12 @@ def test_a_pause_keeps_the_legs():
 def test_the_nearest_wall_is_published_with_a_warning():
     flight = ZoneFlight(TOWER, start=Position(0.75, 0.0, 1.0))
     wall = flight.monitor.state().nearest
-    assert wall and (wall.name, wall.near) == ("tower", True)
+    assert wall
+    assert (wall.name, wall.near) == ("tower", True)
     assert wall.distance == pytest.approx(0.25, abs=1e-3)
     far = ZoneFlight(TOWER).monitor.state().nearest
-    assert far and (far.name, far.near) == ("tower", False)
+    assert far
+    assert (far.name, far.near) == ("tower", False)
 
 
 def test_random_flights_never_enter_a_zone():

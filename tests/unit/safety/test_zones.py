@@ -65,12 +65,16 @@ def test_ways_places_and_boxes_agree_with_shapely(
         within = sum(float(end - start) for start, end in spans(zone, a, b)) * line.length
         assert within == pytest.approx(line.intersection(polygon).length, abs=1e-6)
         assert crosses(zone, b, a) is crossed
-    low, high = tuple(map(min, a, b)), tuple(map(max, a, b))
-    if low[0] < high[0] and low[1] < high[1]:
-        box = shapely.box(*low[:2], *high[:2])
+    (x0, x1), (y0, y1) = sorted((p[0], q[0])), sorted((p[1], q[1]))
+    low, high = (x0, y0, 1.0), (x1, y1, 1.0)
+    if x0 < x1 and y0 < y1:
+        box = shapely.box(x0, y0, x1, y1)
         area = box.intersection(polygon).area
         assert overlaps(zone, (low, high)) is (area > 0) or area < 1e-9
-        assert encloses(zone, (low, high)) is polygon.covers(box) or polygon.exterior.distance(box) < 1e-9
+        assert (
+            encloses(zone, (low, high)) is polygon.covers(box)
+            or polygon.exterior.distance(box) < 1e-9
+        )
 
 
 @pytest.mark.parametrize(
@@ -116,7 +120,8 @@ def test_a_way_past_a_cylinder_is_decided_exactly(p, q, crossed: bool):
 def test_a_way_in_a_cylinder_is_measured_from_the_inside():
     ((start, end),) = spans(DISC, (-2.0, 0.5, 1.0), (2.0, 0.5, 1.0))
     half = Fraction(3, 4)  # of the squared radius
-    assert (4 * start - 2) ** 2 < half and (4 * end - 2) ** 2 < half
+    assert (4 * start - 2) ** 2 < half
+    assert (4 * end - 2) ** 2 < half
     assert float(end - start) == pytest.approx(math.sqrt(3) / 4)
 
 
@@ -125,7 +130,6 @@ def test_a_thin_zone_is_as_deep_as_its_middle_for_a_way_through_it():
     assert depth(wall, (0.0, 0.0, 1.0), (3.0, 0.0, 1.0)) == pytest.approx(0.1)
     assert depth(wall, (0.0, 0.0, 1.0), (1.05, 0.0, 1.0)) == pytest.approx(0.05)
     assert depth(wall, (0.0, 0.0, 1.0), (1.0, 0.0, 1.0)) == 0.0
-
 
 
 TOWER = ZoneParams("tower", polygon=SQUARE)
@@ -138,28 +142,46 @@ def test_the_reason_names_the_zone():
     assert found.why_inside(Position(2, 2, 1)) == "inside the zone tower"
     assert found.why_inside(Position(2, -2, 1)) == "outside the zones west, east"
     assert found.why_inside(Position(1, 1, 1)) == found.why_inside(Position(0, 0, 1)) == ""
-    assert found.why_crosses(Position(0.5, 2, 1), Position(3.5, 2, 1)) == "the way crosses the zone tower"
+    assert (
+        found.why_crosses(Position(0.5, 2, 1), Position(3.5, 2, 1))
+        == "the way crosses the zone tower"
+    )
     # The two halves share a boundary, and a way over it never leaves them.
     assert found.why_crosses(Position(-1, 0.5, 1), Position(3.5, 0.5, 1)) == ""
-    assert found.why_crosses(Position(-1, -1, 1), Position(3.5, 0.5, 1)) == "the way leaves the zones west, east"
+    assert (
+        found.why_crosses(Position(-1, -1, 1), Position(3.5, 0.5, 1))
+        == "the way leaves the zones west, east"
+    )
 
 
 def test_a_way_may_leave_a_zone_but_not_come_back():
     assert not Region([TOWER]).why_crosses(Position(2, 2, 1), Position(5, 2, 1))
-    hook = ZoneParams("hook", polygon=((0, 0), (5, 0), (5, 1), (4, 1), (4, 0.5), (1, 0.5), (1, 1), (0, 1)))
+    hook = ZoneParams(
+        "hook", polygon=((0, 0), (5, 0), (5, 1), (4, 1), (4, 0.5), (1, 0.5), (1, 1), (0, 1))
+    )
     assert Region([hook]).why_crosses(Position(0.5, 0.8, 1), Position(4.5, 0.8, 1)) != ""
     assert not Region([hook]).why_crosses(Position(0.5, 0.8, 1), Position(2, 0.8, 1))
     assert Region([WEST]).why_crosses(Position(1, 0, 1), Position(-1, 0, 1)) == ""
-    assert Region([WEST]).why_crosses(Position(-1, 0, 1), Position(1, 0, 1)) == "the way leaves the zone west"
+    assert (
+        Region([WEST]).why_crosses(Position(-1, 0, 1), Position(1, 0, 1))
+        == "the way leaves the zone west"
+    )
 
 
 def test_a_box_needs_one_inclusion_zone_that_has_all_of_it():
     found = Region([TOWER, WEST, EAST])
     assert found.why_overlaps(((-3.0, -3.0, 0.0), (0.0, 3.0, 2.0))) == ""
-    assert found.why_overlaps(((-1.0, 0.0, 0.0), (1.0, 1.0, 2.0))) == "the way leaves the zones west, east"
-    assert found.why_overlaps(((0.5, 0.5, 0.0), (2.0, 2.0, 2.0))) == "the way crosses the zone tower"
+    assert (
+        found.why_overlaps(((-1.0, 0.0, 0.0), (1.0, 1.0, 2.0)))
+        == "the way leaves the zones west, east"
+    )
+    assert (
+        found.why_overlaps(((0.5, 0.5, 0.0), (2.0, 2.0, 2.0))) == "the way crosses the zone tower"
+    )
     assert found.why_overlaps(((1.0, 0.5, 0.0), (1.0, 3.5, 2.0))) == ""  # flat, along its side
-    assert found.why_overlaps(((2.0, 0.5, 0.0), (2.0, 3.5, 2.0))) == "the way crosses the zone tower"
+    assert (
+        found.why_overlaps(((2.0, 0.5, 0.0), (2.0, 3.5, 2.0))) == "the way crosses the zone tower"
+    )
 
 
 def test_the_nearest_wall_is_that_of_a_zone_or_of_what_holds_the_vehicle():

@@ -59,7 +59,9 @@ def test_two_zones_of_one_name_and_too_many_zones_are_refused():
 
 
 @given(st.lists(GRID, min_size=3, max_size=7, unique=True))
-def test_a_polygon_is_simple_exactly_where_shapely_finds_it_valid(corners: list[tuple[float, float]]):
+def test_a_polygon_is_simple_exactly_where_shapely_finds_it_valid(
+    corners: list[tuple[float, float]],
+):
     assert (not why_not_simple(corners)) is Polygon(corners).is_valid
 
 

@@ -6,6 +6,7 @@ from msgspec import Struct, structs
 
 from quadctl.schemas.units import (
     Boot,
+    Clearance,
     Count,
     Hectopascals,
     Metres,
@@ -119,12 +120,12 @@ class CageSize(Struct, frozen=True):
 class NearestWall(Struct, frozen=True):
     """Wall nearest to the vehicle: `cage` or a zone's name, and its distance (m), negative beyond it.
 
-    `near` is true within the parameter `safety.warn_within`.
+    `near` is true within the parameter `safety.warn_within`. Without a name there is none.
     """
 
-    name: Text
-    distance: float
-    near: bool
+    name: Text = ""
+    distance: Clearance = 0.0
+    near: bool = False
 
 
 class Zones(Struct, frozen=True):
@@ -143,7 +144,7 @@ class SafetyState(Struct, frozen=True):
     `request` counts the requested waypoints, so that two equal refusals differ. `goal` is the point
     that the vehicle flies to or holds, m. `reason` explains why the last request was refused, or
     why the flight stopped, paused or went on, and is empty otherwise. `stamp` is simulated time, s.
-    On a way around zones the vehicle flies `leg` of `legs`, else both are 0. `nearest` is None
+    On a way around zones the vehicle flies `leg` of `legs`, else both are 0. `nearest` has no name
     while the cage is off.
     """
 
@@ -157,7 +158,7 @@ class SafetyState(Struct, frozen=True):
     reason: Text
     leg: Count = 0
     legs: Count = 0
-    nearest: NearestWall | None = None
+    nearest: NearestWall = NearestWall()
 
 
 def without_wording(state: SafetyState) -> tuple[Any, ...]:

@@ -135,9 +135,9 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
         float, described("distance to a wall that the state warns of", "m", ge=0, le=10_000)
     ] = 0.5
     zones: Annotated[
-        tuple[ZoneParams, ...],
+        list[ZoneParams],
         described("zones that the vehicle must not enter or must not leave, with the cage on"),
-    ] = ()
+    ] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Raise ValueError for too many zones or two of one name."""

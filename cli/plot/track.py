@@ -108,8 +108,8 @@ class Track:
                 self.zones |= dict.fromkeys(message.zones)
             case Called() if message.service == GOTO.name:
                 self._add_call(message)
-        kept = (self.phases, self.accepted, self.refused, self.zones)
-        if sum(map(len, kept)) > _MOST_EVENTS:
+        events = len(self.phases) + len(self.accepted) + len(self.refused)
+        if events + len(self.zones) > _MOST_EVENTS:
             raise _too_many(f"states, goals and zones (at most {_MOST_EVENTS})")
 
     def _add_pose(self, pose: Pose) -> None:

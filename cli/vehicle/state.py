@@ -8,7 +8,7 @@ import msgspec
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
-from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.messages import NearestWall, Pose, SafetyState
 from quadctl.schemas.topics import POSE, STATE
 from quadctl.schemas.zones import CAGE_NAME
 from quadctl.services.runtime.bus.client import Client
@@ -56,7 +56,7 @@ def _changes(client: Client) -> Iterator[SafetyState]:
         for state in waiting:
             # Between two changes the distance to a wall is no news, only which one is near.
             wall = state.nearest
-            near = msgspec.structs.replace(wall, distance=0.0) if wall and wall.near else None
+            near = NearestWall(wall.name, near=True) if wall.near else NearestWall()
             content = msgspec.structs.replace(state, stamp=0.0, nearest=near)
             if content != shown:
                 shown = content
@@ -84,7 +84,7 @@ def _line(now: SafetyState) -> str:
     cage = "on" if now.cage_on else "off"
     leg = f"leg {now.leg} of {now.legs}  " if now.legs else ""
     wall = now.nearest
-    near = f"near {_wall(wall.name)}: {wall.distance:.2f} m  " if wall and wall.near else ""
+    near = f"near {_wall(wall.name)}: {wall.distance:.2f} m  " if wall.near else ""
     text = f"{now.stamp:.2f} s  {now.state}  {leg}goal {goal}  cage {cage}  {near}{now.reason}"
     return text.rstrip()
 

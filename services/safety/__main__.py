@@ -79,7 +79,7 @@ class Safety:
         node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
         self._judge_wind()
         self._zones.put(self.monitor.zones)
-        self._near: NearestWall | None = None
+        self._near = NearestWall()
         self.publish()
 
     def _on_params(self) -> None:
@@ -115,7 +115,7 @@ class Safety:
     def _warn(self) -> None:
         """Publish the state when the vehicle comes near a wall or leaves it: no other event does."""
         near, before = self.monitor.nearest(), self._near
-        if (near and near.near and near.name) != (before and before.near and before.name):
+        if (near.near and near.name) != (before.near and before.name):
             self.publish()
 
     def watch(self, *, held_up: bool) -> None:

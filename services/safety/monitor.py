@@ -244,19 +244,19 @@ class Monitor:
             s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.end, s.cage_on, cage, s.reason
         )  # fmt: skip
         wall = self.nearest()
-        return replace(state, leg=s.leg, legs=s.legs, nearest=wall) if s.legs or wall else state
+        return replace(state, leg=s.leg, legs=s.legs, nearest=wall)
 
-    def nearest(self) -> NearestWall | None:
-        """Return the nearest wall in force; None with the cage off, or before the first pose."""
+    def nearest(self) -> NearestWall:
+        """Return the nearest wall in force; no name with the cage off, or before the first pose."""
         if not (self.situation.cage_on and self.situation.boot):
-            return None
+            return NearestWall()
         name, distance = nearest(self._world())
         return NearestWall(name, distance, distance <= self._params.warn_within)
 
     @property
     def zones(self) -> Zones:
         """Return the zones in force while the cage is on."""
-        return Zones(self._params.zones)
+        return Zones(tuple(self._params.zones))
 
     def _boot(self) -> None:
         first = not self.situation.boot

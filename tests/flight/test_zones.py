@@ -60,7 +60,8 @@ def test_zones_are_added_and_removed_live_all_or_none(zoned: Lab, session: Bare)
     assert [zone["name"] for zone in shown] == ["tower", "pond"]
     # Kept by `param save`, and read again from its file.
     kept = zoned.folder / "kept.toml"
-    assert zoned.quadctl("param", "save", str(kept)).code == 0
+    for words in (("init", kept), ("param", "save", kept)):
+        assert zoned.quadctl(*words).code == 0
     assert zoned.quadctl("zone", "remove", "tower", "nobody").code == 6
     assert zoned.quadctl("zone", "remove", "tower", "pond").code == 0
     assert zoned.quadctl("zone", "list", "--json").json == []

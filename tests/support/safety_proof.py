@@ -155,7 +155,7 @@ class AnyBox:
 OPAQUE[Region] = lambda: iter((AnyRegion(),))
 OPAQUE[Box | None] = lambda: iter((AnyBox(),))
 # The zones themselves are read by Region alone.
-OPAQUE[tuple[ZoneParams, ...]] = lambda: iter(((),))
+OPAQUE[list[ZoneParams]] = lambda: iter(([],))
 
 
 def somewhere(name: str, *numbers: object) -> Position:

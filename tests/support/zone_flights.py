@@ -25,7 +25,7 @@ class ZoneFlight:
 
     def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
         self.params = SafetyParams(
-            virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=zones, takeoff=0.0
+            virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=list(zones), takeoff=0.0
         )
         self.monitor = Monitor(self.params, lambda *_: None, restarted=False, grace=1.0)
         dynamics = DynamicsParams()
@@ -37,7 +37,7 @@ class ZoneFlight:
         self.fly(0.2)
 
     def set_zones(self, *zones: ZoneParams) -> None:
-        self.params.zones, self._region = zones, Region(zones)
+        self.params.zones, self._region = list(zones), Region(zones)
         self.monitor.resize()
 
     def goto(self, goal: Position, *, replace: bool = False, direct: bool = False) -> str:

@@ -10,7 +10,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.parameters import RunningParams
 from quadctl.schemas.topics import ZONES
-from quadctl.schemas.zones import ZoneParams
+from quadctl.schemas.zones import FARTHEST, ZoneParams
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.load import read
 
@@ -93,8 +93,8 @@ def _report(options: Options, done: str, names: list[str]) -> None:
 
 
 def _row(zone: ZoneParams) -> tuple[str, ...]:
-    shape = f"{len(zone.polygon or ())} corners"
-    if circle := zone.circle:
-        shape = f"circle ({circle.x:g}, {circle.y:g}) radius {circle.radius:g}"
-    floor, ceiling = ("-" if z is None else f"{z:g}" for z in (zone.floor, zone.ceiling))
+    circle = zone.circle
+    round_ = f"circle ({circle.x:g}, {circle.y:g}) radius {circle.radius:g}"
+    shape = f"{len(zone.polygon)} corners" if zone.polygon else round_
+    floor, ceiling = ("-" if abs(z) == FARTHEST else f"{z:g}" for z in (zone.floor, zone.ceiling))
     return zone.name, zone.kind, shape, floor, ceiling

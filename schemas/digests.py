@@ -8,7 +8,7 @@ DIGESTS = {
     "quadctl.schemas.messages.Info": "bce24dd0",
     "quadctl.schemas.messages.Pose": "04033aed",
     "quadctl.schemas.messages.Pressure": "331c5bf8",
-    "quadctl.schemas.messages.SafetyState": "5890c18c",
+    "quadctl.schemas.messages.SafetyState": "79572674",
     "quadctl.schemas.messages.Setpoint": "2667ef4f",
     "quadctl.schemas.messages.Waypoint": "74e295e2",
     "quadctl.schemas.messages.Zones": "55c4e57b",

@@ -18,6 +18,8 @@ Corner = tuple[Metres, Metres]
 Edge = tuple[float, float, float, float]
 """Both ends of a straight line: x, y, x, y, m."""
 
+FARTHEST = 10_000.0
+"""Height (m) beyond which nothing is: a bound there is none."""
 CAGE_NAME = "cage"
 """Name of the box among the walls, so no zone may have it."""
 MOST_CORNERS, MOST_ZONES = 64, 50
@@ -29,11 +31,11 @@ _ROUNDING = 1e-15
 
 
 class CircleParams(Struct, forbid_unknown_fields=True, frozen=True):
-    """Circle, m, ENU."""
+    """Circle, m, ENU; one without a radius is none."""
 
-    x: Metres
-    y: Metres
-    radius: Annotated[float, Meta(gt=0, le=10_000)]
+    x: Metres = 0.0
+    y: Metres = 0.0
+    radius: Annotated[float, Meta(ge=0, le=10_000)] = 0.0
 
 
 class ZoneParams(Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
@@ -45,14 +47,13 @@ class ZoneParams(Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=
         described("exclusion: the vehicle stays out; inclusion: it stays in one of these"),
     ] = "exclusion"
     polygon: Annotated[
-        tuple[Corner, ...] | None,
-        described("corners, 3 to 64, either way round, not crossing", "m"),
-    ] = None
-    circle: Annotated[
-        CircleParams | None, described("centre and radius, without a polygon", "m")
-    ] = None
-    floor: Annotated[Metres | None, described("lower bound; none by default", "m")] = None
-    ceiling: Annotated[Metres | None, described("upper bound; none by default", "m")] = None
+        tuple[Corner, ...], described("corners, 3 to 64, either way round, not crossing", "m")
+    ] = ()
+    circle: Annotated[CircleParams, described("centre and radius, without a polygon", "m")] = (
+        CircleParams()
+    )
+    floor: Annotated[Metres, described("lower bound; none by default", "m")] = -FARTHEST
+    ceiling: Annotated[Metres, described("upper bound; none by default", "m")] = FARTHEST
 
     def __post_init__(self) -> None:
         """Raise ValueError for a zone without a clear inside."""
@@ -67,11 +68,11 @@ class ZoneParams(Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=
             raise ValueError(f"zone {self.name}: {why}")
 
     def _why_unclear(self) -> str:
-        if (self.polygon is None) == (self.circle is None):
+        if bool(self.polygon) == bool(self.circle.radius):
             return "it needs either a polygon or a circle"
-        if self.floor is not None and self.ceiling is not None and self.floor >= self.ceiling:
+        if self.floor >= self.ceiling:
             return f"floor {self.floor:g} is not below ceiling {self.ceiling:g}"
-        return "" if self.polygon is None else why_not_simple(self.polygon)
+        return why_not_simple(self.polygon) if self.polygon else ""
 
 
 def check_zones(zones: Sequence[ZoneParams]) -> None:

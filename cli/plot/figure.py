@@ -205,21 +205,17 @@ def _column(axes: Any, zone: ZoneParams, name: str, heights: tuple[float, float]
     from matplotlib.patches import Circle, Polygon, Rectangle
 
     shape: Any
+    circle = zone.circle
     if name == "z":
-        low, high = (
-            bound if z is None else z
-            for z, bound in zip((zone.floor, zone.ceiling), heights, strict=True)
-        )
-        if circle := zone.circle:
-            left, right = circle.x - circle.radius, circle.x + circle.radius
-        else:
-            across = [x for x, _ in zone.polygon or ()]
-            left, right = min(across), max(across)
+        low, high = max(zone.floor, heights[0]), min(zone.ceiling, heights[1])
+        across = [x for x, _ in zone.polygon]
+        left = min(across, default=circle.x - circle.radius)
+        right = max(across, default=circle.x + circle.radius)
         shape = Rectangle((left, low), right - left, high - low)
-    elif circle := zone.circle:
-        shape = Circle((circle.x, circle.y), circle.radius)
+    elif zone.polygon:
+        shape = Polygon(zone.polygon, closed=True)
     else:
-        shape = Polygon(zone.polygon or (), closed=True)
+        shape = Circle((circle.x, circle.y), circle.radius)
     colour = REFUSED if zone.kind == "exclusion" else TAKEN
     shape.set(
         fill=False, edgecolor=colour, hatch="//" if zone.kind == "exclusion" else "", alpha=0.5

@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import astuple
 
 from quadctl.schemas.messages import Position
-from quadctl.schemas.zones import Edge, ZoneParams, edges_of, turn
+from quadctl.schemas.zones import FARTHEST, Edge, ZoneParams, edges_of, turn
 
 Point = tuple[float, float, float]
 Box = tuple[Point, Point]
@@ -47,12 +47,13 @@ class Zone(Struct, frozen=True):
 
 def zone_of(params: ZoneParams) -> Zone:
     """Return the geometry of a zone's parameters."""
-    low = -inf if params.floor is None else params.floor
-    high = inf if params.ceiling is None else params.ceiling
-    if circle := params.circle:
+    low = -inf if params.floor == -FARTHEST else float(params.floor)
+    high = inf if params.ceiling == FARTHEST else float(params.ceiling)
+    if not params.polygon:
+        circle = params.circle
         x, y, r = float(circle.x), float(circle.y), float(circle.radius)
         return Zone(params.name, (), x, y, r, low, high, x - r, y - r, x + r, y + r)
-    corners = [(float(x), float(y)) for x, y in params.polygon or ()]
+    corners = [(float(x), float(y)) for x, y in params.polygon]
     xs, ys = zip(*corners, strict=True)
     box = min(xs), min(ys), max(xs), max(ys)
     return Zone(params.name, edges_of(corners), 0.0, 0.0, 0.0, low, high, *box)

@@ -90,8 +90,8 @@ class ZoneFlight:
 
 def random_zone(draws: random.Random, number: int) -> ZoneParams:
     """Return a concave, convex, thin or round zone; some are nested in others, some touch."""
-    floor = draws.choice((None, 0.0, 0.5, 1.0, 1.5))
-    ceiling = draws.choice((None, 2.0, 2.5, 3.0))
+    floor = draws.choice((-10_000.0, 0.0, 0.5, 1.0, 1.5))
+    ceiling = draws.choice((10_000.0, 2.0, 2.5, 3.0))
     while True:
         x, y = (draws.choice((round(v), v)) for v in (draws.uniform(-5, 5), draws.uniform(-5, 5)))
         kind = draws.random()

@@ -20,7 +20,7 @@ def zones(*tables: dict[str, object]) -> SafetyParams:
 def test_a_zone_is_read_with_its_defaults():
     (zone,) = zones({"name": "tower", "polygon": SQUARE}).zones
     assert zone == ZoneParams("tower", polygon=((1, 1), (2, 1), (2, 2), (1, 2)))
-    assert (zone.kind, zone.floor, zone.ceiling) == ("exclusion", None, None)
+    assert (zone.kind, zone.floor, zone.ceiling) == ("exclusion", -10_000, 10_000)
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_a_zone_is_read_with_its_defaults():
         ({"polygon": [SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]]}, "cross or touch"),
         ({"polygon": [[0, 0], [2, 0], [1, 0], [1, 1]]}, "the edges at corner 2 lie on each other"),
         ({"polygon": SQUARE, "floor": 1.0, "ceiling": 1.0}, "floor 1 is not below ceiling 1"),
-        ({"circle": {"x": 0, "y": 0, "radius": 0}}, "radius"),
+        ({"circle": {"x": 0, "y": 0, "radius": -1}}, "radius"),
         ({"polygon": [[0, 0], [1, float("nan")], [1, 1]]}, "polygon"),
         ({"polygon": SQUARE, "hight": 3}, "unknown field `hight`"),
         ({"polygon": SQUARE, "kind": "stay-out"}, "stay-out"),

@@ -199,15 +199,11 @@ class Node:
         return self.in_force()
 
     def ready(self) -> None:
-        """Declare the endpoints, and last the node: a client that sees it may call it at once.
-
-        Of several vehicles all nodes come before the subscriptions: no client waits for those.
-        """
+        """Declare the endpoints, and last the node: a client that sees it may call it at once."""
         if self._ready:
             return
-        self._announce()
         self._ready = True
-        self.executor.defer(self._announce)
+        self._announce()
         key = keyexpr.node_key(self.vehicle, self.name)
         self._declared.append(self._session.liveliness().declare_token(key))
 
@@ -279,9 +275,7 @@ class Node:
 
     def _announce(self) -> None:
         # An unchanged token stays: an endpoint must not disappear, even for a moment.
-        offers = [offer() for offer in self._offers]
-        if self._ready:
-            offers += self._subscribed.values()
+        offers = [*(offer() for offer in self._offers), *self._subscribed.values()]
         keys = {*map(keyexpr.endpoint_key, offers)}
         for key in self._tokens.keys() - keys:
             self._tokens.pop(key).undeclare()

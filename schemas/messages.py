@@ -6,6 +6,7 @@ from msgspec import Struct, structs
 
 from quadctl.schemas.units import (
     Boot,
+    Clearance,
     Count,
     Hectopascals,
     Metres,
@@ -16,6 +17,7 @@ from quadctl.schemas.units import (
     Text,
     Unit,
 )
+from quadctl.schemas.zones import ZoneParams
 
 
 class Position(Struct, frozen=True, forbid_unknown_fields=True):
@@ -115,6 +117,23 @@ class CageSize(Struct, frozen=True):
     z: Metres
 
 
+class NearestWall(Struct, frozen=True):
+    """Wall nearest to the vehicle: `cage` or a zone's name, and its distance (m), negative beyond it.
+
+    `near` is true within the parameter `safety.warn_within`. Without a name there is none.
+    """
+
+    name: Text = ""
+    distance: Clearance = 0.0
+    near: bool = False
+
+
+class Zones(Struct, frozen=True):
+    """Zones in force while the cage is on, as the parameters declare them."""
+
+    zones: tuple[ZoneParams, ...]
+
+
 PAUSED = "paused: "
 """Prefix of `reason` while a paused flight hovers, which resumes when poses come again."""
 
@@ -125,6 +144,8 @@ class SafetyState(Struct, frozen=True):
     `request` counts the requested waypoints, so that two equal refusals differ. `goal` is the point
     that the vehicle flies to or holds, m. `reason` explains why the last request was refused, or
     why the flight stopped, paused or went on, and is empty otherwise. `stamp` is simulated time, s.
+    On a way around zones the vehicle flies `leg` of `legs`, else both are 0. `nearest` has no name
+    while the cage is off.
     """
 
     boot: Boot
@@ -135,15 +156,21 @@ class SafetyState(Struct, frozen=True):
     cage_on: bool
     cage: CageSize
     reason: Text
+    leg: Count = 0
+    legs: Count = 0
+    nearest: NearestWall = NearestWall()
 
 
 def without_wording(state: SafetyState) -> tuple[Any, ...]:
     """Return the fields that a flight's hash covers; of the reason only (given, a pause).
 
-    The wording of a reason may change from one version to the next, a verdict may not.
+    The wording of a reason may change from one version to the next, a verdict may not. Legs count
+    where there are any; the nearest wall follows from the pose.
     """
     reason = (state.reason != "", state.reason.startswith(PAUSED))
-    return tuple((structs.asdict(state) | {"reason": reason}).values())
+    fields = structs.asdict(state) | {"reason": reason}
+    leg, legs, _ = (fields.pop(name) for name in ("leg", "legs", "nearest"))
+    return (*fields.values(), *((leg, legs) if legs else ()))
 
 
 class Info(Struct, frozen=True):

@@ -12,6 +12,7 @@ from quadctl.schemas.barometer import PressureParams
 from quadctl.schemas.protocols import LOCAL, PORTS, SECURE
 from quadctl.schemas.units import Metres, described
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.schemas.zones import ZoneParams, check_zones
 
 
 class FlightFaultParams(Struct, forbid_unknown_fields=True):
@@ -130,6 +131,17 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
         float,
         described("tolerance of max_speed and max_deceleration; more in wind", "m", ge=0, le=10),
     ] = 0.01
+    warn_within: Annotated[
+        float, described("distance to a wall that the state warns of", "m", ge=0, le=10_000)
+    ] = 0.5
+    zones: Annotated[
+        list[ZoneParams],
+        described("zones that the vehicle must not enter or must not leave, with the cage on"),
+    ] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for too many zones or two of one name."""
+        check_zones(self.zones)
 
 
 class StartParams(Struct, forbid_unknown_fields=True):

@@ -56,12 +56,16 @@ class ToggleCageResponse(Struct, frozen=True):
 
 
 class GotoRequest(Struct, frozen=True, forbid_unknown_fields=True):
-    """Fly to a point, m, ENU; with `replace` also while another goal is being flown."""
+    """Fly to a point, m, ENU; with `replace` also while another goal is being flown.
+
+    With `direct` the way is the straight one, never one around zones.
+    """
 
     x: Metres
     y: Metres
     z: Metres
     replace: bool = False
+    direct: bool = False
 
 
 class GotoResponse(Struct, frozen=True):

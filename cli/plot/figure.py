@@ -8,6 +8,7 @@ from typing import Any
 
 from quadctl.cli.plot.track import Phase, RecordedFlight, Spot, Track
 from quadctl.schemas.messages import CageSize
+from quadctl.schemas.zones import ZoneParams
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 
 CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
@@ -148,6 +149,8 @@ def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
     for axes, up, name in ((above, 2, "y"), (side, 3, "z")):
         for cage in cages:
             _outline(axes, cage, name)
+        for zone in dict.fromkeys(zone for track in tracks.values() for zone in track.zones):
+            _column(axes, zone, name, spans[2])
         for vehicle, shade in of_vehicles(tracks).items():
             label = "path" if len(tracks) == 1 else vehicle
             for leg in tracks[vehicle].legs:
@@ -195,6 +198,30 @@ def _spots(axes: Any, spots: list[Spot], up: int, marker: str, colour: str, labe
     if spots:
         x, ups = [spot[1] for spot in spots], [spot[up] for spot in spots]
         axes.scatter(x, ups, s=60, c=colour, marker=marker, label=label, zorder=3)
+
+
+def _column(axes: Any, zone: ZoneParams, name: str, heights: tuple[float, float]) -> None:
+    """Draw a zone from above, or as its bounds between heights (m) from the side."""
+    from matplotlib.patches import Circle, Polygon, Rectangle
+
+    shape: Any
+    circle = zone.circle
+    if name == "z":
+        low, high = max(zone.floor, heights[0]), min(zone.ceiling, heights[1])
+        across = [x for x, _ in zone.polygon]
+        left = min(across, default=circle.x - circle.radius)
+        right = max(across, default=circle.x + circle.radius)
+        shape = Rectangle((left, low), right - left, high - low)
+    elif zone.polygon:
+        shape = Polygon(zone.polygon, closed=True)
+    else:
+        shape = Circle((circle.x, circle.y), circle.radius)
+    colour = REFUSED if zone.kind == "exclusion" else TAKEN
+    shape.set(
+        fill=False, edgecolor=colour, hatch="//" if zone.kind == "exclusion" else "", alpha=0.5
+    )
+    shape.set(label=f"{zone.kind} zone")
+    axes.add_patch(shape)
 
 
 def _outline(axes: Any, cage: CageSize, name: str) -> None:

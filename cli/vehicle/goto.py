@@ -18,6 +18,7 @@ def goto(
     z: Annotated[float, Arg("Up, m.")],
     no_wait: Annotated[bool, Option("Return with safety's verdict.")] = False,
     replace: Annotated[bool, Option("Change course while flying to another goal.")] = False,
+    direct: Annotated[bool, Option("Refuse rather than fly around zones.")] = False,
     settle: Annotated[bool, Option("Wait until the vehicle rests at its goal.")] = False,
     arrive: Annotated[
         float | None, Option("Seconds to arrive in (default: twice the planned time and 5).")
@@ -25,12 +26,14 @@ def goto(
 ) -> None:
     """Fly to a point, if safety permits, and wait for the arrival.
 
+    Where zones bar the straight way, the vehicle flies around them.
+
     Example: quadctl goto 1 -2 1.5
     """
     check_arrive(arrive)
     if settle and no_wait:
         raise UsageError("--settle goes not with --no-wait", "leave one of them out")
-    request = goal_of(x, y, z, replace=replace)
+    request = goal_of(x, y, z, replace=replace, direct=direct)
     as_json = options.json
     with context.connect(options) as client:
         flight = Flight(client, request)

@@ -50,6 +50,7 @@ from quadctl.services.safety import automaton, cage
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Seen, State
 from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.zones import Region
 
 REACTION = 0.3
 """Time (s) without a pose after which a flight must have been stopped."""
@@ -59,6 +60,8 @@ REST = 1.0
 """Time (s) after which a vehicle at rest must be at the goal that safety publishes."""
 NEAR = 0.3
 """Distance (m) from that goal that still counts as there."""
+DEPTH = 0.01
+"""Distance (m) that a sound vehicle in still air may come into a zone."""
 PERIOD = 1 / SETPOINT.hz
 ROUNDING = 1e-9
 _STOPS = (automaton.stop, automaton.stop_pose_jump)
@@ -87,6 +90,7 @@ class SimulatedFlight:
             self.params, self._on_state, restarted=False, grace=mission.dynamics.grace,
             on_rule=self._on_rule,
         )  # fmt: skip
+        self._region = Region(self.params.zones)
         self.served: dict[str, LiveParams] = {}
         """Live parameters by the name of their node, if any change in flight."""
         if any(isinstance(row, Param) for row in mission.rows):
@@ -136,6 +140,8 @@ class SimulatedFlight:
     @property
     def wanted(self) -> float:
         """Return the period in which the monitor must run whatever the vehicle does."""
+        if self.params.zones:
+            return 0  # the loop over all vehicles does not know zones
         if not self.sound:
             until = max(self._blind_until, self._stalled_until, self.mute_until, self.astray_until)
             # One more period, in which setpoints arrive again.
@@ -168,6 +174,14 @@ class SimulatedFlight:
                 self._error = None
                 motion = [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]]
         self._show(self._pose(period, motion))
+        if self._region and self._healthy:
+            self._expect_outside_zones()
+
+    def _expect_outside_zones(self) -> None:
+        s, place = self.monitor.situation, self.monitor.pose.position
+        # A zone that came upon the vehicle may keep it for a while.
+        if s.cage_on and s.beyond == 0 and (deep := self._region.excess(place, place)) > DEPTH:
+            self.diary.violated(f"the vehicle was {1000 * deep:.1f} mm inside a zone")
 
     def skip(self, period: int, motion: Motion) -> None:
         """Take a pose that changes nothing, without a step of the automaton."""
@@ -216,7 +230,7 @@ class SimulatedFlight:
                 self.diary.requested((x, y, z), reason)
                 if not reason and self._blindness > REACTION:
                     self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
-                if reason.startswith(("outside", "below")) and self._permits((x, y, z)):
+                if reason.startswith(("outside the cage", "below")) and self._permits((x, y, z)):
                     self.diary.violated("a goal inside was refused")
                 if not reason and self._departure and self._departure.allowed == inf:
                     self._confine()

@@ -6,7 +6,16 @@ from msgspec import convert
 from msgspec.structs import replace
 
 from quadctl.schemas import airworthy
-from quadctl.schemas.messages import CageSize, Called, Info, Pose, Position, SafetyState, Waypoint
+from quadctl.schemas.messages import (
+    CageSize,
+    Called,
+    Info,
+    NearestWall,
+    Pose,
+    Position,
+    SafetyState,
+    Waypoint,
+)
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     GotoRequest,
@@ -29,6 +38,7 @@ from quadctl.schemas.topics import (
     STATE,
     TOGGLE_CAGE,
     TOPICS,
+    ZONES,
     called,
     set_params,
 )
@@ -54,6 +64,7 @@ class Safety:
         self._node, self._params = node, params
         self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
         self._setpoints = node.publisher(SETPOINT)
+        self._zones = node.publisher(ZONES)
         self.monitor = Monitor(
             params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace
         )
@@ -63,11 +74,17 @@ class Safety:
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
-        node.on_params = self.monitor.resize
+        node.on_params = self._on_params
         self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_wind)
         node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
         self._judge_wind()
+        self._zones.put(self.monitor.zones)
+        self._near = NearestWall()
         self.publish()
+
+    def _on_params(self) -> None:
+        self._zones.put(self.monitor.zones)
+        self.monitor.resize()
 
     def _on_vehicle_params(self, call: Called) -> None:
         """Follow the parameters of dynamics: its wind, and its patience for setpoints."""
@@ -91,7 +108,15 @@ class Safety:
 
     def publish(self) -> None:
         """Publish the current state."""
-        self._states.put(self.monitor.state())
+        state = self.monitor.state()
+        self._near = state.nearest
+        self._states.put(state)
+
+    def _warn(self) -> None:
+        """Publish the state when the vehicle comes near a wall or leaves it: no other event does."""
+        near, before = self.monitor.nearest(), self._near
+        if (near.near and near.name) != (before.near and before.name):
+            self.publish()
 
     def watch(self, *, held_up: bool) -> None:
         """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
@@ -171,6 +196,7 @@ class Safety:
         self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
         self._send_setpoint()
+        self._warn()
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self.monitor.goto(Position(waypoint.x, waypoint.y, waypoint.z))
@@ -179,7 +205,7 @@ class Safety:
         self._wait_for_pose()
         goal = Position(request.x, request.y, request.z)
         before = self.monitor.setpoint()
-        reason = self.monitor.goto(goal, replace=request.replace)
+        reason = self.monitor.goto(goal, replace=request.replace, direct=request.direct)
         if not reason and not before.brake and before.position == goal:
             # A vehicle that stopped by itself, unseen, would take the goal for the old one.
             self._setpoints.put(replace(before, brake=True))
@@ -226,7 +252,7 @@ def _log_launch(node: Node, params: Params) -> None:
         if line.startswith("Param: virtual cage "):
             low, high = intervals[axis]
             node.log.info("Param: cage %s - [%s, %s]", axis, low, high)
-        else:
+        elif line != "Param: zones - []":
             node.log.info(line)
     if node.restarted:
         node.log.warning("restarted: the cage is on")

@@ -11,6 +11,7 @@ from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.services.safety.model import Situation, World
+from quadctl.services.safety.zones import Box, Nearest
 
 Interval = tuple[float, float]
 
@@ -85,12 +86,26 @@ def soonest_stop(pose: Pose, deceleration: float) -> Position:
 
 
 def stopping_excess(w: World) -> float:
-    """Return how far outside the cage (m) the vehicle can soonest come to rest."""
-    return beyond(soonest_stop(w.pose, w.envelope.deceleration), w.cage)
+    """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
+    return _excess(w, soonest_stop(w.pose, w.envelope.deceleration))
+
+
+def _excess(w: World, place: Position) -> float:
+    """Return how far (m) the way to a place leads out of the cage or into a zone."""
+    out = beyond(place, w.cage)
+    return max(out, w.region.excess(w.pose.position, place)) if w.region else out
+
+
+def nearest(w: World) -> Nearest:
+    """Return the wall of the cage or of a zone that is nearest to the vehicle; the floor is none."""
+    p, cage = w.pose.position, w.cage
+    box = Nearest("cage", min(cage.x - abs(p.x), cage.y - abs(p.y), cage.z - p.z))
+    zone = w.region.nearest(p) if w.region else None
+    return zone if zone and zone.distance < box.distance else box
 
 
 def leeway(w: World) -> float:
-    """Return the greatest distance (m) outside the cage of a sound vehicle that must stop.
+    """Return the greatest distance (m) outside the cage, or in a zone, of a sound vehicle that must stop.
 
     It may brake late and gently; until then, its speed may change as between the last two poses.
     """
@@ -98,8 +113,14 @@ def leeway(w: World) -> float:
     seconds = w.pose.stamp - w.last.stamp
     rises = RISE / seconds if seconds > 0 else 0.0
     later = tuple(v + rises * (v - old) for v, old in zip(now, before, strict=True))
-    out = max(beyond(place, w.cage) for place in (_gently(w, now), _gently(w, later)))
-    return max(out, beyond(w.pose.position, w.cage))
+    out = max(_excess(w, place) for place in (_gently(w, now), _gently(w, later)))
+    return max(out, _excess(w, w.pose.position))
+
+
+def latest_stop(w: World, motion: Box) -> Position:
+    """Return the farthest stopping point (m) of a sound vehicle within the box of its motion."""
+    place = astuple(_gently(w, astuple(w.pose.velocity)))
+    return Position(*(min(max(p, a), b) for p, a, b in zip(place, *motion, strict=True)))
 
 
 def caged(s: Situation, w: World) -> Situation:

@@ -5,6 +5,9 @@ from enum import Enum
 from msgspec import Struct
 
 from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.services.safety.zones import Box, Region
+
+_NO_ZONES = Region()
 
 
 class State(Enum):
@@ -24,7 +27,10 @@ class Goto(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True):
-    """Order to verify the candidate now."""
+    """Order to verify the candidate now, by the corners (m) of a way, if any; it may be searched for."""
+
+    corners: tuple[Position, ...] = ()
+    searched: bool = False
 
 
 class Seen(Struct, frozen=True):
@@ -101,6 +107,7 @@ class World(Struct, frozen=True):
     acceptance_range: float
     envelope: Envelope
     unready: str = "no pose: dynamics is silent"
+    region: Region = _NO_ZONES
 
 
 class Situation(Struct, frozen=True):
@@ -111,7 +118,9 @@ class Situation(Struct, frozen=True):
     stop. `beyond` is how far (m) outside the cage the vehicle may come to a stop: 0, except for a
     vehicle that was put outside; then it falls as the vehicle comes nearer. It is infinite once a
     guard has stopped the vehicle. `paused` is the flight to resume when poses come again. `since`
-    (s) is the time of the last change of the cage.
+    (s) is the time of the last change of the cage. `corners` are the points (m) to fly to, one by
+    one and each from rest, after `goal`, which is the end of `leg` of `legs`; without corners all
+    are 0. The present motion is straight from `origin` (m), or a curve somewhere in the box `reach`.
     """
 
     state: State
@@ -128,3 +137,13 @@ class Situation(Struct, frozen=True):
     since: float = 0.0
     paused: Goto | None = None
     reason: str = ""
+    origin: Position = Position(0.0, 0.0, 0.0)
+    reach: Box | None = None
+    corners: tuple[Position, ...] = ()
+    leg: int = 0
+    legs: int = 0
+
+    @property
+    def end(self) -> Position:
+        """Return the end of the whole way, m."""
+        return self.corners[-1] if self.corners else self.goal

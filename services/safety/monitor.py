@@ -9,6 +9,7 @@ from msgspec.structs import astuple, replace
 from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
+    NearestWall,
     Pose,
     Position,
     Quaternion,
@@ -16,10 +17,11 @@ from quadctl.schemas.messages import (
     Setpoint,
     StateName,
     Velocity,
+    Zones,
 )
 from quadctl.schemas.params import SafetyParams
 from quadctl.services.safety.automaton import Rule, step
-from quadctl.services.safety.cage import at_rest, why_outside
+from quadctl.services.safety.cage import at_rest, nearest, why_outside
 from quadctl.services.safety.model import (
     Booted,
     Check,
@@ -38,6 +40,9 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
+from quadctl.services.safety.route import way_around
+from quadctl.services.safety.way import way_to, why_barred
+from quadctl.services.safety.zones import Region
 
 PATIENCE = 1.0
 """Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
@@ -115,6 +120,7 @@ class Monitor:
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
         self._void: set[str] = set()
+        self._zones, self._region = params.zones, Region(params.zones)
         self.situation = Situation(
             state=State.HOVERING,
             goal=_ORIGIN,
@@ -184,12 +190,29 @@ class Monitor:
         """Record that the vehicle stopped by itself: it flies on only after a new request."""
         self._feed(Halted(reason))
 
-    def goto(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
-        """Request a goal; return the reason of a refusal, or an empty string."""
+    def goto(
+        self, goal: Position, *, replace: bool = False, takeoff: bool = False, direct: bool = False
+    ) -> str:
+        """Request a goal; return the reason of a refusal, or an empty string.
+
+        The way is a `direct` one, or leads around zones that bar it.
+        """
         self._feed(Goto(goal, replace, takeoff))
         if self.situation.state is State.VERIFYING:
-            self._feed(Check())
+            self._feed(Check() if direct else self._proposal(goal))
         return self.situation.reason
+
+    def _proposal(self, goal: Position) -> Check:
+        """Return the order to verify the straight way, or the shortest one around zones."""
+        s, world = self.situation, self._world()
+        if not (s.cage_on and world.region) or why_outside(goal, world.cage):
+            return Check()
+        way = way_to(s, goal, (), world)
+        is_curve = way.reach is not None and not way.begun
+        if is_curve or world.region.why_inside(goal) or not why_barred(way, world.region):
+            return Check()
+        start = way.points[0] if way.begun else way.origin
+        return Check(way_around(world.region, world.cage, start, goal), searched=True)
 
     def hold(self) -> None:
         """Stop at the stopping point."""
@@ -217,9 +240,23 @@ class Monitor:
     def state(self) -> SafetyState:
         """Return the automaton's state for publication."""
         s, cage = self.situation, self._cage()
-        return SafetyState(
-            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.goal, s.cage_on, cage, s.reason
+        state = SafetyState(
+            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.end, s.cage_on, cage, s.reason
         )  # fmt: skip
+        wall = self.nearest()
+        return replace(state, leg=s.leg, legs=s.legs, nearest=wall)
+
+    def nearest(self) -> NearestWall:
+        """Return the nearest wall in force; no name with the cage off, or before the first pose."""
+        if not (self.situation.cage_on and self.situation.boot):
+            return NearestWall()
+        name, distance = nearest(self._world())
+        return NearestWall(name, distance, distance <= self._params.warn_within)
+
+    @property
+    def zones(self) -> Zones:
+        """Return the zones in force while the cage is on."""
+        return Zones(tuple(self._params.zones))
 
     def _boot(self) -> None:
         first = not self.situation.boot
@@ -239,11 +276,7 @@ class Monitor:
         return f"the start is {outside}" if self.situation.cage_on and outside else ""
 
     def _feed(self, event: Event) -> None:
-        before, params = self.situation, self._params
-        envelope = Envelope(params.max_speed, params.max_deceleration, params.margin)
-        world = World(
-            self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
-        )
+        before, world = self.situation, self._world()
         if self._landing:
             world = replace(world, fresh=False, unready=f"the vehicle lands: {self._landing}")
         self.situation = after = step(before, event, world, on_rule=self._on_rule)
@@ -251,6 +284,16 @@ class Monitor:
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
         if not same or isinstance(event, Resized):
             self._on_state(self.state(), _line(before, after, event))
+
+    def _world(self) -> World:
+        params = self._params
+        if params.zones is not self._zones:
+            self._zones, self._region = params.zones, Region(params.zones)
+        envelope = Envelope(params.max_speed, params.max_deceleration, params.margin)
+        reach = params.acceptance_range
+        return World(
+            self.pose, self._last, self.fresh, self._cage(), reach, envelope, region=self._region
+        )
 
     def _cage(self) -> CageSize:
         size = self._params.virtual_cage

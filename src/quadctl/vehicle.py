@@ -77,14 +77,16 @@ def distance(a: Position, b: Position) -> float:
     return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
 
 
-def goal_of(x: float, y: float, z: float, *, replace: bool = False) -> GotoRequest:
+def goal_of(
+    x: float, y: float, z: float, *, replace: bool = False, direct: bool = False
+) -> GotoRequest:
     """Return a request for a point, m; raise Invalid for a bad coordinate.
 
     Numbers of NumPy count as numbers; True and texts do not.
     """
     point = {axis: _metres(axis, value) for axis, value in (("x", x), ("y", y), ("z", z))}
     try:
-        return msgspec.convert(point | {"replace": replace}, GotoRequest)
+        return msgspec.convert(point | {"replace": replace, "direct": direct}, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
         raise _bad_coordinate(axis, f"{point[axis]:g}") from None
@@ -404,12 +406,12 @@ class Vehicle:
     @overload
     def goto(
         self, x: float, y: float, z: float, *,
-        replace: bool = ..., wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
+        replace: bool = ..., direct: bool = ..., wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
     ) -> Arrival: ...  # fmt: skip
     @overload
     def goto(
         self, x: float, y: float, z: float, *,
-        replace: bool = ..., wait: Literal[False], timeout: float | None = ...,
+        replace: bool = ..., direct: bool = ..., wait: Literal[False], timeout: float | None = ...,
     ) -> Flight: ...  # fmt: skip
 
     def goto(
@@ -419,6 +421,7 @@ class Vehicle:
         z: float,
         *,
         replace: bool = False,
+        direct: bool = False,
         wait: bool = True,
         settle: bool = False,
         timeout: float | None = None,
@@ -426,11 +429,11 @@ class Vehicle:
         """Fly to a point (m, ENU); return its Arrival, or without `wait` the Flight.
 
         With `settle` also wait until the vehicle rests. `replace` changes course while flying to
-        another goal. Raises Refused, with the reason, if safety refuses the goal or stops the
+        another goal; `direct` refuses rather than fly around zones. Raises Refused, with the reason, if safety refuses the goal or stops the
         flight, Invalid for a bad coordinate, and TimedOut after `timeout` (s; default: twice the
         planned time and 5 s).
         """
-        flight = Flight(self.client, goal_of(x, y, z, replace=replace))
+        flight = Flight(self.client, goal_of(x, y, z, replace=replace, direct=direct))
         if not flight.accepted:
             raise flight.refusal()
         if not wait:

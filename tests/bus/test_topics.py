@@ -17,7 +17,8 @@ def test_the_safety_state_is_latched(hover: Bare):
     got = hover.query("uav/safety/state", b"")
     assert got.encoding.startswith("application/msgpack;quadctl.SafetyState#")
     assert set(got.value) == {
-        "boot", "stamp", "request", "state", "goal", "cage_on", "cage", "reason",
+        "boot", "stamp", "request", "state", "goal", "cage_on", "cage", "reason", "leg",
+        "legs", "nearest",
     }  # fmt: skip
     assert got.value["goal"] == {"x": 0.0, "y": 0.0, "z": 1.0}
     assert got.value["cage"] == {"x": 5.0, "y": 5.0, "z": 5.0}

@@ -136,6 +136,18 @@ a sequence of events that no test tries
     every_call_of_the_monitor_keeps_the_invariants the_proof_fails_on_a_broken_automaton
     the_proof_fails_on_a_broken_monitor
   = obligations of the proof about safety
+a zone that the straight way crosses
+  flown around, leg by leg, or refused with --direct; a change of course in flight is refused where its
+  curve could touch a zone; one added in flight stops a vehicle whose way it bars
+  - unit/safety/way: a_zone_in_the_way_is_flown_around_as_one_request
+    a_direct_way_is_refused_and_changes_nothing in_flight_a_change_of_course_near_a_zone_is_refused
+    a_zone_added_in_flight_holds_at_once random_flights_never_enter_a_zone
+    10_000_random_flights_among_random_zones_enter_none
+  - unit/safety/zones: a_million_decisions_about_zones_agree_with_shapely
+    a_boundary_belongs_to_the_allowed_side
+  - flight/zones: zones_of_the_file_bar_ways_and_the_vehicle_flies_around_them
+  = greatest depth in a zone
+  = decisions about zones
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
   - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit

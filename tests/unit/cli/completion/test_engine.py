@@ -174,7 +174,7 @@ def test_settings_and_types_are_completed():
 
 def test_only_missing_fields_of_a_request_are_completed():
     assert words("service call calibrate_pressure ") == ["zero="]
-    assert words("service call /uav/@srv/goto x=1 ") == ["replace=", "y=", "z="]
+    assert words("service call /uav/@srv/goto x=1 ") == ["direct=", "replace=", "y=", "z="]
     assert words("service call goto x=1 y") == ["y="]
     assert words("service call nonsense ") == []
 

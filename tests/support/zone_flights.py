@@ -1,0 +1,158 @@
+"""Flights of the real vehicle model among zones, in step with the real monitor, without a bus."""
+
+import math
+import random
+from math import inf
+
+from msgspec.structs import replace
+
+from quadctl.schemas.messages import Position, Velocity
+from quadctl.schemas.params import CageParams, DynamicsParams, SafetyParams
+from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.zones import CircleParams, ZoneParams
+from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.safety.model import State
+from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.zones import Region
+from tests.support.worlds import POSE
+
+PERIOD_MS = round(1000 / SETPOINT.hz)
+SIZE = 6.0
+
+
+class ZoneFlight:
+    """Vehicle at (0, 0, 1) whose depth in zones is measured at each 10 ms."""
+
+    def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
+        self.params = SafetyParams(
+            virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=list(zones), takeoff=0.0
+        )
+        self.monitor = Monitor(self.params, lambda *_: None, restarted=False, grace=1.0)
+        dynamics = DynamicsParams()
+        place = start or Position(0.0, 0.0, 1.0)
+        dynamics.start = replace(dynamics.start, x=place.x, y=place.y, z=place.z)
+        self.vehicle, self.deepest, self.verdicts = Vehicle(dynamics), 0.0, {True: 0, False: 0}
+        self._region = Region(zones)
+        self._sent: object = None
+        self.fly(0.2)
+
+    def set_zones(self, *zones: ZoneParams) -> None:
+        self.params.zones, self._region = list(zones), Region(zones)
+        self.monitor.resize()
+
+    def goto(self, goal: Position, *, replace: bool = False, direct: bool = False) -> str:
+        reason = self.monitor.goto(goal, replace=replace, direct=direct)
+        self.verdicts[not reason] += 1
+        return reason
+
+    @property
+    def place(self) -> Position:
+        return Position(*self.vehicle.position)
+
+    @property
+    def is_done(self) -> bool:
+        """Return whether the vehicle stands still, at its goal or where it stopped."""
+        s = self.monitor.situation
+        speed = math.hypot(*self.vehicle.velocity)
+        return s.state is State.HOVERING and not s.settling and speed < 1e-3
+
+    def fly(self, seconds: float) -> "ZoneFlight":
+        for _ in range(round(seconds * SETPOINT.hz)):
+            self._period()
+        return self
+
+    def land(self, longest: float = 60.0) -> "ZoneFlight":
+        """Fly until the vehicle stands still."""
+        for _ in range(round(longest * SETPOINT.hz)):
+            self._period()
+            if self.is_done:
+                return self
+        raise AssertionError("the flight does not end")
+
+    def _period(self) -> None:
+        stamp = self.vehicle.time
+        self.monitor.see(
+            replace(POSE, stamp=stamp, seq=round(1000 * stamp), position=self.place,
+                    velocity=Velocity(*self.vehicle.velocity))
+        )  # fmt: skip
+        setpoint = self.monitor.setpoint()
+        if (command := (setpoint.position, setpoint.brake)) != self._sent:
+            self._sent = command
+            p = setpoint.position
+            self.vehicle.brake() if setpoint.brake else self.vehicle.goto(p.x, p.y, p.z)
+        for _ in range(5):
+            self.vehicle.advance(PERIOD_MS // 5)
+            # A zone that came upon the vehicle may keep it for a while; a guard must never act.
+            if self.monitor.situation.beyond in {0.0, inf}:
+                place = self.place
+                self.deepest = max(self.deepest, self._region.excess(place, place))
+
+
+def random_zone(draws: random.Random, number: int) -> ZoneParams:
+    """Return a concave, convex, thin or round zone; some are nested in others, some touch."""
+    floor = draws.choice((-10_000.0, 0.0, 0.5, 1.0, 1.5))
+    ceiling = draws.choice((10_000.0, 2.0, 2.5, 3.0))
+    while True:
+        x, y = (draws.choice((round(v), v)) for v in (draws.uniform(-5, 5), draws.uniform(-5, 5)))
+        kind = draws.random()
+        name = f"z{number}"
+        if kind < 0.2:
+            circle = CircleParams(float(x), float(y), draws.uniform(0.1, 1.5))
+            return ZoneParams(name, circle=circle, floor=floor, ceiling=ceiling)
+        if kind < 0.5:
+            w, h = draws.choice(((0.02, 3.0), (3.0, 0.02), (1.0, 1.0), (2.0, 1.0)))
+            corners = [(x, y), (x + w, y), (x + w, y + h), (x, y + h)]
+        else:
+            angles = sorted(draws.uniform(0, 2 * math.pi) for _ in range(draws.randint(3, 12)))
+            reach = [draws.uniform(0.2, 2.0) for _ in angles]
+            corners = [
+                (x + r * math.cos(a), y + r * math.sin(a))
+                for a, r in zip(angles, reach, strict=True)
+            ]
+        try:
+            return ZoneParams(
+                name,
+                polygon=tuple((float(a), float(b)) for a, b in corners),
+                floor=floor,
+                ceiling=ceiling,
+            )
+        except ValueError:
+            continue  # its edges cross
+
+
+def random_flight(seed: int) -> ZoneFlight:
+    """Fly a random flight of some 15 s: goals, changes of course, holds, zones that come and go."""
+    draws = random.Random(seed)
+    zones = [random_zone(draws, n) for n in range(draws.randint(1, 8))]
+    region = Region(zones)
+
+    def somewhere() -> Position:
+        return Position(
+            draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE), draws.uniform(0.2, 4)
+        )
+
+    start = next(p for p in iter(somewhere, None) if not region.why_inside(p))
+    flight = ZoneFlight(*zones, start=start)
+    for _ in range(draws.randint(3, 7)):
+        flight.goto(somewhere(), replace=draws.random() < 0.7, direct=draws.random() < 0.2)
+        flight.fly(draws.choice((0.1, 0.5, 1.5, 3.0, 5.0)))
+        what = draws.random()
+        if what < 0.15:
+            flight.monitor.hold()
+        elif what < 0.2:
+            flight.set_zones(*zones, random_zone(draws, 99))
+        elif what < 0.25:
+            flight.set_zones(*zones)
+    return flight.land()
+
+
+def worst(seeds: range) -> tuple[float, dict[bool, int], int]:
+    """Return the deepest metres in any zone, the verdicts, and the seed of the deepest flight."""
+    deepest, verdicts, at = -inf, {True: 0, False: 0}, 0
+    for seed in seeds:
+        flight = random_flight(seed)
+        if flight.deepest > deepest:
+            deepest, at = flight.deepest, seed
+        for verdict, count in flight.verdicts.items():
+            verdicts[verdict] += count
+    return deepest, verdicts, at

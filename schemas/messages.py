@@ -136,6 +136,8 @@ class Zones(Struct, frozen=True):
 
 PAUSED = "paused: "
 """Prefix of `reason` while a paused flight hovers, which resumes when poses come again."""
+WAITS = "waits: "
+"""Prefix of `reason` while a goal waits for other vehicles, which the vehicle then flies to."""
 
 
 class SafetyState(Struct, frozen=True):

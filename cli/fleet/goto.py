@@ -12,6 +12,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, no_vehicle_sent, row
+from quadctl.cli.fleet.sequence import Course, Distances, course_of
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import check_arrive, report
 from quadctl.schemas.messages import Position
@@ -112,8 +113,10 @@ def goto(
 
     X Y Z is the new centre of all: they keep their formation, and if one is away none is sent. A
     formation of the fleet's file is flown about X Y Z, or the origin, and VEHICLE=X,Y,Z sends the
-    vehicles named; then a vehicle that is away delays none of the others. Nothing prevents
-    collisions between the vehicles.
+    vehicles named; then a vehicle that is away delays none of the others.
+
+    Vehicles of one run keep apart: some wait until others have passed, or fly by another height. If
+    there is no way for all, none is sent.
 
     Example: quadctl fleet goto 0 0 2
     """
@@ -121,19 +124,25 @@ def goto(
     target = read(goal)
     with Hubs(options) as hubs:
         fleet = fleet_of(options, file, hubs)
+        places = _goals(target, fleet, hubs)
         requests = {
-            name: _request(name, place, target, replace=replace)
-            for name, place in _goals(target, fleet, hubs).items()
+            name: _request(name, place, target, replace=replace) for name, place in places.items()
         }
         if target.formation and not options.json:
             _note_absent(target.formation, fleet, requests)
         members = [member for member in fleet.members if member.name in requests]
+        course = course_of(hubs, members, places, options.timeout, replace=replace)
         accepted: list[str] = []
         with _note_interrupt(accepted):
-            answers, problems = _ask(hubs, members, requests, accepted, options)
-            flying = [m for m in members if (one := answers.get(m.name)) and one.accepted]
-            if flying and not no_wait:
-                problems |= _watch(hubs, flying, answers, arrive, quiet=options.json)
+            if course.is_ordered:
+                answers, problems = _fly_in_order(
+                    hubs, members, course, accepted, options, arrive, no_wait=no_wait
+                )
+            else:
+                answers, problems = _ask(hubs, members, requests, accepted, options)
+                flying = [m for m in members if (one := answers.get(m.name)) and one.accepted]
+                if flying and not no_wait:
+                    problems |= _watch(hubs, flying, answers, arrive, quiet=options.json)
     if options.json:
         output.document(
             [
@@ -217,6 +226,60 @@ def _ask(
     return results.answers, problems
 
 
+def _fly_in_order(
+    hubs: Hubs,
+    members: list[Member],
+    course: Course,
+    accepted: list[str],
+    options: Options,
+    arrive: float | None,
+    *,
+    no_wait: bool,
+) -> tuple[dict[str, Flight], dict[str, QuadctlError]]:
+    """Fly all vehicles, each leg in its turn; return each one's last flight, and the problems."""
+    if no_wait and course.has_points_between:
+        raise UsageError(
+            "--no-wait: some vehicles fly by points between, which this command has to follow",
+            "leave out --no-wait",
+        )
+    answers: dict[str, Flight] = {}
+    quiet = options.json
+    if not quiet:
+        output.note(course.summary)
+    names = [member.name for member in members]
+    with Distances(course.keeps) as distances, FleetProgress("flying", names, quiet=quiet) as board:
+
+        def fly(member: Member, client: Client) -> None:
+            name, client.timeout = member.name, options.timeout
+            distances.watch(name, client)
+
+            def begin(flight: Flight) -> None:
+                if name not in answers:
+                    accepted.append(name)
+                    if not quiet:
+                        output.line(f"{name}: accepted")
+                answers[name] = flight
+
+            def follow(flight: Flight) -> None:
+                if not no_wait:
+                    whole = max(flight.begin(), 1e-6)
+                    flight.wait(arrive, lambda left: board.fly(name, left, whole))
+
+            course.fly(name, client, begin, follow)
+            board.fly(name, 0.0, 1.0)
+
+        problems = hubs.ask(members, fly, bounded=False).problems
+    if not quiet:
+        _print_arrivals(members, answers, problems)
+        # Faster than real time, poses are too old on arrival.
+        if (near := distances.closest) and course.in_real_time:
+            pair = " and ".join(near.names)
+            output.line(
+                f"least distance: {pair}, {near.metres:.2f} m, {near.share:.2f} of what they keep"
+            )
+    return answers, problems
+
+
 def _watch(
     hubs: Hubs,
     members: list[Member],
@@ -235,9 +298,16 @@ def _watch(
             board.fly(member.name, 0.0, whole)
 
         problems = hubs.ask(members, watch, bounded=False).problems
+    if not quiet:
+        _print_arrivals(members, answers, problems)
+    return problems
+
+
+def _print_arrivals(
+    members: list[Member], answers: Mapping[str, Flight], problems: Mapping[str, QuadctlError]
+) -> None:
     for member in members:
-        flight = answers[member.name]
-        if flight.arrived and not quiet:
+        flight = answers.get(member.name)
+        if flight and flight.arrived and member.name not in problems:
             way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
             output.line(f"{member.name}: arrived {way}")
-    return problems

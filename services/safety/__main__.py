@@ -1,12 +1,14 @@
 """Process of safety: verifies every goal; the only process that publishes setpoints."""
 
 import time
+from functools import partial
 
 from msgspec import convert
 from msgspec.structs import replace
 
 from quadctl.schemas import airworthy
 from quadctl.schemas.messages import (
+    WAITS,
     CageSize,
     Called,
     Info,
@@ -49,6 +51,7 @@ from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.traffic import Traffic
 
 _UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
 """Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
@@ -60,14 +63,15 @@ and ticks at the same rate, jitter of a millisecond can make it two periods."""
 class Safety:
     """Handlers of messages, calls and ticks."""
 
-    def __init__(self, node: Node, params: Params) -> None:
+    def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
         self._node, self._params = node, params
         self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
         self._setpoints = node.publisher(SETPOINT)
         self._zones = node.publisher(ZONES)
         self.monitor = Monitor(
-            params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace
-        )
+            params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace,
+            name=node.vehicle, traffic=traffic, post=node.executor.post,
+        )  # fmt: skip
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
         self._held = 0.0
@@ -205,12 +209,14 @@ class Safety:
         self._wait_for_pose()
         goal = Position(request.x, request.y, request.z)
         before = self.monitor.setpoint()
-        reason = self.monitor.goto(goal, replace=request.replace, direct=request.direct)
+        reason = self.monitor.goto(
+            goal, replace=request.replace, direct=request.direct, wait=request.wait
+        )
         if not reason and not before.brake and before.position == goal:
             # A vehicle that stopped by itself, unseen, would take the goal for the old one.
             self._setpoints.put(replace(before, brake=True))
         self._send_setpoint()
-        return GotoResponse(not reason, reason)
+        return GotoResponse(not reason or reason.startswith(WAITS), reason)
 
     def _hold(self, _request: HoldRequest) -> HoldResponse:
         if not self.monitor.situation.boot:
@@ -225,13 +231,13 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(node: Node, params: Params) -> None:
+def run(traffic: Traffic, node: Node, params: Params) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params)
+    safety = Safety(node, params, traffic)
     if not node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE):
         safety.listen_to_all_poses()
     safety.serve()
@@ -259,4 +265,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", run)
+    start("safety", partial(run, Traffic()))

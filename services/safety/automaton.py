@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from msgspec.structs import astuple, replace
 
-from quadctl.schemas.messages import PAUSED
+from quadctl.schemas.messages import PAUSED, WAITS
 from quadctl.services.safety.cage import (
     REACTION,
     at_rest,
@@ -38,7 +38,8 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
-from quadctl.services.safety.way import NEAR, motion, way_to, why_barred, why_stopped
+from quadctl.services.safety.separation import why_near
+from quadctl.services.safety.way import is_there, motion, too_near, way_to, why_barred, why_stopped
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -68,7 +69,7 @@ def take(s: Situation, e: Event, w: World) -> Situation:
 def turn(s: Situation, e: Event, w: World) -> Situation:
     """Fly on, and from rest at a corner along the next leg."""
     assert s.corners  # noqa: S101 - RULES pairs this action with `cornering`
-    if not at_rest(w.pose) or dist(astuple(w.pose.position), astuple(s.goal)) >= NEAR:
+    if not is_there(s, w):
         return follow(s, e, w)
     goal, *corners = s.corners
     leg = s.leg + 1
@@ -84,10 +85,21 @@ def follow(s: Situation, _e: Event, w: World) -> Situation:
 
 
 def refuse(s: Situation, e: Event, w: World) -> Situation:
-    """Refuse a goal outside the cage, below the floor or barred by a zone; change nothing else."""
+    """Refuse a goal below the floor, barred by the cage or a zone, or too near a vehicle."""
     goal = s.candidate.goal
-    below = "" if s.cage_on else why_below(goal)
-    return replace(s, reason=below or why_outside(goal, w.cage) or _why_zoned(s, e, w))
+    barred = (why_outside(goal, w.cage) or _why_zoned(s, e, w)) if s.cage_on else why_below(goal)
+    if barred:
+        return replace(s, reason=barred)
+    waits = isinstance(e, Check) and e.waits
+    near = f"{WAITS if waits else ''}{_why_near(s, e, w)}"
+    # A goal that is no number is in no cage, on or off.
+    return replace(s, reason=near or why_outside(goal, w.cage))
+
+
+def _why_near(s: Situation, e: Event, w: World) -> str:
+    """Return which vehicle the way to the candidate comes too near; empty for none."""
+    corners = e.corners if isinstance(e, Check) else ()
+    return why_near(too_near(s, s.candidate.goal, corners, w))
 
 
 def _why_zoned(s: Situation, e: Event, w: World) -> str:
@@ -252,14 +264,14 @@ def permitted(s: Situation, e: Event, w: World) -> bool:
     """Return whether the candidate is a place above the floor, and allowed if the cage is on.
 
     The box is convex: the straight way there stays inside, or comes nearer at every step. Zones are
-    not: the way itself is checked, with its corners.
+    not: the way itself is checked, with its corners. It has to keep apart from vehicles in any case.
     """
     goal = s.candidate.goal
     points = (goal, *(e.corners if isinstance(e, Check) else ()))
     is_place = all(all(map(isfinite, astuple(p))) and not why_below(p) for p in points)
-    if not is_place or not s.cage_on:
-        return is_place
-    return not why_outside(goal, w.cage) and not _why_zoned(s, e, w)
+    if not is_place or (s.cage_on and (why_outside(goal, w.cage) or _why_zoned(s, e, w))):
+        return False
+    return not _why_near(s, e, w)
 
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:

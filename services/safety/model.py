@@ -5,6 +5,7 @@ from enum import Enum
 from msgspec import Struct
 
 from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.services.safety.separation import Neighbour
 from quadctl.services.safety.zones import Box, Region
 
 _NO_ZONES = Region()
@@ -27,10 +28,14 @@ class Goto(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True):
-    """Order to verify the candidate now, by the corners (m) of a way, if any; it may be searched for."""
+    """Order to verify the candidate now, by the corners (m) of a way, if any; it may be searched for.
+
+    With `waits`, a goal that comes too near another vehicle is to wait for it.
+    """
 
     corners: tuple[Position, ...] = ()
     searched: bool = False
+    waits: bool = False
 
 
 class Seen(Struct, frozen=True):
@@ -98,6 +103,7 @@ class World(Struct, frozen=True):
     """Input of the automaton. `fresh` means that the pose may be relied on, else `unready` tells why.
 
     `last` is the previous pose of the same boot, or for the first one of a boot the same pose.
+    `others` are the vehicles to keep apart from; they count where a goal is verified.
     """
 
     pose: Pose
@@ -108,6 +114,7 @@ class World(Struct, frozen=True):
     envelope: Envelope
     unready: str = "no pose: dynamics is silent"
     region: Region = _NO_ZONES
+    others: tuple[Neighbour, ...] = ()
 
 
 class Situation(Struct, frozen=True):

@@ -5,19 +5,26 @@ somewhere in the box around the vehicle, its stopping point and the goal, becaus
 between these.
 """
 
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from math import dist
+from math import dist, inf
 from typing import NamedTuple
 
-from msgspec.structs import astuple
+from msgspec.structs import astuple, replace
 
-from quadctl.schemas.messages import Position
+from quadctl.schemas.messages import Pose, Position
 from quadctl.services.safety.cage import at_rest, latest_stop
 from quadctl.services.safety.model import Situation, State, World
+from quadctl.services.safety.separation import Neighbour, Piece, Space, conflicts, distance
 from quadctl.services.safety.zones import Box, Region
 
-NEAR = 0.05
-"""Distance (m) from its goal within which a vehicle at rest has reached it."""
+_NEAR, _PART = 0.03, 0.25
+"""Distance (m) from the end of a leg within which a vehicle at rest has reached it, and the part of a
+short leg: before that leg, it rests at no more than this distance from it, too."""
+
+
+HOP = 0.1
+"""Height (m) to which a vehicle rises first on its way along the floor, and from which it lands."""
 
 
 class Way(NamedTuple):
@@ -38,22 +45,88 @@ def rests(s: Situation, w: World) -> bool:
     state = s.back if s.state is State.VERIFYING else s.state
     if state is State.MOVING or s.settling or not at_rest(w.pose):
         return False
-    return s.brake or dist(astuple(w.pose.position), astuple(s.goal)) < NEAR
+    return s.brake or is_there(s, w)
+
+
+def is_there(s: Situation, w: World) -> bool:
+    """Return whether a vehicle at rest has reached its goal; wind may keep it off by the margin."""
+    goal = astuple(s.goal)
+    near = min(_NEAR, _PART * dist(astuple(s.origin), goal)) + w.envelope.margin
+    return at_rest(w.pose) and dist(astuple(w.pose.position), goal) < near
 
 
 def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World) -> Way:
     """Return the way to a goal, from rest by the corners.
 
-    A vehicle that comes to rest anyway goes on from there, unless a curve is clear of zones.
+    A vehicle that comes to rest anyway goes on from there, unless a curve is clear of zones and
+    of other vehicles.
     """
     place = w.pose.position
     if rests(s, w):
         return Way(place if s.brake else s.goal, None, (*corners, goal))
     reach = around(place, latest_stop(w, motion(s)), goal)
     comes_to_rest = not s.brake and (s.back is State.HOVERING or s.takeoff)
-    if s.cage_on and comes_to_rest and w.region.why_overlaps(reach):
+    curve = Way(place, reach, (goal,))
+    barred = s.cage_on and w.region.why_overlaps(reach)
+    if comes_to_rest and (barred or conflicts(astuple(place), space_of(curve, s, w), w.others)):
         return Way(s.origin, s.reach, (s.goal, *corners, goal), begun=True)
-    return Way(place, reach, (goal,))
+    return curve
+
+
+def space_of(way: Way, s: Situation, w: World) -> Space:
+    """Return the space that a way needs."""
+    place = w.pose.position
+    if way.begun:
+        return (*_begun(s, place, way.points[0]), *_lines(way.points))
+    if way.reach:
+        return (_box(way.reach, place), *_lines(way.points))
+    # A vehicle at rest may be some way off its goal, from which it starts.
+    return _lines((place, way.origin, *way.points))
+
+
+def too_near(
+    s: Situation, goal: Position, corners: tuple[Position, ...], w: World
+) -> list[Neighbour]:
+    """Return the vehicles that the way to a goal comes too near."""
+    if not w.others:
+        return []
+    space = space_of(way_to(s, goal, corners if s.cage_on else (), w), s, w)
+    return conflicts(astuple(w.pose.position), space, w.others)
+
+
+def reserved(s: Situation, w: World) -> Space:
+    """Return the space that a vehicle reserves: its place, and its way until that has been flown."""
+    place = w.pose.position
+    if rests(s, w):
+        return _lines((place, place if s.brake else s.goal))
+    if s.brake and s.paused is None:
+        return _lines((place, latest_stop(w, motion(s))))
+    goal = s.paused.goal if s.paused else s.goal
+    return (*_begun(s, place, goal), *_lines((goal, *s.corners)))
+
+
+def off_course(s: Situation, pose: Pose) -> float:
+    """Return how far (m) a vehicle is from where it was to be; infinite while it stops."""
+    if s.settling:
+        return inf
+    place, goal = astuple(pose.position), astuple(s.goal)
+    if s.brake or (s.state is State.HOVERING and dist(place, goal) < _NEAR):
+        return dist(place, goal)
+    return distance((Piece(place, place),), _begun(s, s.origin, s.goal), 1.0, 1.0)
+
+
+def _begun(s: Situation, place: Position, goal: Position) -> Space:
+    """Return the rest of the present motion, from the vehicle's place: a curve, or straight."""
+    return (_box(s.reach, place),) if s.reach else _lines((place, goal))
+
+
+def _box(box: Box, place: Position) -> Piece:
+    low, high = around(place, *(Position(*corner) for corner in box))
+    return Piece(low, high, is_box=True)
+
+
+def _lines(points: Iterable[Position]) -> Space:
+    return tuple(Piece(astuple(a), astuple(b)) for a, b in _flown(points))
 
 
 def why_barred(way: Way, region: Region) -> str:
@@ -83,8 +156,17 @@ def why_stopped(s: Situation, w: World) -> str:
     return _why_crossed(straight, w.region)
 
 
-def _why_crossed(points: tuple[Position, ...], region: Region) -> str:
-    return next(filter(None, (region.why_crosses(a, b) for a, b in pairwise(points))), "")
+def _why_crossed(points: Iterable[Position], region: Region) -> str:
+    return next(filter(None, (region.why_crosses(a, b) for a, b in _flown(points))), "")
+
+
+def _flown(points: Iterable[Position]) -> Iterator[tuple[Position, Position]]:
+    """Yield the straight parts of a way between points, with those of a hop near the floor."""
+    for a, b in pairwise(points):
+        yield a, b
+        if min(a.z, b.z) < HOP:
+            over_a, over_b = (replace(p, z=max(p.z, HOP)) for p in (a, b))
+            yield from ((a, over_a), (over_a, over_b), (over_b, b))
 
 
 def motion(s: Situation) -> Box:

@@ -8,7 +8,7 @@ decide alike. Depths and distances are plain floating point.
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import pairwise
-from math import hypot, inf, isqrt
+from math import dist, hypot, inf, isqrt
 from typing import NamedTuple
 
 from msgspec import Struct
@@ -420,8 +420,35 @@ def _at_least(zone: Zone, p: Point) -> float:
 
 
 def _leaves(zone: Zone, p: Point, q: Point) -> bool:
-    """Return whether a way that crosses a zone starts inside and then leaves it, for good."""
+    """Return whether a way that crosses a zone starts inside and then leaves it, never deeper."""
     if not contains(zone, p, closed=False) or contains(zone, q, closed=False):
         return False
     inside = _joined(spans(zone, p, q, closed=False))
-    return len(inside) == 1 and inside[0][0] == 0
+    return len(inside) == 1 and inside[0][0] == 0 and not _deepens(zone, p, q, inside[0][1])
+
+
+_DEEPER = 0.005
+"""Metres by which a way out of a zone may lead deeper, unseen or not."""
+_MOST_DEPTHS = 400
+"""Depths that are compared along a way out; one that needs more is none."""
+
+
+def _deepens(zone: Zone, p: Point, q: Point, end: Fraction) -> bool:
+    """Return whether a way from p becomes deeper than there before its part `end` (0 to 1).
+
+    A depth changes by no more than the way does: a part is split until that decides.
+    """
+    most, metres = -clearance(zone, p) + _DEEPER, dist(p, q)
+    parts = [(0.0, float(end))]
+    for _ in range(_MOST_DEPTHS):
+        if not parts:
+            return False
+        a, b = parts.pop()
+        t = 0.5 * (a + b)
+        x, y, z = (u + t * (v - u) for u, v in zip(p, q, strict=True))
+        deep = -clearance(zone, (x, y, z))
+        if deep > most:
+            return True
+        if deep + 0.5 * (b - a) * metres > most:
+            parts += [(a, t), (t, b)]
+    return True

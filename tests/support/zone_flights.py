@@ -4,36 +4,25 @@ import math
 import random
 from math import inf
 
-from msgspec.structs import replace
-
-from quadctl.schemas.messages import Position, Velocity
-from quadctl.schemas.params import CageParams, DynamicsParams, SafetyParams
-from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.messages import Position
+from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.dynamics.vehicle import Vehicle
-from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.zones import Region
-from tests.support.worlds import POSE
+from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods
 
-PERIOD_MS = round(1000 / SETPOINT.hz)
 SIZE = 6.0
 
 
-class ZoneFlight:
-    """Vehicle at (0, 0, 1) whose depth in zones is measured at each 10 ms."""
+class ZoneFlight(MonitoredVehicle):
+    """Vehicle at (0, 0, 1) whose depth in zones is measured at each look."""
 
     def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
         self.params = SafetyParams(
             virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=list(zones), takeoff=0.0
         )
-        self.monitor = Monitor(self.params, lambda *_: None, restarted=False, grace=1.0)
-        dynamics = DynamicsParams()
-        place = start or Position(0.0, 0.0, 1.0)
-        dynamics.start = replace(dynamics.start, x=place.x, y=place.y, z=place.z)
-        self.vehicle, self.deepest, self.verdicts = Vehicle(dynamics), 0.0, {True: 0, False: 0}
+        super().__init__(self.params, start or Position(0.0, 0.0, 1.0))
+        self.deepest, self.verdicts = 0.0, {True: 0, False: 0}
         self._region = Region(zones)
-        self._sent: object = None
         self.fly(0.2)
 
     def set_zones(self, *zones: ZoneParams) -> None:
@@ -45,43 +34,21 @@ class ZoneFlight:
         self.verdicts[not reason] += 1
         return reason
 
-    @property
-    def place(self) -> Position:
-        return Position(*self.vehicle.position)
-
-    @property
-    def is_done(self) -> bool:
-        """Return whether the vehicle stands still, at its goal or where it stopped."""
-        s = self.monitor.situation
-        speed = math.hypot(*self.vehicle.velocity)
-        return s.state is State.HOVERING and not s.settling and speed < 1e-3
-
     def fly(self, seconds: float) -> "ZoneFlight":
-        for _ in range(round(seconds * SETPOINT.hz)):
+        for _ in periods(seconds):
             self._period()
         return self
 
-    def land(self, longest: float = 60.0) -> "ZoneFlight":
+    def land(self) -> "ZoneFlight":
         """Fly until the vehicle stands still."""
-        for _ in range(round(longest * SETPOINT.hz)):
-            self._period()
-            if self.is_done:
-                return self
-        raise AssertionError("the flight does not end")
+        land(self._period, lambda: self.is_done)
+        return self
 
     def _period(self) -> None:
-        stamp = self.vehicle.time
-        self.monitor.see(
-            replace(POSE, stamp=stamp, seq=round(1000 * stamp), position=self.place,
-                    velocity=Velocity(*self.vehicle.velocity))
-        )  # fmt: skip
-        setpoint = self.monitor.setpoint()
-        if (command := (setpoint.position, setpoint.brake)) != self._sent:
-            self._sent = command
-            p = setpoint.position
-            self.vehicle.brake() if setpoint.brake else self.vehicle.goto(p.x, p.y, p.z)
-        for _ in range(5):
-            self.vehicle.advance(PERIOD_MS // 5)
+        self.see()
+        self.obey()
+        for _ in range(LOOKS):
+            self.advance()
             # A zone that came upon the vehicle may keep it for a while; a guard must never act.
             if self.monitor.situation.beyond in {0.0, inf}:
                 place = self.place

@@ -1,0 +1,211 @@
+"""Plan of a fleet's flights: an order, and points between, so that everybody arrives and none comes near.
+
+One vehicle after the other is sent to its goal, straight or by another height, past the places where
+the others are by then. Vehicles that stand on each other's goals make room first. Afterwards each leg
+waits only for the earlier legs that it comes too near, so that most fly at the same time.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise, product
+from math import ceil, dist
+
+from msgspec import Struct
+
+from quadctl.services.runtime.errors import Refused
+from quadctl.services.safety.separation import WIDER, Piece, distance
+
+Point = tuple[float, float, float]
+"""East, north and up, m."""
+Free = Callable[[str, Point, Point], bool]
+"""Whether a vehicle may fly a straight way, as far as its cage and zones are concerned."""
+
+_MARGIN = WIDER + 0.01
+"""Metres by which a plan keeps farther away than vehicles must: a little more than safety asks for."""
+_SPEED, _STOP = 2.0, 1.5
+"""Speed (m/s) and seconds for speeding up and braking, to judge which way takes least."""
+_ROOM = 3.0
+"""Metres around all places and goals within which a vehicle makes room."""
+_MOST_SPOTS = 2000
+
+
+class Leg(Struct, frozen=True):
+    """Straight flight of a vehicle to a point (m), after the legs with the numbers `after` began."""
+
+    vehicle: str
+    start: Point
+    end: Point
+    after: tuple[int, ...]
+
+
+class Space(Struct, frozen=True):
+    """Distances that vehicles keep (m), bounds of where they may be, and what is free for each."""
+
+    across: float
+    tall: float
+    low: Point
+    high: Point
+    free: Free
+
+
+def plan(places: Mapping[str, Point], goals: Mapping[str, Point], space: Space) -> list[Leg]:
+    """Return the legs that bring vehicles to their goals past each other, in their order.
+
+    `places` also has the vehicles that stay. Raises Refused, with who is in whose way.
+    """
+    _check_goals(places, goals, space)
+    return _Plan(places, goals, space).legs()
+
+
+def _check_goals(places: Mapping[str, Point], goals: Mapping[str, Point], space: Space) -> None:
+    ends = dict(places) | dict(goals)
+    for name, goal in goals.items():
+        for other, place in ends.items():
+            if other != name and not _apart(goal, place, space):
+                where = "goal" if other in goals else "place"
+                raise Refused(
+                    f"separation: the goal of {name} is too near the {where} of {other}",
+                    "no vehicle was sent; "
+                    f"two keep {space.across:g} m apart, or {space.tall:g} m above each other",
+                )
+
+
+def _apart(a: Point, b: Point, space: Space) -> bool:
+    return _point_to_way(b, a, a, space) >= 1
+
+
+def _point_to_way(p: Point, a: Point, b: Point, space: Space) -> float:
+    """Return the square of a point's least distance from a straight way; 1 is just apart."""
+    wide, tall = 1 / (space.across + _MARGIN), 1 / (space.tall + _MARGIN)
+    ux, uy, uz = (b[0] - a[0]) * wide, (b[1] - a[1]) * wide, (b[2] - a[2]) * tall
+    wx, wy, wz = (p[0] - a[0]) * wide, (p[1] - a[1]) * wide, (p[2] - a[2]) * tall
+    length = ux * ux + uy * uy + uz * uz
+    t = min(max((ux * wx + uy * wy + uz * wz) / length, 0.0), 1.0) if length else 0.0
+    dx, dy, dz = wx - t * ux, wy - t * uy, wz - t * uz
+    return dx * dx + dy * dy + dz * dz
+
+
+class _Plan:
+    """Plan in the making: where the vehicles are by then, and the legs so far."""
+
+    def __init__(
+        self, places: Mapping[str, Point], goals: Mapping[str, Point], space: Space
+    ) -> None:
+        self._at, self._goals, self._space = dict(places), goals, space
+        self._legs: list[Leg] = []
+        self._ends: list[float] = []
+        """When each leg ends, at a guess, s."""
+        self._last: dict[str, int] = {}
+        """Number of each vehicle's last leg."""
+
+    def legs(self) -> list[Leg]:
+        left = [name for name, goal in self._goals.items() if self._at[name] != goal]
+        made_room: set[str] = set()
+        while left:
+            stuck = [name for name in left if not self._send(name, self._goals[name])]
+            if len(stuck) == len(left) and not self._make_room(stuck, made_room):
+                raise self._refused(stuck)
+            left = stuck
+        return self._legs
+
+    def _send(self, name: str, end: Point) -> bool:
+        """Append the quickest way of a vehicle to a point; return whether there is one."""
+        timed = [self._timed(name, points) for points in self._ways(name, end)]
+        if not timed:
+            return False
+        legs, ends = min(timed, key=lambda one: one[1][-1])
+        self._legs += legs
+        self._ends += ends
+        self._last[name], self._at[name] = len(self._legs) - 1, end
+        return True
+
+    def _ways(self, name: str, end: Point) -> Iterator[tuple[Point, ...]]:
+        """Yield the ways past the places of the others: straight, and by each height."""
+        start = self._at[name]
+        if self._is_free(name, start, end):
+            yield start, end
+        for z in self._heights():
+            points = (start, (*start[:2], z), (*end[:2], z), end)
+            way = [a for a, b in pairwise(points) if a != b] + [end]
+            if len(way) > 2 and all(self._is_free(name, a, b) for a, b in pairwise(way)):
+                yield tuple(way)
+
+    def _heights(self) -> list[float]:
+        low, high = self._space.low[2], self._space.high[2]
+        step = self._space.tall + 1.1 * _MARGIN
+        heights = [low + n * step for n in range(ceil((high - low) / step))]
+        return [*heights, high]
+
+    def _is_free(self, name: str, a: Point, b: Point) -> bool:
+        for other, place in self._at.items():
+            if other != name and _point_to_way(place, a, b, self._space) < 1:
+                # One that stands too near already may be left, but not approached.
+                near = _point_to_way(place, a, a, self._space)
+                if near >= 1 or _point_to_way(place, a, b, self._space) < near:
+                    return False
+        return self._space.free(name, a, b)
+
+    def _timed(self, name: str, points: Sequence[Point]) -> tuple[list[Leg], list[float]]:
+        """Return the legs between points, after those that they come too near, and their ends, s."""
+        legs: list[Leg] = []
+        ends: list[float] = []
+        earlier = self._last.get(name)
+        begins = 0.0 if earlier is None else self._ends[earlier]
+        for a, b in pairwise(points):
+            after = tuple(
+                number
+                for number, leg in enumerate(self._legs)
+                if leg.vehicle != name and self._meet(leg, a, b)
+            )
+            begins = max([begins, *(self._ends[number] for number in after)])
+            begins += dist(a, b) / _SPEED + _STOP
+            legs.append(Leg(name, a, b, after))
+            ends.append(begins)
+        return legs, ends
+
+    def _meet(self, leg: Leg, a: Point, b: Point) -> bool:
+        across, tall = self._space.across + _MARGIN, self._space.tall + _MARGIN
+        return distance((Piece(leg.start, leg.end),), (Piece(a, b),), across, tall) < 1
+
+    def _make_room(self, stuck: Sequence[str], done: set[str]) -> bool:
+        """Send one vehicle out of the way, each at most once; return whether one went."""
+        for name in stuck:
+            if name in done:
+                continue
+            start = self._at[name]
+            for spot in sorted(self._spots(), key=lambda spot: dist(spot, start)):
+                if self._keeps_clear(name, spot, stuck) and self._send(name, spot):
+                    done.add(name)
+                    return True
+        return False
+
+    def _keeps_clear(self, name: str, spot: Point, stuck: Sequence[str]) -> bool:
+        others = (place for other, place in self._at.items() if other != name)
+        goals = (self._goals[other] for other in stuck)
+        return all(_apart(spot, point, self._space) for point in (*others, *goals))
+
+    def _spots(self) -> list[Point]:
+        """Return points to make room at, on a grid around all places and goals."""
+        known = [*self._at.values(), *self._goals.values()]
+        axes = []
+        for n, keep in enumerate((self._space.across, self._space.across, self._space.tall)):
+            step = keep + 2 * _MARGIN
+            low = max(min(p[n] for p in known) - _ROOM, self._space.low[n])
+            high = min(max(p[n] for p in known) + _ROOM, self._space.high[n])
+            axes.append([low + k * step for k in range(int((high - low) / step) + 1)])
+        spots: list[Point] = list(product(*axes))  # type: ignore[arg-type]
+        every = ceil(len(spots) / _MOST_SPOTS)
+        return spots[::every]
+
+    def _refused(self, stuck: Sequence[str]) -> Refused:
+        name = stuck[0]
+        goal = self._goals[name]
+        near = [
+            other for other, place in self._at.items()
+            if other != name and _point_to_way(place, self._at[name], goal, self._space) < 1
+        ]  # fmt: skip
+        who = f"{', '.join(near)} is in the way of {name}" if near else f"{name} finds no way"
+        others = f", and {len(stuck) - 1} more find none" if len(stuck) > 1 else ""
+        return Refused(
+            f"separation: {who}{others}",
+            "no vehicle was sent; give more room, or send those in the way somewhere else first",
+        )

@@ -10,9 +10,12 @@ from itertools import pairwise, product
 from math import ceil, dist
 
 from msgspec import Struct
+from msgspec.structs import astuple
 
+from quadctl.schemas.messages import Position
 from quadctl.services.runtime.errors import Refused
 from quadctl.services.safety.separation import WIDER, Piece, distance
+from quadctl.services.safety.way import flown
 
 Point = tuple[float, float, float]
 """East, north and up, m."""
@@ -25,7 +28,15 @@ _SPEED, _STOP = 2.0, 1.5
 """Speed (m/s) and seconds for speeding up and braking, to judge which way takes least."""
 _ROOM = 3.0
 """Metres around all places and goals within which a vehicle makes room."""
+_LOWEST = 0.5
+"""Height (m) above the floor at which a vehicle passes others, or makes room."""
+_HIGHEST = 12
+"""Vehicles above each other that pass at most: without a cage, there is no highest."""
 _MOST_SPOTS = 2000
+_ATTEMPTS = 4
+"""Plans that are tried, each with another vehicle first."""
+_MOST_MOVES = 3
+"""Times that a vehicle makes room."""
 
 
 class Leg(Struct, frozen=True):
@@ -53,7 +64,16 @@ def plan(places: Mapping[str, Point], goals: Mapping[str, Point], space: Space) 
     `places` also has the vehicles that stay. Raises Refused, with who is in whose way.
     """
     _check_goals(places, goals, space)
-    return _Plan(places, goals, space).legs()
+    names, problem = list(goals), None
+    for attempt in range(_ATTEMPTS):
+        first = attempt * len(names) // _ATTEMPTS
+        order = names[first:] + names[:first]
+        try:
+            return _Plan(places, {name: goals[name] for name in order}, space).legs()
+        except Refused as refused:
+            problem = problem or refused
+    assert problem is not None  # noqa: S101 - there is an attempt
+    raise problem
 
 
 def _check_goals(places: Mapping[str, Point], goals: Mapping[str, Point], space: Space) -> None:
@@ -84,6 +104,11 @@ def _point_to_way(p: Point, a: Point, b: Point, space: Space) -> float:
     return dx * dx + dy * dy + dz * dz
 
 
+def _parts(a: Point, b: Point) -> list[tuple[Point, Point]]:
+    """Return the straight parts of a flight, which near the floor has a hop."""
+    return [(astuple(p), astuple(q)) for p, q in flown((Position(*a), Position(*b)))]
+
+
 class _Plan:
     """Plan in the making: where the vehicles are by then, and the legs so far."""
 
@@ -98,12 +123,16 @@ class _Plan:
         """Number of each vehicle's last leg."""
 
     def legs(self) -> list[Leg]:
-        left = [name for name, goal in self._goals.items() if self._at[name] != goal]
-        made_room: set[str] = set()
+        left = list(self._goals)
+        made_room: dict[str, int] = {}
         while left:
             stuck = [name for name in left if not self._send(name, self._goals[name])]
-            if len(stuck) == len(left) and not self._make_room(stuck, made_room):
-                raise self._refused(stuck)
+            if len(stuck) == len(left):
+                moved = self._make_room(stuck, made_room)
+                if not moved:
+                    raise self._refused(stuck)
+                # One that had arrived has to come back.
+                stuck = list(dict.fromkeys([*stuck, moved]))
             left = stuck
         return self._legs
 
@@ -130,12 +159,17 @@ class _Plan:
                 yield tuple(way)
 
     def _heights(self) -> list[float]:
-        low, high = self._space.low[2], self._space.high[2]
+        low, high = self._space.low[2] + _LOWEST, self._space.high[2]
         step = self._space.tall + 1.1 * _MARGIN
+        known = (*self._at.values(), *self._goals.values())
+        high = min(high, max(place[2] for place in known) + _HIGHEST * step)
         heights = [low + n * step for n in range(ceil((high - low) / step))]
         return [*heights, high]
 
     def _is_free(self, name: str, a: Point, b: Point) -> bool:
+        return all(self._is_clear(name, start, end) for start, end in _parts(a, b))
+
+    def _is_clear(self, name: str, a: Point, b: Point) -> bool:
         for other, place in self._at.items():
             if other != name and _point_to_way(place, a, b, self._space) < 1:
                 # One that stands too near already may be left, but not approached.
@@ -164,37 +198,61 @@ class _Plan:
 
     def _meet(self, leg: Leg, a: Point, b: Point) -> bool:
         across, tall = self._space.across + _MARGIN, self._space.tall + _MARGIN
-        return distance((Piece(leg.start, leg.end),), (Piece(a, b),), across, tall) < 1
+        theirs, ours = (
+            tuple(Piece(*part) for part in _parts(*ends)) for ends in ((leg.start, leg.end), (a, b))
+        )
+        return distance(theirs, ours, across, tall) < 1
 
-    def _make_room(self, stuck: Sequence[str], done: set[str]) -> bool:
-        """Send one vehicle out of the way, each at most once; return whether one went."""
-        for name in stuck:
-            if name in done:
-                continue
+    def _make_room(self, stuck: Sequence[str], done: dict[str, int]) -> str:
+        """Send a vehicle out of the way, and return its name; empty if none can go.
+
+        First those go that have gone least often, and those that have not arrived.
+        """
+        spots = self._spots()
+        there = [
+            name for name in self._goals if name not in stuck and self._is_near_any(name, stuck)
+        ]
+        for name in sorted([*stuck, *there], key=lambda name: done.get(name, 0)):
+            if done.get(name, 0) == _MOST_MOVES:
+                break
             start = self._at[name]
-            for spot in sorted(self._spots(), key=lambda spot: dist(spot, start)):
+            for _, spot in sorted(spots, key=lambda spot: (spot[0], dist(spot[1], start))):
                 if self._keeps_clear(name, spot, stuck) and self._send(name, spot):
-                    done.add(name)
-                    return True
-        return False
+                    done[name] = done.get(name, 0) + 1
+                    return name
+        return ""
+
+    def _is_near_any(self, name: str, stuck: Sequence[str]) -> bool:
+        """Return whether a vehicle is above, below or beside one that is stuck, or its goal."""
+        x, y, _ = self._at[name]
+        ends = (p for other in stuck for p in (self._at[other], self._goals[other]))
+        return any((x - p[0]) ** 2 + (y - p[1]) ** 2 < (2 * self._space.across) ** 2 for p in ends)
 
     def _keeps_clear(self, name: str, spot: Point, stuck: Sequence[str]) -> bool:
         others = (place for other, place in self._at.items() if other != name)
         goals = (self._goals[other] for other in stuck)
         return all(_apart(spot, point, self._space) for point in (*others, *goals))
 
-    def _spots(self) -> list[Point]:
-        """Return points to make room at, on a grid around all places and goals."""
+    def _spots(self) -> list[tuple[int, Point]]:
+        """Return points to make room at, on a grid around all places and goals.
+
+        With each, how many of these it is above or below: there it is in the way again.
+        """
         known = [*self._at.values(), *self._goals.values()]
         axes = []
         for n, keep in enumerate((self._space.across, self._space.across, self._space.tall)):
             step = keep + 2 * _MARGIN
-            low = max(min(p[n] for p in known) - _ROOM, self._space.low[n])
+            least = self._space.low[n] + (_LOWEST if n == 2 else 0.0)
+            low = max(min(p[n] for p in known) - _ROOM, least)
             high = min(max(p[n] for p in known) + _ROOM, self._space.high[n])
             axes.append([low + k * step for k in range(int((high - low) / step) + 1)])
         spots: list[Point] = list(product(*axes))  # type: ignore[arg-type]
         every = ceil(len(spots) / _MOST_SPOTS)
-        return spots[::every]
+        wide = (self._space.across + _MARGIN) ** 2
+        return [
+            (sum((x - p[0]) ** 2 + (y - p[1]) ** 2 < wide for p in known), (x, y, z))
+            for x, y, z in spots[::every]
+        ]
 
     def _refused(self, stuck: Sequence[str]) -> Refused:
         name = stuck[0]

@@ -30,11 +30,12 @@ class Goto(Struct, frozen=True):
 class Check(Struct, frozen=True):
     """Order to verify the candidate now, by the corners (m) of a way, if any; it may be searched for.
 
-    With `waits`, a goal that comes too near another vehicle is to wait for it.
+    A `direct` way has none. With `waits`, a goal too near another vehicle is to wait for it.
     """
 
     corners: tuple[Position, ...] = ()
     searched: bool = False
+    direct: bool = False
     waits: bool = False
 
 

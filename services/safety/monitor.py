@@ -42,9 +42,9 @@ from quadctl.services.safety.model import (
     World,
 )
 from quadctl.services.safety.route import way_around
-from quadctl.services.safety.separation import Neighbour, conflicts, names_of, why_near
+from quadctl.services.safety.separation import Neighbour, conflicts, why_near
 from quadctl.services.safety.traffic import Held, Post, Traffic
-from quadctl.services.safety.way import reserved, space_of, too_near, way_to, why_barred
+from quadctl.services.safety.way import reserved, space_after, too_near, way_to, why_barred
 from quadctl.services.safety.zones import Region
 
 PATIENCE = 1.0
@@ -230,35 +230,40 @@ class Monitor:
                 self._verify(goal, direct=direct, wait=wait)
             return self.situation.reason
 
-    def _verify(
-        self, goal: Position, *, direct: bool, wait: bool = False, before: int | None = None
-    ) -> None:
-        s, world = self.situation, self.world(self._traffic.others(self.name, before=before))
-        check, held = Check() if direct else self._proposal(goal, world), None
+    def _verify(self, goal: Position, *, direct: bool, wait: bool, number: int = 0) -> None:
+        """Verify the candidate; with `wait` it may wait, with its `number` if it has done so before."""
+        s = self.situation
+        world = self.world(self._traffic.others(self.name, before=number or None))
+        check = Check(direct=True) if direct else self._proposal(goal, world)
+        held = None
         if wait and s.back is State.HOVERING:
             near = too_near(s, goal, check.corners, world)
-            if near and self._traffic.will_clear(self.name, near):
-                space = space_of(way_to(s, goal, check.corners, world), s, world)
-                held = Held(goal, direct, space, names_of(near), self._traffic.number())
-                check = replace(check, waits=True)
-        self._feed(check, world)
+            held = self._traffic.hold(self.name, check, goal, near, number=number) if near else None
+        self._feed(replace(check, waits=held is not None), world)
         if self.situation.reason.startswith(WAITS):
             self.held = held
 
     def _retry(self, held: Held) -> None:
         """Fly to the goal that waits once its way is free; refuse it once that cannot be."""
         with self._traffic.lock:
-            place = astuple(self.pose.position)
-            for only in (held.behind[0], ""):
+            s, place = self.situation, astuple(self.pose.position)
+            space = space_after(s, held.goal, held.corners, self.world())
+            for only in (held.first, ""):
                 others = self._traffic.others(self.name, only=only, before=held.number)
-                near = conflicts(place, held.space, others)
-                if near and self._traffic.will_clear(self.name, near):
-                    self.held = held if only else replace(held, behind=names_of(near))
+                near = conflicts(place, space, others)
+                check = Check(held.corners, direct=held.direct)
+                again = (
+                    self._traffic.hold(self.name, check, held.goal, near, number=held.number)
+                    if near
+                    else None
+                )
+                if again:
+                    self.held = held if only else again
                     return
             self.held = None
             self._feed(Goto(held.goal))
             if self.situation.state is State.VERIFYING:
-                self._verify(held.goal, direct=held.direct, before=held.number)
+                self._verify(held.goal, direct=held.direct, wait=True, number=held.number)
 
     def _proposal(self, goal: Position, world: World) -> Check:
         """Return the order to verify the straight way, or the shortest one around zones."""

@@ -86,11 +86,6 @@ def why_near(found: Sequence[Neighbour]) -> str:
     return f"separation: {found[0].name} {found[0].how.value}" if found else ""
 
 
-def names_of(found: Sequence[Neighbour]) -> tuple[str, ...]:
-    """Return the names of the vehicles, each once."""
-    return tuple({one.name: None for one in found})
-
-
 def distance(space: Space, other: Space, across: float, tall: float) -> float:
     """Return the least distance of two spaces; each needs a piece."""
     ours, theirs = _scaled(space, across, tall), _scaled(other, across, tall)

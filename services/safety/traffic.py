@@ -4,7 +4,7 @@ Each vehicle reserves the space of its way, first come, first served. A vehicle 
 apart from all others, so only one that has left it is compared with them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import sqrt
 from threading import RLock
@@ -16,35 +16,42 @@ from msgspec.structs import astuple
 from quadctl.schemas.messages import Pose, Position
 from quadctl.schemas.params import SeparationParams
 from quadctl.services.safety.cage import soonest_stop
-from quadctl.services.safety.model import Situation, State, World
+from quadctl.services.safety.model import Check, Situation, State, World
 from quadctl.services.safety.separation import (
     WIDER,
     How,
     Neighbour,
     Piece,
-    Space,
     allowed,
     distance,
 )
-from quadctl.services.safety.way import off_course, reserved, rests
+from quadctl.services.safety.way import motion, off_course, reserved, rests, space_after
 
 _REACTION = 0.3
 """Seconds from the command to stop until a sound vehicle brakes."""
 _SHARE = 0.5
 """Share of the greatest deceleration that a sound vehicle brakes with."""
+_FAR = 0.1
+"""Distance (m) from its course up to which a vehicle is thought to follow it."""
 _ROUNDING = 1e-9
 
 
-class Held(Struct, frozen=True):
-    """Goal (m) that waits for the vehicles `behind` which it stands, and the space of its way.
+Mark = tuple[str, Position | int]
+"""A vehicle, and its goal, or the number of its goal that waits: once that is another, it has flown."""
 
-    Of two that wait, the one with the lower number goes first.
+
+class Held(Struct, frozen=True):
+    """Goal (m) that waits, by the corners of its way, first of all for the vehicle `first`.
+
+    `behind` marks the vehicles that have to fly first. Of two goals that wait, the one with the lower
+    number goes first.
     """
 
     goal: Position
     direct: bool
-    space: Space
-    behind: tuple[str, ...]
+    corners: tuple[Position, ...]
+    first: str
+    behind: tuple[Mark, ...]
     number: int
 
 
@@ -86,10 +93,29 @@ class Traffic:
         """Add a vehicle; `post` runs a function on its loop."""
         self._members[member.name] = member, post
 
-    def number(self) -> int:
-        """Return the number of a request that has to wait."""
-        self._number += 1
-        return self._number
+    def hold(
+        self, name: str, check: Check, goal: Position, near: Sequence[Neighbour], *, number: int = 0
+    ) -> Held | None:
+        """Return a vehicle's goal as one that waits; None if some of those in its way will not leave.
+
+        What flies ends by itself, but no two may wait for each other. A goal that has waited before
+        keeps its `number`.
+        """
+        if not all(self._will_clear(name, one) for one in near):
+            return None
+        if not number:
+            self._number = number = self._number + 1
+        behind = tuple(self._mark(one) for one in near if one.how is not How.FLIES)
+        return Held(goal, check.direct, check.corners, near[0].name, behind, number)
+
+    def _will_clear(self, name: str, one: Neighbour) -> bool:
+        return one.how is How.FLIES or (one.clears and not self._waits_for(one.name, name))
+
+    def _mark(self, one: Neighbour) -> Mark:
+        other = self._members[one.name][0]
+        if one.how is How.WAITS and other.held:
+            return one.name, other.held.number
+        return one.name, other.situation.goal
 
     def others(
         self, name: str, *, only: str = "", before: int | None = None
@@ -110,29 +136,32 @@ class Traffic:
             held, world = other.held, other.world()
             found += _neighbours(other, world, across, tall)
             earlier = held and (before is None or held.number < before)
-            if held and earlier and not self.waits_for(other.name, name):
-                waiting.append(
-                    Neighbour(other.name, held.space, across, tall, How.WAITS, clears=True)
-                )
+            if held and earlier and not self._waits_for(other.name, name):
+                space = space_after(other.situation, held.goal, held.corners, world)
+                waiting.append(Neighbour(other.name, space, across, tall, How.WAITS, clears=True))
         return (*found, *waiting)
 
-    def will_clear(self, name: str, found: list[Neighbour]) -> bool:
-        """Return whether every vehicle in the way will leave, and none waits for this one."""
-        return all(one.clears and not self.waits_for(one.name, name) for one in found)
-
-    def waits_for(self, waiter: str, name: str) -> bool:
+    def _waits_for(self, waiter: str, name: str) -> bool:
         """Return whether a vehicle waits for another one, which may wait itself."""
         seen, left = set[str](), [waiter]
         while left:
             one = left.pop()
-            member = self._members.get(one)
-            if one in seen or member is None or member[0].held is None:
+            held = self._members[one][0].held
+            if one in seen or held is None:
                 continue
             seen.add(one)
-            if name in member[0].held.behind:
+            before = [mark[0] for mark in held.behind if self._stands(mark)]
+            if name in before:
                 return True
-            left += member[0].held.behind
+            left += before
         return False
+
+    def _stands(self, mark: Mark) -> bool:
+        """Return whether a vehicle is still where it was, or waits for the same goal."""
+        member = self._members[mark[0]][0]
+        if isinstance(mark[1], int):
+            return member.held is not None and member.held.number == mark[1]
+        return member.situation.goal == mark[1]
 
     def moved(self, name: str) -> None:
         """Have the flights of the others checked again: a vehicle was put somewhere else."""
@@ -143,14 +172,14 @@ class Traffic:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
         if len(self._members) < 2 or off_course(member.situation, member.pose) <= WIDER / 2:
             return
-        world = member.world()
+        path, world = _stop_path(member), member.world()
         for other in self._others(member.name):
             across, tall = allowed(member.separation, other.separation)
             keep = max(across, tall)
             if not across or _is_far(member.pose, other.pose, keep, world.envelope.deceleration):
                 continue
             theirs = other.world()
-            if not _meet(world, theirs, across, tall):
+            if not _meet(path, _stop_path(other), across, tall):
                 continue
             for one, ours, another, its in (
                 (member, world, other, theirs), (other, theirs, member, world)
@@ -194,22 +223,30 @@ def _is_far(a: Pose, b: Pose, keep: float, deceleration: float) -> bool:
     return dx * dx + dy * dy + dz * dz > reach * reach
 
 
-def _meet(a: World, b: World, across: float, tall: float) -> bool:
+def _meet(a: Piece, b: Piece, across: float, tall: float) -> bool:
     """Return whether two vehicles that brake now come nearer than allowed, and than they are."""
-    here, there = astuple(a.pose.position), astuple(b.pose.position)
-    now = distance((Piece(here, here),), (Piece(there, there),), across, tall)
-    soon = distance(_stop_path(a), _stop_path(b), across, tall)
-    return soon < min(now, 1.0) - _ROUNDING
+    now = distance((Piece(a.start, a.start),), (Piece(b.start, b.start),), across, tall)
+    return distance((a,), (b,), across, tall) < min(now, 1.0) - _ROUNDING
 
 
-def _stop_path(w: World) -> Space:
-    """Return the way of a vehicle until it has stopped."""
-    p, v = w.pose.position, w.pose.velocity
-    end = soonest_stop(w.pose, _SHARE * w.envelope.deceleration)
-    reacted = (
-        end.x + _REACTION * v.x, end.y + _REACTION * v.y, end.z + _REACTION * v.z
-    )  # fmt: skip
-    return (Piece(astuple(p), reacted),)
+def _stop_path(member: Member) -> Piece:
+    """Return the way of a vehicle until it has stopped.
+
+    One that is not far off its course stops on it, or as far off; of any other one nothing is known
+    but its speed.
+    """
+    pose, s = member.pose, member.situation
+    place, v = astuple(pose.position), astuple(pose.velocity)
+    end = astuple(soonest_stop(pose, _SHARE * member.world().envelope.deceleration))
+    end = tuple(e + _REACTION * w for e, w in zip(end, v, strict=True))
+    off = off_course(s, pose)
+    if s.settling or off < _FAR:
+        slack = min(off, _FAR)
+        end = tuple(
+            min(max(e, min(a, p) - slack), max(b, p) + slack)
+            for e, p, a, b in zip(end, place, *motion(s), strict=True)
+        )
+    return Piece(place, end)
 
 
 def _approaches(a: World, b: World, across: float, tall: float) -> bool:

@@ -105,6 +105,17 @@ def reserved(s: Situation, w: World) -> Space:
     return (*_begun(s, place, goal), *_lines((goal, *s.corners)))
 
 
+def space_after(s: Situation, goal: Position, corners: tuple[Position, ...], w: World) -> Space:
+    """Return the space of a way that begins where the present motion ends."""
+    return _lines((_end_of(s, w), *corners, goal))
+
+
+def _end_of(s: Situation, w: World) -> Position:
+    if not s.brake:
+        return s.end
+    return w.pose.position if rests(s, w) else latest_stop(w, motion(s))
+
+
 def off_course(s: Situation, pose: Pose) -> float:
     """Return how far (m) a vehicle is from where it was to be; infinite while it stops."""
     if s.settling:
@@ -126,7 +137,7 @@ def _box(box: Box, place: Position) -> Piece:
 
 
 def _lines(points: Iterable[Position]) -> Space:
-    return tuple(Piece(astuple(a), astuple(b)) for a, b in _flown(points))
+    return tuple(Piece(astuple(a), astuple(b)) for a, b in flown(points))
 
 
 def why_barred(way: Way, region: Region) -> str:
@@ -157,11 +168,11 @@ def why_stopped(s: Situation, w: World) -> str:
 
 
 def _why_crossed(points: Iterable[Position], region: Region) -> str:
-    return next(filter(None, (region.why_crosses(a, b) for a, b in _flown(points))), "")
+    return next(filter(None, (region.why_crosses(a, b) for a, b in flown(points))), "")
 
 
-def _flown(points: Iterable[Position]) -> Iterator[tuple[Position, Position]]:
-    """Yield the straight parts of a way between points, with those of a hop near the floor."""
+def flown(points: Iterable[Position]) -> Iterator[tuple[Position, Position]]:
+    """Yield the straight parts of a way between points (m), with those of a hop near the floor."""
     for a, b in pairwise(points):
         yield a, b
         if min(a.z, b.z) < HOP:

@@ -1,11 +1,14 @@
 """Flights of several vehicles in a box too small for comfort, kept apart by the real traffic."""
 
 import random
+from collections.abc import Sequence
 from itertools import combinations
 from math import inf, sqrt
 
+from quadctl.cli.fleet.plan import Leg
 from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.services.safety.model import State
 from quadctl.services.safety.traffic import Traffic
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods
 
@@ -57,6 +60,28 @@ class FleetFlight:
                 member.advance()
             places = [member.vehicle.position for member in self.members]
             self.nearest = min(self.nearest, *(apart(a, b) for a, b in combinations(places, 2)))
+
+
+def fly_plan(flight: FleetFlight, legs: Sequence[Leg]) -> None:
+    """Fly the legs of a plan for `uav0`, `uav1` .., each as soon as it may be sent."""
+    left = {
+        n: [k for k, leg in enumerate(legs) if leg.vehicle == f"uav{n}"]
+        for n in range(len(flight.members))
+    }
+    sent: set[int] = set()
+    for _ in periods(600):
+        for n, numbers in left.items():
+            s, held = flight.members[n].monitor.situation, flight.members[n].monitor.held
+            if s.state is State.HOVERING and not held and numbers:
+                leg = legs[numbers[0]]
+                if all(k in sent for k in leg.after):
+                    reason = flight.goto(n, Position(*leg.end), wait=True)
+                    assert not reason or reason.startswith("waits"), (n, leg, reason)
+                    sent.add(numbers.pop(0))
+        flight.period()
+        if not any(left.values()) and flight.is_done:
+            return
+    raise AssertionError(f"not all have arrived: {left}")
 
 
 def apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:

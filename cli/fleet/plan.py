@@ -15,7 +15,7 @@ from msgspec.structs import astuple
 from quadctl.schemas.messages import Position
 from quadctl.services.runtime.errors import Refused
 from quadctl.services.safety.separation import WIDER, Piece, distance
-from quadctl.services.safety.way import flown
+from quadctl.services.safety.way import HOP, flown
 
 Point = tuple[float, float, float]
 """East, north and up, m."""
@@ -150,12 +150,13 @@ class _Plan:
     def _ways(self, name: str, end: Point) -> Iterator[tuple[Point, ...]]:
         """Yield the ways past the places of the others: straight, and by each height."""
         start = self._at[name]
-        if self._is_free(name, start, end):
+        # A flight from the floor is straight only if it is a climb.
+        if (start[2] >= HOP or start[:2] == end[:2]) and self._is_free(name, start, end):
             yield start, end
         for z in self._heights():
             points = (start, (*start[:2], z), (*end[:2], z), end)
             way = [a for a, b in pairwise(points) if a != b] + [end]
-            if len(way) > 2 and all(self._is_free(name, a, b) for a, b in pairwise(way)):
+            if len(way) > 1 and all(self._is_free(name, a, b) for a, b in pairwise(way)):
                 yield tuple(way)
 
     def _heights(self) -> list[float]:

@@ -39,7 +39,7 @@ from quadctl.services.safety.model import (
     World,
 )
 from quadctl.services.safety.separation import why_near
-from quadctl.services.safety.way import is_there, motion, too_near, way_to, why_barred, why_stopped
+from quadctl.services.safety.way import HOP, is_there, motion, too_near, way_to, why_barred, why_stopped
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -62,8 +62,8 @@ def take(s: Situation, e: Event, w: World) -> Situation:
     s = s if s.beyond < inf else caged(s, w)
     s = replace(s, origin=way.origin, reach=way.reach, corners=tuple(corners))
     s = replace(s, leg=1 if corners else 0, legs=len(way.points) if corners else 0)
-    takeoff = s.candidate.takeoff
-    return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
+    s = replace(s, commanded=w.pose.stamp, takeoff=s.candidate.takeoff)
+    return replace(s, goal=goal, brake=False, settling=False, reason="")
 
 
 def turn(s: Situation, e: Event, w: World) -> Situation:
@@ -72,8 +72,8 @@ def turn(s: Situation, e: Event, w: World) -> Situation:
     if not is_there(s, w):
         return follow(s, e, w)
     goal, *corners = s.corners
-    leg = s.leg + 1
-    return replace(s, origin=s.goal, reach=None, goal=goal, corners=tuple(corners), leg=leg)
+    s = replace(s, origin=s.goal, reach=None, commanded=w.pose.stamp)
+    return replace(s, goal=goal, corners=tuple(corners), leg=s.leg + 1)
 
 
 def follow(s: Situation, _e: Event, w: World) -> Situation:
@@ -108,6 +108,8 @@ def _why_zoned(s: Situation, e: Event, w: World) -> str:
     outside = (why_outside(corner, w.cage) for corner in way.points[:-1])
     why = next(filter(None, outside), "") or why_barred(way, w.region)
     if why and way.reach and not way.begun:
+        if way.origin.z < HOP:
+            return f"{why}: from the floor a way bends; rise first"
         return f"{why}: in flight a way bends, from rest it may be free; hold first"
     searched = isinstance(e, Check) and e.searched
     return f"{why}; no way around it was found" if why and searched else why
@@ -136,11 +138,12 @@ def pause(s: Situation, e: Event, w: World) -> Situation:
     return replace(ways, paused=Goto(s.goal, takeoff=s.takeoff))
 
 
-def resume(s: Situation, _e: Event, _w: World) -> Situation:
+def resume(s: Situation, _e: Event, w: World) -> Situation:
     """Fly on to the goal of the paused flight."""
     assert s.paused is not None  # noqa: S101 - RULES pairs this action with `paused`
     reason = f"went on after a pause: {s.reason.removeprefix(PAUSED)}"
     goal, takeoff = s.paused.goal, s.paused.takeoff
+    s = replace(s, commanded=w.pose.stamp)
     return replace(
         s, goal=goal, brake=False, settling=False, takeoff=takeoff, paused=None, reason=reason
     )
@@ -216,12 +219,13 @@ def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
 def reboot(s: Situation, e: Event, w: World) -> Situation:
     """Drop the goal, and stay where the new boot is."""
     assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
-    return replace(_stopped(caged(s, w), w, e.reason), boot=w.pose.boot, settling=False)
+    s = _stopped(caged(s, w), w, e.reason)
+    return replace(s, boot=w.pose.boot, settling=False, commanded=-inf)
 
 
 def _stopped(s: Situation, w: World, reason: str) -> Situation:
     here = w.pose.position
-    s = replace(s, reach=motion(s), corners=(), leg=0, legs=0)
+    s = replace(s, reach=motion(s), corners=(), leg=0, legs=0, commanded=w.pose.stamp)
     return replace(
         s, goal=here, brake=True, settling=True, takeoff=False, paused=None, reason=reason
     )

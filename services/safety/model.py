@@ -1,6 +1,7 @@
 """Data of the automaton: its states, events, world and situation."""
 
 from enum import Enum
+from math import inf
 
 from msgspec import Struct
 
@@ -128,7 +129,8 @@ class Situation(Struct, frozen=True):
     guard has stopped the vehicle. `paused` is the flight to resume when poses come again. `since`
     (s) is the time of the last change of the cage. `corners` are the points (m) to fly to, one by
     one and each from rest, after `goal`, which is the end of `leg` of `legs`; without corners all
-    are 0. The present motion is straight from `origin` (m), or a curve somewhere in the box `reach`.
+    are 0. The present motion is straight from `origin` (m), or a curve somewhere in the box `reach`;
+    it was commanded at the time `commanded` (s).
     """
 
     state: State
@@ -150,6 +152,7 @@ class Situation(Struct, frozen=True):
     corners: tuple[Position, ...] = ()
     leg: int = 0
     legs: int = 0
+    commanded: float = -inf
 
     @property
     def end(self) -> Position:

@@ -23,6 +23,8 @@ _NEAR, _PART = 0.03, 0.25
 short leg: before that leg, it rests at no more than this distance from it, too."""
 
 
+HIDDEN = 0.3
+"""Seconds for which a vehicle's lags hide from its poses that it begins to move."""
 HOP = 0.1
 """Height (m) to which a vehicle rises first on its way along the floor, and from which it lands."""
 
@@ -43,7 +45,7 @@ class Way(NamedTuple):
 def rests(s: Situation, w: World) -> bool:
     """Return whether the vehicle stands still, and is not about to move."""
     state = s.back if s.state is State.VERIFYING else s.state
-    if state is State.MOVING or s.settling or not at_rest(w.pose):
+    if state is State.MOVING or s.settling or not _stands_still(s, w):
         return False
     return s.brake or is_there(s, w)
 
@@ -52,7 +54,11 @@ def is_there(s: Situation, w: World) -> bool:
     """Return whether a vehicle at rest has reached its goal; wind may keep it off by the margin."""
     goal = astuple(s.goal)
     near = min(_NEAR, _PART * dist(astuple(s.origin), goal)) + w.envelope.margin
-    return at_rest(w.pose) and dist(astuple(w.pose.position), goal) < near
+    return _stands_still(s, w) and dist(astuple(w.pose.position), goal) < near
+
+
+def _stands_still(s: Situation, w: World) -> bool:
+    return at_rest(w.pose) and w.pose.stamp >= s.commanded + HIDDEN
 
 
 def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World) -> Way:
@@ -63,7 +69,11 @@ def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World
     """
     place = w.pose.position
     if rests(s, w):
-        return Way(place if s.brake else s.goal, None, (*corners, goal))
+        origin, points = place if s.brake else s.goal, (*corners, goal)
+        # From the floor it rises first, and turns before it has stopped there.
+        floor = origin.z < HOP
+        over = replace(origin, z=HOP)
+        return Way(origin, around(origin, over, points[0]) if floor else None, points)
     reach = around(place, latest_stop(w, motion(s)), goal)
     comes_to_rest = not s.brake and (s.back is State.HOVERING or s.takeoff)
     curve = Way(place, reach, (goal,))

@@ -24,7 +24,7 @@ def list_(options: Options) -> None:
     Example: quadctl zone list
     """
     with context.connect(options) as client:
-        zones = client.latest(ZONES).zones
+        zones = [zone.params for zone in client.latest(ZONES).zones]
     if options.json:
         output.document(to_builtins(zones))
     elif zones:

@@ -17,7 +17,7 @@ DIGESTS = {
     "quadctl.schemas.services.Call": "2e1e7fdf",
     "quadctl.schemas.services.GetParamsRequest": "50cf4abf",
     "quadctl.schemas.services.GetParamsResponse": "127a6040",
-    "quadctl.schemas.services.GotoRequest": "3a9123c3",
+    "quadctl.schemas.services.GotoRequest": "d79826ed",
     "quadctl.schemas.services.GotoResponse": "282bc7c5",
     "quadctl.schemas.services.HoldRequest": "00000000",
     "quadctl.schemas.services.HoldResponse": "ed3119d1",

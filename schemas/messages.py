@@ -1,6 +1,6 @@
 """Messages of the topics, and the vectors in them."""
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from msgspec import Struct, structs
 
@@ -17,7 +17,7 @@ from quadctl.schemas.units import (
     Text,
     Unit,
 )
-from quadctl.schemas.zones import ZoneParams
+from quadctl.schemas.zones import CircleParams, ZoneKind, ZoneParams
 
 
 class Position(Struct, frozen=True, forbid_unknown_fields=True):
@@ -128,10 +128,44 @@ class NearestWall(Struct, frozen=True):
     near: bool = False
 
 
-class Zones(Struct, frozen=True):
-    """Zones in force while the cage is on, as the parameters declare them."""
+class ZoneCorner(Struct, frozen=True):
+    """Corner of a zone, m: viewers read no lists within lists."""
 
-    zones: tuple[ZoneParams, ...]
+    x: Metres
+    y: Metres
+
+
+class Zone(Struct, frozen=True):
+    """Column over corners, or over a circle if there are none; see ZoneParams."""
+
+    name: Text
+    kind: ZoneKind
+    corners: tuple[ZoneCorner, ...]
+    circle: CircleParams
+    floor: Metres
+    ceiling: Metres
+
+    @classmethod
+    def of(cls, params: ZoneParams) -> Self:
+        """Return the message of a zone's parameters."""
+        corners = tuple(ZoneCorner(*corner) for corner in params.polygon)
+        return cls(params.name, params.kind, corners, params.circle, params.floor, params.ceiling)
+
+    @property
+    def polygon(self) -> tuple[tuple[Metres, Metres], ...]:
+        """Return the corners as pairs, m."""
+        return tuple((corner.x, corner.y) for corner in self.corners)
+
+    @property
+    def params(self) -> ZoneParams:
+        """Return the zone as its parameters."""
+        return ZoneParams(self.name, self.kind, self.polygon, self.circle, self.floor, self.ceiling)
+
+
+class Zones(Struct, frozen=True):
+    """Zones in force while the cage is on."""
+
+    zones: tuple[Zone, ...]
 
 
 PAUSED = "paused: "

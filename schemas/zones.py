@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
 Corner = tuple[Metres, Metres]
+ZoneKind = Literal["exclusion", "inclusion"]
 Edge = tuple[float, float, float, float]
 """Both ends of a straight line: x, y, x, y, m."""
 
@@ -24,7 +25,7 @@ CAGE_NAME = "cage"
 """Name of the box among the walls, so no zone may have it."""
 MOST_CORNERS, MOST_ZONES = 64, 50
 _OTHERS = str.maketrans(dict.fromkeys("_ .-", "a"))
-"""What a name may have besides letters and digits, as a letter."""
+"""Other characters of a name, each taken for a letter."""
 
 _ROUNDING = 1e-15
 """More than the relative rounding of a 2 x 2 determinant of differences (Shewchuk: 3.4e-16)."""
@@ -43,7 +44,7 @@ class ZoneParams(Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=
 
     name: Annotated[str, described("name in messages and commands")]
     kind: Annotated[
-        Literal["exclusion", "inclusion"],
+        ZoneKind,
         described("exclusion: the vehicle stays out; inclusion: it stays in one of these"),
     ] = "exclusion"
     polygon: Annotated[

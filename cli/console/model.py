@@ -13,8 +13,9 @@ from quadctl.schemas.messages import (
     Pressure,
     SafetyState,
     StateName,
+    Zone,
 )
-from quadctl.schemas.zones import FARTHEST, ZoneParams
+from quadctl.schemas.zones import FARTHEST
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.terminal import escaped
 
@@ -107,7 +108,7 @@ class Board:
         self.samples: deque[Sample] = deque(maxlen=_KEPT)
         self.refused: deque[Position] = deque(maxlen=_REFUSED_KEPT)
         self.verdicts: deque[Verdict] = deque(maxlen=_VERDICTS_KEPT)
-        self.zones: tuple[ZoneParams, ...] = ()
+        self.zones: tuple[Zone, ...] = ()
         self.verified, self.noted, self.epoch, self.zoned = 0, 0, 0, 0
         self.silence = 0.0
         self.nodes: list[ProcessRecord] = []
@@ -129,7 +130,7 @@ class Board:
             self.refused.clear()
         self.state = now
 
-    def update_zones(self, now: tuple[ZoneParams, ...]) -> None:
+    def update_zones(self, now: tuple[Zone, ...]) -> None:
         """Take the zones in force while the cage is on."""
         if now != self.zones:
             self.zones = now
@@ -349,7 +350,7 @@ def _wall(wall: NearestWall) -> str:
     return f"{wall.name}, {wall.distance + 0.0:.2f} m" if wall.name else "-"
 
 
-def _column(zone: ZoneParams) -> dict[str, Any]:
+def _column(zone: Zone) -> dict[str, Any]:
     """Return a zone to draw; a missing bound is None, and so is the circle of a polygon."""
     circle = zone.circle
     return {

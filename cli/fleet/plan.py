@@ -20,7 +20,7 @@ from quadctl.services.safety.way import HOP, flown
 Point = tuple[float, float, float]
 """East, north and up, m."""
 Free = Callable[[str, Point, Point], bool]
-"""Whether a vehicle may fly a straight way, as far as its cage and zones are concerned."""
+"""Test of a vehicle's straight way: true if cage and zones permit it."""
 
 _MARGIN = WIDER + 0.01
 """Metres by which a plan keeps farther away than vehicles must: a little more than safety asks for."""

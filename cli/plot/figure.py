@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from quadctl.cli.plot.track import Phase, RecordedFlight, Spot, Track
-from quadctl.schemas.messages import CageSize
-from quadctl.schemas.zones import ZoneParams
+from quadctl.schemas.messages import CageSize, Zone
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 
 CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
@@ -200,7 +199,7 @@ def _spots(axes: Any, spots: list[Spot], up: int, marker: str, colour: str, labe
         axes.scatter(x, ups, s=60, c=colour, marker=marker, label=label, zorder=3)
 
 
-def _column(axes: Any, zone: ZoneParams, name: str, heights: tuple[float, float]) -> None:
+def _column(axes: Any, zone: Zone, name: str, heights: tuple[float, float]) -> None:
     """Draw a zone from above, or as its bounds between heights (m) from the side."""
     from matplotlib.patches import Circle, Polygon, Rectangle
 

@@ -14,10 +14,10 @@ from quadctl.schemas.messages import (
     Pressure,
     SafetyState,
     Waypoint,
+    Zone,
     Zones,
 )
 from quadctl.schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, ZONES, Topic, called
-from quadctl.schemas.zones import ZoneParams
 from quadctl.services.runtime.errors import Invalid
 
 
@@ -78,7 +78,7 @@ class Track:
         self.phases: list[Phase] = []
         self.accepted: list[Spot] = []
         self.refused: list[Spot] = []
-        self.zones: dict[ZoneParams, None] = {}  # all that were ever in force, in their order
+        self.zones: dict[Zone, None] = {}  # all that were ever in force, in their order
         self.boots: list[float] = []
         self.end = 0.0  # time (s) of the latest pose
         self._boot, self._base = "", 0.0

@@ -92,7 +92,7 @@ def show(options: Options) -> None:
         state = client.latest(STATE)
         # A safety of one's own may have none.
         has_zones = any(offer.name == ZONES.name for offer in client.endpoints("@pub"))
-        zones = client.latest(ZONES).zones if has_zones else ()
+        zones = [zone.params for zone in client.latest(ZONES).zones] if has_zones else ()
     size = state.cage
     axes = {"x": [-size.x, size.x], "y": [-size.y, size.y], "z": [0.0, size.z]}
     if options.json:

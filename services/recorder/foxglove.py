@@ -9,8 +9,8 @@ from typing import Any
 
 from msgspec import Struct, field, structs
 
-from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState, Zones
-from quadctl.schemas.zones import FARTHEST, ZoneParams, edges_of
+from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState, Zone, Zones
+from quadctl.schemas.zones import FARTHEST, edges_of
 
 TRANSFORM, SCENE = "foxglove.FrameTransform", "foxglove.SceneUpdate"
 LINE_LIST = 2
@@ -159,8 +159,8 @@ class Scene:
     def __init__(self, vehicle: str) -> None:
         self._vehicle = vehicle
         self._drawn: tuple[CageSize, bool, Position] | None = None
-        self._zones: tuple[ZoneParams, ...] = ()
-        self._fenced: tuple[CageSize, bool, tuple[ZoneParams, ...]] | None = None
+        self._zones: tuple[Zone, ...] = ()
+        self._fenced: tuple[CageSize, bool, tuple[Zone, ...]] | None = None
 
     def frame(self, pose: Pose, at: int) -> FrameTransform:
         """Return the frame of the vehicle's body at a Unix time, ns."""
@@ -219,11 +219,11 @@ class Scene:
         gone = [SceneEntityDeletion(stamp, MATCHING_ID, id_) for id_ in known if id_ not in ids]
         return gone, entities
 
-    def _zone_id(self, zone: ZoneParams) -> str:
+    def _zone_id(self, zone: Zone) -> str:
         return f"{self._vehicle}/zone/{zone.name}"
 
 
-def _column(zone: ZoneParams, cage: CageSize, colour: Color) -> tuple[list[Line], list[Cylinder]]:
+def _column(zone: Zone, cage: CageSize, colour: Color) -> tuple[list[Line], list[Cylinder]]:
     """Return the edges over a polygon, or the cylinder over a circle, from the ground upwards."""
     low = max(zone.floor, 0.0)
     high = max(cage.z if zone.ceiling == FARTHEST else zone.ceiling, low)

@@ -46,6 +46,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
+from quadctl.services.runtime.executor import shared_lock
 from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import launch_lines
@@ -231,13 +232,13 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(traffic: Traffic, node: Node, params: Params) -> None:
+def run(node: Node, params: Params, traffic: Traffic | None = None) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params, traffic)
+    safety = Safety(node, params, traffic or Traffic())
     if not node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE):
         safety.listen_to_all_poses()
     safety.serve()
@@ -265,4 +266,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", partial(run, Traffic()))
+    start("safety", partial(run, traffic=Traffic(shared_lock())))

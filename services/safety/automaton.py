@@ -39,7 +39,15 @@ from quadctl.services.safety.model import (
     World,
 )
 from quadctl.services.safety.separation import why_near
-from quadctl.services.safety.way import HOP, is_there, motion, too_near, way_to, why_barred, why_stopped
+from quadctl.services.safety.way import (
+    HOP,
+    is_there,
+    motion,
+    too_near,
+    way_to,
+    why_barred,
+    why_stopped,
+)
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:

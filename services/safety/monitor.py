@@ -18,6 +18,7 @@ from quadctl.schemas.messages import (
     Setpoint,
     StateName,
     Velocity,
+    Zone,
     Zones,
 )
 from quadctl.schemas.params import SafetyParams, SeparationParams
@@ -337,7 +338,7 @@ class Monitor:
     @property
     def zones(self) -> Zones:
         """Return the zones in force while the cage is on."""
-        return Zones(tuple(self._params.zones))
+        return Zones(tuple(map(Zone.of, self._params.zones)))
 
     def _boot(self) -> None:
         first, self.held = not self.situation.boot, None

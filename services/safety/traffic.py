@@ -5,9 +5,9 @@ apart from all others, so only one that has left it is compared with them.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from math import sqrt
-from threading import RLock
 from typing import Protocol
 
 from msgspec import Struct
@@ -56,7 +56,7 @@ class Held(Struct, frozen=True):
 
 
 class Member(Protocol):
-    """What traffic has to know of a vehicle's monitor."""
+    """Monitor of a vehicle, as far as traffic needs it."""
 
     name: str
     pose: Pose
@@ -83,9 +83,9 @@ Post = Callable[[Callable[[], None]], None]
 class Traffic:
     """Vehicles that keep apart. Decisions about more than one of them need the lock."""
 
-    def __init__(self) -> None:
-        """Begin without a vehicle."""
-        self.lock = RLock()
+    def __init__(self, lock: AbstractContextManager[object] | None = None) -> None:
+        """Begin without a vehicle; the lock is for monitors that several threads feed."""
+        self.lock = lock or nullcontext()
         self._members: dict[str, tuple[Member, Post]] = {}
         self._number = 0
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from msgspec import NODEFAULT, Struct, inspect, json
+from msgspec import NODEFAULT, Struct, inspect, json, to_builtins
 
 from quadctl.schemas.zones import ZoneParams
 from tests.golden import product
@@ -73,7 +73,8 @@ def _field(field: inspect.Field) -> dict[str, Any]:
         found["bounds"] = bounds
     if not field.required:
         made = field.default_factory
-        found["default"] = made() if made not in {NODEFAULT, None} else field.default
+        default = made() if made not in {NODEFAULT, None} else field.default
+        found["default"] = to_builtins(default)
     return found
 
 

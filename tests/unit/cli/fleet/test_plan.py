@@ -131,10 +131,8 @@ def test_the_real_vehicles_fly_a_plan(seed: int):
     count = draws.randint(4, 10)
     starts, ends = draws.sample(spots, count), draws.sample(spots, count)
     flight = FleetFlight(*(Position(*spot) for spot in starts))
-    fly_plan(
-        flight,
-        plan(*({f"uav{n}": p for n, p in enumerate(ps)} for ps in (starts, ends)), space(1.5, 2.5)),
-    )
+    places, goals = ({f"uav{n}": spot for n, spot in enumerate(spots)} for spots in (starts, ends))
+    fly_plan(flight, plan(places, goals, space(1.5, 2.5)))
     assert flight.nearest >= 1
     for member, end in zip(flight.members, ends, strict=True):
         assert dist(member.vehicle.position, end) < 0.01

@@ -89,6 +89,11 @@ class Traffic:
         self._members: dict[str, tuple[Member, Post]] = {}
         self._number = 0
 
+    @property
+    def is_shared(self) -> bool:
+        """Return whether there are several vehicles."""
+        return len(self._members) > 1
+
     def join(self, member: Member, post: Post) -> None:
         """Add a vehicle; `post` runs a function on its loop."""
         self._members[member.name] = member, post
@@ -124,7 +129,7 @@ class Traffic:
 
         A goal that waits counts, too, if it came `before` a number, and does not wait for this one.
         """
-        if len(self._members) < 2:
+        if not self.is_shared:
             return ()
         found: list[Neighbour] = []
         waiting: list[Neighbour] = []
@@ -170,7 +175,7 @@ class Traffic:
 
     def watch(self, member: Member) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
-        if len(self._members) < 2 or off_course(member.situation, member.pose) <= WIDER / 2:
+        if not self.is_shared or off_course(member.situation, member.pose) <= WIDER / 2:
             return
         path, world = _stop_path(member), member.world()
         for other in self._others(member.name):

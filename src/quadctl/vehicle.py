@@ -436,12 +436,14 @@ class Vehicle:
     @overload
     def goto(
         self, x: float, y: float, z: float, *,
-        replace: bool = ..., direct: bool = ..., wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
+        replace: bool = ..., direct: bool = ..., after_others: bool = ...,
+        wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
     ) -> Arrival: ...  # fmt: skip
     @overload
     def goto(
         self, x: float, y: float, z: float, *,
-        replace: bool = ..., direct: bool = ..., wait: Literal[False], timeout: float | None = ...,
+        replace: bool = ..., direct: bool = ..., after_others: bool = ...,
+        wait: Literal[False], timeout: float | None = ...,
     ) -> Flight: ...  # fmt: skip
 
     def goto(
@@ -452,6 +454,7 @@ class Vehicle:
         *,
         replace: bool = False,
         direct: bool = False,
+        after_others: bool = False,
         wait: bool = True,
         settle: bool = False,
         timeout: float | None = None,
@@ -459,11 +462,13 @@ class Vehicle:
         """Fly to a point (m, ENU); return its Arrival, or without `wait` the Flight.
 
         With `settle` also wait until the vehicle rests. `replace` changes course while flying to
-        another goal; `direct` refuses rather than fly around zones. Raises Refused, with the reason, if safety refuses the goal or stops the
-        flight, Invalid for a bad coordinate, and TimedOut after `timeout` (s; default: twice the
-        planned time and 5 s).
+        another goal, `direct` refuses rather than fly around zones, and with `after_others` the goal
+        waits until other vehicles have left its way. Raises Refused, with the reason, if safety
+        refuses the goal or stops the flight, Invalid for a bad coordinate, and TimedOut after
+        `timeout` (s; default: twice the planned time and 5 s).
         """
-        flight = Flight(self.client, goal_of(x, y, z, replace=replace, direct=direct))
+        request = goal_of(x, y, z, replace=replace, direct=direct, wait=after_others)
+        flight = Flight(self.client, request)
         if not flight.accepted:
             raise flight.refusal()
         if not wait:

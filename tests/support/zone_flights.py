@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections.abc import Sequence
 from math import inf
 
 from quadctl.schemas.messages import Position
@@ -22,8 +23,15 @@ class ZoneFlight(MonitoredVehicle):
         )
         super().__init__(self.params, start or Position(0.0, 0.0, 1.0))
         self.deepest, self.verdicts = 0.0, {True: 0, False: 0}
+        self.nearest = inf
+        """Least distance (m) from an exclusion zone at a look, negative inside."""
         self._region = Region(zones)
         self.fly(0.2)
+
+    @property
+    def rank(self) -> float:
+        """Return the metres that were left to a zone, negative inside one."""
+        return -self.deepest if self.deepest > 0 else max(self.nearest, 0.0)
 
     def set_zones(self, *zones: ZoneParams) -> None:
         self.params.zones, self._region = list(zones), Region(zones)
@@ -53,6 +61,8 @@ class ZoneFlight(MonitoredVehicle):
             if self.monitor.situation.beyond in {0.0, inf}:
                 place = self.place
                 self.deepest = max(self.deepest, self._region.excess(place, place))
+        if self.monitor.situation.beyond == 0 and (wall := self._region.nearest(self.place)):
+            self.nearest = min(self.nearest, wall.distance)
 
 
 def random_zone(draws: random.Random, number: int) -> ZoneParams:
@@ -88,8 +98,12 @@ def random_zone(draws: random.Random, number: int) -> ZoneParams:
 
 
 def random_flight(seed: int) -> ZoneFlight:
-    """Fly a random flight of some 15 s: goals, changes of course, holds, zones that come and go."""
-    draws = random.Random(seed)
+    """Fly the flight of a seed."""
+    return drawn_flight(random.Random(seed))
+
+
+def drawn_flight(draws: random.Random) -> ZoneFlight:
+    """Fly a drawn flight of some 15 s: goals, changes of course, holds, zones that come and go."""
     zones = [random_zone(draws, n) for n in range(draws.randint(1, 8))]
     region = Region(zones)
 
@@ -123,3 +137,42 @@ def worst(seeds: range) -> tuple[float, dict[bool, int], int]:
         for verdict, count in flight.verdicts.items():
             verdicts[verdict] += count
     return deepest, verdicts, at
+
+
+class Genes(random.Random):
+    """Random numbers that are kept, so that a flight can be flown again with some of them changed."""
+
+    def __init__(self, seed: int, known: Sequence[float] = ()) -> None:
+        super().__init__(seed)
+        self._known = known
+        self.drawn: list[float] = []
+
+    def random(self) -> float:
+        number = len(self.drawn)
+        value = self._known[number] if number < len(self._known) else super().random()
+        self.drawn.append(value)
+        return value
+
+
+def search(evaluations: int, kept: int = 40) -> ZoneFlight:
+    """Return the flight that came deepest, or else nearest, of so many: the best ones are varied."""
+    draws = random.Random(0)
+    best: list[tuple[float, list[float]]] = []
+    worst_flight: ZoneFlight | None = None
+    for number in range(evaluations):
+        known: list[float] = []
+        if best and draws.random() < 0.8:
+            known = list(draws.choice(best)[1])
+            for _ in range(draws.randint(1, 4)):
+                at = draws.randrange(len(known))
+                near = min(max(known[at] + draws.gauss(0, 0.03), 0.0), 1 - 1e-9)
+                known[at] = near if draws.random() < 0.7 else draws.random()
+        genes = Genes(number, known)
+        flight = drawn_flight(genes)
+        if worst_flight is None or flight.rank < worst_flight.rank:
+            worst_flight = flight
+        best.append((flight.rank, genes.drawn))
+        best.sort(key=lambda one: one[0])
+        del best[kept:]
+    assert worst_flight is not None
+    return worst_flight

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations, groupby
+from itertools import combinations
 from math import sqrt
 from threading import Event, Thread
 from typing import Self
@@ -50,30 +50,21 @@ def course_of(
     *,
     replace: bool,
 ) -> "Course":
-    """Return the flights that bring vehicles to their goals, apart from all others of their hubs.
+    """Return the flights that bring vehicles of one hub to their goals, apart from all others there.
 
     A vehicle that does not answer within the timeout (s) is left out of the plan: its own flight
-    reports why. Raises Refused if there is no plan. With `replace`, vehicles in flight change course.
+    reports why. Raises Refused if there is no plan, and what a Client raises for a hub that is away.
+    With `replace`, vehicles in flight change course.
     """
-    legs: list[Leg] = []
-    found: list[Known] = []
-    by_hub = sorted(members, key=lambda member: member.connect)
-    for connect, group in groupby(by_hub, key=lambda member: member.connect):
-        names = {member.vehicle: member.name for member in group}
-        first = next(iter(names))
-        there = hubs.client(connect, first, timeout).vehicles()
-        everyone = [
-            Member(names.get(vehicle, vehicle), connect, vehicle)
-            for vehicle in dict.fromkeys([*names, *there])
-        ]
-        known = hubs.ask(everyone, lambda _, client: _known(client), bounded=True).answers
-        ends = {name: astuple(goals[name]) for name in names.values()}
-        found += known.values()
-        ahead = len(legs)
-        for leg in _planned(known, ends):
-            after = tuple(number + ahead for number in leg.after)
-            legs.append(Leg(leg.vehicle, leg.start, leg.end, after))
-    return Course(legs, found, replace=replace)
+    connect, names = members[0].connect, {member.vehicle: member.name for member in members}
+    there = hubs.client(connect, members[0].vehicle, timeout).vehicles()
+    everyone = [
+        Member(names.get(vehicle, vehicle), connect, vehicle)
+        for vehicle in dict.fromkeys([*names, *there])
+    ]
+    known = hubs.ask(everyone, lambda _, client: _known(client), bounded=True).answers
+    legs = _planned(known, {name: astuple(goals[name]) for name in names.values()})
+    return Course(legs, [*known.values()], replace=replace)
 
 
 def _known(client: Client) -> Known:
@@ -147,19 +138,16 @@ class Course:
         self,
         name: str,
         client: Client,
-        on_flight: Callable[[Flight], None],
         follow: Callable[[Flight], object],
     ) -> None:
         """Fly a vehicle's legs; raise what a flight raises, and Refused if one before it failed.
 
-        `on_flight` is called with each flight that safety accepts, then `follow`, which returns at its
-        arrival.
+        `follow` is called with each flight that safety accepts, and returns at its arrival.
         """
         own = [number for number, leg in enumerate(self._legs) if leg.vehicle == name]
         try:
             for number in own:
                 flight = self._begin(number, client, replace=self._replace and number == own[0])
-                on_flight(flight)
                 follow(flight)
         except BaseException:
             self._failed.add(name)

@@ -71,7 +71,7 @@ class Safety:
         self._zones = node.publisher(ZONES)
         self.monitor = Monitor(
             params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace,
-            name=node.vehicle, traffic=traffic, post=node.executor.post,
+            name=node.vehicle, traffic=traffic, post=node.post,
         )  # fmt: skip
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0

@@ -325,7 +325,8 @@ class Flight:
 
     @property
     def _is_over(self) -> bool:
-        return self._arrived or bool(self._reason)
+        # At a goal nearby the vehicle may have arrived before the first pose comes.
+        return (self._arrived and self._began is not None) or bool(self._reason)
 
     def _catch_up(self) -> None:
         while not self._is_over and (message := self._messages.next(0)) is not None:

@@ -31,7 +31,7 @@ SERVICE_TABLE = {
     "uav/@srv/goto": (
         "Goto",
         "safety",
-        ["x", "y", "z", "replace", "direct"],
+        ["x", "y", "z", "replace", "direct", "wait"],
         ["accepted", "reason"],
     ),
     "uav/@srv/hold": ("Hold", "safety", [], ["success"]),

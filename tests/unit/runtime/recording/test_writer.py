@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from quadctl.schemas.messages import Pose, Pressure, SafetyState, Zones
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, Zone, Zones
 from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime import procfs
@@ -142,7 +142,7 @@ def test_every_vehicle_has_its_own_frame_cage_and_zones(tmp_path):
         recording.take([raw_message(f"{vehicle}/pose", pose(0), 0)])
         recording.take([raw_message(f"{vehicle}/safety/state", state(0), 0)])
         pond = ZoneParams("pond", circle=CircleParams(1.0, 0.0, 0.5))
-        recording.take([raw_message(f"{vehicle}/safety/zones", Zones((pond,)), 0)])
+        recording.take([raw_message(f"{vehicle}/safety/zones", Zones((Zone.of(pond),)), 0)])
     recording.end()
     found = [(m.key, m.value) for m in Bag(recording.path).messages() if m.derived]
     assert [v["child_frame_id"] for key, v in found if key == "/tf"] == ["uav0", "uav1"]

@@ -13,7 +13,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, no_vehicle_sent, row
-from quadctl.cli.fleet.sequence import Course, Distances, course_of
+from quadctl.cli.fleet.sequence import Closest, Course, Distances, course_of
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import check_arrive, report
 from quadctl.schemas.messages import Position
@@ -221,6 +221,7 @@ class _Flights:
         self.answers: dict[str, Flight] = {}
         """Last flight of each vehicle that answered."""
         self.problems: dict[str, QuadctlError] = {}
+        self._closest: Closest | None = None
 
     def fly(
         self, members: list[Member], places: Places, requests: Mapping[str, GotoRequest]
@@ -294,11 +295,8 @@ class _Flights:
 
             self.problems |= self._hubs.ask(members, fly, bounded=False).problems
         # Faster than real time, poses are too old on arrival.
-        if (near := distances.closest) and course.in_real_time and self._follow and not quiet:
-            pair = " and ".join(near.names)
-            output.line(
-                f"least distance: {pair}, {near.metres:.2f} m, {near.share:.2f} of what they keep"
-            )
+        if course.in_real_time and self._follow:
+            self._closest = distances.closest
 
     def _begin(self, name: str, flight: Flight) -> None:
         """Take an accepted flight, and wait for its end."""
@@ -323,3 +321,7 @@ class _Flights:
             if flight and flight.arrived and member.name not in self.problems:
                 way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
                 output.line(f"{member.name}: arrived {way}")
+        if near := self._closest:
+            pair = " and ".join(near.names)
+            kept = f"{near.metres:.2f} m, {near.share:.2f} of what they keep"
+            output.line(f"least distance: {pair}, {kept}")

@@ -1,7 +1,7 @@
 """Flights of several vehicles in a box too small for comfort, kept apart by the real traffic."""
 
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from math import inf, sqrt
 
@@ -19,11 +19,11 @@ ACROSS, TALL = 0.6, 0.9
 class FleetFlight:
     """Vehicles in flight, and the least distance of any two at any look; 1 is what is allowed."""
 
-    def __init__(self, *starts: Position) -> None:
+    def __init__(self, *starts: Position, size: float = SIZE, height: float = HEIGHT) -> None:
         traffic = Traffic()
         self.members = [
             MonitoredVehicle(
-                SafetyParams(virtual_cage=CageParams(SIZE, SIZE, HEIGHT), takeoff=0.0),
+                SafetyParams(virtual_cage=CageParams(size, size, height), takeoff=0.0),
                 start, f"uav{n}", traffic,
             )
             for n, start in enumerate(starts)
@@ -62,7 +62,9 @@ class FleetFlight:
             self.nearest = min(self.nearest, *(apart(a, b) for a, b in combinations(places, 2)))
 
 
-def fly_plan(flight: FleetFlight, legs: Sequence[Leg]) -> None:
+def fly_plan(
+    flight: FleetFlight, legs: Sequence[Leg], on_period: Callable[[], None] = lambda: None
+) -> None:
     """Fly the legs of a plan for `uav0`, `uav1` .., each as soon as it may be sent."""
     left = {
         n: [k for k, leg in enumerate(legs) if leg.vehicle == f"uav{n}"]
@@ -79,6 +81,7 @@ def fly_plan(flight: FleetFlight, legs: Sequence[Leg]) -> None:
                     assert not reason or reason.startswith("waits"), (n, leg, reason)
                     sent.add(numbers.pop(0))
         flight.period()
+        on_period()
         if not any(left.values()) and flight.is_done:
             return
     raise AssertionError(f"not all have arrived: {left}")

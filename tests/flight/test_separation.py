@@ -6,6 +6,8 @@ from collections.abc import Iterator
 import pytest
 
 from tests.support.lab import PATIENT, Lab, private_lab
+from tests.support.proofs import Proofs
+from tests.support.running import eventually
 
 START = """
 [uav0.dynamics.start]
@@ -124,3 +126,34 @@ def test_the_distance_is_a_parameter(home: Lab):
     finally:
         for name in ("uav0", "uav1", "uav2"):
             assert home.quadctl("param", "set", f"{name}.safety.separation.radius", 0.3).code == 0
+
+
+FIFTY = [(round(0.8 * (n % 10) - 3.6, 1), round(0.8 * (n // 10) - 1.6, 1)) for n in range(50)]
+
+
+@pytest.mark.prove
+@pytest.mark.alone
+@pytest.mark.timeout(600)
+def test_fifty_change_places_by_one_command(lab: Lab, proofs: Proofs):
+    starts = (f"[uav{n}.dynamics.start]\nx = {x}\ny = {y}\n" for n, (x, y) in enumerate(FIFTY))
+    (lab.folder / "quad.toml").write_text("".join(starts))
+    lab.start("--vehicles", 50)
+    eventually(
+        lambda: all(
+            row["state"] == "HOVERING" and row["goal"]["z"] == 1
+            for row in lab.quadctl("fleet", "list", "--json").json
+        ),
+        60,
+    )
+    goals = [f"uav{n}={x},{y},1" for n, (x, y) in enumerate(reversed(FIFTY))]
+    done = lab.quadctl("fleet", "goto", *goals, timeout=300)
+    assert done.code == 0, done.err
+    *arrived, least = done.out.splitlines()
+    share = float(least.split(" m, ")[1].split()[0])
+    flown = sum("arrived within" in line for line in arrived)
+    proofs.add(
+        "least distance of two vehicles, 50 that change places by one `fleet goto`",
+        f"{share:.2f} of what they keep; {flown} of 50 arrived", "at least 1; all arrive",
+    )  # fmt: skip
+    assert flown == 50
+    assert share >= 1

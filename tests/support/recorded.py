@@ -49,9 +49,9 @@ class Recorded:
         """
         found: list[SafetyState] = []
         replace = msgspec.structs.replace
-        for _, state in published:
-            if isinstance(state, SafetyState) and state.boot == self.boot:
-                state = replace(state, nearest=NearestWall())
+        for _, message in published:
+            if isinstance(message, SafetyState) and message.boot == self.boot:
+                state = replace(message, nearest=NearestWall())
                 last = found[-1] if found else None
                 if last is None or replace(last, stamp=state.stamp) != state:
                     found.append(state)

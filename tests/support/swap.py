@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from quadctl.cli.fleet.plan import Space as Airspace, Point, plan
+from quadctl.cli.fleet.plan import Point, plan
+from quadctl.cli.fleet.plan import Space as Airspace
 from quadctl.schemas.messages import Position
 from tests.support.fleet_flights import ACROSS, TALL, FleetFlight, fly_plan
 

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import Position
 from quadctl.services.safety.separation import How, Neighbour, Piece, conflicts, distance, why_near
 from tests.support.fleet_flights import FleetFlight, worst
+from tests.support.proofs import Proofs
 from tests.support.worlds import POSE, RESTING
 
 COORDINATES = st.floats(-5, 5) | st.integers(-3, 3).map(float)
@@ -182,3 +183,18 @@ def test_random_flights_in_a_small_box_keep_apart():
     nearest, verdicts, seed = worst(range(8))
     assert nearest >= 1, f"seed {seed}: {nearest}"
     assert min(verdicts.values()) > 5
+
+
+FLIGHTS = 10_000
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(7200)
+def test_10_000_flights_of_ten_in_a_small_box_keep_apart(proofs: Proofs):
+    nearest, verdicts, seed = worst(range(FLIGHTS))
+    goals = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+    proofs.add(
+        f"least distance of two vehicles, {FLIGHTS} random flights of 10 in a box of 3 x 3 x 2.5 m",
+        f"{nearest:.3f} of what they keep; goals: {goals}; none waits for ever", "at least 1",
+    )  # fmt: skip
+    assert nearest >= 1, f"seed {seed}"

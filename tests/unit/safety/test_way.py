@@ -10,7 +10,7 @@ from quadctl.services.safety import automaton
 from quadctl.services.safety.model import State
 from quadctl.services.safety.zones import Region
 from tests.support.proofs import Proofs
-from tests.support.zone_flights import ZoneFlight, worst
+from tests.support.zone_flights import ZoneFlight, search, worst
 
 TOWER = ZoneParams("tower", polygon=((1.0, -1.0), (2.0, -1.0), (2.0, 1.0), (1.0, 1.0)))
 LOW = ZoneParams("low", polygon=TOWER.polygon, ceiling=1.2)
@@ -189,3 +189,18 @@ def test_10_000_random_flights_among_random_zones_enter_none(proofs: Proofs):
         f"{1000 * deepest:.1f} mm; {goals}", "at most 10 mm",
     )  # fmt: skip
     assert deepest <= 0.01, f"seed {at}"
+
+
+EVALUATIONS = 100_000
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(10_800)
+def test_a_search_of_100_000_flights_enters_no_zone(proofs: Proofs):
+    found = search(EVALUATIONS)
+    proofs.add(
+        f"greatest depth in a zone, a search of {EVALUATIONS} flights for the deepest",
+        f"{1000 * found.deepest:.1f} mm; the nearest passed {1000 * found.nearest:.1f} mm beside one",
+        "at most 10 mm",
+    )  # fmt: skip
+    assert found.deepest <= 0.01

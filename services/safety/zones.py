@@ -389,11 +389,15 @@ class Region:
         """Return the nearest boundary of a zone; None without zones."""
         p = astuple(point)
         best: Nearest | None = None
-        for zone in self.exclusions:
-            if best is None or _at_least(zone, p) < best.distance:
-                found = clearance(zone, p)
-                if best is None or found < best.distance:
-                    best = Nearest(zone.name, found)
+        # By a lower bound of the distance: most zones need no look at their corners.
+        bounds = [(_at_least(zone, p), number) for number, zone in enumerate(self.exclusions)]
+        for least, number in sorted(bounds):
+            if best is not None and least >= best.distance:
+                break
+            zone = self.exclusions[number]
+            found = clearance(zone, p)
+            if best is None or found < best.distance:
+                best = Nearest(zone.name, found)
         if self.inclusions:
             inner = max(
                 (Nearest(zone.name, -clearance(zone, p)) for zone in self.inclusions), key=_distance

@@ -17,6 +17,8 @@ SIZE = 6.0
 class ZoneFlight(MonitoredVehicle):
     """Vehicle at (0, 0, 1) whose depth in zones is measured at each look."""
 
+    watches = False
+
     def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
         self.params = SafetyParams(
             virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=list(zones), takeoff=0.0
@@ -24,7 +26,7 @@ class ZoneFlight(MonitoredVehicle):
         super().__init__(self.params, start or Position(0.0, 0.0, 1.0))
         self.deepest, self.verdicts = 0.0, {True: 0, False: 0}
         self.nearest = inf
-        """Least distance (m) from an exclusion zone at a look, negative inside."""
+        """Least distance (m) from a zone in a period, if the flight `watches` it."""
         self._region = Region(zones)
         self.fly(0.2)
 
@@ -61,7 +63,12 @@ class ZoneFlight(MonitoredVehicle):
             if self.monitor.situation.beyond in {0.0, inf}:
                 place = self.place
                 self.deepest = max(self.deepest, self._region.excess(place, place))
-        if self.monitor.situation.beyond == 0 and (wall := self._region.nearest(self.place)):
+        wall = (
+            self._region.nearest(self.place)
+            if self.watches and not self.monitor.situation.beyond
+            else None
+        )
+        if wall:
             self.nearest = min(self.nearest, wall.distance)
 
 
@@ -102,7 +109,7 @@ def random_flight(seed: int) -> ZoneFlight:
     return drawn_flight(random.Random(seed))
 
 
-def drawn_flight(draws: random.Random) -> ZoneFlight:
+def drawn_flight(draws: random.Random, make: type[ZoneFlight] = ZoneFlight) -> ZoneFlight:
     """Fly a drawn flight of some 15 s: goals, changes of course, holds, zones that come and go."""
     zones = [random_zone(draws, n) for n in range(draws.randint(1, 8))]
     region = Region(zones)
@@ -113,7 +120,7 @@ def drawn_flight(draws: random.Random) -> ZoneFlight:
         )
 
     start = next(p for p in iter(somewhere, None) if not region.why_inside(p))
-    flight = ZoneFlight(*zones, start=start)
+    flight = make(*zones, start=start)
     for _ in range(draws.randint(3, 7)):
         flight.goto(somewhere(), replace=draws.random() < 0.7, direct=draws.random() < 0.2)
         flight.fly(draws.choice((0.1, 0.5, 1.5, 3.0, 5.0)))
@@ -154,12 +161,19 @@ class Genes(random.Random):
         return value
 
 
-def search(evaluations: int, kept: int = 40) -> ZoneFlight:
-    """Return the flight that came deepest, or else nearest, of so many: the best ones are varied."""
-    draws = random.Random(0)
+class _Watched(ZoneFlight):
+    watches = True
+
+
+def search(evaluations: int, island: int = 0, kept: int = 40) -> tuple[float, float]:
+    """Return the greatest depth (m) and the least distance (m) of so many flights.
+
+    The ones that came deepest, or else nearest, are varied; each `island` has its own.
+    """
+    draws = random.Random(island)
     best: list[tuple[float, list[float]]] = []
-    worst_flight: ZoneFlight | None = None
-    for number in range(evaluations):
+    deepest, nearest = 0.0, inf
+    for number in range(evaluations * island, evaluations * (island + 1)):
         known: list[float] = []
         if best and draws.random() < 0.8:
             known = list(draws.choice(best)[1])
@@ -168,11 +182,9 @@ def search(evaluations: int, kept: int = 40) -> ZoneFlight:
                 near = min(max(known[at] + draws.gauss(0, 0.03), 0.0), 1 - 1e-9)
                 known[at] = near if draws.random() < 0.7 else draws.random()
         genes = Genes(number, known)
-        flight = drawn_flight(genes)
-        if worst_flight is None or flight.rank < worst_flight.rank:
-            worst_flight = flight
+        flight = drawn_flight(genes, _Watched)
+        deepest, nearest = max(deepest, flight.deepest), min(nearest, flight.nearest)
         best.append((flight.rank, genes.drawn))
         best.sort(key=lambda one: one[0])
         del best[kept:]
-    assert worst_flight is not None
-    return worst_flight
+    return deepest, nearest

@@ -1,6 +1,7 @@
 """Ways among zones: around them in legs, in flight and from rest, and the depth of random flights."""
 
 import itertools
+from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 
@@ -191,16 +192,18 @@ def test_10_000_random_flights_among_random_zones_enter_none(proofs: Proofs):
     assert deepest <= 0.01, f"seed {at}"
 
 
-EVALUATIONS = 100_000
+EVALUATIONS, ISLANDS = 100_000, 2
 
 
 @pytest.mark.prove
 @pytest.mark.timeout(10_800)
 def test_a_search_of_100_000_flights_enters_no_zone(proofs: Proofs):
-    found = search(EVALUATIONS)
+    with ProcessPoolExecutor(ISLANDS) as pool:
+        found = list(pool.map(search, [EVALUATIONS // ISLANDS] * ISLANDS, range(ISLANDS)))
+    deepest, nearest = max(one[0] for one in found), min(one[1] for one in found)
     proofs.add(
         f"greatest depth in a zone, a search of {EVALUATIONS} flights for the deepest",
-        f"{1000 * found.deepest:.1f} mm; the nearest passed {1000 * found.nearest:.1f} mm beside one",
+        f"{1000 * deepest:.1f} mm; the nearest passed {1000 * nearest:.1f} mm beside one",
         "at most 10 mm",
     )  # fmt: skip
-    assert found.deepest <= 0.01
+    assert deepest <= 0.01

@@ -272,7 +272,7 @@ def _way(start: str, end: str, text: str) -> str:
 _SILENT = 1.0  # s without a pose after which the page reports silence
 
 
-class Seen(NamedTuple):
+class Sent(NamedTuple):
     """Newest epoch, sample and change of the zones that a page has."""
 
     epoch: int
@@ -280,10 +280,10 @@ class Seen(NamedTuple):
     zoned: int
 
 
-NOTHING_SEEN = Seen(-1, 0, -1)
+NOTHING_SEEN = Sent(-1, 0, -1)
 
 
-def frame(board: Board, seen: Seen, target: Position | None) -> tuple[dict[str, Any], Seen]:
+def frame(board: Board, seen: Sent, target: Position | None) -> tuple[dict[str, Any], Sent]:
     """Return the frame for a page, and what the page has seen with it.
 
     The page's user aims at the `target`. Zones that it has are not sent again: they may have
@@ -291,7 +291,7 @@ def frame(board: Board, seen: Seen, target: Position | None) -> tuple[dict[str, 
     """
     number = seen.sample if seen.epoch == board.epoch else 0
     new = [sample for sample in board.samples if sample.number > number]
-    after = Seen(board.epoch, new[-1].number if new else number, board.zoned)
+    after = Sent(board.epoch, new[-1].number if new else number, board.zoned)
     state, pose = board.state, board.pose
     content = {
         "fresh": number == 0,

@@ -14,7 +14,7 @@ from msgspec.structs import astuple
 
 from quadctl.schemas.messages import CageSize, Position
 from quadctl.schemas.zones import Edge, edges_of
-from quadctl.services.safety.zones import Point, Region, Zone, side, touched
+from quadctl.services.safety.zones import Column, Point, Region, side, touched
 
 CLEARANCE = 0.05
 """Distance (m) that a way keeps from the zones it passes: more than a vehicle strays in still air."""
@@ -71,19 +71,24 @@ class _Search:
                 return found[1:-1]
             zones += more
 
-    def _crossed(self, points: tuple[Point, ...]) -> list[Zone]:
+    def _crossed(self, points: tuple[Point, ...]) -> list[Column]:
         legs = list(pairwise(points))
         exclusions = self._region.exclusions
         return [zone for zone in exclusions if any(self._cuts(zone, a, b) for a, b in legs)]
 
-    def _cuts(self, zone: Zone, a: Point, b: Point) -> bool:
+    def _cuts(self, zone: Column, a: Point, b: Point) -> bool:
         self._left -= 1 + len(zone.edges) // 32
         if self._left < 0:
             raise _SpentError
         return cuts(zone, a, b)
 
     def _shortest(
-        self, zones: list[Zone], corners: list[Corner], start: Point, goal: Point, clearance: float
+        self,
+        zones: list[Column],
+        corners: list[Corner],
+        start: Point,
+        goal: Point,
+        clearance: float,
     ) -> tuple[Point, ...]:
         """Return the shortest way among these zones, of those at each height; none for none."""
         best: tuple[float, tuple[Point, ...]] = (inf, ())
@@ -102,7 +107,7 @@ class _Search:
         return best[1]
 
     def _at(
-        self, z: float, zones: list[Zone], corners: list[Corner], start: Point, goal: Point
+        self, z: float, zones: list[Column], corners: list[Corner], start: Point, goal: Point
     ) -> tuple[float, tuple[Point, ...]]:
         """Return length (m) and points of the shortest way past the corners at one height: A*."""
         over = [(start[0], start[1], z), (goal[0], goal[1], z)]
@@ -124,11 +129,11 @@ class _Search:
                     heappush(waiting, (longer + dist(node, goal), longer, (*way, node)))
         return inf, ()
 
-    def _is_clear(self, zones: list[Zone], a: Point, b: Point) -> bool:
+    def _is_clear(self, zones: list[Column], a: Point, b: Point) -> bool:
         return not any(self._cuts(zone, a, b) for zone in zones) and self._region.stays(a, b)
 
 
-def cuts(zone: Zone, p: Point, q: Point) -> bool:
+def cuts(zone: Column, p: Point, q: Point) -> bool:
     """Return whether the straight way from p to q has a point inside a zone, but for rounding."""
     (px, py, pz), (qx, qy, qz) = p, q
     if (
@@ -158,7 +163,7 @@ def cuts(zone: Zone, p: Point, q: Point) -> bool:
     return any(side(zone, px + t * dx, py + t * dy) > 0 for t in middles)
 
 
-def outline(zone: Zone, clearance: float, *, rough: bool) -> list[Corner]:
+def outline(zone: Column, clearance: float, *, rough: bool) -> list[Corner]:
     """Return the corners (m) around a zone at a distance; inside it at a negative one."""
     if not zone.edges:
         reach = (zone.radius + clearance) / (cos(pi / _ROUND) if clearance > 0 else 1.0)
@@ -186,7 +191,7 @@ def _mitre(one: Edge, other: Edge) -> Corner:
     return share * (ux + vx), share * (uy + vy)
 
 
-def _hull(zone: Zone, clearance: float) -> list[Corner]:
+def _hull(zone: Column, clearance: float) -> list[Corner]:
     """Return the corners of a polygon with sides in `_ROUND` directions around a zone."""
     angles = [2 * pi * n / _ROUND for n in range(_ROUND)]
     reach = [max(x * cos(a) + y * sin(a) for x, y, _, _ in zone.edges) + clearance for a in angles]
@@ -198,7 +203,7 @@ def _hull(zone: Zone, clearance: float) -> list[Corner]:
     ]
 
 
-def _gates(zones: Sequence[Zone], clearance: float) -> Iterator[Corner]:
+def _gates(zones: Sequence[Column], clearance: float) -> Iterator[Corner]:
     """Yield points by which a way in inclusion zones may turn, or come from one to the next."""
     outlines = [outline(zone, -clearance, rough=False) for zone in zones]
     for corners in outlines:

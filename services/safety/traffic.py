@@ -55,7 +55,7 @@ class Held(Struct, frozen=True):
     number: int
 
 
-class Member(Protocol):
+class Participant(Protocol):
     """Monitor of a vehicle, as far as traffic needs it."""
 
     name: str
@@ -86,7 +86,7 @@ class Traffic:
     def __init__(self, lock: AbstractContextManager[object] | None = None) -> None:
         """Begin without a vehicle; the lock is for monitors that several threads feed."""
         self.lock = lock or nullcontext()
-        self._members: dict[str, tuple[Member, Post]] = {}
+        self._members: dict[str, tuple[Participant, Post]] = {}
         self._number = 0
 
     @property
@@ -94,7 +94,7 @@ class Traffic:
         """Return whether there are several vehicles."""
         return len(self._members) > 1
 
-    def join(self, member: Member, post: Post) -> None:
+    def join(self, member: Participant, post: Post) -> None:
         """Add a vehicle; `post` runs a function on its loop."""
         self._members[member.name] = member, post
 
@@ -173,7 +173,7 @@ class Traffic:
         for other in self._others(name):
             self._members[other.name][1](other.recheck)
 
-    def watch(self, member: Member) -> None:
+    def watch(self, member: Participant) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
         if not self.is_shared or off_course(member.situation, member.pose) <= WIDER / 2:
             return
@@ -194,7 +194,7 @@ class Traffic:
                     reason = f"stopped, separation: {another.name} came too near"
                     self._members[one.name][1](partial(one.part, reason))
 
-    def _others(self, name: str) -> list[Member]:
+    def _others(self, name: str) -> list[Participant]:
         return [
             one
             for one, _ in tuple(self._members.values())
@@ -202,7 +202,7 @@ class Traffic:
         ]
 
 
-def _neighbours(other: Member, world: World, across: float, tall: float) -> list[Neighbour]:
+def _neighbours(other: Participant, world: World, across: float, tall: float) -> list[Neighbour]:
     s, waits = other.situation, other.held is not None
     space = reserved(s, world)
     if rests(s, world):
@@ -234,7 +234,7 @@ def _meet(a: Piece, b: Piece, across: float, tall: float) -> bool:
     return distance((a,), (b,), across, tall) < min(now, 1.0) - _ROUNDING
 
 
-def _stop_path(member: Member) -> Piece:
+def _stop_path(member: Participant) -> Piece:
     """Return the way of a vehicle until it has stopped.
 
     One that is not far off its course stops on it, or as far off; of any other one nothing is known

@@ -29,7 +29,7 @@ _FINE = 1 << 80
 """Parts of a way to which its crossing with a circle is rounded, towards the inside."""
 
 
-class Zone(Struct, frozen=True):
+class Column(Struct, frozen=True):
     """Column over a polygon's `edges`, or over a circle if there are none; m."""
 
     name: str
@@ -45,21 +45,21 @@ class Zone(Struct, frozen=True):
     north: float
 
 
-def zone_of(params: ZoneParams) -> Zone:
+def zone_of(params: ZoneParams) -> Column:
     """Return the geometry of a zone's parameters."""
     low = -inf if params.floor == -FARTHEST else float(params.floor)
     high = inf if params.ceiling == FARTHEST else float(params.ceiling)
     if not params.polygon:
         circle = params.circle
         x, y, r = float(circle.x), float(circle.y), float(circle.radius)
-        return Zone(params.name, (), x, y, r, low, high, x - r, y - r, x + r, y + r)
+        return Column(params.name, (), x, y, r, low, high, x - r, y - r, x + r, y + r)
     corners = [(float(x), float(y)) for x, y in params.polygon]
     xs, ys = zip(*corners, strict=True)
     box = min(xs), min(ys), max(xs), max(ys)
-    return Zone(params.name, edges_of(corners), 0.0, 0.0, 0.0, low, high, *box)
+    return Column(params.name, edges_of(corners), 0.0, 0.0, 0.0, low, high, *box)
 
 
-def side(zone: Zone, x: float | Fraction, y: float | Fraction) -> int:
+def side(zone: Column, x: float | Fraction, y: float | Fraction) -> int:
     """Return whether a point of the plane is inside a zone's outline: 1, on it: 0, or outside: -1."""
     if not zone.edges:
         return _side_of_circle(zone, x, y)
@@ -80,7 +80,7 @@ def side(zone: Zone, x: float | Fraction, y: float | Fraction) -> int:
     return 1 if inside else -1
 
 
-def _side_of_circle(zone: Zone, x: float | Fraction, y: float | Fraction) -> int:
+def _side_of_circle(zone: Column, x: float | Fraction, y: float | Fraction) -> int:
     if isinstance(x, float) and isinstance(y, float):
         dx, dy, square = x - zone.x, y - zone.y, zone.radius * zone.radius
         found = dx * dx + dy * dy
@@ -92,7 +92,7 @@ def _side_of_circle(zone: Zone, x: float | Fraction, y: float | Fraction) -> int
     return (over < 0) - (over > 0)
 
 
-def contains(zone: Zone, p: Point, *, closed: bool) -> bool:
+def contains(zone: Column, p: Point, *, closed: bool) -> bool:
     """Return whether a point is in a zone, with its boundary or without."""
     x, y, z = p
     if closed:
@@ -100,7 +100,7 @@ def contains(zone: Zone, p: Point, *, closed: bool) -> bool:
     return zone.low < z < zone.high and side(zone, x, y) > 0
 
 
-def crosses(zone: Zone, p: Point, q: Point) -> bool:
+def crosses(zone: Column, p: Point, q: Point) -> bool:
     """Return whether the straight way from p to q has a point inside a zone; touching is none."""
     px, py, pz = p
     qx, qy, qz = q
@@ -127,7 +127,7 @@ def crosses(zone: Zone, p: Point, q: Point) -> bool:
     return out + 2 * t * start + t * t * way < 0
 
 
-def spans(zone: Zone, p: Point, q: Point, *, closed: bool = True) -> list[Span]:
+def spans(zone: Column, p: Point, q: Point, *, closed: bool = True) -> list[Span]:
     """Return the parts of the straight way from p to q in a zone, with its boundary or without."""
     (px, py, pz), (qx, qy, qz) = p, q
     clip = _clip(zone, pz, qz)
@@ -153,7 +153,7 @@ def _square(x: Fraction, y: Fraction) -> Fraction:
     return x * x + y * y
 
 
-def _circle_terms(zone: Zone, p: Point, q: Point) -> tuple[Fraction, Fraction, Fraction]:
+def _circle_terms(zone: Column, p: Point, q: Point) -> tuple[Fraction, Fraction, Fraction]:
     """Return b, a and c: at t, the squared distance less the squared radius is c + 2 b t + a t^2."""
     px, py = Fraction(p[0]), Fraction(p[1])
     dx, dy = Fraction(q[0]) - px, Fraction(q[1]) - py
@@ -161,7 +161,7 @@ def _circle_terms(zone: Zone, p: Point, q: Point) -> tuple[Fraction, Fraction, F
     return ox * dx + oy * dy, _square(dx, dy), _square(ox, oy) - Fraction(zone.radius) ** 2
 
 
-def _clip(zone: Zone, pz: float, qz: float) -> Span | None:
+def _clip(zone: Column, pz: float, qz: float) -> Span | None:
     """Return the part of a way between a zone's floor and ceiling, None for none."""
     if pz == qz:
         return (Fraction(0), Fraction(1)) if zone.low <= pz <= zone.high else None
@@ -199,7 +199,7 @@ def touched(edges: Sequence[Edge], px: float, py: float, qx: float, qy: float) -
 
 
 def _parts(
-    zone: Zone, edges: list[Edge], p: Point, q: Point, clip: Span
+    zone: Column, edges: list[Edge], p: Point, q: Point, clip: Span
 ) -> Iterator[tuple[Fraction, Fraction, int]]:
     """Yield the parts of a way between its crossings with edges, and the side of each."""
     px, py = Fraction(p[0]), Fraction(p[1])
@@ -222,7 +222,7 @@ def _parts(
         yield a, b, side(zone, px + t * dx, py + t * dy)
 
 
-def overlaps(zone: Zone, box: Box) -> bool:
+def overlaps(zone: Column, box: Box) -> bool:
     """Return whether a box has a point inside a zone; the box may be flat."""
     (x0, y0, z0), (x1, y1, z1) = box
     if not (
@@ -236,7 +236,7 @@ def overlaps(zone: Zone, box: Box) -> bool:
     return x0 <= zone.west and zone.east <= x1 and y0 <= zone.south and zone.north <= y1
 
 
-def encloses(zone: Zone, box: Box) -> bool:
+def encloses(zone: Column, box: Box) -> bool:
     """Return whether a zone, with its boundary, has all of a box; the box may be flat."""
     (_, _, z0), (_, _, z1) = box
     # A polygon has no holes: what encloses the outline of the box has its inside, too.
@@ -247,7 +247,7 @@ def encloses(zone: Zone, box: Box) -> bool:
     )  # fmt: skip
 
 
-def _level(zone: Zone, z0: float, z1: float) -> float:
+def _level(zone: Column, z0: float, z1: float) -> float:
     """Return a height (m) inside a zone and between these two, which has to exist."""
     return z0 if zone.low < z0 else z1 if z1 < zone.high else 0.5 * (zone.low + zone.high)
 
@@ -269,7 +269,7 @@ def _joined(parts: Iterable[Span]) -> list[Span]:
     return joined
 
 
-def clearance(zone: Zone, p: Point) -> float:
+def clearance(zone: Column, p: Point) -> float:
     """Return the distance (m) of a point from a zone's boundary, negative inside."""
     x, y, z = p
     if zone.edges:
@@ -290,7 +290,7 @@ def _from_edge(edge: Edge, x: float, y: float) -> float:
     return hypot(ox - t * ex, oy - t * ey)
 
 
-def depth(zone: Zone, p: Point, q: Point) -> float:
+def depth(zone: Column, p: Point, q: Point) -> float:
     """Return how deep (m) the straight way from p to q leads into a zone, 0 if it does not.
 
     It is the depth of its end, or in the middle of each part inside: a thin zone counts although
@@ -317,8 +317,8 @@ class Region:
     """Space outside every exclusion zone, and inside an inclusion zone if there is any."""
 
     def __init__(self, zones: Iterable[ZoneParams] = ()) -> None:
-        self.exclusions: list[Zone] = []
-        self.inclusions: list[Zone] = []
+        self.exclusions: list[Column] = []
+        self.inclusions: list[Column] = []
         for zone in zones:
             kind = self.exclusions if zone.kind == "exclusion" else self.inclusions
             kind.append(zone_of(zone))
@@ -415,7 +415,7 @@ def _distance(nearest: Nearest) -> float:
     return nearest.distance
 
 
-def _at_least(zone: Zone, p: Point) -> float:
+def _at_least(zone: Column, p: Point) -> float:
     """Return a lower bound (m) of a point's distance from a zone: that from its bounding box."""
     x, y, z = p
     return max(
@@ -423,7 +423,7 @@ def _at_least(zone: Zone, p: Point) -> float:
     )
 
 
-def _leaves(zone: Zone, p: Point, q: Point) -> bool:
+def _leaves(zone: Column, p: Point, q: Point) -> bool:
     """Return whether a way that crosses a zone starts inside and then leaves it, never deeper."""
     if not contains(zone, p, closed=False) or contains(zone, q, closed=False):
         return False
@@ -437,7 +437,7 @@ _MOST_DEPTHS = 400
 """Depths that are compared along a way out; one that needs more is none."""
 
 
-def _deepens(zone: Zone, p: Point, q: Point, end: Fraction) -> bool:
+def _deepens(zone: Column, p: Point, q: Point, end: Fraction) -> bool:
     """Return whether a way from p becomes deeper than there before its part `end` (0 to 1).
 
     A depth changes by no more than the way does: a part is split until that decides.

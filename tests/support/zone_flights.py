@@ -27,7 +27,7 @@ class ZoneFlight(MonitoredVehicle):
         self.deepest, self.verdicts = 0.0, {True: 0, False: 0}
         self.nearest = inf
         """Least distance (m) from a zone in a period, if the flight `watches` it."""
-        self._region = Region(zones)
+        self._region, self._surprised = Region(zones), False
         self.fly(0.2)
 
     @property
@@ -59,8 +59,10 @@ class ZoneFlight(MonitoredVehicle):
         self.obey()
         for _ in range(LOOKS):
             self.advance()
-            # A zone that came upon the vehicle may keep it for a while; a guard must never act.
-            if self.monitor.situation.beyond in {0.0, inf}:
+            # A zone that came upon the vehicle may keep it for a while; without one, no guard acts.
+            beyond = self.monitor.situation.beyond
+            self._surprised = beyond > 0 and (beyond < inf or self._surprised)
+            if not self._surprised:
                 place = self.place
                 self.deepest = max(self.deepest, self._region.excess(place, place))
         wall = (

@@ -49,7 +49,7 @@ AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0))
 
 AT_CORNER = replace(
     AT_REST,
-    pose=replace(AT_REST.pose, position=Position(2.96, 0.0, 1.0)),
+    pose=replace(AT_REST.pose, position=Position(2.98, 0.0, 1.0)),
     last=replace(AT_REST.last, position=GOAL),
 )
 TOWER = ZoneParams("tower", "exclusion", polygon=((0.5, -1.0), (2.0, -1.0), (2.0, 2.5), (0.5, 2.5)))

@@ -5,6 +5,7 @@ import re
 from collections import deque
 from collections.abc import Iterator
 from itertools import product
+from math import inf
 from typing import Any, NamedTuple
 
 import pytest
@@ -84,6 +85,8 @@ def plain(situation: Situation) -> Situation:
     changes: dict[str, Any] = {"request": 0, "reason": "", "boot": "", "since": 0.0}
     # The motion so far counts among zones alone.
     changes |= {"origin": NO_GOAL.goal, "reach": None}
+    # All worlds have one time: the command was given long before.
+    changes["commanded"] = -inf
     if situation.state is State.VERIFYING:
         changes["candidate"] = replace(situation.candidate, replace=False)
     else:
@@ -225,13 +228,30 @@ def fired_by(case: Case) -> list[Rule]:
 
 def judged(situation: Situation) -> Situation:
     """Return the situation without the present motion, which tests of ways cover."""
-    return replace(situation, origin=PLAIN.origin, reach=None)
+    return replace(situation, origin=PLAIN.origin, reach=None, commanded=PLAIN.commanded)
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{n} {label(c)}" for n, c in enumerate(CASES)])
 def test_each_rule_does_what_its_case_expects(case: Case):
     assert judged(step(case.situation, case.event, case.world)) == case.expected
     assert [name(rule) for rule in fired_by(case)] == [case.rule]
+
+
+COMMANDS = (
+    automaton.take, automaton.turn, automaton.resume, automaton.pause, automaton.stop,
+    automaton.stop_pose_jump, automaton.toggle_and_stop, automaton.resize_and_stop,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES, ids=[f"{n} {label(c)}" for n, c in enumerate(CASES)])
+def test_a_situation_knows_when_the_vehicle_was_commanded(case: Case):
+    before = replace(case.situation, commanded=0.25)
+    after = step(before, case.event, case.world)
+    (rule,) = fired_by(case)
+    same_goal = rule.do is automaton.turn and after.goal == before.goal
+    commands = rule.do in COMMANDS and not same_goal
+    rebooted = -inf if rule.do is automaton.reboot else before.commanded
+    assert after.commanded == (case.world.pose.stamp if commands else rebooted)
 
 
 def test_every_rule_has_a_case_and_a_unique_name():

@@ -109,18 +109,35 @@ def leeway(w: World) -> float:
 
     It may brake late and gently; until then, its speed may change as between the last two poses.
     """
+    out = max(_excess(w, place) for place in _latest(w))
+    return max(out, _excess(w, w.pose.position))
+
+
+def stops_in(s: Situation, w: World, motion: Box) -> Box:
+    """Return the box (m) with the place of a sound vehicle and its stop, whenever it brakes.
+
+    It stays in the box of its motion. In the first half second after a command its poses do not
+    show how fast it is.
+    """
+    here, places = astuple(w.pose.position), [astuple(place) for place in _latest(w)]
+    slack = SLACK if w.pose.stamp < s.commanded + REACTION else 0.0
+    low, high = zip(
+        *(
+            (min(p, max(a, min(*ends) - slack)), max(p, min(b, max(*ends) + slack)))
+            for p, a, b, *ends in zip(here, *motion, here, *places, strict=True)
+        ),
+        strict=True,
+    )
+    return low, high
+
+
+def _latest(w: World) -> tuple[Position, Position]:
+    """Return the farthest stopping points (m) at the present speed, and as it may still change."""
     now, before = astuple(w.pose.velocity), astuple(w.last.velocity)
     seconds = w.pose.stamp - w.last.stamp
     rises = RISE / seconds if seconds > 0 else 0.0
     later = tuple(v + rises * (v - old) for v, old in zip(now, before, strict=True))
-    out = max(_excess(w, place) for place in (_gently(w, now), _gently(w, later)))
-    return max(out, _excess(w, w.pose.position))
-
-
-def latest_stop(w: World, motion: Box) -> Position:
-    """Return the farthest stopping point (m) of a sound vehicle within the box of its motion."""
-    place = astuple(_gently(w, astuple(w.pose.velocity)))
-    return Position(*(min(max(p, a), b) for p, a, b in zip(place, *motion, strict=True)))
+    return _gently(w, now), _gently(w, later)
 
 
 def caged(s: Situation, w: World) -> Situation:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import Pose, Position
-from quadctl.services.safety.cage import at_rest, latest_stop
+from quadctl.services.safety.cage import at_rest, stops_in
 from quadctl.services.safety.model import Situation, State, World
 from quadctl.services.safety.separation import Neighbour, Piece, Space, conflicts, distance
 from quadctl.services.safety.zones import Box, Region
@@ -74,7 +74,8 @@ def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World
         floor = origin.z < HOP
         over = replace(origin, z=HOP)
         return Way(origin, around(origin, over, points[0]) if floor else None, points)
-    reach = around(place, latest_stop(w, motion(s)), goal)
+    low, high = stops_in(s, w, motion(s))
+    reach = around(Position(*low), Position(*high), goal)
     comes_to_rest = not s.brake and (s.back is State.HOVERING or s.takeoff)
     curve = Way(place, reach, (goal,))
     barred = s.cage_on and w.region.why_overlaps(reach)
@@ -110,7 +111,7 @@ def reserved(s: Situation, w: World) -> Space:
     if rests(s, w):
         return _lines((place, place if s.brake else s.goal))
     if s.brake and s.paused is None:
-        return _lines((place, latest_stop(w, motion(s))))
+        return (Piece(*stops_in(s, w, motion(s)), is_box=True),)
     goal = s.paused.goal if s.paused else s.goal
     return (*_begun(s, place, goal), *_lines((goal, *s.corners)))
 
@@ -121,9 +122,7 @@ def space_after(s: Situation, goal: Position, corners: tuple[Position, ...], w: 
 
 
 def _end_of(s: Situation, w: World) -> Position:
-    if not s.brake:
-        return s.end
-    return w.pose.position if rests(s, w) else latest_stop(w, motion(s))
+    return w.pose.position if s.brake else s.end
 
 
 def off_course(s: Situation, pose: Pose) -> float:

@@ -110,7 +110,7 @@ def _land(
     client.call(HOLD, HoldRequest(), left)
     at = (slowed(client, _SLOW, _STOPPING) or client.first(POSE)).position
     goal = ground_below(at, client.latest(STATE))
-    flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True))
+    flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True, wait=True))
     if not flight.accepted:
         raise Refused(flight.reason, "it hovers; `quadctl fleet list` shows where")
     whole = max(distance(at, goal), 1e-6)

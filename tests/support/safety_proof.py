@@ -17,7 +17,8 @@ Why the proof holds for the code:
 - Geometry is replaced by more than it can do (`abstracted`): `leeway` and `stopping_excess` return
   any number at each call; `dist`, sums and products any, but equal for equal arguments (a sum with a
   known infinity is exact). So it holds wherever the guards trip, and says nothing about where. Zones
-  bar any places, boxes (`AnyRegion`) and ways, and a way around them has any corners.
+  bar any places, boxes (`AnyRegion`) and ways, and a way around them has any corners. Other vehicles
+  (`AnyOthers`) may be too near any way, and a vehicle at rest or at its goal at any time.
 - Boots are compared for equality alone, so the unset boot, the present one, a new one and one that
   is over stand for all. A reason may be any text.
 
@@ -68,6 +69,7 @@ from quadctl.services.safety.model import (
     World,
 )
 from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.separation import How, Neighbour
 from quadctl.services.safety.zones import Box, Nearest, Region
 from tests.support.symbolic import (
     FLOAT,
@@ -152,6 +154,40 @@ class AnyBox:
         return self._corners[corner]
 
 
+class AnyOthers:
+    """Other vehicles that may be too near the way to a goal, and too near a curve."""
+
+    def __init__(self) -> None:
+        self.near, self.bent = Found(), Found()
+
+
+class Found(Truth):
+    """Vehicles that are too near, if any."""
+
+    def __getitem__(self, _number: int) -> Neighbour:
+        return Neighbour("other", (), 1.0, 1.0, How.IS, clears=False)
+
+
+def found_by(which: str) -> Callable[..., Any]:
+    """Return a function that finds any vehicles, the same again in the same world.
+
+    In one event, one way is verified.
+    """
+
+    def find(*arguments: Any) -> Any:
+        others = arguments[-1].others if isinstance(arguments[-1], World) else arguments[-1]
+        return getattr(others, which) if isinstance(others, AnyOthers) else []
+
+    return find
+
+
+def related(name: str, *numbers: object) -> Truth:
+    """Return any truth value, the same again for the same numbers."""
+    function = z3.Function(name, *[FLOAT] * len(numbers), z3.BoolSort())
+    return Truth(function(*map(term, numbers)))
+
+
+OPAQUE[tuple[Neighbour, ...]] = lambda: iter((AnyOthers(),))
 OPAQUE[Region] = lambda: iter((AnyRegion(),))
 OPAQUE[Box | None] = lambda: iter((AnyBox(),))
 # The zones themselves are read by Region alone.
@@ -180,6 +216,13 @@ def any_corners(*_: object) -> tuple[Position, ...]:
     return corners
 
 
+def any_stops(_s: Situation, w: World, _motion: Box) -> Box:
+    """Return any box, the same again for the same place and speed."""
+    about = (*astuple(w.pose.position), *astuple(w.pose.velocity))
+    low, high = (astuple(somewhere(name, *about)) for name in ("lowest", "highest"))
+    return low, high
+
+
 @contextmanager
 def abstracted() -> Iterator[None]:
     """Replace the geometry by unknown numbers."""
@@ -187,10 +230,23 @@ def abstracted() -> Iterator[None]:
         for owner in (automaton, way):
             patch.setattr(owner, "motion", lambda s: box_around(s.origin, s.goal))
         patch.setattr(way, "around", box_around)
+        patch.setattr(way, "stops_in", any_stops)
+        # The words of a refusal alone depend on it there.
+        patch.setattr(automaton, "HOP", -inf)
+        for owner in (automaton, monitor):
+            patch.setattr(owner, "too_near", found_by("near"))
+        patch.setattr(way, "conflicts", found_by("bent"))
+        patch.setattr(way, "space_of", lambda *_: ())
+        for owner in (automaton, way):
+            patch.setattr(
+                owner,
+                "is_there",
+                lambda s, w: related("there", *flat(s.goal, w.pose.position), s.commanded),
+            )
         patch.setattr(
             way,
-            "latest_stop",
-            lambda w, _: somewhere("stop", *astuple(w.pose.position), *astuple(w.pose.velocity)),
+            "_stands_still",
+            lambda s, w: related("still", *astuple(w.pose.velocity), s.commanded),
         )
         for owner in (automaton, monitor):
             patch.setattr(owner, "why_barred", lambda w, _: barred("way", *flat(*w.points)))
@@ -200,7 +256,6 @@ def abstracted() -> Iterator[None]:
         patch.setattr(monitor, "Region", lambda _: AnyRegion())
         patch.setattr(monitor, "way_around", any_corners)
         patch.setattr(monitor, "nearest", lambda _: Nearest("any", Number()))  # type: ignore[arg-type]
-        patch.setattr(way, "dist", lambda a, b: opaque("dist", *a, *b))
         for owner in (automaton, cage):
             patch.setattr(owner, "dist", lambda a, b: opaque("dist", *a, *b))
             patch.setattr(owner, "leeway", lambda _w: Number())
@@ -293,6 +348,10 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
     rests = isinstance(e, Seen) and s.state is HOVERING and s.paused is None
     rested = z3.And(z3.Not(term(after.settling)), braked, same(after.goal, w.pose.position))
     again = s.beyond is not inf
+    others = w.others if isinstance(w.others, AnyOthers) else None
+    near, bent = (
+        (z3.And(check, others.near.term), others.bent.term) if others else (z3.BoolVal(False),) * 2
+    )
     leaves = (Seen, Gone, Hold, Booted, Toggle, Resized)
     return {
         "a vehicle is sent off only by an accepted goal, a resumed flight or a corner": z3.Implies(
@@ -319,9 +378,12 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
             ),
             z3.Or(rested, z3.And(again, braked, term(after.beyond) == term(inf))),
         ),
-        "a place inside is accepted, but for zones": z3.Implies(
+        "a way too near another vehicle is not taken": z3.Implies(
+            near, z3.Or(after.state is not MOVING, z3.And(s.back is MOVING, same(after.goal, s.goal)))
+        ),
+        "a place inside is accepted, but for zones and other vehicles": z3.Implies(
             z3.And(
-                check and straight, z3.Not(ZONED), place(candidate),
+                check and straight, z3.Not(ZONED), z3.Not(near), z3.Not(bent), place(candidate),
                 z3.Or(z3.Not(term(s.cage_on)), inside(candidate, w.cage)),
             ),
             z3.And(after.state is MOVING, same(after.goal, candidate)),
@@ -369,6 +431,8 @@ def _prove_step(proof: Proof) -> Iterator[Failure]:
     for e, s in product(list(unknown(Event)), list(situations())):
         if isinstance(e, Check) and len(e.corners) > 1:
             continue  # the automaton only puts them before the goal: one shows as much
+        if isinstance(e, Check):
+            e = replace(e, waits=False)  # noqa: PLW2901 - the words of a refusal alone depend on it
         # After a guard has stopped the vehicle `beyond` is infinite, and stays so to the next cage.
         for before in (s, replace(s, beyond=inf)) if isinstance(e, Seen) else (s,):
             (w,) = unknown(World)

@@ -8,6 +8,7 @@ It holds no safety logic: a goal or a call goes the way of our own services, and
 import argparse
 import contextlib
 import math
+import os
 import sys
 import threading
 import time
@@ -77,7 +78,9 @@ _MOST_WAITING = 64
 def main() -> None:
     """Parse the options that only the bridge has, then run its node."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--domain", type=int, default=0)
+    # As every program of ROS, unless told otherwise.
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    parser.add_argument("--domain", type=int, default=domain)
     parser.add_argument("--router", default=ROUTER)
     options, sys.argv[1:] = parser.parse_known_args()
     start(NAME, partial(run, RouterLink(options.router), options.domain))

@@ -6,9 +6,10 @@ domain, name, type, hash. `ros2 topic list` reads liveliness tokens, with `%` fo
 `@ros2_lv/0/ZID/1/2/MP/%/%uav/quadctl/%uav%pose/TYPE/HASH/::,10:,:,:,,` its publisher.
 """
 
-import hashlib
 import struct
 from typing import Literal, NamedTuple
+
+import xxhash
 
 Kind = Literal["MP", "MS", "SS"]
 """Publisher, subscriber or server."""
@@ -64,8 +65,8 @@ class GraphNode(NamedTuple):
 
 
 def gid_of(token: str) -> bytes:
-    """Return 16 bytes that identify an endpoint; readers only compare them."""
-    return hashlib.blake2b(token.encode(), digest_size=_GID_SIZE).digest()
+    """Return the 16 bytes that identify an endpoint; rmw_zenoh makes the same of its token."""
+    return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(_GID_SIZE, "little")
 
 
 def attachment(sequence: int, at: int, gid: bytes) -> bytes:

@@ -23,9 +23,11 @@ from quadctl.schemas.messages import Pose, Pressure, SafetyState, Zones
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateRequest,
+    GetParamsRequest,
     GotoRequest,
     HoldRequest,
     ResetRequest,
+    SetParamsRequest,
     ToggleCageRequest,
 )
 from quadctl.schemas.topics import (
@@ -39,29 +41,51 @@ from quadctl.schemas.topics import (
     TOGGLE_CAGE,
     ZONES,
     Service,
+    get_params,
+    set_params,
 )
-from quadctl.services.ros2 import cdr, graph, translation
+from quadctl.services.ros2 import cdr, graph, parameters, translation
 from quadctl.services.ros2.messages import (
+    DESCRIBE_PARAMETERS,
+    GET_PARAMETER_TYPES,
+    GET_PARAMETERS,
+    LIST_PARAMETERS,
     SET_BOOL,
+    SET_PARAMETERS,
+    SET_PARAMETERS_ATOMICALLY,
     TRIGGER,
     Clock,
+    Descriptors,
     FluidPressure,
+    ListRequest,
+    ListResponse,
     MarkerArray,
+    Names,
     Odometry,
     Outcome,
+    Parameter,
+    ParameterDescriptor,
+    Parameters,
+    ParameterTypes,
+    ParameterValue,
     PoseStamped,
+    Result,
+    Results,
     RosService,
     SetBoolRequest,
+    SetParametersResult,
     String,
     TFMessage,
     Time,
     TriggerRequest,
+    Values,
     type_of,
 )
 from quadctl.services.runtime.bus.foreign import ForeignQuery, ForeignSession, open_foreign
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params import catalogue
 
 NAME = "ros2"
 ROUTER = "tcp/127.0.0.1:7447"
@@ -71,6 +95,7 @@ _AGAIN = 1.0
 """Seconds between attempts to find the router."""
 _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
+_WITH_PARAMETERS = ("dynamics", "pressure", "safety")
 _MOST_WAITING = 64
 """Calls of ROS that may wait; beyond, they are refused."""
 
@@ -181,6 +206,7 @@ class Bridge:
         self._serve("calibrate_pressure", TRIGGER, self._calibrate)
         self._serve("hold", TRIGGER, partial(self._trigger, HOLD, HoldRequest()))
         self._serve("reset", TRIGGER, partial(self._trigger, RESET, ResetRequest()))
+        self._serve_parameters()
         session.announce(self._ros.token)
         threading.Thread(target=self._work, daemon=True).start()
         self._node.log.info("joined the graph of ROS, domain %d", self._domain)
@@ -274,7 +300,11 @@ class Bridge:
             zones = self._node.latest(ZONES, _TIMEOUT)
             self._node.post(lambda: self.on_zones(zones))
         while True:
-            self._requests.get()()
+            request = self._requests.get()
+            try:
+                request()
+            except Exception:  # a fault in one call must not end all later ones
+                self._node.log.exception("a call of ROS failed")
 
     def _on_goal(self, payload: bytes) -> None:
         """Keep the newest goal only: a flood must not queue up."""
@@ -331,12 +361,95 @@ class Bridge:
     ) -> Outcome:
         return self._outcome(service, request)
 
+    def _serve_parameters(self) -> None:
+        store = ParameterStore(self._call)
+        for name, service, handler in (
+            ("list_parameters", LIST_PARAMETERS, store.list),
+            ("get_parameters", GET_PARAMETERS, store.get),
+            ("get_parameter_types", GET_PARAMETER_TYPES, store.types),
+            ("describe_parameters", DESCRIBE_PARAMETERS, store.describe),
+            ("set_parameters", SET_PARAMETERS, store.set),
+            ("set_parameters_atomically", SET_PARAMETERS_ATOMICALLY, store.set_atomically),
+        ):
+            self._serve(f"{_ROS_NODE}/{name}", service, handler)
+
     def _outcome(self, service: Service[Any, Any], request: Struct) -> Outcome:
         """Call our service; return its success, or the reason that it gives."""
         try:
             return Outcome(success=self._call(service, request).success, message="")
         except QuadctlError as problem:
             return Outcome(success=False, message=problem.message)
+
+
+class ParameterStore:
+    """Parameters of the vehicle's nodes behind the six services that a node of ROS has."""
+
+    def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
+        self._call = call
+
+    def list(self, request: ListRequest) -> ListResponse:
+        """List the parameters of the nodes that answer."""
+        return ListResponse(parameters.listed(self._values(), request))
+
+    def get(self, request: Names) -> Values:
+        """Return the values; that of an unknown name is not set, as in ROS."""
+        values = self._values()
+        unset = ParameterValue()
+        return Values(
+            tuple(
+                parameters.to_ros(values[name]) if name in values else unset
+                for name in request.names
+            )
+        )
+
+    def types(self, request: Names) -> ParameterTypes:
+        """Return the types of the values."""
+        return ParameterTypes(bytes(each.type for each in self.get(request).values))
+
+    def describe(self, request: Names) -> Descriptors:
+        """Return the descriptions."""
+        values, leaves = self._values(), catalogue.leaves()
+        return Descriptors(
+            tuple(
+                parameters.described(name, values[name], leaves.get(name))
+                if name in values
+                else ParameterDescriptor(name)
+                for name in request.names
+            )
+        )
+
+    def set(self, request: Parameters) -> Results:
+        """Set each value by itself, as ROS does."""
+        return Results(tuple(self._set((each,)) for each in request.parameters))
+
+    def set_atomically(self, request: Parameters) -> Result:
+        """Set all values or none."""
+        return Result(self._set(request.parameters))
+
+    def _set(self, given: tuple[Parameter, ...]) -> SetParametersResult:
+        nodes = {each.name.partition(".")[0] for each in given}
+        if len(nodes) != 1:
+            reason = "these are of several nodes: set one node's at a time" if nodes else ""
+            return SetParametersResult(successful=not nodes, reason=reason)
+        present = self._values()
+        changes = {
+            each.name: parameters.to_ours(each.value, present.get(each.name)) for each in given
+        }
+        # The node itself refuses an unknown name, with the nearest one.
+        node = nodes.pop() if nodes <= set(_WITH_PARAMETERS) else _WITH_PARAMETERS[-1]
+        try:
+            reply = self._call(set_params(node), SetParamsRequest(changes))
+        except QuadctlError as problem:
+            return SetParametersResult(successful=False, reason=problem.message)
+        return SetParametersResult(successful=reply.success, reason=reply.reason)
+
+    def _values(self) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for node in _WITH_PARAMETERS:
+            # A node that is down has no parameters now; the others' stay within reach.
+            with contextlib.suppress(QuadctlError):
+                values |= self._call(get_params(node), GetParamsRequest([])).values
+        return values
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Client of a Zenoh router that is not a hub of ours: its keys, payloads and attachments are free."""
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -30,13 +31,13 @@ class ForeignQuery:
         self.attachment = _bytes(query.attachment)
 
     def reply(self, payload: bytes, attachment: bytes) -> None:
-        """Answer the query."""
-        with self._query as query:
+        """Answer the query, if its client is still there."""
+        with contextlib.suppress(zenoh.ZError), self._query as query:
             query.reply(self._key, payload, attachment=attachment)
 
     def refuse(self, reason: str) -> None:
         """Answer the query with an error."""
-        with self._query as query:
+        with contextlib.suppress(zenoh.ZError), self._query as query:
             query.reply_err(reason.encode())
 
 

@@ -114,7 +114,7 @@ def main() -> None:
 def run(link: "RouterLink", domain: int, node: Node, params: Params) -> None:
     """Bridge one vehicle until stopped."""
     bridge = Bridge(node, domain, real_time=params.dynamics.speed == 1)
-    node.listen(POSE, bridge.on_pose)
+    node.listen(POSE, bridge.on_pose, inline=True)
     node.listen(PRESSURE, bridge.on_pressure)
     node.listen(STATE, bridge.on_state)
     node.listen(ZONES, bridge.on_zones)
@@ -156,14 +156,19 @@ class Outlet:
     """Publisher of a topic of ROS."""
 
     def __init__(self, session: ForeignSession, key: str, token: str, *, latched: bool) -> None:
-        self._put, self._gid = session.publisher(key, latched=latched), graph.gid_of(token)
+        self._publisher, self._gid = session.publisher(key, latched=latched), graph.gid_of(token)
         self._sequence = 0
+
+    @property
+    def is_wanted(self) -> bool:
+        """Return whether a message has a reader, or is kept for a late one."""
+        return self._publisher.is_wanted
 
     def put(self, message: Struct) -> None:
         """Publish a message."""
         self._sequence += 1
         attachment = graph.attachment(self._sequence, time.time_ns(), self._gid)
-        self._put(cdr.encode(message), attachment)
+        self._publisher.put(cdr.encode(message), attachment)
 
 
 class Bridge:
@@ -215,18 +220,20 @@ class Bridge:
         """Publish pose, odometry and transform, and where simulated time counts, the clock."""
         at = time.time_ns() if self._real_time else round(pose.stamp * 1e9)
         self._stamp = stamp = translation.time_of(at)
-        if not self._outlets:
-            return
         vehicle = self._node.vehicle
-        if not self._real_time:
+        if self._wants(Clock):
             self._publish(Clock(stamp))
-        self._publish(translation.pose_stamped(pose, stamp))
-        self._publish(translation.transform(pose, stamp, vehicle))
-        self._publish(translation.odometry(pose, stamp, vehicle))
+        if self._wants(PoseStamped):
+            self._publish(translation.pose_stamped(pose, stamp))
+        if self._wants(TFMessage):
+            self._publish(translation.transform(pose, stamp, vehicle))
+        if self._wants(Odometry):
+            self._publish(translation.odometry(pose, stamp, vehicle))
 
     def on_pressure(self, reading: Pressure) -> None:
         """Publish the pressure."""
-        self._publish(translation.fluid_pressure(reading, self._stamp, self._node.vehicle))
+        if self._wants(FluidPressure):
+            self._publish(translation.fluid_pressure(reading, self._stamp, self._node.vehicle))
 
     def on_state(self, state: SafetyState) -> None:
         """Publish the state and its reason, and the bounds: at 1 Hz, for a viewer that is late."""
@@ -241,6 +248,11 @@ class Bridge:
     def on_zones(self, zones: Zones) -> None:
         """Take the zones, to show them with the next state."""
         self._zones = zones
+
+    def _wants(self, message: type[Struct]) -> bool:
+        """Return whether a message would be read: most graphs need one of pose, odometry and tf."""
+        outlet = self._outlets.get(message)
+        return outlet is not None and outlet.is_wanted
 
     def _publish(self, message: Struct) -> None:
         if outlet := self._outlets.get(type(message)):

@@ -17,9 +17,6 @@ from quadctl.services.runtime.bus.session import (
     retry,
 )
 
-Put = Callable[[bytes, bytes], None]
-"""Publish a payload with an attachment."""
-
 
 class ForeignQuery:
     """Query of a foreign client; keep it no longer than until its answer."""
@@ -41,11 +38,40 @@ class ForeignQuery:
             query.reply_err(reason.encode())
 
 
+class ForeignPublisher:
+    """Publisher of a key, for as long as it is kept; drops what a slow reader has no room for."""
+
+    def __init__(self, session: zenoh.Session, key: str, *, latched: bool) -> None:
+        control = zenoh.CongestionControl.DROP
+        self._matches: zenoh_events.MatchingListener | None = None
+        self._publisher: Any
+        if latched:
+            self._publisher = zenoh.ext.declare_advanced_publisher(
+                session,
+                key,
+                cache=zenoh.ext.CacheConfig(1),
+                publisher_detection=True,
+                congestion_control=control,
+            )
+        else:
+            self._publisher = session.declare_publisher(key, congestion_control=control)
+            self._matches = zenoh_events.MatchingListener(self._publisher)
+
+    @property
+    def is_wanted(self) -> bool:
+        """Return whether a message has a reader, or is kept for a late one."""
+        return self._matches is None or self._matches.was_there
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish a message."""
+        self._publisher.put(payload, attachment=attachment)
+
+
 class ForeignSession:
     """Session that reconnects by itself while it lives, and restores what it has declared.
 
-    All that is declared lasts as long as the session. Handlers run on a thread of Zenoh and must
-    not block. A message for which a slow reader has no room is dropped.
+    All but publishers lasts as long as the session. Handlers run on a thread of Zenoh and must
+    not block.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -62,27 +88,9 @@ class ForeignSession:
         """Return whether the router is there."""
         return bool(self._session.info.routers_zid())
 
-    def publisher(self, key: str, *, latched: bool = False) -> Put:
+    def publisher(self, key: str, *, latched: bool = False) -> "ForeignPublisher":
         """Declare a publisher; one that is latched sends its last message to late subscribers."""
-        publisher: Any
-        if latched:
-            publisher = zenoh.ext.declare_advanced_publisher(
-                self._session,
-                key,
-                cache=zenoh.ext.CacheConfig(1),
-                publisher_detection=True,
-                congestion_control=zenoh.CongestionControl.DROP,
-            )
-        else:
-            publisher = self._session.declare_publisher(
-                key, congestion_control=zenoh.CongestionControl.DROP
-            )
-        self._declared.append(publisher)
-
-        def put(payload: bytes, attachment: bytes) -> None:
-            publisher.put(payload, attachment=attachment)
-
-        return put
+        return ForeignPublisher(self._session, key, latched=latched)
 
     def subscribe(self, key: str, handler: Callable[[bytes], None]) -> None:
         """Declare a subscriber; the handler gets each payload."""

@@ -23,11 +23,9 @@ from quadctl.schemas.messages import Pose, Pressure, SafetyState, Zones
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateRequest,
-    GetParamsRequest,
     GotoRequest,
     HoldRequest,
     ResetRequest,
-    SetParamsRequest,
     ToggleCageRequest,
 )
 from quadctl.schemas.topics import (
@@ -41,8 +39,6 @@ from quadctl.schemas.topics import (
     TOGGLE_CAGE,
     ZONES,
     Service,
-    get_params,
-    set_params,
 )
 from quadctl.services.ros2 import cdr, graph, parameters, translation
 from quadctl.services.ros2.messages import (
@@ -55,37 +51,23 @@ from quadctl.services.ros2.messages import (
     SET_PARAMETERS_ATOMICALLY,
     TRIGGER,
     Clock,
-    Descriptors,
     FluidPressure,
-    ListRequest,
-    ListResponse,
     MarkerArray,
-    Names,
     Odometry,
     Outcome,
-    Parameter,
-    ParameterDescriptor,
-    Parameters,
-    ParameterTypes,
-    ParameterValue,
     PoseStamped,
-    Result,
-    Results,
     RosService,
     SetBoolRequest,
-    SetParametersResult,
     String,
     TFMessage,
     Time,
     TriggerRequest,
-    Values,
     type_of,
 )
 from quadctl.services.runtime.bus.foreign import ForeignQuery, ForeignSession, open_foreign
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.params import catalogue
 
 NAME = "ros2"
 ROUTER = "tcp/127.0.0.1:7447"
@@ -95,7 +77,6 @@ _AGAIN = 1.0
 """Seconds between attempts to find the router."""
 _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
-_WITH_PARAMETERS = ("dynamics", "pressure", "safety")
 _MOST_WAITING = 64
 """Calls of ROS that may wait; beyond, they are refused."""
 
@@ -374,7 +355,7 @@ class Bridge:
         return self._outcome(service, request)
 
     def _serve_parameters(self) -> None:
-        store = ParameterStore(self._call)
+        store = parameters.ParameterStore(self._call)
         for name, service, handler in (
             ("list_parameters", LIST_PARAMETERS, store.list),
             ("get_parameters", GET_PARAMETERS, store.get),
@@ -391,77 +372,6 @@ class Bridge:
             return Outcome(success=self._call(service, request).success, message="")
         except QuadctlError as problem:
             return Outcome(success=False, message=problem.message)
-
-
-class ParameterStore:
-    """Parameters of the vehicle's nodes behind the six services that a node of ROS has."""
-
-    def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
-        self._call = call
-
-    def list(self, request: ListRequest) -> ListResponse:
-        """List the parameters of the nodes that answer."""
-        return ListResponse(parameters.listed(self._values(), request))
-
-    def get(self, request: Names) -> Values:
-        """Return the values; that of an unknown name is not set, as in ROS."""
-        values = self._values()
-        unset = ParameterValue()
-        return Values(
-            tuple(
-                parameters.to_ros(values[name]) if name in values else unset
-                for name in request.names
-            )
-        )
-
-    def types(self, request: Names) -> ParameterTypes:
-        """Return the types of the values."""
-        return ParameterTypes(bytes(each.type for each in self.get(request).values))
-
-    def describe(self, request: Names) -> Descriptors:
-        """Return the descriptions."""
-        values, leaves = self._values(), catalogue.leaves()
-        return Descriptors(
-            tuple(
-                parameters.described(name, values[name], leaves.get(name))
-                if name in values
-                else ParameterDescriptor(name)
-                for name in request.names
-            )
-        )
-
-    def set(self, request: Parameters) -> Results:
-        """Set each value by itself, as ROS does."""
-        return Results(tuple(self._set((each,)) for each in request.parameters))
-
-    def set_atomically(self, request: Parameters) -> Result:
-        """Set all values or none."""
-        return Result(self._set(request.parameters))
-
-    def _set(self, given: tuple[Parameter, ...]) -> SetParametersResult:
-        nodes = {each.name.partition(".")[0] for each in given}
-        if len(nodes) != 1:
-            reason = "these are of several nodes: set one node's at a time" if nodes else ""
-            return SetParametersResult(successful=not nodes, reason=reason)
-        present = self._values()
-        changes = {
-            each.name: parameters.to_ours(each.value, present.get(each.name)) for each in given
-        }
-        # The node itself refuses an unknown name, with the nearest one.
-        node = nodes.pop() if nodes <= set(_WITH_PARAMETERS) else _WITH_PARAMETERS[-1]
-        try:
-            reply = self._call(set_params(node), SetParamsRequest(changes))
-        except QuadctlError as problem:
-            return SetParametersResult(successful=False, reason=problem.message)
-        return SetParametersResult(successful=reply.success, reason=reply.reason)
-
-    def _values(self) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for node in _WITH_PARAMETERS:
-            # A node that is down has no parameters now; the others' stay within reach.
-            with contextlib.suppress(QuadctlError):
-                values |= self._call(get_params(node), GetParamsRequest([])).values
-        return values
 
 
 if __name__ == "__main__":

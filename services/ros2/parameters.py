@@ -4,23 +4,38 @@ Numbers, texts, bools and lists of them have their types of ROS. Anything else, 
 string in TOML's notation.
 """
 
-from collections.abc import Iterable
+import contextlib
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from msgspec import inspect
+from msgspec import Struct, inspect, structs
 
+from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
+from quadctl.schemas.topics import Service, get_params, set_params
 from quadctl.schemas.typeinfo import bounds_text
 from quadctl.services.ros2.messages import (
+    Descriptors,
     FloatingPointRange,
     IntegerRange,
     ListRequest,
+    ListResponse,
     ListResult,
+    Names,
+    Parameter,
     ParameterDescriptor,
+    Parameters,
+    ParameterTypes,
     ParameterValue,
+    Result,
+    Results,
+    SetParametersResult,
+    Values,
 )
-from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch, value
+from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch, leaves, value
 from quadctl.services.runtime.params.names import value_of
 
+_NODES = ("dynamics", "pressure", "safety")
 _FIELDS = {
     1: "bool_value",
     2: "integer_value",
@@ -38,13 +53,79 @@ _ARRAYS = {bool: 6, int: 7, float: 8, str: 9}
 _MOST_INTEGER = 2**63 - 1
 
 
+class ParameterStore:
+    """Parameters of the vehicle's nodes behind the six services that a node of ROS has."""
+
+    def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
+        self._call = call
+
+    def list(self, request: ListRequest) -> ListResponse:
+        """List the parameters of the nodes that answer."""
+        return ListResponse(listed(self._values(), request))
+
+    def get(self, request: Names) -> Values:
+        """Return the values; that of an unknown name is not set, as in ROS."""
+        values = self._values()
+        unset = ParameterValue()
+        return Values(
+            tuple(to_ros(values[name]) if name in values else unset for name in request.names)
+        )
+
+    def types(self, request: Names) -> ParameterTypes:
+        """Return the types of the values."""
+        return ParameterTypes(bytes(each.type for each in self.get(request).values))
+
+    def describe(self, request: Names) -> Descriptors:
+        """Return the descriptions."""
+        values, entries = self._values(), leaves()
+        return Descriptors(
+            tuple(
+                described(name, values[name], entries.get(name))
+                if name in values
+                else ParameterDescriptor(name)
+                for name in request.names
+            )
+        )
+
+    def set(self, request: Parameters) -> Results:
+        """Set each value by itself, as ROS does."""
+        return Results(tuple(self._set((each,)) for each in request.parameters))
+
+    def set_atomically(self, request: Parameters) -> Result:
+        """Set all values or none."""
+        return Result(self._set(request.parameters))
+
+    def _set(self, given: tuple[Parameter, ...]) -> SetParametersResult:
+        nodes = {each.name.partition(".")[0] for each in given}
+        if len(nodes) != 1:
+            reason = "these are of several nodes: set one node's at a time" if nodes else ""
+            return SetParametersResult(successful=not nodes, reason=reason)
+        present = self._values()
+        changes = {each.name: to_ours(each.value, present.get(each.name)) for each in given}
+        # The node itself refuses an unknown name, with the nearest one.
+        node = nodes.pop() if nodes <= set(_NODES) else _NODES[-1]
+        try:
+            reply = self._call(set_params(node), SetParamsRequest(changes))
+        except QuadctlError as problem:
+            return SetParametersResult(successful=False, reason=problem.message)
+        return SetParametersResult(successful=reply.success, reason=reply.reason)
+
+    def _values(self) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for node in _NODES:
+            # A node that is down has no parameters now; the others' stay within reach.
+            with contextlib.suppress(QuadctlError):
+                values |= self._call(get_params(node), GetParamsRequest([])).values
+        return values
+
+
 def to_ros(plain: Any) -> ParameterValue:
     """Return a value of ours as one of ROS."""
     kind = _kind(plain)
     if not kind:
         return ParameterValue(type=_SCALARS[str], string_value=value(plain))
     content = tuple(plain) if isinstance(plain, list) else plain
-    return ParameterValue(type=kind, **{_FIELDS[kind]: content})
+    return structs.replace(ParameterValue(type=kind), **{_FIELDS[kind]: content})
 
 
 def to_ours(given: ParameterValue, present: Any) -> Any:

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
+from typing import Any
 
 import zenoh
 from rosbags.typesys import Stores, get_typestore
@@ -78,19 +78,19 @@ def raw_client(endpoint):
 class RosClient:
     """Program of ROS with the SDK's publishers, subscribers and clients of one vehicle."""
 
-    def __init__(self, endpoint: str, folder: Path, vehicle: str = "uav") -> None:
+    def __init__(self, endpoint, folder, vehicle="uav"):
         for type_ in TYPES.values():
             _write_definitions(folder, type_)
         get_registry(str(folder))
         self._port, self._vehicle = int(endpoint.rpartition(":")[2]), vehicle
-        self.came = {name: [] for name in TYPES}
+        self.came: dict[str, list[Any]] = {name: [] for name in TYPES}
         self._subscribers = [
             ROS2Subscriber(f"/{vehicle}/{name}", type_, self.came[name].append, **self._router)
             for name, type_ in TYPES.items()
         ]
         self._goals = ROS2Publisher(f"/{vehicle}/goal_pose", POSE, **self._router)
 
-    def close(self) -> None:
+    def close(self):
         """Close the SDK's one session of a process."""
         instance, ZenohSession._instance = ZenohSession._instance, None
         instance.session.close()

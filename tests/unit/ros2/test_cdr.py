@@ -1,7 +1,7 @@
 """The codec and the frozen hashes against rosbags, which has an implementation of its own."""
 
 import dataclasses
-from typing import Annotated, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from quadctl.services.ros2 import cdr, messages
 from quadctl.services.ros2.cdr import Malformed
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE: Any = get_typestore(Stores.ROS2_JAZZY)
 DEFINITIONS = {
     "std_srvs/srv/SetBool": ("bool data", "bool success\nstring message"),
     "std_srvs/srv/Trigger": ("", "bool success\nstring message"),
@@ -37,7 +37,7 @@ DEFINITIONS = {
         "ListParametersResult result",
     ),
 }
-EMPTY = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
+EMPTY: Any = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
 
 
 def register(definition: str, name: str) -> None:
@@ -50,7 +50,8 @@ def register(definition: str, name: str) -> None:
             for line in definition.split("\n")
         )
     found = get_types_from_msg(definition, f"{package}/msg/{name.rpartition('/')[2]}")
-    ((_, fields),) = found.values()
+    definitions: Any = found.values()
+    ((_, fields),) = definitions
     STORE.register({f"{package}/msg/{name.rpartition('/')[2]}": ([], fields or EMPTY)})
     STORE.fielddefs[name] = ([], fields or EMPTY)
 

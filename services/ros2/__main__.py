@@ -7,14 +7,13 @@ It holds no safety logic: a goal or a call goes the way of our own services, and
 
 import argparse
 import contextlib
-import math
 import os
 import sys
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from queue import Empty, Full, Queue
+from queue import Full, Queue
 from typing import Any
 
 from msgspec import Struct
@@ -23,7 +22,6 @@ from quadctl.schemas.messages import Pose, Pressure, SafetyState, Zones
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateRequest,
-    GotoRequest,
     HoldRequest,
     ResetRequest,
     ToggleCageRequest,
@@ -35,6 +33,7 @@ from quadctl.schemas.topics import (
     POSE,
     PRESSURE,
     RESET,
+    SETPOINT,
     STATE,
     TOGGLE_CAGE,
     ZONES,
@@ -166,7 +165,8 @@ class Bridge:
         self._shown: set[str] = set()
         self._height = 0.0
         self._requests: Queue[Callable[[], None]] = Queue(_MOST_WAITING)
-        self._goals: Queue[PoseStamped] = Queue(1)
+        self._lock, self._fault = threading.Lock(), ""
+        self._goal: bytes | None = None
 
     def join(self, session: ForeignSession) -> None:
         """Declare all endpoints in the graph of ROS, and last the node."""
@@ -300,41 +300,34 @@ class Bridge:
                 self._node.log.exception("a call of ROS failed")
 
     def _on_goal(self, payload: bytes) -> None:
-        """Keep the newest goal only: a flood must not queue up."""
-        try:
-            goal = cdr.decode(PoseStamped, payload)
-        except cdr.Malformed as problem:
-            self._node.log.warning("ignored a goal: %s", problem)
-            return
-        with contextlib.suppress(Empty):
-            self._goals.get_nowait()
-        with contextlib.suppress(Full):
-            self._goals.put_nowait(goal)
-        with contextlib.suppress(Full):
-            self._requests.put_nowait(self._fly)
+        """Keep the newest goal only, on a thread of Zenoh: a flood must not queue up."""
+        with self._lock:
+            waits, self._goal = self._goal is not None, payload
+        if not waits:
+            try:
+                self._requests.put_nowait(self._fly)
+            except Full:
+                self._goal = None
 
     def _fly(self) -> None:
         """Request the newest goal from safety; its verdict shows in the state."""
+        with self._lock:
+            payload, self._goal = self._goal, None
         try:
-            goal = self._goals.get_nowait()
-        except Empty:
-            return
-        frame, at = goal.header.frame_id, goal.pose.position
-        if frame not in {"", translation.WORLD}:
-            self._node.log.warning("ignored a goal in the frame %s: use map", frame)
-            return
-        # RViz's tool points at the ground; its goal means a place, at the present height.
-        z = at.z or self._height
-        if not all(map(math.isfinite, (at.x, at.y, z))):
-            self._node.log.warning("ignored a goal that is not finite")
-            return
-        try:
-            reply = self._call(GOTO, GotoRequest(at.x, at.y, z, replace=True))
-        except QuadctlError as problem:
-            self._node.log.warning("the goal was not taken: %s", problem.message)
-            return
-        if not reply.accepted:
-            self._node.log.warning("the goal was refused: %s", reply.reason)
+            goal = cdr.decode(PoseStamped, payload or b"")
+            reply = self._call(GOTO, translation.goal_of(goal, self._height))
+        except (cdr.Malformed, QuadctlError) as problem:
+            self._complain(f"ignored a goal: {problem}")
+        else:
+            self._complain("" if reply.accepted else f"safety refused a goal: {reply.reason}")
+        # Safety decides at this rate; a flood of goals leaves room for calls.
+        time.sleep(1 / SETPOINT.hz)
+
+    def _complain(self, fault: str) -> None:
+        """Log a fault once while it repeats: a foreign publisher must not fill the log."""
+        if fault and fault != self._fault:
+            self._node.log.warning("%s", fault)
+        self._fault = fault
 
     def _call(self, service: Service[Any, Any], request: Struct) -> Any:
         return self._node.client(service).call(request, _TIMEOUT)

@@ -6,6 +6,8 @@ The world is the frame `map` (ENU), the body of a vehicle is `VEHICLE/base_link`
 import math
 
 from quadctl.schemas.messages import CageSize, Pose, Pressure, SafetyState, Velocity, Zone
+from quadctl.schemas.services import GotoRequest
+from quadctl.services.ros2.cdr import Malformed
 from quadctl.services.ros2.messages import (
     Colour,
     FluidPressure,
@@ -38,6 +40,9 @@ _EXCLUSION = Colour(1.0, 0.1, 0.1, 1.0)
 _INCLUSION = Colour(0.1, 0.8, 0.2, 1.0)
 _OFF = 0.15
 """Opacity of bounds that are not in force."""
+
+_MOST_SHOWN = 64
+"""Characters of a foreign text in our log."""
 
 Place = tuple[float, float]
 
@@ -99,6 +104,19 @@ def _in_body(velocity: Velocity, pose: Pose) -> Vector:
         vy + w * ty + (tz * x - tx * z),
         vz + w * tz + (tx * y - ty * x),
     )
+
+
+def goal_of(goal: PoseStamped, height: float) -> GotoRequest:
+    """Return the request to fly to a goal, in place of the present one; raise Malformed.
+
+    The tool of RViz points at the ground: a goal of height 0 means `height` (m).
+    """
+    frame, at = goal.header.frame_id, goal.pose.position
+    if frame not in {"", WORLD}:
+        raise Malformed(f"its frame is {frame[:_MOST_SHOWN]}, not {WORLD}")
+    if not all(map(math.isfinite, (at.x, at.y, at.z))):
+        raise Malformed("it is not finite")
+    return GotoRequest(at.x, at.y, at.z or height, replace=True)
 
 
 def fluid_pressure(reading: Pressure, stamp: Time, vehicle: str) -> FluidPressure:

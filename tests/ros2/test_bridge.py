@@ -147,6 +147,23 @@ def test_the_flight_goes_on_when_the_bridge_is_frozen_or_killed(network):
         assert run.vehicle.goto(-2, 2, 1).distance < 0.5
 
 
+def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(ros, run, network):
+    pose = type_of(PoseStamped)
+    key = graph.endpoint_key(0, "/uav/goal_pose", pose.name, pose.hash)
+    place = messages.PlainPose(messages.Vector(99.0, 0.0, 1.0))
+    flood = cdr.encode(PoseStamped(messages.Header(), place))
+    with raw_client(network) as session:
+        before = run.vehicle.state()
+        for _ in range(20):
+            for _ in range(500):
+                session.put(key, flood)
+            assert ros.call("toggle_cage", SETBOOL, "bool data", data=True).success
+        after = run.vehicle.state()
+    assert 0 < after.request - before.request < 200
+    assert after.goal == before.goal
+    assert run.vehicle.goto(0, 0, 1, replace=True).distance < 0.5
+
+
 def test_several_vehicles_have_namespaces_and_one_clock_where_time_is_simulated(network):
     with (
         quadctl.launch(vehicles=2, params={"dynamics.speed": 2.0}) as run,

@@ -1,6 +1,6 @@
 """Our messages as those of ROS: frames, units and shapes."""
 
-from math import cos, sin
+from math import cos, inf, nan, sin
 
 import pytest
 
@@ -15,9 +15,11 @@ from quadctl.schemas.messages import (
     Velocity,
     Zone,
 )
+from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.zones import FARTHEST, CircleParams, ZoneParams
 from quadctl.services.ros2 import translation
-from quadctl.services.ros2.messages import Time, Vector
+from quadctl.services.ros2.cdr import Malformed
+from quadctl.services.ros2.messages import Header, PlainPose, PoseStamped, Time, Vector
 
 STAMP = Time(12, 500)
 QUARTER = Quaternion(cos(0.25 * 3.141592653589793), 0.0, 0.0, sin(0.25 * 3.141592653589793))
@@ -88,3 +90,25 @@ def test_zones_are_drawn_between_the_ground_and_the_top_of_the_cage():
 def test_a_zone_that_is_gone_is_removed():
     _, gone = translation.bounds(STATE, (), {"tower"}, STAMP).markers
     assert (gone.ns, gone.action) == ("zone tower", 2)
+
+
+def goal(x, y, z, frame="map"):
+    return PoseStamped(Header(frame_id=frame), PlainPose(Vector(x, y, z)))
+
+
+@pytest.mark.parametrize("frame", ["", "map"])
+def test_a_goal_replaces_the_present_one(frame):
+    found = translation.goal_of(goal(1.0, 2.0, 3.0, frame), 9.0)
+    assert found == GotoRequest(1.0, 2.0, 3.0, replace=True)
+
+
+def test_a_goal_on_the_ground_means_the_present_height():
+    assert translation.goal_of(goal(1.0, 2.0, 0.0), 1.5).z == 1.5
+
+
+@pytest.mark.parametrize(
+    "bad", [goal(1.0, 1.0, 1.0, "odom"), goal(nan, 1.0, 1.0), goal(1.0, inf, 1.0)]
+)
+def test_a_goal_of_another_frame_or_without_a_place_is_refused(bad):
+    with pytest.raises(Malformed):
+        translation.goal_of(bad, 1.0)

@@ -92,7 +92,7 @@ def test_a_zone_that_is_gone_is_removed():
     assert (gone.ns, gone.action) == ("zone tower", 2)
 
 
-def goal(x, y, z, frame="map"):
+def goal(x: float, y: float, z: float, frame: str = "map") -> PoseStamped:
     return PoseStamped(Header(frame_id=frame), PlainPose(Vector(x, y, z)))
 
 

@@ -16,7 +16,6 @@ from quadctl.schemas.topics import (
     SERVICES,
     STATE,
     TOPICS,
-    ZONES,
     Service,
     Topic,
     get_params,
@@ -90,8 +89,7 @@ def announced(found: Survey, run: RunState | None) -> Finding:
     lacking = [
         not_offered(entry.node, entry.name)
         for entry in declared
-        # A safety of one's own needs no zones.
-        if entry.node in found.nodes and entry.name not in {*offered, ZONES.name}
+        if entry.node in found.nodes and entry.name not in offered
     ]
     if lacking:
         return warned("announced", ", ".join(lacking), NOT_OFFERED_FIX)

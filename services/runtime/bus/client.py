@@ -250,19 +250,17 @@ class Client:
             raise self.silent(topic.key(self.vehicle), readings.problem)
         return message
 
-    def subscribe(
-        self, *topics: Topic[M], backlog: int = _BACKLOG, held: bool = False
-    ) -> "TypedSubscriber[M]":
-        """Subscribe to topics, decoded; see `listen`."""
+    def subscribe(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
+        """Subscribe to topics, decoded; up to `backlog` messages wait for their reader."""
         from quadctl.services.runtime.bus.streams import TypedSubscriber
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
-        return TypedSubscriber(self.listen(*types, backlog=backlog, held=held), types)
+        return TypedSubscriber(self.listen(*types, backlog=backlog), types)
 
     def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "RawSubscriber":
         """Subscribe to keys or key expressions; up to `backlog` messages wait for their reader.
 
-        With `held`, the last message of each latched topic comes before its others.
+        With `held`, the last messages of latched topics come first.
         """
         from quadctl.services.runtime.bus.streams import RawSubscriber
 

@@ -32,7 +32,7 @@ LEFT_OUT = {
 """Commands that a test cannot run, each with the reason."""
 READ = {"console", "python", "toml", "text"}
 """Languages of blocks: `text` is not run, and the book draws no other, e.g. mermaid, offline."""
-WITHIN = 60.0
+WITHIN = 240.0
 """s, for one command."""
 
 
@@ -96,7 +96,7 @@ def take(lab: Lab, block: Block) -> None:
     [page for page in PAGES if page.name not in ELSEWHERE and "```" in page.read_text("utf-8")],
     ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
-@pytest.mark.timeout(300)  # for a whole page: each command has its own limit, WITHIN
+@pytest.mark.timeout(600)  # for a whole page: each command has its own limit, WITHIN
 def test_the_blocks_of_a_page_run_in_order(page: Path):
     if any(b.language == "console" and "quadctl campaign" in b.text for b in blocks(page)):
         compiled_kernel()  # up to a minute on a busy machine, which is no command's own time

@@ -158,10 +158,12 @@ def test_the_name_in_processes_is_the_nodes_name_everywhere(lab: Lab):
         text = BATTERY.replace("NAME", topic)
         (lab.folder / f"{file}.py").write_text(text, encoding="utf-8")
     lab.start(lab.file('[processes]\nbattery = "python battery.py"\nmeter = "python meter.py"\n'))
+    # A command is ready once it has run for a while: its node may follow.
+    eventually(lambda: "uav/own/battery" in lab.quadctl("topic", "list").out, 20.0)
     done = lab.each(["status", "node list", "topic list", "topic info own/battery"])
     assert all(
         "battery" in ended.out and "another_name" not in ended.out for ended in done.values()
-    )
+    ), done
     assert "uav/own/battery" in done["topic info own/battery"].out
     for topic in ("own/battery", "/uav/own/battery", "power/volts", "uav/power/volts"):
         echoed = lab.quadctl("topic", "echo", topic, "-n", 1, "--json")

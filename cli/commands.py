@@ -31,6 +31,9 @@ COMMANDS = {
     "cage on": "quadctl.cli.vehicle.commands:on",
     "cage off": "quadctl.cli.vehicle.commands:off",
     "cage show": "quadctl.cli.vehicle.commands:show",
+    "zone list": "quadctl.cli.zone:list_",
+    "zone add": "quadctl.cli.zone:add",
+    "zone remove": "quadctl.cli.zone:remove",
     "fleet list": "quadctl.cli.fleet.list:list_",
     "fleet goto": "quadctl.cli.fleet.goto:goto",
     "fleet hold": "quadctl.cli.fleet.land:hold",
@@ -80,6 +83,7 @@ COMMANDS = {
 GROUPS = {
     "lab": "Your own nodes, checked and graded.",
     "cage": "The virtual cage.",
+    "zone": "Zones that the vehicle must not enter, or not leave.",
     "fleet": "Several vehicles, on one hub or on several machines.",
     "bag": "Recordings.",
     "fault": "Faults injected on purpose.",

@@ -12,6 +12,7 @@ from quadctl.schemas.barometer import PressureParams
 from quadctl.schemas.protocols import LOCAL, PORTS, SECURE
 from quadctl.schemas.units import Metres, described
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.schemas.zones import ZoneParams, check_zones
 
 
 class FlightFaultParams(Struct, forbid_unknown_fields=True):
@@ -96,6 +97,23 @@ class CageParams(Struct, forbid_unknown_fields=True):
     z: CagePoint = 5.0
 
 
+class SeparationParams(Struct, forbid_unknown_fields=True):
+    """Distance between the vehicles of a run: an ellipsoid about each, the cage on or off."""
+
+    radius: Annotated[
+        float,
+        described(
+            "half of the horizontal distance that two vehicles keep; 0: off", "m", ge=0, le=100
+        ),
+    ] = 0.3
+    height: Annotated[
+        float,
+        described(
+            "vertical distance that two vehicles keep, more for the downwash", "m", gt=0, le=100
+        ),
+    ] = 0.9
+
+
 class SafetyParams(Struct, forbid_unknown_fields=True):
     """The safety automaton."""
 
@@ -130,6 +148,20 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
         float,
         described("tolerance of max_speed and max_deceleration; more in wind", "m", ge=0, le=10),
     ] = 0.01
+    warn_within: Annotated[
+        float, described("distance to a wall that the state warns of", "m", ge=0, le=10_000)
+    ] = 0.5
+    zones: Annotated[
+        list[ZoneParams],
+        described("zones that the vehicle must not enter or must not leave, with the cage on"),
+    ] = field(default_factory=list)
+    separation: Annotated[
+        SeparationParams, described("distance that the vehicles of a run keep from each other")
+    ] = field(default_factory=SeparationParams)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for too many zones or two of one name."""
+        check_zones(self.zones)
 
 
 class StartParams(Struct, forbid_unknown_fields=True):

@@ -56,16 +56,22 @@ class ToggleCageResponse(Struct, frozen=True):
 
 
 class GotoRequest(Struct, frozen=True, forbid_unknown_fields=True):
-    """Fly to a point, m, ENU; with `replace` also while another goal is being flown."""
+    """Fly to a point, m, ENU; with `replace` also while another goal is being flown.
+
+    With `direct` the way is the straight one, never one around zones. With `wait` a goal waits for
+    other vehicles that fly too near its way.
+    """
 
     x: Metres
     y: Metres
     z: Metres
     replace: bool = False
+    direct: bool = False
+    wait: bool = False
 
 
 class GotoResponse(Struct, frozen=True):
-    """Safety's verdict; `reason` is empty when accepted."""
+    """Safety's verdict; `reason` is empty when accepted, or begins with `waits`."""
 
     accepted: bool
     reason: Text

@@ -5,7 +5,16 @@ from typing import Any, Generic, TypeVar
 
 from msgspec import Struct
 
-from quadctl.schemas.messages import Called, Info, Pose, Pressure, SafetyState, Setpoint, Waypoint
+from quadctl.schemas.messages import (
+    Called,
+    Info,
+    Pose,
+    Pressure,
+    SafetyState,
+    Setpoint,
+    Waypoint,
+    Zones,
+)
 from quadctl.schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
@@ -98,6 +107,7 @@ REQUEST = Topic(
     "input/position_request", Waypoint, node="", hz=0, doc="Requested waypoint, without an answer."
 )
 SETPOINT = Topic("input/position", Setpoint, node="safety", hz=20, doc="The verified setpoint.")
+ZONES = Topic("safety/zones", Zones, node="safety", hz=0, doc="Zones that bar ways.", latched=True)
 
 INFO = Topic("info", Info, node="safety", hz=0, doc="Nodes by service and topic.", latched=True)
 
@@ -105,7 +115,7 @@ _CALLS = "@call/"
 """Chunk that wildcards do not match: a subscriber to `**` does not receive calls."""
 
 TOPICS: tuple[Topic[Any], ...] = (
-    POSE, POSE_SLOW, PRESSURE, STATE, REQUEST, SETPOINT, INFO,
+    POSE, POSE_SLOW, PRESSURE, STATE, ZONES, REQUEST, SETPOINT, INFO,
 )  # fmt: skip
 MESSAGES: dict[str, type[Struct]] = {topic.type.__name__: topic.type for topic in TOPICS}
 """Types of the topics' messages, by name."""

@@ -34,6 +34,9 @@ def _written_out(part: dict[str, Any], types: dict[str, Any]) -> dict[str, Any]:
     for inner in ("items", "additionalProperties"):
         if isinstance(whole.get(inner), dict):
             whole[inner] = _written_out(whole[inner], types)
+    for several in ("anyOf", "prefixItems"):
+        if several in whole:
+            whole[several] = [_written_out(each, types) for each in whole[several]]
     return whole
 
 

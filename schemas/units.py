@@ -17,6 +17,8 @@ Hectopascals = Annotated[float, Meta(ge=-2_000, le=2_000)]
 """Signed: after calibration the pressure topic carries a difference."""
 Spread = Annotated[float, Meta(ge=0, le=2_000)]
 Seconds = Annotated[float, Meta(ge=0, le=1e9)]
+Clearance = Annotated[float, Meta(ge=-100_000, le=100_000)]
+"""Distance (m) from a wall, negative beyond it."""
 Count = Annotated[int, Meta(ge=0, le=2**53)]
 """Up to the last integer that a double counts exactly, so that JSON readers agree."""
 Text = Annotated[str, Meta(max_length=1_000)]

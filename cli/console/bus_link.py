@@ -13,7 +13,7 @@ from quadctl.cli.context import Options
 from quadctl.parameters import nodes_with_params
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GetParamsRequest
-from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, get_params
+from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, ZONES, get_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
@@ -105,9 +105,12 @@ class Link:
         readings = client.subscribe(PRESSURE, backlog=1)
         states = client.subscribe(STATE, backlog=_BACKLOG)
         requests = client.subscribe(REQUEST, backlog=1)
+        fences = client.subscribe(ZONES, backlog=1, held=True)
         looked, self._client = 0.0, client
         with self._lock:
             self._board.problem = ""
+            # Safety may be another one now, which has no zones and publishes none.
+            self._board.update_zones(())
         threading.Thread(target=self._poll_parameters, args=(client,), daemon=True).start()
         while True:
             began = time.monotonic()
@@ -118,10 +121,12 @@ class Link:
                 with self._lock:
                     self._board.nodes = nodes
             pose, reading, waypoint = poses.next(0), readings.next(0), requests.next(0)
-            changes = list(iter(lambda: states.next(0), None))
+            changes, zones = list(iter(lambda: states.next(0), None)), fences.next(0)
             with self._lock:
                 if waypoint is not None:
                     self._board.add_request(Position(waypoint.x, waypoint.y, waypoint.z))
+                if zones is not None:
+                    self._board.update_zones(zones.zones)
                 for state in changes:
                     self._board.update_state(state)
                 self._board.tick(pose, reading)

@@ -5,7 +5,17 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple, get_args
 
-from quadctl.schemas.messages import CageSize, Pose, Position, Pressure, SafetyState, StateName
+from quadctl.schemas.messages import (
+    CageSize,
+    NearestWall,
+    Pose,
+    Position,
+    Pressure,
+    SafetyState,
+    StateName,
+    Zone,
+)
+from quadctl.schemas.zones import FARTHEST
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.terminal import escaped
 
@@ -84,7 +94,10 @@ class Glance(NamedTuple):
 
 
 class Board:
-    """State of a page; `epoch` counts the simulation's boots seen, each of which clears samples."""
+    """State of a page; `epoch` counts the simulation's boots seen, each of which clears samples.
+
+    `zoned` counts the changes of the zones.
+    """
 
     def __init__(self, vehicle: str) -> None:
         self.vehicle = vehicle
@@ -95,7 +108,8 @@ class Board:
         self.samples: deque[Sample] = deque(maxlen=_KEPT)
         self.refused: deque[Position] = deque(maxlen=_REFUSED_KEPT)
         self.verdicts: deque[Verdict] = deque(maxlen=_VERDICTS_KEPT)
-        self.verified, self.noted, self.epoch = 0, 0, 0
+        self.zones: tuple[Zone, ...] = ()
+        self.verified, self.noted, self.epoch, self.zoned = 0, 0, 0, 0
         self.silence = 0.0
         self.nodes: list[ProcessRecord] = []
         self.values: dict[str, Any] = {}
@@ -115,6 +129,12 @@ class Board:
         if self.state is not None and now.boot != self.state.boot:
             self.refused.clear()
         self.state = now
+
+    def update_zones(self, now: tuple[Zone, ...]) -> None:
+        """Take the zones in force while the cage is on."""
+        if now != self.zones:
+            self.zones = now
+            self.zoned += 1
 
     def add_request(self, goal: Position) -> None:
         """Take a waypoint from the topic; a later state carries its verdict."""
@@ -251,23 +271,38 @@ def _way(start: str, end: str, text: str) -> str:
 
 _SILENT = 1.0  # s without a pose after which the page reports silence
 
-NOTHING_SEEN = (-1, 0)  # epoch and sample number before the first frame of a page
+
+class Sent(NamedTuple):
+    """Newest epoch, sample and change of the zones that a page has."""
+
+    epoch: int
+    sample: int
+    zoned: int
 
 
-def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[str, Any]:
-    """Return the frame after `seen` (epoch, sample number); its user aims at the `target`."""
-    epoch, number = seen if seen[0] == board.epoch else (board.epoch, 0)
+NOTHING_SEEN = Sent(-1, 0, -1)
+
+
+def frame(board: Board, seen: Sent, target: Position | None) -> tuple[dict[str, Any], Sent]:
+    """Return the frame for a page, and what the page has seen with it.
+
+    The page's user aims at the `target`. Zones that it has are not sent again: they may have
+    thousands of corners.
+    """
+    number = seen.sample if seen.epoch == board.epoch else 0
     new = [sample for sample in board.samples if sample.number > number]
+    after = Sent(board.epoch, new[-1].number if new else number, board.zoned)
     state, pose = board.state, board.pose
-    return {
-        "epoch": epoch,
+    content = {
         "fresh": number == 0,
-        "seen": new[-1].number if new else number,
+        "seen": after.sample,
         "link": link(board),
         "state": state.state if state else "",
         "verified": board.verified,
         "cage": [state.cage.x, state.cage.y, state.cage.z] if state else None,
         "cage_on": bool(state and state.cage_on),
+        "zones": None if seen.zoned == board.zoned else [_column(zone) for zone in board.zones],
+        "near": bool(state and state.nearest.near),
         "goal": _xyz(state.goal) if state else None,
         "pose": [*_xyz(pose.position), *_quaternion(pose)] if pose else None,
         "target": _xyz(target) if target else None,
@@ -275,6 +310,7 @@ def frame(board: Board, seen: tuple[int, int], target: Position | None) -> dict[
         "samples": [_sample(sample) for sample in new],
         "read": readouts(board, target),
     }
+    return content, after
 
 
 def link(board: Board) -> str:
@@ -298,7 +334,8 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
         texts["height"] = f"{pose.position.z:.2f} m"
     if state is not None:
         texts |= {"state": state.state, "reason": state.reason, "goal": point(state.goal)}
-        texts["cage"] = bounds(state.cage)
+        texts |= {"cage": bounds(state.cage), "nearest": _wall(state.nearest)}
+        texts["leg"] = f"leg {state.leg} of {state.legs}" if state.legs else ""
     if reading is not None:
         texts["pressure"] = f"{reading.pressure:{'.5g' if reading.baseline else '.4f'}} hPa"
         texts["baseline"] = f"{reading.baseline:.4f} hPa" if reading.baseline else "not calibrated"
@@ -307,6 +344,23 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
 
 
 _LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}
+
+
+def _wall(wall: NearestWall) -> str:
+    return f"{wall.name}, {wall.distance + 0.0:.2f} m" if wall.name else "-"
+
+
+def _column(zone: Zone) -> dict[str, Any]:
+    """Return a zone to draw; a missing bound is None, and so is the circle of a polygon."""
+    circle = zone.circle
+    return {
+        "name": escaped(zone.name),
+        "kind": zone.kind,
+        "corners": zone.polygon,
+        "circle": None if zone.polygon else (circle.x, circle.y, circle.radius),
+        "floor": None if zone.floor == -FARTHEST else zone.floor,
+        "ceiling": None if zone.ceiling == FARTHEST else zone.ceiling,
+    }
 
 
 def _sample(s: Sample) -> list[float | None]:

@@ -110,13 +110,13 @@ class Page:
         seen = model.NOTHING_SEEN
         while not self._client.is_deleted:
             began = time.monotonic()
-            frame = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
+            frame, after = self.link.see(lambda board: model.frame(board, seen, self.target))  # noqa: B023 - called at once
             try:
                 got = await self._live.show(frame, timeout=_GONE)
             except TimeoutError:
                 return
             if got == frame["seen"]:
-                seen = (frame["epoch"], frame["seen"])
+                seen = after
             now = self.link.see(lambda board: board.glance())
             for panel in self._panels:
                 panel.refresh(now)

@@ -121,7 +121,7 @@ def readings() -> None:
 
 
 class SafetyPanel:
-    """Automaton, reason, goal, cage and the buttons for safety."""
+    """Automaton, reason, goal, nearest wall, cage and the buttons for safety."""
 
     def __init__(self, page: PageContext) -> None:
         self._page, self._busy = page, False
@@ -130,7 +130,11 @@ class SafetyPanel:
             ui.html(drawing(), sanitize=False)
             read("reason", tag="p", classes="reason").props("role=status")
             with ui.element("dl"):
-                for name in ("goal", "cage"):
+                ui.html("goal", sanitize=False, tag="dt")
+                with ui.element("dd"):
+                    read("goal")
+                    read("leg", classes="leg")
+                for name in ("nearest", "cage"):
                     ui.html(name, sanitize=False, tag="dt")
                     read(name, tag="dd")
             with ui.element("div").classes("buttons"):

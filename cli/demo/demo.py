@@ -16,6 +16,7 @@ from quadctl.schemas.messages import Pose, Position, Pressure
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateRequest, ToggleCageRequest
 from quadctl.schemas.topics import CALIBRATE, POSE, PRESSURE, STATE, TOGGLE_CAGE
+from quadctl.schemas.zones import ZoneParams
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
@@ -27,6 +28,9 @@ from quadctl.vehicle import Flight, distance, goal_of
 TOUR = (Position(-3.0, -2.0, 1.5), Position(-2.0, 3.0, 0.8), Position(1.0, 2.0, 1.0))
 HOME = TOUR[-1]
 OUTSIDE = Position(9.0, 0.0, 1.0)
+TOWER = ZoneParams("tower", polygon=((-1.2, 0.3), (0.0, 0.3), (0.0, 1.5), (-1.2, 1.5)))
+"""Zone on the straight way from the tour's end to its first point, beside all other ways."""
+IN_TOWER = Position(-0.6, 0.9, 1.0)
 _STILL = 0.05
 """Movement (m) below which a vehicle has stayed."""
 _GRADIENT = 0.12
@@ -52,12 +56,14 @@ class Lab:
     def __init__(self, client: Client, params: Params, safety_log: Path) -> None:
         self.client, self.params, self.safety_log = client, params, safety_log
 
-    def goto(self, goal: Position) -> tuple[str, Flight]:
-        """Request a goal and fly there; return the reason of a rejection, or an empty string."""
-        flight = Flight(self.client, goal_of(goal.x, goal.y, goal.z))
+    def goto(self, goal: Position, *, direct: bool = False) -> tuple[Flight, int]:
+        """Request a goal and fly there; return the flight, and its legs if it has several, else 0."""
+        flight = Flight(self.client, goal_of(goal.x, goal.y, goal.z, direct=direct))
+        legs = 0
         if flight.accepted:
+            legs = self.client.latest(STATE).legs
             flight.wait()
-        return flight.reason, flight
+        return flight, legs
 
     def hover(self) -> Position:
         """Wait until the vehicle has hovered for the second that a calibration averages."""
@@ -98,13 +104,20 @@ def parameters(lab: Lab) -> Iterator[Evidence]:
 
 
 def automaton(lab: Lab) -> Iterator[Evidence]:
-    """Fly to waypoints inside; check that one outside is rejected and moves nothing."""
+    """Fly to waypoints inside; check that one outside is rejected and moves nothing.
+
+    Check that a zone bars its inside and the way through it, and that a flight leads around it.
+    """
     for goal in TOUR:
         yield _flown(lab, goal)
     before = lab.hover()
     yield _refused(lab, OUTSIDE)
     moved = distance(before, lab.client.first(POSE).position)
     yield Evidence(moved < _STILL, f"the vehicle has moved {moved * 1000:.1f} mm")
+    yield _refused(lab, IN_TOWER)
+    yield _refused(lab, TOUR[0], direct=True)
+    for goal in (TOUR[0], HOME):
+        yield _flown(lab, goal, around=True)
 
 
 def calibration(lab: Lab) -> Iterator[Evidence]:
@@ -131,22 +144,25 @@ def cage_service(lab: Lab) -> Iterator[Evidence]:
     yield _flown(lab, HOME)
 
 
-def _flown(lab: Lab, goal: Position) -> Evidence:
+def _flown(lab: Lab, goal: Position, *, around: bool = False) -> Evidence:
     name = f"goto {goal.x:g} {goal.y:g} {goal.z:g}"
     try:
-        reason, flight = lab.goto(goal)
+        flight, legs = lab.goto(goal)
     except QuadctlError as problem:
         return Evidence(False, f"{name}: {problem.message}")
-    if reason:
-        return Evidence(False, f"{name}: refused, {reason}")
+    if flight.reason:
+        return Evidence(False, f"{name}: refused, {flight.reason}")
     text = f"{name}: arrived within {flight.distance:.2f} m after {flight.seconds:.2f} s"
-    return Evidence(flight.distance <= lab.params.safety.acceptance_range, text)
+    there = flight.distance <= lab.params.safety.acceptance_range
+    if around:
+        return Evidence(there and legs > 1, f"{text}, in {legs} legs around the zone")
+    return Evidence(there, text)
 
 
-def _refused(lab: Lab, goal: Position) -> Evidence:
-    reason, _ = lab.goto(goal)
-    name = f"goto {goal.x:g} {goal.y:g} {goal.z:g}"
-    return Evidence(bool(reason), f"{name}: {reason or 'was not refused'}")
+def _refused(lab: Lab, goal: Position, *, direct: bool = False) -> Evidence:
+    flight, _ = lab.goto(goal, direct=direct)
+    name = f"goto {goal.x:g} {goal.y:g} {goal.z:g}{' --direct' if direct else ''}"
+    return Evidence(bool(flight.reason), f"{name}: {flight.reason or 'was not refused'}")
 
 
 CHECKPOINTS: tuple[tuple[str, Callable[[Lab], Iterator[Evidence]]], ...] = (
@@ -172,13 +188,14 @@ def demo(
     from quadctl.cli.plot.track import RecordedFlight, drawn
 
     params = lab_params()
+    params.safety.zones = [TOWER]
     vehicle = options.named or DEFAULT
     launch = Launch(f"demo-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()))
     with (
         temporary_run(launch) as realm,
         Client(launch.realm, vehicle, timeout=options.timeout) as client,
     ):
-        poses = client.listen(*drawn(client.vehicle), backlog=100_000)
+        poses = client.listen(*drawn(client.vehicle), backlog=100_000, held=True)
         lab = Lab(client, params, realm.logs / "safety.log")
         report = [
             _fly(number, title, list(checkpoint(lab)), quiet=options.json)

@@ -16,6 +16,7 @@ from quadctl.schemas.topics import (
     SERVICES,
     STATE,
     TOPICS,
+    ZONES,
     Service,
     Topic,
     get_params,
@@ -89,7 +90,8 @@ def announced(found: Survey, run: RunState | None) -> Finding:
     lacking = [
         not_offered(entry.node, entry.name)
         for entry in declared
-        if entry.node in found.nodes and entry.name not in offered
+        # A safety of one's own needs no zones.
+        if entry.node in found.nodes and entry.name not in {*offered, ZONES.name}
     ]
     if lacking:
         return warned("announced", ", ".join(lacking), NOT_OFFERED_FIX)

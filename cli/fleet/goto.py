@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from math import fsum
 from typing import Annotated, Any
 
@@ -12,13 +13,22 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option, is_number
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.hubs import File, Hubs, fail, fleet_of, no_vehicle_sent, row
+from quadctl.cli.fleet.sequence import Closest, Course, Distances, course_of
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import check_arrive, report
 from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.topics import STATE
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, UsageError
+from quadctl.services.runtime.bus.concurrent import ask_each
+from quadctl.services.runtime.errors import (
+    Invalid,
+    QuadctlError,
+    Refused,
+    TimedOut,
+    Unreachable,
+    UsageError,
+)
 from quadctl.services.runtime.params.names import nearest
 from quadctl.vehicle import Flight, goal_of
 
@@ -112,8 +122,10 @@ def goto(
 
     X Y Z is the new centre of all: they keep their formation, and if one is away none is sent. A
     formation of the fleet's file is flown about X Y Z, or the origin, and VEHICLE=X,Y,Z sends the
-    vehicles named; then a vehicle that is away delays none of the others. Nothing prevents
-    collisions between the vehicles.
+    vehicles named; then a vehicle that is away delays none of the others.
+
+    Vehicles of one run keep apart: some wait until others have passed, or fly by another height. If
+    there is no way for all, none is sent.
 
     Example: quadctl fleet goto 0 0 2
     """
@@ -121,19 +133,19 @@ def goto(
     target = read(goal)
     with Hubs(options) as hubs:
         fleet = fleet_of(options, file, hubs)
+        places = _goals(target, fleet, hubs)
         requests = {
-            name: _request(name, place, target, replace=replace)
-            for name, place in _goals(target, fleet, hubs).items()
+            name: _request(name, place, target, replace=replace) for name, place in places.items()
         }
         if target.formation and not options.json:
             _note_absent(target.formation, fleet, requests)
         members = [member for member in fleet.members if member.name in requests]
-        accepted: list[str] = []
-        with _note_interrupt(accepted):
-            answers, problems = _ask(hubs, members, requests, accepted, options)
-            flying = [m for m in members if (one := answers.get(m.name)) and one.accepted]
-            if flying and not no_wait:
-                problems |= _watch(hubs, flying, answers, arrive, quiet=options.json)
+        names = [member.name for member in members]
+        with FleetProgress("flying", names, quiet=options.json) as board:
+            flights = _Flights(hubs, options, board, arrive, follow=not no_wait)
+            with _note_interrupt(flights.accepted):
+                flights.fly(members, places, requests)
+        answers, problems = flights.answers, flights.problems
     if options.json:
         output.document(
             [
@@ -165,7 +177,8 @@ def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Positio
 
 def _request(name: str, place: Position, target: FleetGoal, *, replace: bool) -> GotoRequest:
     try:
-        return goal_of(place.x, place.y, place.z, replace=replace)
+        # A vehicle that is still on its way elsewhere passes first.
+        return goal_of(place.x, place.y, place.z, replace=replace, wait=True)
     except Invalid as problem:
         about_ = f"{target.at.x:g} {target.at.y:g} {target.at.z:g}"
         raise Invalid(f"about {about_}, {name}'s {problem.message}", problem.hint) from problem
@@ -189,55 +202,126 @@ def _note_interrupt(accepted: Collection[str]) -> Iterator[None]:
         raise
 
 
-def _ask(
-    hubs: Hubs,
-    members: list[Member],
-    requests: Mapping[str, GotoRequest],
-    accepted: list[str],
-    options: Options,
-) -> tuple[dict[str, Flight], dict[str, QuadctlError]]:
-    """Send all goals; add each vehicle that accepts to `accepted` at once."""
+class _Flights:
+    """Flights of all vehicles, hub by hub at the same time: one that is away delays no other."""
 
-    def ask(member: Member, client: Client) -> Flight:
-        left, client.timeout = client.timeout, options.timeout
-        flight = Flight(client, requests[member.name], left)
-        if flight.accepted:
-            accepted.append(member.name)
-        return flight
+    def __init__(
+        self,
+        hubs: Hubs,
+        options: Options,
+        board: FleetProgress,
+        arrive: float | None,
+        *,
+        follow: bool,
+    ) -> None:
+        self._hubs, self._options, self._board = hubs, options, board
+        self._arrive, self._follow = arrive, follow
+        self.accepted: list[str] = []
+        """Names of the vehicles that have accepted their goals so far."""
+        self.answers: dict[str, Flight] = {}
+        """Last flight of each vehicle that answered."""
+        self.problems: dict[str, QuadctlError] = {}
+        self._closest: Closest | None = None
 
-    results = hubs.ask(members, ask, bounded=True)
-    problems = dict(results.problems)
-    for name, flight in results.answers.items():
-        verdict = "accepted" if flight.accepted else f"rejected: {flight.reason}"
-        if not options.json:
-            output.line(f"{name}: {verdict}")
-        if not flight.accepted:
-            hint = _BUSY if flight.reason.startswith("busy") else _WHY
-            problems[name] = Refused(flight.reason, hint)
-    return results.answers, problems
+    def fly(
+        self, members: list[Member], places: Places, requests: Mapping[str, GotoRequest]
+    ) -> None:
+        """Fly all to their places; fill `answers` and `problems`. Raise Refused if nobody can be sent."""
+        groups: dict[str, list[Member]] = {}
+        for member in members:
+            groups.setdefault(member.connect, []).append(member)
+        done = ask_each(groups, lambda connect: self._fly_group(groups[connect], places, requests))
+        if len(groups) == 1:
+            done.fail()
+        for connect, problem in done.problems.items():
+            self.problems |= {member.name: problem for member in groups[connect]}
+        if not self._options.json and self._follow:
+            self._print_arrivals(members)
 
+    def _fly_group(
+        self, members: list[Member], places: Places, requests: Mapping[str, GotoRequest]
+    ) -> None:
+        replace = any(request.replace for request in requests.values())
+        try:
+            course = course_of(self._hubs, members, places, self._options.timeout, replace=replace)
+        except (Unreachable, TimedOut) as problem:
+            self.problems |= {member.name: problem for member in members}
+            return
+        if course.is_ordered:
+            self._fly_in_order(members, course)
+        else:
+            self._fly_at_once(members, requests)
 
-def _watch(
-    hubs: Hubs,
-    members: list[Member],
-    answers: Mapping[str, Flight],
-    arrive: float | None,
-    *,
-    quiet: bool,
-) -> dict[str, QuadctlError]:
-    """Show the flights until all have ended; return the problem of each that missed its goal."""
-    with FleetProgress("flying", [member.name for member in members], quiet=quiet) as board:
+    def _fly_at_once(self, members: list[Member], requests: Mapping[str, GotoRequest]) -> None:
+        def ask(member: Member, client: Client) -> Flight:
+            left, client.timeout = client.timeout, self._options.timeout
+            flight = Flight(client, requests[member.name], left)
+            if flight.accepted:
+                self.accepted.append(member.name)
+            return flight
 
-        def watch(member: Member, _client: Client) -> None:
-            flight = answers[member.name]
-            whole = max(flight.begin(), 1e-6)
-            flight.wait(arrive, lambda left: board.fly(member.name, left, whole))
-            board.fly(member.name, 0.0, whole)
+        results = self._hubs.ask(members, ask, bounded=True)
+        self.problems |= results.problems
+        for name, flight in results.answers.items():
+            self.answers[name] = flight
+            verdict = "accepted" if flight.accepted else f"rejected: {flight.reason}"
+            if not self._options.json:
+                output.line(f"{name}: {verdict}")
+            if not flight.accepted:
+                hint = _BUSY if flight.reason.startswith("busy") else _WHY
+                self.problems[name] = Refused(flight.reason, hint)
+        flying = [m for m in members if (one := self.answers.get(m.name)) and one.accepted]
+        if flying and self._follow:
+            watched = self._hubs.ask(
+                flying, lambda member, _: self._watch(member.name), bounded=False
+            )
+            self.problems |= watched.problems
 
-        problems = hubs.ask(members, watch, bounded=False).problems
-    for member in members:
-        flight = answers[member.name]
-        if flight.arrived and not quiet:
-            way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
-            output.line(f"{member.name}: arrived {way}")
-    return problems
+    def _fly_in_order(self, members: list[Member], course: Course) -> None:
+        if not self._follow and course.has_points_between:
+            raise UsageError(
+                "--no-wait: some vehicles fly by points between, which this command has to follow",
+                "leave out --no-wait",
+            )
+        quiet = self._options.json
+        if not quiet:
+            output.note(course.summary)
+        with Distances(course.keeps) as distances:
+
+            def fly(member: Member, client: Client) -> None:
+                client.timeout = self._options.timeout
+                distances.watch(member.name, client)
+                course.fly(member.name, client, partial(self._begin, member.name))
+
+            self.problems |= self._hubs.ask(members, fly, bounded=False).problems
+        # Faster than real time, poses are too old on arrival.
+        if course.in_real_time and self._follow:
+            self._closest = distances.closest
+
+    def _begin(self, name: str, flight: Flight) -> None:
+        """Take an accepted flight, and wait for its end."""
+        first = name not in self.answers
+        self.answers[name] = flight
+        if first:
+            self.accepted.append(name)
+            if not self._options.json:
+                output.line(f"{name}: accepted")
+        if self._follow:
+            self._watch(name)
+
+    def _watch(self, name: str) -> None:
+        flight = self.answers[name]
+        whole = max(flight.begin(), 1e-6)
+        flight.wait(self._arrive, lambda left: self._board.fly(name, left, whole))
+        self._board.fly(name, 0.0, whole)
+
+    def _print_arrivals(self, members: list[Member]) -> None:
+        for member in members:
+            flight = self.answers.get(member.name)
+            if flight and flight.arrived and member.name not in self.problems:
+                way = f"within {flight.distance:.2f} m after {flight.seconds:.2f} s"
+                output.line(f"{member.name}: arrived {way}")
+        if near := self._closest:
+            pair = " and ".join(near.names)
+            kept = f"{near.metres:.2f} m, {near.share:.2f} of what they keep"
+            output.line(f"least distance: {pair}, {kept}")

@@ -56,8 +56,8 @@ def land_all(
     """Stop all vehicles and land each straight down; one outside its cage, at the cage's edge.
 
     A hub that is away delays none of the others. Exit 0 if all have landed, else the worst code:
-    no answer (3) before a timeout (4) before a refusal (5). Nothing prevents collisions between
-    the vehicles.
+    no answer (3) before a timeout (4) before a refusal (5). No vehicle lands on another one: safety
+    refuses that.
 
     Example: quadctl fleet land-all
     """
@@ -110,7 +110,7 @@ def _land(
     client.call(HOLD, HoldRequest(), left)
     at = (slowed(client, _SLOW, _STOPPING) or client.first(POSE)).position
     goal = ground_below(at, client.latest(STATE))
-    flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True))
+    flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True, wait=True))
     if not flight.accepted:
         raise Refused(flight.reason, "it hovers; `quadctl fleet list` shows where")
     whole = max(distance(at, goal), 1e-6)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from quadctl.cli.plot.track import Phase, RecordedFlight, Spot, Track
-from quadctl.schemas.messages import CageSize
+from quadctl.schemas.messages import CageSize, Zone
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 
 CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
@@ -20,6 +20,8 @@ def of_vehicles(names: Iterable[str]) -> dict[str, str]:
     return {name: _PATHS[number % len(_PATHS)] for number, name in enumerate(names)}
 
 
+_CROWD = 12
+"""Most vehicles that a legend names: more would hide the picture."""
 _BAR = 0.32  # half the height of a vehicle's bar, in rows
 
 
@@ -42,7 +44,7 @@ def height(axes: Any, tracks: dict[str, Track]) -> None:
                 axes.plot(ends, (cage.z, cage.z), color=CAGE, linestyle="--", linewidth=1.2)
     axes.set_ylim(min(0, axes.get_ylim()[0]), 1.12 * max(highest, 0.1))
     axes.set(title="height, and the top of the cage while it was on", ylabel="z, m")
-    if len(tracks) > 1:
+    if 1 < len(tracks) <= _CROWD:
         axes.legend(loc="best", fontsize=8, ncols=2)
 
 
@@ -72,7 +74,7 @@ def pressure(axes: Any, tracks: dict[str, Track]) -> None:
         "pressure before and after calibration" if alone else "raw pressure, above its first value"
     )
     axes.set(title=title, ylabel="hPa")
-    if axes.get_legend_handles_labels()[0]:
+    if axes.get_legend_handles_labels()[0] and len(tracks) <= _CROWD:
         axes.legend(loc="center right", fontsize=8)
 
 
@@ -93,7 +95,10 @@ def states(axes: Any, tracks: dict[str, Track]) -> None:
             axes.plot((phase.at, end), (row - 0.42, row - 0.42), color=colour, linewidth=3)
         refused = [spot.at for spot in track.refused]
         axes.scatter(refused, [row] * len(refused), s=40, c=REFUSED, marker="x", zorder=4)
-    axes.set_yticks(range(len(tracks)), list(tracks) if len(tracks) > 1 else ["safety"])
+    every = -(-len(tracks) // _CROWD)
+    named = range(0, len(tracks), every)
+    names = list(tracks) if len(tracks) > 1 else ["safety"]
+    axes.set_yticks(named, [names[row] for row in named])
     axes.set_ylim(-0.6, len(tracks) - 0.4)
     handles = [Patch(color=colour, label=name) for name, colour in STATES.items()]
     handles += [Patch(color=TAKEN, label="cage on"), Patch(color=REFUSED, label="cage off")]
@@ -148,8 +153,11 @@ def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:
     for axes, up, name in ((above, 2, "y"), (side, 3, "z")):
         for cage in cages:
             _outline(axes, cage, name)
+        for zone in dict.fromkeys(zone for track in tracks.values() for zone in track.zones):
+            _column(axes, zone, name, spans[2])
         for vehicle, shade in of_vehicles(tracks).items():
             label = "path" if len(tracks) == 1 else vehicle
+            label = label if len(tracks) <= _CROWD else "paths"
             for leg in tracks[vehicle].legs:
                 across, ups = [point[1] for point in leg], [point[up] for point in leg]
                 # A vehicle at rest has no line, only the mark of its last position.
@@ -195,6 +203,30 @@ def _spots(axes: Any, spots: list[Spot], up: int, marker: str, colour: str, labe
     if spots:
         x, ups = [spot[1] for spot in spots], [spot[up] for spot in spots]
         axes.scatter(x, ups, s=60, c=colour, marker=marker, label=label, zorder=3)
+
+
+def _column(axes: Any, zone: Zone, name: str, heights: tuple[float, float]) -> None:
+    """Draw a zone from above, or as its bounds between heights (m) from the side."""
+    from matplotlib.patches import Circle, Polygon, Rectangle
+
+    shape: Any
+    circle = zone.circle
+    if name == "z":
+        low, high = max(zone.floor, heights[0]), min(zone.ceiling, heights[1])
+        across = [x for x, _ in zone.polygon]
+        left = min(across, default=circle.x - circle.radius)
+        right = max(across, default=circle.x + circle.radius)
+        shape = Rectangle((left, low), right - left, high - low)
+    elif zone.polygon:
+        shape = Polygon(zone.polygon, closed=True)
+    else:
+        shape = Circle((circle.x, circle.y), circle.radius)
+    colour = REFUSED if zone.kind == "exclusion" else TAKEN
+    shape.set(
+        fill=False, edgecolor=colour, hatch="//" if zone.kind == "exclusion" else "", alpha=0.5
+    )
+    shape.set(label=f"{zone.kind} zone")
+    axes.add_patch(shape)
 
 
 def _outline(axes: Any, cage: CageSize, name: str) -> None:

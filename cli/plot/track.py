@@ -14,8 +14,10 @@ from quadctl.schemas.messages import (
     Pressure,
     SafetyState,
     Waypoint,
+    Zone,
+    Zones,
 )
-from quadctl.schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, Topic, called
+from quadctl.schemas.topics import GOTO, POSE, PRESSURE, REQUEST, STATE, ZONES, Topic, called
 from quadctl.services.runtime.errors import Invalid
 
 
@@ -76,6 +78,7 @@ class Track:
         self.phases: list[Phase] = []
         self.accepted: list[Spot] = []
         self.refused: list[Spot] = []
+        self.zones: dict[Zone, None] = {}  # all that were ever in force, in their order
         self.boots: list[float] = []
         self.end = 0.0  # time (s) of the latest pose
         self._boot, self._base = "", 0.0
@@ -101,10 +104,13 @@ class Track:
                 self._add_state(message)
             case Waypoint():
                 self._requested = message
+            case Zones():
+                self.zones |= dict.fromkeys(message.zones)
             case Called() if message.service == GOTO.name:
                 self._add_call(message)
-        if len(self.phases) + len(self.accepted) + len(self.refused) > _MOST_EVENTS:
-            raise _too_many(f"states and goals (at most {_MOST_EVENTS})")
+        events = len(self.phases) + len(self.accepted) + len(self.refused)
+        if events + len(self.zones) > _MOST_EVENTS:
+            raise _too_many(f"states, goals and zones (at most {_MOST_EVENTS})")
 
     def _add_pose(self, pose: Pose) -> None:
         if pose.boot != self._boot:
@@ -143,7 +149,7 @@ class Track:
                 self.refused.append(Spot(self.end, x, y, z))
 
 
-_DRAWN = {topic.name: topic for topic in (POSE, PRESSURE, STATE, REQUEST, called(GOTO))}
+_DRAWN = {topic.name: topic for topic in (POSE, PRESSURE, STATE, ZONES, REQUEST, called(GOTO))}
 
 
 def is_drawn(key: str) -> bool:

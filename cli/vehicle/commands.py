@@ -3,12 +3,14 @@
 import time
 from typing import Annotated
 
+from msgspec import to_builtins
+
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.services import HoldRequest, ResetRequest, ToggleCageRequest
-from quadctl.schemas.topics import HOLD, RESET, STATE, TOGGLE_CAGE
+from quadctl.schemas.topics import HOLD, RESET, STATE, TOGGLE_CAGE, ZONES
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.vehicle import Vehicle
@@ -74,7 +76,7 @@ def on(options: Options) -> None:
 
 
 def off(options: Options) -> None:
-    """Turn the cage off: every goal is accepted.
+    """Turn the cage and its zones off: every goal above the floor is accepted.
 
     Example: quadctl cage off
     """
@@ -82,20 +84,25 @@ def off(options: Options) -> None:
 
 
 def show(options: Options) -> None:
-    """Show the bounds, and whether the cage is on.
+    """Show the bounds and the zones, and whether the cage is on.
 
     Example: quadctl cage show
     """
     with context.connect(options) as client:
         state = client.latest(STATE)
+        # A safety of one's own may have none.
+        has_zones = any(offer.name == ZONES.name for offer in client.endpoints("@pub"))
+        zones = [zone.params for zone in client.latest(ZONES).zones] if has_zones else ()
     size = state.cage
     axes = {"x": [-size.x, size.x], "y": [-size.y, size.y], "z": [0.0, size.z]}
     if options.json:
-        output.document({"on": state.cage_on, **axes})
+        output.document({"on": state.cage_on, **axes, "zones": to_builtins(zones)})
         return
     output.line(f"cage is {'on' if state.cage_on else 'off'}")
     for axis, (low, high) in axes.items():
         output.line(f"cage {axis} - [{low}, {high}]")
+    for zone in zones:
+        output.line(f"{zone.kind} zone {zone.name}")
 
 
 def _toggle(options: Options, *, cage_on: bool) -> None:

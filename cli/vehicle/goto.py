@@ -18,6 +18,8 @@ def goto(
     z: Annotated[float, Arg("Up, m.")],
     no_wait: Annotated[bool, Option("Return with safety's verdict.")] = False,
     replace: Annotated[bool, Option("Change course while flying to another goal.")] = False,
+    direct: Annotated[bool, Option("Refuse rather than fly around zones.")] = False,
+    wait: Annotated[bool, Option("Wait for vehicles that fly too near the way.")] = False,
     settle: Annotated[bool, Option("Wait until the vehicle rests at its goal.")] = False,
     arrive: Annotated[
         float | None, Option("Seconds to arrive in (default: twice the planned time and 5).")
@@ -25,17 +27,22 @@ def goto(
 ) -> None:
     """Fly to a point, if safety permits, and wait for the arrival.
 
+    Where zones bar the straight way, the vehicle flies around them. A goal too near another
+    vehicle's way is refused, or with --wait waits until that vehicle has passed.
+
     Example: quadctl goto 1 -2 1.5
     """
     check_arrive(arrive)
     if settle and no_wait:
         raise UsageError("--settle goes not with --no-wait", "leave one of them out")
-    request = goal_of(x, y, z, replace=replace)
+    request = goal_of(x, y, z, replace=replace, direct=direct, wait=wait)
     as_json = options.json
     with context.connect(options) as client:
         flight = Flight(client, request)
         if not as_json:
             output.line("accepted" if flight.accepted else "rejected")
+            if no_wait and flight.paused:
+                output.note(flight.paused)
         problem: QuadctlError | None = None
         if not flight.accepted:
             problem = flight.refusal()

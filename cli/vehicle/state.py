@@ -8,8 +8,9 @@ import msgspec
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
-from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.messages import NearestWall, Pose, SafetyState
 from quadctl.schemas.topics import POSE, STATE
+from quadctl.schemas.zones import CAGE_NAME
 from quadctl.services.runtime.bus.client import Client
 
 
@@ -53,7 +54,10 @@ def _changes(client: Client) -> Iterator[SafetyState]:
         # Without new output we would not notice that the reader has left.
         output.ensure_read()
         for state in waiting:
-            content = msgspec.structs.replace(state, stamp=0.0)
+            # Between two changes the distance to a wall is no news, only which one is near.
+            wall = state.nearest
+            near = NearestWall(wall.name, near=True) if wall.near else NearestWall()
+            content = msgspec.structs.replace(state, stamp=0.0, nearest=near)
             if content != shown:
                 shown = content
                 yield state
@@ -78,8 +82,15 @@ def _with_poses(client: Client) -> Iterator[tuple[SafetyState, Pose]]:
 def _line(now: SafetyState) -> str:
     goal = " ".join(f"{part:g}" for part in (now.goal.x, now.goal.y, now.goal.z))
     cage = "on" if now.cage_on else "off"
-    text = f"{now.stamp:.2f} s  {now.state}  goal {goal}  cage {cage}  {now.reason}"
+    leg = f"leg {now.leg} of {now.legs}  " if now.legs else ""
+    wall = now.nearest
+    near = f"near {_wall(wall.name)}: {wall.distance:.2f} m  " if wall.near else ""
+    text = f"{now.stamp:.2f} s  {now.state}  {leg}goal {goal}  cage {cage}  {near}{now.reason}"
     return text.rstrip()
+
+
+def _wall(name: str) -> str:
+    return "the cage's wall" if name == CAGE_NAME else f"the zone {name}"
 
 
 def _together(now: SafetyState, pose: Pose) -> Any:

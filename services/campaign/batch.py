@@ -1,10 +1,11 @@
 """Batch of flights, flown period by period; only the monitors that a pose may move are called."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from functools import partial
 from hashlib import sha256
+from itertools import combinations
 from math import inf
 
 import numpy as np
@@ -12,13 +13,15 @@ from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams, Params
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.campaign.flight import SimulatedFlight, serve
+from quadctl.services.campaign.flight import DEPTH, SimulatedFlight, serve
 from quadctl.services.campaign.mission import Mission, faults_of
 from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
 from quadctl.services.dynamics.simulation import GoalLatch, still_in_force
 from quadctl.services.safety.model import State
+from quadctl.services.safety.separation import allowed
+from quadctl.services.safety.traffic import Traffic
 
 _STEPS = round(1000 / SETPOINT.hz)
 """Steps of 1 ms in a period."""
@@ -44,7 +47,12 @@ class Batch:
         """
         self.missions, self._vehicles = missions, vehicles
         self._fleet = make([mission.dynamics for mission in missions])
-        self.lanes = [SimulatedFlight(mission, log=log) for mission in missions]
+        self.lanes = [
+            SimulatedFlight(mission, log=log, name=f"uav{number % vehicles}", traffic=traffic)
+            for first in range(0, len(missions), vehicles)
+            for traffic in [Traffic()]
+            for number, mission in enumerate(missions[first : first + vehicles], first)
+        ]
         for number, lane in enumerate(self.lanes):
             if lane.served:
                 self._serve_dynamics(number)
@@ -230,6 +238,9 @@ class Batch:
             name: sum((Counter(getattr(each, name)) for each in flown), Counter())
             for name in ("transitions", "refusals", "stops", "guards", "faults")
         }
+        lanes = self.lanes[first : first + self._vehicles]
+        if all(lane.healthy for lane in lanes):
+            flown[0].violations.extend(self._too_near(first))
         worst = flown[self.worst(first) - first]
         flight = first // self._vehicles
         separation = self._score.separation[flight].item(), self._score.separation_at[flight].item()
@@ -245,6 +256,20 @@ class Batch:
             hash=sha256("".join(each.hash for each in flown).encode()).hexdigest(),
             separation=separation,
         )
+
+    def _too_near(self, first: int) -> Iterator[str]:
+        """Yield the pairs of a flight's vehicles that came nearer than safety allows, if in still air."""
+        places = self._track[:, :3, first : first + self._vehicles]
+        kept = [lane.params.separation for lane in self.lanes[first : first + self._vehicles]]
+        for one, other in combinations(range(self._vehicles), 2):
+            across, tall = allowed(kept[one], kept[other])
+            if not across:
+                continue
+            way = places[:, :, one] - places[:, :, other]
+            share = np.hypot(np.hypot(way[:, 0], way[:, 1]) / across, way[:, 2] / tall)
+            at = int(share.argmin())
+            if share[at] < min(share[0], 1 - DEPTH / across):
+                yield f"{share[at]:.3f} of the distance to keep from uav{other} at {at / SETPOINT.hz:.2f} s"
 
     def _flown_alone(self, number: int) -> Flown:
         diary, mission = self.lanes[number].diary, self.missions[number]

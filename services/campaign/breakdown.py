@@ -95,6 +95,8 @@ def out_of_reach(rule: Rule) -> str:
             return ""
         case (State.VERIFYING, _, _) | (_, "Check", _):
             return "a goal is verified in the same call as its request, so nothing comes between"
+        case State.MOVING, "Seen", "cornering":
+            return "only a way around zones has corners, and a random mission has no zones"
         case State.MOVING, "Goto", "blind":
             return "when poses fail, the rule for Lost ends the flight first"
     return ""

@@ -50,6 +50,8 @@ from quadctl.services.safety import automaton, cage
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Seen, State
 from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.traffic import Traffic
+from quadctl.services.safety.zones import Region
 
 REACTION = 0.3
 """Time (s) without a pose after which a flight must have been stopped."""
@@ -59,6 +61,8 @@ REST = 1.0
 """Time (s) after which a vehicle at rest must be at the goal that safety publishes."""
 NEAR = 0.3
 """Distance (m) from that goal that still counts as there."""
+DEPTH = 0.01
+"""Distance (m) that a sound vehicle in still air may come into a zone."""
 PERIOD = 1 / SETPOINT.hz
 ROUNDING = 1e-9
 _STOPS = (automaton.stop, automaton.stop_pose_jump)
@@ -71,8 +75,18 @@ Motion = list[float]
 class SimulatedFlight:
     """Safety's side of a flight, in periods of the setpoint."""
 
-    def __init__(self, mission: Mission, *, log: bool = False) -> None:
-        """Start before the first pose; keep log lines only with `log`."""
+    def __init__(
+        self,
+        mission: Mission,
+        *,
+        log: bool = False,
+        name: str = "uav",
+        traffic: Traffic | None = None,
+    ) -> None:
+        """Start before the first pose; keep log lines only with `log`.
+
+        The vehicle of that name keeps apart from the others of its traffic.
+        """
         self.diary = FlightLog(log=log)
         size = mission.safety.virtual_cage
         self.cage_on, self.size = mission.safety.cage_on, (size.x, size.y, size.z)
@@ -85,8 +99,10 @@ class SimulatedFlight:
         self.params = replace(mission.safety, virtual_cage=replace(size))
         self.monitor = Monitor(
             self.params, self._on_state, restarted=False, grace=mission.dynamics.grace,
-            on_rule=self._on_rule,
+            on_rule=self._on_rule, name=name, traffic=traffic,
         )  # fmt: skip
+        self._traffic = traffic
+        self._region = Region(self.params.zones)
         self.served: dict[str, LiveParams] = {}
         """Live parameters by the name of their node, if any change in flight."""
         if any(isinstance(row, Param) for row in mission.rows):
@@ -100,7 +116,8 @@ class SimulatedFlight:
         )
         self.sound = not faults
         """True if nothing fails in this flight."""
-        self._healthy = self.sound and not disturbed
+        self.healthy = self.sound and not disturbed
+        """True if nothing fails, and the air is still."""
         self._departure = Departure(self.params) if "Runaway" in faults else None
         self._rows, self._next = mission.rows, 0
         self._boot = "campaign"
@@ -136,6 +153,8 @@ class SimulatedFlight:
     @property
     def wanted(self) -> float:
         """Return the period in which the monitor must run whatever the vehicle does."""
+        if self.params.zones or (self._traffic and self._traffic.is_shared):
+            return 0  # the loop over all vehicles knows neither zones nor other vehicles
         if not self.sound:
             until = max(self._blind_until, self._stalled_until, self.mute_until, self.astray_until)
             # One more period, in which setpoints arrive again.
@@ -168,6 +187,14 @@ class SimulatedFlight:
                 self._error = None
                 motion = [motion[0] + x, motion[1] + y, motion[2] + z, *motion[3:]]
         self._show(self._pose(period, motion))
+        if self._region and self.healthy:
+            self._expect_outside_zones()
+
+    def _expect_outside_zones(self) -> None:
+        s, place = self.monitor.situation, self.monitor.pose.position
+        # A zone that came upon the vehicle may keep it for a while.
+        if s.cage_on and s.beyond == 0 and (deep := self._region.excess(place, place)) > DEPTH:
+            self.diary.violated(f"the vehicle was {1000 * deep:.1f} mm inside a zone")
 
     def skip(self, period: int, motion: Motion) -> None:
         """Take a pose that changes nothing, without a step of the automaton."""
@@ -187,7 +214,7 @@ class SimulatedFlight:
         changed, first = False, self._next
         while self._next < len(self._rows) and self._rows[self._next].at * SETPOINT.hz <= period:
             row = self._rows[self._next]
-            if self._next == first and self._healthy:
+            if self._next == first and self.healthy:
                 self._expect_at_goal()
             self._next += 1
             if self.diary.log:
@@ -216,7 +243,7 @@ class SimulatedFlight:
                 self.diary.requested((x, y, z), reason)
                 if not reason and self._blindness > REACTION:
                     self.diary.violated(f"a goal was taken {REACTION:g} s after the last pose")
-                if reason.startswith(("outside", "below")) and self._permits((x, y, z)):
+                if reason.startswith(("outside the cage", "below")) and self._permits((x, y, z)):
                     self.diary.violated("a goal inside was refused")
                 if not reason and self._departure and self._departure.allowed == inf:
                     self._confine()
@@ -303,7 +330,7 @@ class SimulatedFlight:
     def _judge_pose(self, before: Pose, pose: Pose) -> None:
         jumped, stopped = self._rule.do is automaton.stop_pose_jump, self._rule.do in _STOPS
         if self.sound:
-            if self._healthy:
+            if self.healthy:
                 self.diary.violated("a sound vehicle was stopped on its way out of the cage")
             return
         way = dist(astuple(pose.position), astuple(before.position))

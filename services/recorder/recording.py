@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.messages import Pose, SafetyState, Zones
 from quadctl.schemas.topics import POSE
 from quadctl.services.recorder.foxglove import SCENE, TRANSFORM, Scene
 from quadctl.services.runtime.bus.raw import RawMessage
@@ -41,7 +41,7 @@ class Recording:
         """Buffer messages until the next `flush`."""
         for message in messages:
             typed = self._bag.add(message).message
-            if not isinstance(typed, Pose | SafetyState):
+            if not isinstance(typed, Pose | SafetyState | Zones):
                 continue
             vehicle, _, name = message.key.partition("/")
             scene = self._scenes.setdefault(vehicle, Scene(vehicle))

@@ -18,6 +18,11 @@ LOOK_UP = 0.5
 """Longest wait (s) without a return to Python: an untimed wait can miss a signal."""
 
 
+def shared_lock() -> threading.RLock:
+    """Return a lock for data of several nodes: an inline item of one may run beside another's loop."""
+    return threading.RLock()
+
+
 class CallbackQueue:
     """Thread-safe queue of an executor that owns its thread."""
 

@@ -242,6 +242,10 @@ class Node:
         self.ready()
         self.executor.spin()
 
+    def post(self, item: Callable[[], None]) -> None:
+        """Run a function soon, on this node's loop; safe to call from any thread."""
+        self.executor.post(item)
+
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Serve the queue until the condition holds; False at the timeout (s) or when stopped."""
         return self.executor.wait_for(condition, timeout)

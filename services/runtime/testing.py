@@ -104,6 +104,10 @@ class FakeNode:
         self._boots.add(boot)
         self._execute(held=True)
 
+    def post(self, item: Callable[[], None]) -> None:
+        """Run a function at once: there is no loop."""
+        item()
+
     def wait_for(self, condition: Callable[[], bool], _timeout: float) -> bool:
         """Play the list until the condition holds; return False at its end."""
         while not condition():

@@ -1,12 +1,23 @@
 """Process of safety: verifies every goal; the only process that publishes setpoints."""
 
 import time
+from functools import partial
 
 from msgspec import convert
 from msgspec.structs import replace
 
 from quadctl.schemas import airworthy
-from quadctl.schemas.messages import CageSize, Called, Info, Pose, Position, SafetyState, Waypoint
+from quadctl.schemas.messages import (
+    WAITS,
+    CageSize,
+    Called,
+    Info,
+    NearestWall,
+    Pose,
+    Position,
+    SafetyState,
+    Waypoint,
+)
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     GotoRequest,
@@ -29,16 +40,19 @@ from quadctl.schemas.topics import (
     STATE,
     TOGGLE_CAGE,
     TOPICS,
+    ZONES,
     called,
     set_params,
 )
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
+from quadctl.services.runtime.executor import shared_lock
 from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.traffic import Traffic
 
 _UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
 """Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
@@ -50,24 +64,32 @@ and ticks at the same rate, jitter of a millisecond can make it two periods."""
 class Safety:
     """Handlers of messages, calls and ticks."""
 
-    def __init__(self, node: Node, params: Params) -> None:
+    def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
         self._node, self._params = node, params
         self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
         self._setpoints = node.publisher(SETPOINT)
+        self._zones = node.publisher(ZONES)
         self.monitor = Monitor(
-            params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace
-        )
+            params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace,
+            name=node.vehicle, traffic=traffic, post=node.post,
+        )  # fmt: skip
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
         self._held = 0.0
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
-        node.on_params = self.monitor.resize
+        node.on_params = self._on_params
         self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_wind)
         node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
         self._judge_wind()
+        self._zones.put(self.monitor.zones)
+        self._near = NearestWall()
         self.publish()
+
+    def _on_params(self) -> None:
+        self._zones.put(self.monitor.zones)
+        self.monitor.resize()
 
     def _on_vehicle_params(self, call: Called) -> None:
         """Follow the parameters of dynamics: its wind, and its patience for setpoints."""
@@ -91,7 +113,15 @@ class Safety:
 
     def publish(self) -> None:
         """Publish the current state."""
-        self._states.put(self.monitor.state())
+        state = self.monitor.state()
+        self._near = state.nearest
+        self._states.put(state)
+
+    def _warn(self) -> None:
+        """Publish the state when the vehicle comes near a wall or leaves it: no other event does."""
+        near, before = self.monitor.nearest(), self._near
+        if (near.near and near.name) != (before.near and before.name):
+            self.publish()
 
     def watch(self, *, held_up: bool) -> None:
         """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
@@ -171,6 +201,7 @@ class Safety:
         self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
         self._send_setpoint()
+        self._warn()
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self.monitor.goto(Position(waypoint.x, waypoint.y, waypoint.z))
@@ -179,12 +210,14 @@ class Safety:
         self._wait_for_pose()
         goal = Position(request.x, request.y, request.z)
         before = self.monitor.setpoint()
-        reason = self.monitor.goto(goal, replace=request.replace)
+        reason = self.monitor.goto(
+            goal, replace=request.replace, direct=request.direct, wait=request.wait
+        )
         if not reason and not before.brake and before.position == goal:
             # A vehicle that stopped by itself, unseen, would take the goal for the old one.
             self._setpoints.put(replace(before, brake=True))
         self._send_setpoint()
-        return GotoResponse(not reason, reason)
+        return GotoResponse(not reason or reason.startswith(WAITS), reason)
 
     def _hold(self, _request: HoldRequest) -> HoldResponse:
         if not self.monitor.situation.boot:
@@ -199,13 +232,13 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(node: Node, params: Params) -> None:
+def run(node: Node, params: Params, traffic: Traffic | None = None) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params)
+    safety = Safety(node, params, traffic or Traffic())
     if not node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE):
         safety.listen_to_all_poses()
     safety.serve()
@@ -226,11 +259,11 @@ def _log_launch(node: Node, params: Params) -> None:
         if line.startswith("Param: virtual cage "):
             low, high = intervals[axis]
             node.log.info("Param: cage %s - [%s, %s]", axis, low, high)
-        else:
+        elif line != "Param: zones - []":
             node.log.info(line)
     if node.restarted:
         node.log.warning("restarted: the cage is on")
 
 
 if __name__ == "__main__":
-    start("safety", run)
+    start("safety", partial(run, traffic=Traffic(shared_lock())))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from msgspec.structs import astuple, replace
 
-from quadctl.schemas.messages import PAUSED
+from quadctl.schemas.messages import PAUSED, WAITS
 from quadctl.services.safety.cage import (
     REACTION,
     at_rest,
@@ -38,6 +38,16 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
+from quadctl.services.safety.separation import why_near
+from quadctl.services.safety.way import (
+    HOP,
+    is_there,
+    motion,
+    too_near,
+    way_to,
+    why_barred,
+    why_stopped,
+)
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -49,14 +59,29 @@ def consider(s: Situation, e: Event, _w: World) -> Situation:
     """Take a request up for verification."""
     assert isinstance(e, Goto)  # noqa: S101 - RULES pairs this action with Goto alone
     # The present flight continues until the request is accepted.
-    return replace(s, request=s.request + 1, candidate=e, back=s.state, paused=None, reason="")
+    return replace(_ended(s), request=s.request + 1, candidate=e, back=s.state, reason="")
 
 
-def take(s: Situation, _e: Event, w: World) -> Situation:
-    """Fly to the candidate; from outside, go no farther out than necessary."""
-    goal, takeoff = s.candidate.goal, s.candidate.takeoff
+def take(s: Situation, e: Event, w: World) -> Situation:
+    """Fly to the candidate, leg by leg; from outside, go no farther out than necessary."""
+    assert isinstance(e, Check)  # noqa: S101 - RULES pairs this action with Check alone
+    way = way_to(s, s.candidate.goal, e.corners if s.cage_on else (), w)
+    goal, *corners = way.points
     s = s if s.beyond < inf else caged(s, w)
-    return replace(s, goal=goal, brake=False, settling=False, takeoff=takeoff, reason="")
+    s = replace(s, origin=way.origin, reach=way.reach, corners=tuple(corners))
+    s = replace(s, leg=1 if corners else 0, legs=len(way.points) if corners else 0)
+    s = replace(s, commanded=w.pose.stamp, takeoff=s.candidate.takeoff)
+    return replace(s, goal=goal, brake=False, settling=False, reason="")
+
+
+def turn(s: Situation, e: Event, w: World) -> Situation:
+    """Fly on, and from rest at a corner along the next leg."""
+    assert s.corners  # noqa: S101 - RULES pairs this action with `cornering`
+    if not is_there(s, w):
+        return follow(s, e, w)
+    goal, *corners = s.corners
+    s = replace(s, origin=s.goal, reach=None, commanded=w.pose.stamp)
+    return replace(s, goal=goal, corners=tuple(corners), leg=s.leg + 1)
 
 
 def follow(s: Situation, _e: Event, w: World) -> Situation:
@@ -67,16 +92,40 @@ def follow(s: Situation, _e: Event, w: World) -> Situation:
     return replace(s, beyond=out) if out < s.beyond else s
 
 
-def refuse(s: Situation, _e: Event, w: World) -> Situation:
-    """Refuse a goal outside the cage or below the floor; change nothing else."""
+def refuse(s: Situation, e: Event, w: World) -> Situation:
+    """Refuse a goal below the floor, barred by the cage or a zone, or too near a vehicle."""
     goal = s.candidate.goal
-    below = "" if s.cage_on else why_below(goal)
-    return replace(s, reason=below or why_outside(goal, w.cage))
+    barred = (why_outside(goal, w.cage) or _why_zoned(s, e, w)) if s.cage_on else why_below(goal)
+    if barred:
+        return replace(s, reason=barred)
+    waits = isinstance(e, Check) and e.waits
+    near = f"{WAITS if waits else ''}{_why_near(s, e, w)}"
+    # A goal that is no number is in no cage, on or off.
+    return replace(s, reason=near or why_outside(goal, w.cage))
+
+
+def _why_near(s: Situation, e: Event, w: World) -> str:
+    """Return which vehicle the way to the candidate comes too near; empty for none."""
+    corners = e.corners if isinstance(e, Check) else ()
+    return why_near(too_near(s, s.candidate.goal, corners, w))
+
+
+def _why_zoned(s: Situation, e: Event, w: World) -> str:
+    """Return which zone bars the way to the candidate, by the corners of the event."""
+    way = way_to(s, s.candidate.goal, e.corners if isinstance(e, Check) else (), w)
+    outside = (why_outside(corner, w.cage) for corner in way.points[:-1])
+    why = next(filter(None, outside), "") or why_barred(way, w.region)
+    if why and way.reach and not way.begun:
+        if way.origin.z < HOP:
+            return f"{why}: from the floor a way bends; rise first"
+        return f"{why}: in flight a way bends, from rest it may be free; hold first"
+    searched = isinstance(e, Check) and e.searched
+    return f"{why}; no way around it was found" if why and searched else why
 
 
 def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
     """Refuse a goal while another one is being flown."""
-    x, y, z = astuple(s.goal)
+    x, y, z = astuple(s.end)
     reason = f"busy: flying to ({x:g}, {y:g}, {z:g}); ask with replace to change course"
     return replace(s, request=s.request + 1, reason=reason)
 
@@ -92,15 +141,17 @@ def refuse_blind(s: Situation, _e: Event, w: World) -> Situation:
 def pause(s: Situation, e: Event, w: World) -> Situation:
     """Brake to the stopping point, until poses come again."""
     assert isinstance(e, Lost)  # noqa: S101 - RULES pairs this action with Lost alone
-    flight = Goto(s.goal, takeoff=s.takeoff)
-    return replace(_stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s"), paused=flight)
+    after = _stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s")
+    ways = replace(after, reach=s.reach, corners=s.corners, leg=s.leg, legs=s.legs)
+    return replace(ways, paused=Goto(s.goal, takeoff=s.takeoff))
 
 
-def resume(s: Situation, _e: Event, _w: World) -> Situation:
+def resume(s: Situation, _e: Event, w: World) -> Situation:
     """Fly on to the goal of the paused flight."""
     assert s.paused is not None  # noqa: S101 - RULES pairs this action with `paused`
     reason = f"went on after a pause: {s.reason.removeprefix(PAUSED)}"
     goal, takeoff = s.paused.goal, s.paused.takeoff
+    s = replace(s, commanded=w.pose.stamp)
     return replace(
         s, goal=goal, brake=False, settling=False, takeoff=takeoff, paused=None, reason=reason
     )
@@ -114,7 +165,7 @@ def note(s: Situation, e: Event, _w: World) -> Situation:
 
 def arrive(s: Situation, _e: Event, _w: World) -> Situation:
     """Hold the goal, ready for the next one."""
-    return replace(s, takeoff=False, reason="")
+    return replace(s, takeoff=False, reason="", leg=0, legs=0)
 
 
 def stop(s: Situation, e: Event, w: World) -> Situation:
@@ -129,10 +180,11 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
         case Hold(reason):
             pass
         case Seen():
-            reason = f"stopped, the path led out of the cage by {stopping_excess(w):.2g} m"
+            where = "out of the cage or into a zone" if w.region else "out of the cage"
+            reason = f"stopped, the path led {where} by {stopping_excess(w):.2g} m"
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
-            reason = f"{done}, the goal is now {why_outside(s.goal, w.cage)}"
+            reason = f"{done}, {_why_excluded(s, w)}"
     after = _stopped(s, w, reason)
     # A guard reports once that a vehicle leaves; it can do nothing more.
     return replace(after, beyond=inf) if isinstance(e, Seen) else after
@@ -175,19 +227,34 @@ def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
 def reboot(s: Situation, e: Event, w: World) -> Situation:
     """Drop the goal, and stay where the new boot is."""
     assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
-    return replace(_stopped(caged(s, w), w, e.reason), boot=w.pose.boot, settling=False)
+    s = _stopped(caged(s, w), w, e.reason)
+    return replace(s, boot=w.pose.boot, settling=False, commanded=-inf)
 
 
 def _stopped(s: Situation, w: World, reason: str) -> Situation:
     here = w.pose.position
+    s = replace(s, reach=motion(s), corners=(), leg=0, legs=0, commanded=w.pose.stamp)
     return replace(
         s, goal=here, brake=True, settling=True, takeoff=False, paused=None, reason=reason
     )
 
 
+def _why_excluded(s: Situation, w: World) -> str:
+    """Return why the present cage excludes the present way; empty if it does not."""
+    for point in (s.goal, *s.corners):
+        if why := why_outside(point, w.cage):
+            return f"the goal is now {why}"
+    return why_stopped(s, w)
+
+
 def _unpaused(s: Situation) -> Situation:
     ended = "stopped, the cage was changed during a pause"
-    return replace(s, paused=None, reason=ended) if s.paused else s
+    return replace(_ended(s), reason=ended) if s.paused else s
+
+
+def _ended(s: Situation) -> Situation:
+    """Return the situation without a paused flight, which still brakes."""
+    return replace(s, paused=None, reach=motion(s), corners=(), leg=0, legs=0) if s.paused else s
 
 
 def always(_s: Situation, _e: Event, _w: World) -> bool:
@@ -205,14 +272,18 @@ def may_replace(s: Situation, e: Event, _w: World) -> bool:
     return s.takeoff or (isinstance(e, Goto) and e.replace)
 
 
-def permitted(s: Situation, _e: Event, w: World) -> bool:
-    """Return whether the candidate is a place above the floor, and inside if the cage is on.
+def permitted(s: Situation, e: Event, w: World) -> bool:
+    """Return whether the candidate is a place above the floor, and allowed if the cage is on.
 
-    The cage is convex: the straight way there stays inside, or comes nearer at every step.
+    The box is convex: the straight way there stays inside, or comes nearer at every step. Zones are
+    not: the way itself is checked, with its corners. It has to keep apart from vehicles in any case.
     """
     goal = s.candidate.goal
-    is_place = all(map(isfinite, astuple(goal))) and not why_below(goal)
-    return is_place and not (s.cage_on and why_outside(goal, w.cage))
+    points = (goal, *(e.corners if isinstance(e, Check) else ()))
+    is_place = all(all(map(isfinite, astuple(p))) and not why_below(p) for p in points)
+    if not is_place or (s.cage_on and (why_outside(goal, w.cage) or _why_zoned(s, e, w))):
+        return False
+    return not _why_near(s, e, w)
 
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:
@@ -231,7 +302,12 @@ def barred(s: Situation, e: Event, w: World) -> bool:
     A vehicle within the acceptance range still flies on to its goal, but not one that stops.
     """
     cage_on = e.cage_on if isinstance(e, Toggle) else s.cage_on
-    return cage_on and not s.brake and bool(why_outside(s.goal, w.cage))
+    return cage_on and not s.brake and bool(_why_excluded(s, w))
+
+
+def cornering(s: Situation, _e: Event, _w: World) -> bool:
+    """Return whether the vehicle flies a leg that is not the last."""
+    return bool(s.corners)
 
 
 def settled(s: Situation, _e: Event, w: World) -> bool:
@@ -314,6 +390,7 @@ RULES = (
     Rule(MOVING,    Check,   always,      MOVING,    keep),
     Rule(MOVING,    Seen,    jumped,      HOVERING,  stop_pose_jump),
     Rule(MOVING,    Seen,    straying,    HOVERING,  stop),
+    Rule(MOVING,    Seen,    cornering,   MOVING,    turn),
     Rule(MOVING,    Seen,    arrived,     HOVERING,  arrive),
     Rule(MOVING,    Seen,    always,      MOVING,    follow),
     Rule(MOVING,    Lost,    always,      HOVERING,  pause),

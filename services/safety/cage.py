@@ -11,6 +11,7 @@ from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.services.safety.model import Situation, World
+from quadctl.services.safety.zones import Box, Nearest
 
 Interval = tuple[float, float]
 
@@ -85,21 +86,58 @@ def soonest_stop(pose: Pose, deceleration: float) -> Position:
 
 
 def stopping_excess(w: World) -> float:
-    """Return how far outside the cage (m) the vehicle can soonest come to rest."""
-    return beyond(soonest_stop(w.pose, w.envelope.deceleration), w.cage)
+    """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
+    return _excess(w, soonest_stop(w.pose, w.envelope.deceleration))
+
+
+def _excess(w: World, place: Position) -> float:
+    """Return how far (m) the way to a place leads out of the cage or into a zone."""
+    out = beyond(place, w.cage)
+    return max(out, w.region.excess(w.pose.position, place)) if w.region else out
+
+
+def nearest(w: World) -> Nearest:
+    """Return the wall of the cage or of a zone that is nearest to the vehicle; the floor is none."""
+    p, cage = w.pose.position, w.cage
+    box = Nearest("cage", min(cage.x - abs(p.x), cage.y - abs(p.y), cage.z - p.z))
+    zone = w.region.nearest(p) if w.region else None
+    return zone if zone and zone.distance < box.distance else box
 
 
 def leeway(w: World) -> float:
-    """Return the greatest distance (m) outside the cage of a sound vehicle that must stop.
+    """Return the greatest distance (m) outside the cage, or in a zone, of a sound vehicle that must stop.
 
     It may brake late and gently; until then, its speed may change as between the last two poses.
     """
+    out = max(_excess(w, place) for place in _latest(w))
+    return max(out, _excess(w, w.pose.position))
+
+
+def stops_in(s: Situation, w: World, motion: Box) -> Box:
+    """Return the box (m) with the place of a sound vehicle and its stop, whenever it brakes.
+
+    It stays in the box of its motion. In the first half second after a command its poses do not
+    show how fast it is.
+    """
+    here, places = astuple(w.pose.position), [astuple(place) for place in _latest(w)]
+    slack = SLACK if w.pose.stamp < s.commanded + REACTION else 0.0
+    low, high = zip(
+        *(
+            (min(p, max(a, min(*ends) - slack)), max(p, min(b, max(*ends) + slack)))
+            for p, a, b, *ends in zip(here, *motion, here, *places, strict=True)
+        ),
+        strict=True,
+    )
+    return low, high
+
+
+def _latest(w: World) -> tuple[Position, Position]:
+    """Return the farthest stopping points (m) at the present speed, and as it may still change."""
     now, before = astuple(w.pose.velocity), astuple(w.last.velocity)
     seconds = w.pose.stamp - w.last.stamp
     rises = RISE / seconds if seconds > 0 else 0.0
     later = tuple(v + rises * (v - old) for v, old in zip(now, before, strict=True))
-    out = max(beyond(place, w.cage) for place in (_gently(w, now), _gently(w, later)))
-    return max(out, beyond(w.pose.position, w.cage))
+    return _gently(w, now), _gently(w, later)
 
 
 def caged(s: Situation, w: World) -> Situation:

@@ -1,10 +1,15 @@
 """Data of the automaton: its states, events, world and situation."""
 
 from enum import Enum
+from math import inf
 
 from msgspec import Struct
 
 from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.services.safety.separation import Neighbour
+from quadctl.services.safety.zones import Box, Region
+
+_NO_ZONES = Region()
 
 
 class State(Enum):
@@ -24,7 +29,15 @@ class Goto(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True):
-    """Order to verify the candidate now."""
+    """Order to verify the candidate now, by the corners (m) of a way, if any; it may be searched for.
+
+    A `direct` way has none. With `waits`, a goal too near another vehicle is to wait for it.
+    """
+
+    corners: tuple[Position, ...] = ()
+    searched: bool = False
+    direct: bool = False
+    waits: bool = False
 
 
 class Seen(Struct, frozen=True):
@@ -92,6 +105,7 @@ class World(Struct, frozen=True):
     """Input of the automaton. `fresh` means that the pose may be relied on, else `unready` tells why.
 
     `last` is the previous pose of the same boot, or for the first one of a boot the same pose.
+    `others` are the vehicles to keep apart from; they count where a goal is verified.
     """
 
     pose: Pose
@@ -101,6 +115,8 @@ class World(Struct, frozen=True):
     acceptance_range: float
     envelope: Envelope
     unready: str = "no pose: dynamics is silent"
+    region: Region = _NO_ZONES
+    others: tuple[Neighbour, ...] = ()
 
 
 class Situation(Struct, frozen=True):
@@ -111,7 +127,10 @@ class Situation(Struct, frozen=True):
     stop. `beyond` is how far (m) outside the cage the vehicle may come to a stop: 0, except for a
     vehicle that was put outside; then it falls as the vehicle comes nearer. It is infinite once a
     guard has stopped the vehicle. `paused` is the flight to resume when poses come again. `since`
-    (s) is the time of the last change of the cage.
+    (s) is the time of the last change of the cage. `corners` are the points (m) to fly to, one by
+    one and each from rest, after `goal`, which is the end of `leg` of `legs`; without corners all
+    are 0. The present motion is straight from `origin` (m), or a curve somewhere in the box `reach`;
+    it was commanded at the time `commanded` (s).
     """
 
     state: State
@@ -128,3 +147,14 @@ class Situation(Struct, frozen=True):
     since: float = 0.0
     paused: Goto | None = None
     reason: str = ""
+    origin: Position = Position(0.0, 0.0, 0.0)
+    reach: Box | None = None
+    corners: tuple[Position, ...] = ()
+    leg: int = 0
+    legs: int = 0
+    commanded: float = -inf
+
+    @property
+    def end(self) -> Position:
+        """Return the end of the whole way, m."""
+        return self.corners[-1] if self.corners else self.goal

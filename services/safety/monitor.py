@@ -7,8 +7,10 @@ from typing import cast
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import (
+    WAITS,
     BodyRates,
     CageSize,
+    NearestWall,
     Pose,
     Position,
     Quaternion,
@@ -16,10 +18,12 @@ from quadctl.schemas.messages import (
     Setpoint,
     StateName,
     Velocity,
+    Zone,
+    Zones,
 )
-from quadctl.schemas.params import SafetyParams
+from quadctl.schemas.params import SafetyParams, SeparationParams
 from quadctl.services.safety.automaton import Rule, step
-from quadctl.services.safety.cage import at_rest, why_outside
+from quadctl.services.safety.cage import at_rest, nearest, why_outside
 from quadctl.services.safety.model import (
     Booted,
     Check,
@@ -38,6 +42,11 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
+from quadctl.services.safety.route import way_around
+from quadctl.services.safety.separation import Neighbour, conflicts, why_near
+from quadctl.services.safety.traffic import Held, Post, Traffic
+from quadctl.services.safety.way import reserved, space_after, too_near, way_to, why_barred
+from quadctl.services.safety.zones import Region
 
 PATIENCE = 1.0
 """Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
@@ -103,11 +112,15 @@ class Monitor:
         restarted: bool,
         grace: float,
         on_rule: Callable[[Rule], None] | None = None,
+        name: str = "",
+        traffic: Traffic | None = None,
+        post: Post = lambda item: item(),
     ) -> None:
         """Start; after a restart turn the cage on, and leave the vehicle where it hovers.
 
         A silence within the grace (s) pauses a flight, a longer one ends it. `on_rule` is called
-        with each rule taken.
+        with each rule taken. The vehicle of that name keeps apart from the others of its traffic;
+        `post` runs a function on its loop.
         """
         self._params, self._on_state, self._restarted = params, on_state, restarted
         self._grace, self._on_rule = grace, on_rule
@@ -115,12 +128,22 @@ class Monitor:
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
         self._void: set[str] = set()
+        self._zones, self._region = params.zones, Region(params.zones)
         self.situation = Situation(
             state=State.HOVERING,
             goal=_ORIGIN,
             cage_on=params.cage_on or restarted,
             candidate=Goto(_ORIGIN),
         )
+        self.name = name
+        self.held: Held | None = None
+        self._traffic = traffic or Traffic()
+        self._traffic.join(self, post)
+
+    @property
+    def separation(self) -> SeparationParams:
+        """Return its distance from others."""
+        return self._params.separation
 
     def see(self, pose: Pose) -> None:
         """Take a new pose; one of another boot drops the goal and takes off again."""
@@ -131,6 +154,9 @@ class Monitor:
         if not same:
             self._boot()
         self._feed(Seen())
+        self._traffic.watch(self)
+        if self.held:
+            self._retry(self.held)
 
     def ignores(self, pose: Pose) -> bool:
         """Return whether a pose is older than the last one, or of an earlier boot."""
@@ -184,20 +210,98 @@ class Monitor:
         """Record that the vehicle stopped by itself: it flies on only after a new request."""
         self._feed(Halted(reason))
 
-    def goto(self, goal: Position, *, replace: bool = False, takeoff: bool = False) -> str:
-        """Request a goal; return the reason of a refusal, or an empty string."""
-        self._feed(Goto(goal, replace, takeoff))
-        if self.situation.state is State.VERIFYING:
-            self._feed(Check())
-        return self.situation.reason
+    def goto(
+        self,
+        goal: Position,
+        *,
+        replace: bool = False,
+        takeoff: bool = False,
+        direct: bool = False,
+        wait: bool = False,
+    ) -> str:
+        """Request a goal; return the reason of a refusal, or an empty string.
+
+        The way is a `direct` one, or leads around zones that bar it. With `wait` a goal waits for
+        vehicles that are about to leave its way; the reason then begins with `waits`.
+        """
+        with self._traffic.lock:
+            self._feed(Goto(goal, replace, takeoff))
+            if self.situation.state is State.VERIFYING:
+                self.held = None
+                self._verify(goal, direct=direct, wait=wait)
+            return self.situation.reason
+
+    def _verify(self, goal: Position, *, direct: bool, wait: bool, number: int = 0) -> None:
+        """Verify the candidate; with `wait` it may wait, with its `number` if it has done so before."""
+        s = self.situation
+        world = self.world(self._traffic.others(self.name, before=number or None))
+        check = Check(direct=True) if direct else self._proposal(goal, world)
+        held = None
+        if wait and s.back is State.HOVERING:
+            near = too_near(s, goal, check.corners, world)
+            held = self._traffic.hold(self.name, check, goal, near, number=number) if near else None
+        self._feed(replace(check, waits=held is not None), world)
+        if self.situation.reason.startswith(WAITS):
+            self.held = held
+
+    def _retry(self, held: Held) -> None:
+        """Fly to the goal that waits once its way is free; refuse it once that cannot be."""
+        with self._traffic.lock:
+            s, place = self.situation, astuple(self.pose.position)
+            space = space_after(s, held.goal, held.corners, self.world())
+            for only in (held.first, ""):
+                others = self._traffic.others(self.name, only=only, before=held.number)
+                near = conflicts(place, space, others)
+                check = Check(held.corners, direct=held.direct)
+                again = (
+                    self._traffic.hold(self.name, check, held.goal, near, number=held.number)
+                    if near
+                    else None
+                )
+                if again:
+                    self.held = held if only else again
+                    return
+            self.held = None
+            self._feed(Goto(held.goal))
+            if self.situation.state is State.VERIFYING:
+                self._verify(held.goal, direct=held.direct, wait=True, number=held.number)
+
+    def _proposal(self, goal: Position, world: World) -> Check:
+        """Return the order to verify the straight way, or the shortest one around zones."""
+        s = self.situation
+        if not (s.cage_on and world.region) or why_outside(goal, world.cage):
+            return Check()
+        way = way_to(s, goal, (), world)
+        is_curve = way.reach is not None and not way.begun
+        if is_curve or world.region.why_inside(goal) or not why_barred(way, world.region):
+            return Check()
+        start = way.points[0] if way.begun else way.origin
+        return Check(way_around(world.region, world.cage, start, goal), searched=True)
 
     def hold(self) -> None:
-        """Stop at the stopping point."""
+        """Stop at the stopping point; a goal that waits is dropped."""
+        self.held = None
         self._feed(Hold())
+
+    def part(self, reason: str) -> None:
+        """Stop the flight, because another vehicle comes too near."""
+        if self.situation.state is State.MOVING:
+            self._feed(Hold(reason))
+
+    def recheck(self) -> None:
+        """Stop the flight if another vehicle is on its way by now."""
+        if self.situation.state is not State.MOVING:
+            return
+        with self._traffic.lock:
+            world = self.world(self._traffic.others(self.name, before=0))
+            space = reserved(self.situation, world)
+            if near := conflicts(astuple(self.pose.position), space, world.others):
+                self.part(f"stopped, {why_near(near)}")
 
     def lands(self, why: str) -> None:
         """Stop, and refuse all goals, while the vehicle lands by itself; `why` is empty afterwards."""
         if why and why != self._landing and self.situation.boot:
+            self.held = None
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
 
@@ -206,8 +310,9 @@ class Monitor:
         self._feed(Toggle(cage_on))
 
     def resize(self) -> None:
-        """Take a change of the cage's parameters."""
+        """Take a change of the cage's parameters, or of the distance from others."""
         self._feed(Resized())
+        self.recheck()
 
     def setpoint(self) -> Setpoint:
         """Return the present command to the vehicle."""
@@ -217,15 +322,30 @@ class Monitor:
     def state(self) -> SafetyState:
         """Return the automaton's state for publication."""
         s, cage = self.situation, self._cage()
-        return SafetyState(
-            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.goal, s.cage_on, cage, s.reason
+        state = SafetyState(
+            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.end, s.cage_on, cage, s.reason
         )  # fmt: skip
+        wall = self.nearest()
+        return replace(state, leg=s.leg, legs=s.legs, nearest=wall)
+
+    def nearest(self) -> NearestWall:
+        """Return the nearest wall in force; no name with the cage off, or before the first pose."""
+        if not (self.situation.cage_on and self.situation.boot):
+            return NearestWall()
+        name, distance = nearest(self.world())
+        return NearestWall(name, distance, distance <= self._params.warn_within)
+
+    @property
+    def zones(self) -> Zones:
+        """Return the zones in force while the cage is on."""
+        return Zones(tuple(map(Zone.of, self._params.zones)))
 
     def _boot(self) -> None:
-        first = not self.situation.boot
+        first, self.held = not self.situation.boot, None
         stays = first and self._restarted
         self._void.add(self.situation.boot)
         self._feed(Booted(self._greeting(first=first)))
+        self._traffic.moved(self.name)
         start = self.pose.position
         if self._params.takeoff > 0 and not stays and start.z < ON_THE_GROUND:
             self.goto(replace(start, z=start.z + self._params.takeoff), takeoff=True)
@@ -238,12 +358,8 @@ class Monitor:
         outside = why_outside(self.pose.position, self._cage())
         return f"the start is {outside}" if self.situation.cage_on and outside else ""
 
-    def _feed(self, event: Event) -> None:
-        before, params = self.situation, self._params
-        envelope = Envelope(params.max_speed, params.max_deceleration, params.margin)
-        world = World(
-            self.pose, self._last, self.fresh, self._cage(), params.acceptance_range, envelope
-        )
+    def _feed(self, event: Event, world: World | None = None) -> None:
+        before, world = self.situation, world or self.world()
         if self._landing:
             world = replace(world, fresh=False, unready=f"the vehicle lands: {self._landing}")
         self.situation = after = step(before, event, world, on_rule=self._on_rule)
@@ -251,6 +367,18 @@ class Monitor:
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
         if not same or isinstance(event, Resized):
             self._on_state(self.state(), _line(before, after, event))
+
+    def world(self, others: tuple[Neighbour, ...] = ()) -> World:
+        """Return the automaton's input, with the newest pose."""
+        params = self._params
+        if params.zones is not self._zones:
+            self._zones, self._region = params.zones, Region(params.zones)
+        envelope = Envelope(params.max_speed, params.max_deceleration, params.margin)
+        reach = params.acceptance_range
+        return World(
+            self.pose, self._last, self.fresh, self._cage(), reach, envelope,
+            region=self._region, others=others,
+        )  # fmt: skip
 
     def _cage(self) -> CageSize:
         size = self._params.virtual_cage

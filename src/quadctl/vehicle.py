@@ -16,7 +16,7 @@ from weakref import finalize
 import msgspec
 from msgspec import Struct
 
-from quadctl.schemas.messages import PAUSED, Pose, Position, Pressure, SafetyState
+from quadctl.schemas.messages import PAUSED, WAITS, Pose, Position, Pressure, SafetyState
 from quadctl.schemas.services import (
     CalibrateRequest,
     GetParamsRequest,
@@ -77,14 +77,23 @@ def distance(a: Position, b: Position) -> float:
     return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
 
 
-def goal_of(x: float, y: float, z: float, *, replace: bool = False) -> GotoRequest:
+def goal_of(
+    x: float,
+    y: float,
+    z: float,
+    *,
+    replace: bool = False,
+    direct: bool = False,
+    wait: bool = False,
+) -> GotoRequest:
     """Return a request for a point, m; raise Invalid for a bad coordinate.
 
     Numbers of NumPy count as numbers; True and texts do not.
     """
     point = {axis: _metres(axis, value) for axis, value in (("x", x), ("y", y), ("z", z))}
     try:
-        return msgspec.convert(point | {"replace": replace}, GotoRequest)
+        how = {"replace": replace, "direct": direct, "wait": wait}
+        return msgspec.convert(point | how, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
         raise _bad_coordinate(axis, f"{point[axis]:g}") from None
@@ -164,22 +173,37 @@ def restless(timeout: float, since: str = "") -> TimedOut:
     )
 
 
+def hint_for(reason: str) -> str:
+    """Return what to do about a goal that safety refused for this reason."""
+    if reason.startswith("busy"):
+        return "`--replace` changes course; `quadctl hold` stops"
+    if reason.startswith("separation"):
+        return (
+            "`--wait` waits until a vehicle that flies has passed; `quadctl fleet list` shows all"
+        )
+    return "`quadctl cage show` and `quadctl state` show more"
+
+
 def hovers(state: SafetyState) -> bool:
     """Return whether safety holds the vehicle at its goal, and no paused flight is to go on."""
-    return bool(state.boot) and state.state == "HOVERING" and not state.reason.startswith(PAUSED)
+    return (
+        bool(state.boot)
+        and state.state == "HOVERING"
+        and not state.reason.startswith((PAUSED, WAITS))
+    )
 
 
 class Flight:
     """One flight to a goal, from safety's verdict on it to its end.
 
     `accepted` and `reason` are the verdict; `reason` is also why an accepted flight was stopped,
-    and `paused` why it waits, e.g. for poses that are late.
+    and `paused` why it waits, e.g. for poses that are late, or for another vehicle.
     """
 
     def __init__(self, client: Client, request: GotoRequest, timeout: float | None = None) -> None:
         """Request the goal; raise what Client.call raises. `timeout` (s) is for the verdict."""
         self._client, self._goal = client, Position(request.x, request.y, request.z)
-        self.paused = ""
+        self._is_held = False
         self._arrived, self._reason = False, ""
         self._distance, self._seconds = math.inf, 0.0
         self._began: float | None = None
@@ -190,6 +214,7 @@ class Flight:
         self._end = finalize(self, self._messages.close)
         reply = client.call(GOTO, request, timeout)
         self.accepted = reply.accepted
+        self.paused = reply.reason if reply.accepted else ""
         if not reply.accepted:
             self._reason = reply.reason
             self._end()
@@ -239,6 +264,7 @@ class Flight:
     ) -> Arrival:
         """Wait for the arrival for up to `timeout` s, by default twice the planned time and 5 s.
 
+        While the goal waits for other vehicles, this time does not pass.
         `on_progress` is called with the metres to go, `on_pause` with the reason when the flight
         pauses, and with "" when it goes on. Raises Refused if the goal was refused or the flight
         stopped, TimedOut if it takes longer, Invalid if safety's states cannot be read, and
@@ -248,7 +274,11 @@ class Flight:
         if timeout is None:
             timeout = 0.0 if self._is_over else patience(self._client, metres)
         ends = time.monotonic() + timeout
+        if self.paused:
+            on_pause(self.paused)
         while not self._is_over:
+            if self.paused.startswith(WAITS):
+                ends = time.monotonic() + timeout
             left = ends - time.monotonic()
             if left <= 0:
                 raise TimedOut(
@@ -291,14 +321,12 @@ class Flight:
         if self.accepted:
             text = f"the flight was stopped: {self._reason}"
             return Refused(text, "`quadctl state` shows more", reason=self._reason)
-        busy = self._reason.startswith("busy")
-        course = "`--replace` changes course; `quadctl hold` stops"
-        more = "`quadctl cage show` and `quadctl state` show more"
-        return Refused(self._reason, course if busy else more, reason=self._reason)
+        return Refused(self._reason, hint_for(self._reason), reason=self._reason)
 
     @property
     def _is_over(self) -> bool:
-        return self._arrived or bool(self._reason)
+        # At a goal nearby the vehicle may have arrived before the first pose comes.
+        return (self._arrived and self._began is not None) or bool(self._reason)
 
     def _catch_up(self) -> None:
         while not self._is_over and (message := self._messages.next(0)) is not None:
@@ -326,7 +354,12 @@ class Flight:
         if self._moving and state.reason.startswith(PAUSED):
             self.paused = state.reason
             return
-        if state.goal == self._goal:
+        if not self._moving and state.reason.startswith(WAITS):
+            self.paused, self._is_held = state.reason, True
+            return
+        if self._is_held and not self._moving and state.state == "HOVERING":
+            self._reason = state.reason or "the goal waits no more"
+        elif state.goal == self._goal:
             self.paused = ""
             self._moving = self._moving or state.state == "MOVING"
             self._arrived = self._moving and state.state == "HOVERING"
@@ -404,12 +437,14 @@ class Vehicle:
     @overload
     def goto(
         self, x: float, y: float, z: float, *,
-        replace: bool = ..., wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
+        replace: bool = ..., direct: bool = ..., after_others: bool = ...,
+        wait: Literal[True] = ..., settle: bool = ..., timeout: float | None = ...,
     ) -> Arrival: ...  # fmt: skip
     @overload
     def goto(
         self, x: float, y: float, z: float, *,
-        replace: bool = ..., wait: Literal[False], timeout: float | None = ...,
+        replace: bool = ..., direct: bool = ..., after_others: bool = ...,
+        wait: Literal[False], timeout: float | None = ...,
     ) -> Flight: ...  # fmt: skip
 
     def goto(
@@ -419,6 +454,8 @@ class Vehicle:
         z: float,
         *,
         replace: bool = False,
+        direct: bool = False,
+        after_others: bool = False,
         wait: bool = True,
         settle: bool = False,
         timeout: float | None = None,
@@ -426,11 +463,13 @@ class Vehicle:
         """Fly to a point (m, ENU); return its Arrival, or without `wait` the Flight.
 
         With `settle` also wait until the vehicle rests. `replace` changes course while flying to
-        another goal. Raises Refused, with the reason, if safety refuses the goal or stops the
-        flight, Invalid for a bad coordinate, and TimedOut after `timeout` (s; default: twice the
-        planned time and 5 s).
+        another goal, `direct` refuses rather than fly around zones, and with `after_others` the goal
+        waits until other vehicles have left its way. Raises Refused, with the reason, if safety
+        refuses the goal or stops the flight, Invalid for a bad coordinate, and TimedOut after
+        `timeout` (s; default: twice the planned time and 5 s).
         """
-        flight = Flight(self.client, goal_of(x, y, z, replace=replace))
+        request = goal_of(x, y, z, replace=replace, direct=direct, wait=after_others)
+        flight = Flight(self.client, request)
         if not flight.accepted:
             raise flight.refusal()
         if not wait:

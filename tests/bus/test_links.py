@@ -179,7 +179,7 @@ def cut_off_the_operator(lab: Lab, link: Proxy, seconds: float) -> int:
         assert late.code == "expired"
         executed: int = here.state()["request"] - before
         assert [call["request"] for call in gotos.messages] == [
-            numbered_goal(20) | {"replace": True}
+            numbered_goal(20) | {"replace": True, "direct": False, "wait": False}
         ]
         return executed
 
@@ -223,8 +223,8 @@ def cut_off_safety(lab: Lab, link: Proxy, seconds: float, number: int) -> tuple[
         goto_accepted(here, near)
         states.until(lambda s: s["goal"] == near and s["state"] == "HOVERING")
         assert [call["request"] for call in gotos.messages] == [
-            goal | {"replace": True},
-            near | {"replace": True},
+            goal | {"replace": True, "direct": False, "wait": False},
+            near | {"replace": True, "direct": False, "wait": False},
         ]
     return hovered, back
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from quadctl.schemas.topics import INFO, POSE, ZONES
+from quadctl.services.runtime.bus.client import Client
 from tests.support.bare import Bare, gap, speed
 from tests.support.lab import Lab
 
@@ -17,11 +19,29 @@ def test_the_safety_state_is_latched(hover: Bare):
     got = hover.query("uav/safety/state", b"")
     assert got.encoding.startswith("application/msgpack;quadctl.SafetyState#")
     assert set(got.value) == {
-        "boot", "stamp", "request", "state", "goal", "cage_on", "cage", "reason",
+        "boot", "stamp", "request", "state", "goal", "cage_on", "cage", "reason", "leg",
+        "legs", "nearest",
     }  # fmt: skip
     assert got.value["goal"] == {"x": 0.0, "y": 0.0, "z": 1.0}
     assert got.value["cage"] == {"x": 5.0, "y": 5.0, "z": 5.0}
     assert got.value["boot"] == hover.watch("uav/pose").next()[0]["boot"]
+
+
+def test_each_latched_topic_comes_at_once_beside_a_fast_one(
+    shared_lab: Lab, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(shared_lab.runtime))
+    topics = {topic.key("uav"): topic for topic in (POSE, ZONES, INFO)}
+    with Client(shared_lab.realm, "uav") as client:
+        for _ in range(3):
+            stream, came = client.listen(*topics, held=True), set[str]()
+            for _ in range(200):
+                message = stream.next(5.0)
+                assert message is not None, came
+                message.decoded(topics[message.key].type)
+                came.add(message.key)
+            stream.close()
+            assert came == set(topics)
 
 
 def test_info_names_the_node_of_each_service_and_topic(hover: Bare):

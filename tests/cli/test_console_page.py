@@ -184,6 +184,36 @@ def test_every_table_of_parameters_can_be_opened(page: Tab):
     page.reads("[data-param='safety.takeoff']", "[0, 10000] m", "height of the first goal")
 
 
+ZONES = """
+[[safety.zones]]
+name = "tower"
+polygon = [[1.0, -1.0], [2.0, -1.0], [2.0, 1.0], [1.0, 1.0]]
+[[safety.zones]]
+name = "pond"
+circle = { x = -3.0, y = 0.0, radius = 1.0 }
+"""
+
+
+def test_zones_are_drawn_with_the_nearest_wall_and_the_leg_around_them(page: Tab, running_lab: Lab):
+    labels, nearest = ".scene .labels", ".safety [data-read=nearest]"
+    assert running_lab.quadctl("goto", 0, 0, 1, "--settle").code == 0
+    assert running_lab.quadctl("zone", "add", running_lab.file(ZONES, "zones.toml")).code == 0
+    page.reads(labels, "tower", "pond")
+    page.reads(nearest, "cage, 1.00 m")
+    assert running_lab.quadctl("goto", 0.7, 0, 1, "--settle").code == 0
+    page.reads(nearest, "tower, 0.30 m")
+    page.until("document.body.dataset.near === 'true'")
+    page.floor(3, 0)
+    page.reads(".safety .leg", "leg 1 of 3")
+    page.reads(".safety .leg", "leg 3 of 3")
+    page.reads(".journal", "at (3, 0, 1)")
+    page.until("!document.querySelector('.safety .leg').innerText")
+    assert running_lab.quadctl("zone", "remove", "pond").code == 0
+    page.until("!document.querySelector('.scene .labels').innerText.includes('pond')")
+    page.reads(labels, "tower")
+    assert running_lab.quadctl("zone", "remove", "tower").code == 0
+
+
 def test_a_killed_process_is_shown_and_can_be_restarted(page: Tab, running_lab: Lab):
     row = ".processes [data-node=pressure]"
     old = running_lab.signal("pressure", signal.SIGKILL)

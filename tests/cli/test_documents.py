@@ -83,7 +83,7 @@ def test_state_cage_and_parameters_are_printed_as_json(shared_lab: Lab, hover: B
     assert set(state) >= STATE_FIELDS
     assert (state["state"], state["pose"]["boot"]) == ("HOVERING", state["boot"])
     assert ask(shared_lab, "cage", "show") == {
-        "on": True, "x": [-5.0, 5.0], "y": [-5.0, 5.0], "z": [0.0, 5.0],
+        "on": True, "x": [-5.0, 5.0], "y": [-5.0, 5.0], "z": [0.0, 5.0], "zones": [],
     }  # fmt: skip
     assert ask(shared_lab, "param", "get", "/safety/virtual_cage/x") == {
         "safety.virtual_cage.x": 5.0

@@ -16,6 +16,7 @@ from tempfile import TemporaryFile
 import pytest
 
 from quadctl.cli.commands import COMMANDS, split
+from tests.golden.shapes import ZONE
 from tests.support.frozen import (
     ELSEWHERE,
     ENDINGS,
@@ -128,6 +129,7 @@ def patient_lab() -> Iterator[Lab]:
         made.start("--set", "supervise.answer_timeout=60", "--set", "dynamics.grace=0.4")
         made.file("[pressure]\nnoise = 2e-5\n")
         made.file("", "saved.toml")
+        made.file(ZONE, "zone.toml")
         made.file('rows = [{ at = 0.05, do = "hold" }]\nend = 0.1', "mission.toml")
         shutil.copy(RECORDING, made.folder / "flight.mcap")
         eventually(lambda: made.quadctl("goto", 0, 0, 1).code == 0)

@@ -75,7 +75,7 @@ def test_a_setting_overrides_the_file_and_quad_toml_is_found(lab: Lab):
     lab.file(FILE, "quad.toml")
     lab.start("--set", "safety.virtual_cage.x=1.5")
     shown = lab.quadctl("cage", "show", "--json").json
-    assert shown == {"on": True, "x": [-1.5, 1.5], "y": [-3.0, 3.0], "z": [0.0, 3.0]}
+    assert shown == {"on": True, "x": [-1.5, 1.5], "y": [-3.0, 3.0], "z": [0.0, 3.0], "zones": []}
 
 
 def test_the_defaults_of_the_code_apply_without_file_or_setting(shared_lab: Lab):

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from msgspec import NODEFAULT, Struct, inspect, json
+from msgspec import NODEFAULT, Struct, inspect, json, to_builtins
 
+from quadctl.schemas.zones import ZoneParams
 from tests.golden import product
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +73,8 @@ def _field(field: inspect.Field) -> dict[str, Any]:
         found["bounds"] = bounds
     if not field.required:
         made = field.default_factory
-        found["default"] = made() if made not in {NODEFAULT, None} else field.default
+        default = made() if made not in {NODEFAULT, None} else field.default
+        found["default"] = to_builtins(default)
     return found
 
 
@@ -118,7 +120,7 @@ def _example(type_: type[Struct]) -> dict[str, Any]:
     return {"value": value, "hex": product.encode(convert(value, type_)).hex()}
 
 
-def _value(type_: inspect.Type, number: int) -> Any:
+def _value(type_: inspect.Type, number: int) -> Any:  # noqa: PLR0912 - a line a kind of type
     """Return a value that is not the default, and differs from field to field."""
     match type_:
         case inspect.Metadata():
@@ -137,6 +139,11 @@ def _value(type_: inspect.Type, number: int) -> Any:
             return type_.values[-1]
         case inspect.ListType():
             return [_value(type_.item_type, number), _value(type_.item_type, number + 1)]
+        case inspect.VarTupleType():
+            return [_value(type_.item_type, number)]
+        case inspect.StructType() if type_.cls is ZoneParams:
+            # Not every value of every field makes a zone.
+            return {"name": f"text {number}", "polygon": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]}
         case inspect.DictType():
             return {"one": _value(type_.value_type, number), "two": _value(type_.value_type, 9)}
         case inspect.StructType():

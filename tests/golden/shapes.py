@@ -20,6 +20,11 @@ rows = [
     { at = 0.4, do = "param", name = "safety.acceptance_range", value = 0.4 },
 ]
 """
+ZONE = """
+[[safety.zones]]
+name = "tower"
+polygon = [[3, 3], [4, 3], [4, 4]]
+"""
 
 OFFLINE = (
     "--version",
@@ -50,6 +55,7 @@ LOOKING = (
     "ps",
     "state",
     "cage show",
+    "zone list",
     "graph",
     "topic list",
     "topic info pose",
@@ -90,6 +96,8 @@ ACTING = (
     "goto 0.5 0 1 --no-wait --replace",
     "hold",
     "cage on",
+    "zone add zone.toml",
+    "zone remove tower",
     "service call toggle_cage cage_on=true",
     "service call goto x=0.5 y=0.0 z=1.0 replace=true",
     "topic pub input/position_request {x:0.2,y:0.0,z:1.0} --once",
@@ -119,6 +127,7 @@ def gather(lab: Lab) -> dict[str, Any]:
     """Run every command and return the shapes of the outputs."""
     shutil.copy(RECORDING, lab.folder / "flight.mcap")
     lab.file(MISSION, "mission.toml")
+    lab.file(ZONE, "zone.toml")
     lab.file("[safety]\nacceptance_range = 0.5\n", "saved.toml")
     offline = {line: lab.quadctl(*line.split(), "--json") for line in OFFLINE}
     # A goal that is refused, as poses are late on a busy machine, has other fields.

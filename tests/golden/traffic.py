@@ -12,7 +12,14 @@ from tests.support.bare import Bare, pack, unpack
 from tests.support.lab import PATIENT, Lab
 from tests.support.running import eventually
 
-TOPICS = ("uav/pose", "uav/sensors/pressure", "uav/safety/state", "uav/input/position", "uav/info")
+TOPICS = (
+    "uav/pose",
+    "uav/sensors/pressure",
+    "uav/safety/state",
+    "uav/safety/zones",
+    "uav/input/position",
+    "uav/info",
+)
 _PERIOD = 0.02
 """Seconds between two rounds of the recorded publishers."""
 
@@ -88,9 +95,10 @@ class _Received:
         self._changed = threading.Condition()
         self._messages: list[Sent] = []
         self._declared = [bare.session.declare_subscriber(key, self._take) for key in TOPICS]
-        for reply in bare.session.get("uav/info", timeout=3.0):
-            assert reply.ok is not None
-            self._take(reply.ok)
+        for key in ("uav/info", "uav/safety/zones"):
+            for reply in bare.session.get(key, timeout=3.0):
+                assert reply.ok is not None
+                self._take(reply.ok)
 
     def _take(self, sample: zenoh.Sample) -> None:
         sent = {
@@ -160,7 +168,7 @@ class Nodes:
             *(session.declare_queryable(key, self._serve, complete=True) for key in sorted(keys)),
             *(
                 session.declare_queryable(key, self._latched, complete=True)
-                for key in ("uav/safety/state", "uav/info")
+                for key in ("uav/safety/state", "uav/safety/zones", "uav/info")
             ),
             *(session.liveliness().declare_token(token) for token in self._tokens),
         ]

@@ -136,6 +136,30 @@ a sequence of events that no test tries
     every_call_of_the_monitor_keeps_the_invariants the_proof_fails_on_a_broken_automaton
     the_proof_fails_on_a_broken_monitor
   = obligations of the proof about safety
+a zone that the straight way crosses
+  flown around, leg by leg, or refused with --direct; a change of course in flight is refused where its
+  curve could touch a zone; one added in flight stops a vehicle whose way it bars
+  - unit/safety/way: a_zone_in_the_way_is_flown_around_as_one_request
+    a_direct_way_is_refused_and_changes_nothing in_flight_a_change_of_course_near_a_zone_is_refused
+    a_zone_added_in_flight_holds_at_once random_flights_never_enter_a_zone
+    10_000_random_flights_among_random_zones_enter_none a_search_of_100_000_flights_enters_no_zone
+  - unit/safety/zones: a_million_decisions_about_zones_agree_with_shapely
+    a_boundary_belongs_to_the_allowed_side
+  - flight/zones: zones_of_the_file_bar_ways_and_the_vehicle_flies_around_them
+  = greatest depth in a zone
+  = decisions about zones
+another vehicle on the way, or one that flies there
+  refused with its name, or with --wait held until it has passed; `fleet goto` finds an order and points
+  between, or moves nobody; a vehicle off its course is stopped, and so is the one that it comes near
+  - unit/safety/separation: a_goal_past_another_vehicle_is_refused_with_its_name
+    a_way_is_reserved_until_it_has_been_flown a_goal_waits_until_its_way_is_free
+    two_that_would_wait_for_each_other_are_told_so a_vehicle_pushed_towards_another_stops_both
+    a_reset_onto_the_way_of_another_stops_that_one random_flights_in_a_small_box_keep_apart
+    10_000_flights_of_ten_in_a_small_box_keep_apart
+  - unit/cli/fleet/plan: without_room_the_refusal_names_who_is_in_whose_way the_real_vehicles_fly_a_plan
+  - flight/separation: three_change_places_by_one_command fifty_change_places_by_one_command
+    goals_too_near_each_other_move_nobody hold_drops_a_goal_that_waits
+  = least distance
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
   - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit

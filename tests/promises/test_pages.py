@@ -27,7 +27,7 @@ LEFT_OUT = {
     "make test": "is this run of the tests",
     "python3 -m venv .venv": "the test runs in an environment that is set up",
     ".venv/bin/pip install .": "installs from the network; tests/packaging builds and tries the wheel",
-    ".venv/bin/quadctl demo": "takes 17 s; tests/flight/test_checkpoint_1.py to _4.py hold the same",
+    ".venv/bin/quadctl demo": "takes 25 s; tests/flight/test_checkpoint_1.py to _4.py hold the same",
 }
 """Commands that a test cannot run, each with the reason."""
 READ = {"console", "python", "toml", "text"}

@@ -1,7 +1,7 @@
 """Exact exit code, stdout and stderr of commands, by the typed line."""
 
 CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
-GOTO = "float64 x\nfloat64 y\nfloat64 z\nbool replace\n---\nbool accepted\nstring reason\n"
+GOTO = "float64 x\nfloat64 y\nfloat64 z\nbool replace\nbool direct\nbool wait\n---\nbool accepted\nstring reason\n"
 OUTSIDE = "error: outside the cage: x = 9 is beyond [-5, 5]\n"
 SAY_MORE = "  try: `quadctl cage show` and `quadctl state` show more\n"
 FIELDS = "  try: `quadctl type show calibrate_pressure` prints the fields\n"

@@ -7,6 +7,7 @@ from typing import Any
 from msgspec import Struct, inspect, msgpack, to_builtins
 
 from quadctl.schemas import barometer, messages, params, services, vehicle
+from quadctl.schemas.zones import ZoneParams
 
 
 def _declared(module: ModuleType) -> tuple[type[Struct], ...]:
@@ -51,6 +52,10 @@ def value(type_: inspect.Type) -> Any:
             return type_.values[0]
         case inspect.ListType():
             return [value(type_.item_type)]
+        case inspect.VarTupleType():
+            return (value(type_.item_type),)
+        case inspect.StructType() if type_.cls is ZoneParams:
+            return {"name": "a", "polygon": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]}
         case inspect.DictType():
             return {value(type_.key_type): value(type_.value_type)}
         case inspect.StructType():

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from quadctl.schemas.messages import Called, Pose, Pressure, SafetyState, Setpoint
+from quadctl.schemas.messages import Called, NearestWall, Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, PRESSURE, REQUEST, topic_of
 from quadctl.services.runtime.bus import codec
@@ -44,12 +44,14 @@ class Recorded:
     def transitions(self, published: list[Published]) -> list[SafetyState]:
         """Return safety's states in this flight, without repetitions.
 
-        Requests are counted from the flight's first. Of a reason it counts that there is one.
+        Requests are counted from the flight's first. Of a reason it counts that there is one. The
+        nearest wall is another one at each pose.
         """
         found: list[SafetyState] = []
         replace = msgspec.structs.replace
-        for _, state in published:
-            if isinstance(state, SafetyState) and state.boot == self.boot:
+        for _, message in published:
+            if isinstance(message, SafetyState) and message.boot == self.boot:
+                state = replace(message, nearest=NearestWall())
                 last = found[-1] if found else None
                 if last is None or replace(last, stamp=state.stamp) != state:
                     found.append(state)

@@ -30,11 +30,15 @@ from quadctl.services.safety.model import (
     World,
 )
 from tests.support.worlds import (
+    AMONG,
     AS_FAST,
+    AT_CORNER,
     AT_RANGE,
     AT_REST,
+    BEHIND,
     BELOW,
     BLIND,
+    BY,
     FASTER,
     GOAL,
     HERE,
@@ -154,6 +158,11 @@ GIVEN_UP = "no pose for 1 s: stopped"
 GOTO, REPLACE, BOOTED = Goto(INSIDE), Goto(INSIDE, replace=True), Booted("anew")
 HALTED = Halted("by itself")
 
+ON_LEG = {"corners": (INSIDE,), "leg": 1, "legs": 2}
+NO_LEG: dict[str, Any] = {"corners": (), "leg": 0, "legs": 0}
+SETTLED = {"brake": True, "goal": HERE, "candidate": Goto(GOAL)}
+CROSSES = "the way crosses the zone tower"
+
 # fmt: off
 CASES = (
     Case(HOVERING, "blind", GOTO, refused(HOVERING, NO_POSE), BLIND),
@@ -201,6 +210,9 @@ CASES = (
     Case(HOVERING, "always", Hold(), stopped(HELD)),
     Case(HOVERING, "always", Hold(), stopped(HELD) | OVER, given=PAUSED),
     Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED | CHANGED, given=PAUSED),
+    Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED | CHANGED | NO_LEG, given=PAUSED | ON_LEG),
+    Case(HOVERING, "always", GOTO, considered(GOTO, HOVERING) | OVER | NO_LEG, given=PAUSED | ON_LEG),
+    Case(HOVERING, "paused", Seen(), RESUMED, given=PAUSED | ON_LEG),
     Case(HOVERING, "always", Resized(), CAGED | CHANGED, given=PAUSED),
     Case(HOVERING, "barred", Toggle(cage_on=True), stopped(IN_PLACE) | {"cage_on": True} | CAGED,
          given=OFF | FAR),
@@ -225,6 +237,16 @@ CASES = (
          given=FROM_FLIGHT | FAR | FOR_INSIDE),
     Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, **FAR_OUT},
          FASTER, FOR_INSIDE | TOLD),
+    Case(VERIFYING, "permitted", Check((BY, BEHIND)),
+         {**TAKEN, "goal": BY, "corners": (BEHIND, GOAL), "leg": 1, "legs": 3}, AMONG, SETTLED),
+    Case(VERIFYING, "permitted", Check((BY, BEHIND)), {**TAKEN, "goal": GOAL}, AMONG, SETTLED | OFF),
+    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": CROSSES}, AMONG, SETTLED),
+    Case(VERIFYING, "always", Check((BY,)), {"state": HOVERING, "reason": CROSSES}, AMONG, SETTLED),
+    Case(VERIFYING, "always", Check((OUTSIDE,)), {"state": HOVERING, "reason": BEYOND}, AMONG, SETTLED),
+    Case(VERIFYING, "always", Check((), searched=True),
+         {"state": HOVERING, "reason": f"{CROSSES}; no way around it was found"}, AMONG, SETTLED),
+    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": "inside the zone tower"}, AMONG,
+         SETTLED | FOR_INSIDE),
     Case(VERIFYING, "barred", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR),
     Case(VERIFYING, "barred", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR | TAKING_OFF),
     Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND}, given=FROM_FLIGHT),
@@ -258,6 +280,13 @@ CASES = (
     Case(MOVING, "always", GOTO, refused(MOVING, BUSY)),
     Case(MOVING, "always", Check(), NOTHING),
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, NEAR),
+    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", **NO_LEG}, NEAR, {"leg": 2, "legs": 2}),
+    Case(MOVING, "cornering", Seen(), {"goal": INSIDE, "corners": (), "leg": 2}, AT_CORNER, ON_LEG),
+    Case(MOVING, "cornering", Seen(), INSIDE_AGAIN, NEAR, ON_LEG),
+    Case(MOVING, "cornering", Seen(), INSIDE_AGAIN, AT_REST, ON_LEG),
+    Case(MOVING, "straying", Seen(), guarded(BESIDE, OUT) | NO_LEG, RESTS_OUT,
+         ON_LEG | STRICT | {"goal": OUT}),
+    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, AT_CORNER),
     Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", "takeoff": False}, NEAR,
          TAKING_OFF),
     Case(MOVING, "jumped", Seen(), guarded(JUMPED), LEAPT),
@@ -278,6 +307,7 @@ CASES = (
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_RANGE),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_REST, STOPPING),
     Case(MOVING, "always", Lost(0.2), waiting(PAUSE)),
+    Case(MOVING, "always", Lost(0.2), waiting(PAUSE) | ON_LEG, given=ON_LEG),
     Case(MOVING, "always", Lost(0.2), waiting(PAUSE, takeoff=True), given=TAKING_OFF),
     Case(MOVING, "always", SILENT, stopped(GIVEN_UP)),
     Case(MOVING, "always", SILENT, stopped(GIVEN_UP), given=TAKING_OFF),
@@ -287,6 +317,11 @@ CASES = (
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED),
     Case(MOVING, "always", BOOTED, BOOT, REBOOTED, TAKING_OFF),
     Case(MOVING, "always", Hold(), stopped(HELD)),
+    Case(MOVING, "always", Hold(), stopped(HELD) | NO_LEG, given=ON_LEG),
+    Case(MOVING, "barred", Resized(), stopped(f"stopped, {CROSSES}") | CAGED, AMONG),
+    Case(MOVING, "barred", Resized(), stopped("stopped, the goal is now inside the zone tower") | CAGED | NO_LEG,
+         AMONG, ON_LEG),
+    Case(MOVING, "barred", Resized(), stopped(BARRED) | CAGED | NO_LEG, given={"corners": (OUTSIDE,)}),
     Case(MOVING, "always", Hold(), stopped(HELD), given=TAKING_OFF),
     Case(MOVING, "barred", Toggle(cage_on=True), stopped(BARRED) | {"cage_on": True} | CAGED,
          given=OFF | FAR),

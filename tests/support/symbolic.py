@@ -20,6 +20,8 @@ from msgspec import Struct
 from msgspec.structs import asdict
 
 T = TypeVar("T")
+OPAQUE: dict[Any, Callable[[], Iterator[Any]]] = {}
+"""Values of types that are not looked into."""
 FLOAT = z3.Float64()
 
 
@@ -135,9 +137,17 @@ def opaque(name: str, *arguments: object) -> Number:
 def unknown(kind: Any) -> Iterator[Any]:
     """Yield unknown values of a type that together are all of its values: one for each shape."""
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
-    if get_origin(kind) in {Union, UnionType}:
+    if kind in OPAQUE:
+        yield from OPAQUE[kind]()
+    elif get_origin(kind) in {Union, UnionType}:
         for each in get_args(kind):
             yield from unknown(each)
+    elif get_origin(kind) is tuple:
+        # Of a tuple of any length code may take the first from the rest: two are enough to see it.
+        each, *others = get_args(kind)
+        lengths = ((each,) * n for n in range(3)) if others == [...] else ((each, *others),)
+        for kinds in lengths:
+            yield from product(*(list(unknown(part)) for part in kinds))
     elif isinstance(kind, EnumType):
         yield from kind
     elif isinstance(kind, type) and issubclass(kind, Struct):

@@ -3,7 +3,9 @@
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
+from quadctl.schemas.zones import ZoneParams
 from quadctl.services.safety.model import Envelope, Goto, Situation, State, World
+from quadctl.services.safety.zones import Region
 
 HOVERING, VERIFYING, MOVING = State
 
@@ -44,6 +46,17 @@ OUT = FASTER.pose.position
 RESTS_OUT = replace(FASTER, pose=replace(FASTER.pose, velocity=RESTING))
 LEAPT_OUT = replace(FASTER, last=replace(FASTER.last, position=HERE))
 AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
+
+AT_CORNER = replace(
+    AT_REST,
+    pose=replace(AT_REST.pose, position=Position(2.98, 0.0, 1.0)),
+    last=replace(AT_REST.last, position=GOAL),
+)
+TOWER = ZoneParams("tower", "exclusion", polygon=((0.5, -1.0), (2.0, -1.0), (2.0, 2.5), (0.5, 2.5)))
+AMONG = replace(AT_REST, region=Region((TOWER,)))
+"""A tower is between HERE and GOAL; INSIDE is in it."""
+BY = Position(0.25, 2.75, 1.0)
+BEHIND = Position(2.25, 2.75, 1.0)
 
 PLAIN = Situation(
     state=HOVERING,

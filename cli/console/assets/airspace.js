@@ -1,6 +1,6 @@
 // The vehicle in its cage, redrawn only after a change.
 import { CSS2DRenderer, OrbitControls, THREE } from "nicegui-scene";
-import { COLOURS, cross, mark, place, room, vehicle } from "quadctl-shapes";
+import { COLOURS, column, cross, mark, place, room, vehicle } from "quadctl-shapes";
 
 const KEPT = 600;
 const STILL = 5; // px; a pointer that moves less between down and up has clicked
@@ -62,6 +62,7 @@ export default {
       this.trail.frustumCulled = false;
       this.path = [];
       this.refused = new THREE.Group();
+      this.zones = [];
       for (const part of [this.vehicle, this.shadow, this.goal, this.aim, this.ghost]) part.visible = false;
       world.add(this.vehicle, this.shadow, this.goal, this.aim, this.ghost, this.trail, this.refused);
       this.camera = new THREE.PerspectiveCamera(38, 1, 0.1, 500);
@@ -77,11 +78,12 @@ export default {
       return true;
     },
     take(frame) {
-      const told = JSON.stringify([frame.cage, frame.cage_on, frame.pose, frame.goal, frame.target, frame.refused]);
+      const told = JSON.stringify([frame.cage, frame.cage_on, frame.pose, frame.goal, frame.target, frame.refused, frame.zones]);
       if (frame.fresh) this.path = [];
       if (!frame.fresh && told === this.told) return;
       this.told = told;
       this.changed = true;
+      this.zones = frame.zones ?? this.zones; // sent after a change
       if (frame.cage) this.build(frame.cage, frame.cage_on);
       if (frame.pose) {
         const [x, y, z, ...turn] = frame.pose;
@@ -107,15 +109,20 @@ export default {
         child.userData.foot.scale.z = Math.max(Math.abs(refused[index][2]), 0.001);
       });
     },
-    // Rebuilds the floor and the cage after a change of the cage.
+    // Rebuilds the floor, the cage and the zones after a change of the cage or the zones.
     build(cage, on) {
       const said = `${cage} ${on}`;
-      if (said === this.built) return;
+      if (said === this.built && this.zones === this.drawn) return;
       if (!this.built) this.look(cage);
-      this.built = said;
-      this.room?.traverse((part) => part.element?.remove());
+      [this.built, this.drawn] = [said, this.zones];
+      this.room?.traverse((part) => {
+        part.element?.remove();
+        part.geometry?.dispose();
+        part.material?.dispose();
+      });
       if (this.room) this.world.remove(this.room);
       this.room = room(cage, on);
+      this.room.add(...this.zones.map((zone) => column(zone, cage, on)));
       this.world.add(this.room);
     },
     look([x, y, z]) {

@@ -17,6 +17,7 @@ export default {
       dataset.link = frame.link;
       dataset.state = frame.state;
       dataset.cage = frame.cage_on ? "on" : "off";
+      dataset.near = frame.near;
       for (const element of document.querySelectorAll("[data-read]")) {
         const text = frame.read[element.dataset.read] ?? "";
         if (element.textContent !== text) element.textContent = text;

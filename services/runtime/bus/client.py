@@ -250,17 +250,19 @@ class Client:
             raise self.silent(topic.key(self.vehicle), readings.problem)
         return message
 
-    def subscribe(self, *topics: Topic[M], backlog: int = _BACKLOG) -> "TypedSubscriber[M]":
-        """Subscribe to topics, decoded; up to `backlog` messages wait for their reader."""
+    def subscribe(
+        self, *topics: Topic[M], backlog: int = _BACKLOG, held: bool = False
+    ) -> "TypedSubscriber[M]":
+        """Subscribe to topics, decoded; see `listen`."""
         from quadctl.services.runtime.bus.streams import TypedSubscriber
 
         types = {topic.key(self.vehicle): topic.type for topic in topics}
-        return TypedSubscriber(self.listen(*types, backlog=backlog), types)
+        return TypedSubscriber(self.listen(*types, backlog=backlog, held=held), types)
 
     def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "RawSubscriber":
         """Subscribe to keys or key expressions; up to `backlog` messages wait for their reader.
 
-        With `held`, the last messages of latched topics come first.
+        With `held`, the last message of each latched topic comes before its others.
         """
         from quadctl.services.runtime.bus.streams import RawSubscriber
 

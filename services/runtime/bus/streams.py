@@ -35,7 +35,7 @@ class RawSubscriber:
     """
 
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
-        self._backlog, self._has_come = backlog, False
+        self._backlog, self._silent = backlog, set(keys)
         self.lost = 0
         self._queue: SimpleQueue[Message] = SimpleQueue()
         callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
@@ -49,7 +49,7 @@ class RawSubscriber:
             return None
 
     def request_latched(self, session: zenoh.Session, key: str, timeout: float) -> None:
-        """Request the last message of a latched topic, to come before all others."""
+        """Request the last message of a latched topic, to come before all others of its key."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
         session.get(key, callback, timeout=timeout, **zenoh_events.ALL_SERVERS)
 
@@ -65,12 +65,12 @@ class RawSubscriber:
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         # A message that came before the reply is as new.
-        if reply.ok is not None and not self._has_come:
+        if reply.ok is not None and str(reply.ok.key_expr) in self._silent:
             self._on_sample(reply.ok)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         zenoh_events.pin_thread_state()
-        self._has_come = True
+        self._silent.discard(str(sample.key_expr))
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
         if self._queue.qsize() >= self._backlog:

@@ -166,6 +166,13 @@ _HEAD = """\
 # An unknown name, a wrong type or a value out of bounds stops the launch.
 # The cage is that of the lab's launch file; every other value is the default.
 """
+_ZONE = """\
+# [[safety.zones]]
+# name = "tower"
+# kind = "exclusion"
+# polygon = [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]
+# ceiling = 3.0
+"""
 _TAIL = """
 # Commands that replace a node of quadctl (hub, dynamics, pressure, safety), or run beside them.
 # They run in this file's folder, and are supervised and restarted like quadctl's own.
@@ -201,6 +208,10 @@ def _table(section: Section) -> Iterator[str]:
         about = f"{entry.about[:1].upper()}{entry.about[1:]}"
         yield f"# {about}: {', '.join(filter(None, facts))}."
         key = entry.name.rpartition(".")[2]
+        if entry.name == "safety.zones":
+            # A list in one line would forbid the tables that a reader may add.
+            yield from _ZONE.splitlines()
+            continue
         yield f"{key} = {value(_LAB.get(entry.name, entry.default))}"
 
 

@@ -81,13 +81,22 @@ def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
 
 
 def flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every leaf of nested tables with its dotted name."""
+    """Yield every leaf of nested tables with its dotted name; of sequences, lists."""
     for key, value in table.items():
         name = f"{prefix}.{key}" if prefix else key
         if isinstance(value, Mapping) and value:
             yield from flatten(value, name)
         else:
-            yield name, value
+            yield name, _listed(value)
+
+
+def _listed(value: Any) -> Any:
+    """Return a value as TOML and the wire have it, without tuples."""
+    if isinstance(value, list | tuple):
+        return [_listed(part) for part in value]
+    return (
+        {name: _listed(part) for name, part in value.items()} if isinstance(value, dict) else value
+    )
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

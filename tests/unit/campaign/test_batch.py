@@ -130,7 +130,8 @@ def test_safety_without_poses_continues_only_within_the_grace(seconds, stops, ar
 
 
 def test_vehicles_of_a_flight_share_the_cage_and_are_summed_up():
-    conditions = Conditions(8.0, wind=1.0, vehicles=3)
+    # Nothing keeps them apart: each flies as if it were alone.
+    conditions = Conditions(8.0, wind=1.0, vehicles=3, given={"safety.separation.radius": 0.0})
     one, two = (
         workers.batch(Job(5, 2, conditions), Plain),
         workers.batch(Job(6, 1, conditions), Plain),
@@ -153,6 +154,13 @@ def test_vehicles_of_a_flight_share_the_cage_and_are_summed_up():
     assert 0 < distance <= 2.0
     assert 0 <= at <= 8.0
     assert alone[0].separation is None
+
+
+def test_vehicles_of_a_flight_keep_apart():
+    given = {"safety.virtual_cage.x": 2.0, "safety.virtual_cage.y": 2.0}
+    flown = workers.batch(Job(0, 3, Conditions(15.0, vehicles=3, given=given)), Plain).fly()
+    assert [flight.violations for flight in flown] == [[]] * 3
+    assert sum(flight.refusals.get("separation", 0) for flight in flown) > 0
 
 
 def unverified(rule: Rule) -> Rule:

@@ -186,7 +186,7 @@ def test_without_a_run_the_exit_code_is_3(quadctl: Quadctl, command: str):
         ("service call nonsense", "there is no service nonsense"),
         ("service call goto x=1", "missing required field `y`"),
         ("service call goto x=1 y=2 z=nan", "$.z"),
-        ("service call goto 1 2 3 true 5", "goto takes 4 values"),
+        ("service call goto 1 2 3 true false false 5", "goto takes 6 values"),
         ('service call goto {"x":', "not JSON"),
         ("service call calibrate_pressure zero=3", "expected `bool`"),
         ("goto 1 2 3 --arrive 0", "--arrive 0"),

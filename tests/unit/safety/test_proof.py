@@ -74,6 +74,7 @@ def failures(part: Callable[[Proof], Iterator[Failure]], clause: str, most: int)
         )
 
 
+@pytest.mark.timeout(600)
 def test_every_event_keeps_the_invariants():
     proof = Proof()
     with abstracted():

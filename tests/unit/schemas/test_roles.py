@@ -21,7 +21,7 @@ PUBLISHES = {
     "student": {"input/position_request"},
     "operator": {"input/position_request"},
     "vehicle": {"pose", "pose/slow", "sensors/pressure"},
-    "safety": {"safety/state", "input/position", "info"},
+    "safety": {"safety/state", "safety/zones", "input/position", "info"},
 }
 SERVES = {
     "vehicle": {"calibrate_pressure", "reset", "dynamics/get_params", "dynamics/set_params",

@@ -20,6 +20,7 @@ TOPIC_TABLE = {
     "uav/pose/slow": ("Pose", "dynamics", 20, False),
     "uav/sensors/pressure": ("Pressure", "pressure", 10, False),
     "uav/safety/state": ("SafetyState", "safety", 1, True),
+    "uav/safety/zones": ("Zones", "safety", 0, True),
     "uav/input/position_request": ("Waypoint", "", 0, False),
     "uav/input/position": ("Setpoint", "safety", 20, False),
     "uav/info": ("Info", "safety", 0, True),
@@ -27,7 +28,12 @@ TOPIC_TABLE = {
 SERVICE_TABLE = {
     "uav/@srv/calibrate_pressure": ("Calibrate", "pressure", ["zero"], ["baseline"]),
     "uav/@srv/toggle_cage": ("ToggleCage", "safety", ["cage_on"], ["success"]),
-    "uav/@srv/goto": ("Goto", "safety", ["x", "y", "z", "replace"], ["accepted", "reason"]),
+    "uav/@srv/goto": (
+        "Goto",
+        "safety",
+        ["x", "y", "z", "replace", "direct", "wait"],
+        ["accepted", "reason"],
+    ),
     "uav/@srv/hold": ("Hold", "safety", [], ["success"]),
     "uav/@srv/reset": ("Reset", "dynamics", [], ["success"]),
 }

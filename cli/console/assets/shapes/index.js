@@ -3,7 +3,7 @@ import { CSS2DObject, THREE } from "nicegui-scene";
 
 const COLOURS = {
   floor: "#f4f6f8", grid: "#c9d1d9", cage: "#1f5fbf", trail: "#d1480c", body: "#24292f", nose: "#d1480c",
-  rotor: "#57606a", goal: "#1a7f37", refused: "#b42318", aim: "#8250df",
+  rotor: "#57606a", goal: "#1a7f37", refused: "#b42318", aim: "#8250df", exclusion: "#b42318", inclusion: "#1a7f37",
 };
 const SIZE = 0.35; // m from the centre to a rotor as drawn, larger than the real vehicle to be visible
 
@@ -58,9 +58,9 @@ function cross() {
   return group;
 }
 
-function label(text) {
+function label(text, more = "") {
   const element = document.createElement("span");
-  element.className = "axis";
+  element.className = `axis ${more}`;
   element.textContent = text;
   return new CSS2DObject(element);
 }
@@ -92,4 +92,31 @@ function room(cage, on) {
   return made;
 }
 
-export { COLOURS, cross, mark, place, room, vehicle };
+const STEEP = 20; // degrees; a circle is drawn with flatter edges than this, which are not outlined
+
+// A zone: walls that stay out are filled. Without a floor it begins on the ground, without a ceiling
+// it ends as high as the cage. Grey while the cage is off.
+function column({ name, kind, corners, circle, floor, ceiling }, cage, on) {
+  const made = new THREE.Group();
+  const low = Math.max(floor ?? 0, 0);
+  const high = Math.max(ceiling ?? cage[2], low + 0.01);
+  const ground = circle ? new THREE.Shape().absarc(...circle, 0, 2 * Math.PI) : new THREE.Shape(corners.map((at) => new THREE.Vector2(...at)));
+  const body = new THREE.ExtrudeGeometry(ground, { depth: high - low, bevelEnabled: false, curveSegments: 24 });
+  const colour = on ? COLOURS[kind] : COLOURS.rotor;
+  const edges = new THREE.LineSegments(new THREE.EdgesGeometry(body, STEEP), new THREE.LineBasicMaterial({ color: colour, transparent: true, opacity: on ? 0.9 : 0.4 }));
+  edges.position.z = low;
+  made.add(edges);
+  if (kind === "exclusion") {
+    const walls = new THREE.Mesh(body, new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity: on ? 0.16 : 0.07, side: THREE.DoubleSide, depthWrite: false }));
+    walls.position.z = low;
+    made.add(walls);
+  }
+  const words = label(name, "zone");
+  words.element.style.color = colour;
+  body.computeBoundingBox();
+  body.boundingBox.getCenter(words.position).setZ(high);
+  made.add(words);
+  return made;
+}
+
+export { COLOURS, column, cross, mark, place, room, vehicle };

@@ -174,7 +174,7 @@ def test_settings_and_types_are_completed():
 
 def test_only_missing_fields_of_a_request_are_completed():
     assert words("service call calibrate_pressure ") == ["zero="]
-    assert words("service call /uav/@srv/goto x=1 ") == ["replace=", "y=", "z="]
+    assert words("service call /uav/@srv/goto x=1 ") == ["direct=", "replace=", "wait=", "y=", "z="]
     assert words("service call goto x=1 y") == ["y="]
     assert words("service call nonsense ") == []
 
@@ -229,7 +229,7 @@ def test_bash_replaces_only_the_last_part_of_a_word():
         (
             "zsh",
             "quadctl cage of",
-            "local -a found=('off:Turn the cage off: every goal is accepted.'); _describe '' found ",
+            "local -a found=('off:Turn the cage and its zones off: every goal above the floor is accepted.'); _describe '' found ",
         ),
         (
             "zsh",

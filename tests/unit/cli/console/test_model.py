@@ -18,7 +18,8 @@ from quadctl.cli.console.model import (
     point,
     stepped,
 )
-from quadctl.schemas.messages import CageSize, Position
+from quadctl.schemas.messages import CageSize, NearestWall, Position
+from quadctl.schemas.zones import CircleParams, ZoneParams
 from tests.support.console_messages import pose, reading, state
 
 GOAL = Position(1, 2, 1)
@@ -68,15 +69,18 @@ def flying(ticks: int = 0) -> Board:
     return board
 
 
+def texts(board: Board, target: Position | None = None) -> dict[str, str]:
+    return frame(board, NOTHING_SEEN, target)[0]["read"]
+
+
 def test_a_page_receives_only_new_samples():
     board = flying(5)
-    first = frame(board, NOTHING_SEEN, None)
+    first, seen = frame(board, NOTHING_SEEN, None)
     assert first["fresh"]
     assert [sample[1] for sample in first["samples"]] == [0, 1, 2, 3, 4]
-    seen = (first["epoch"], first["seen"])
-    assert frame(board, seen, None)["samples"] == []
+    assert frame(board, seen, None)[0]["samples"] == []
     board.tick(pose(x=7), None)
-    [sample] = frame(board, seen, None)["samples"]
+    [sample] = frame(board, seen, None)[0]["samples"]
     assert sample[1] == 7
     assert sample[4] is None, "no reading was published"
 
@@ -89,18 +93,18 @@ def test_a_lost_frame_loses_no_sample(events):
             boot += event == "boot"
             board.tick(pose(x=len(has), boot=f"{boot}"), None)
             continue
-        content = frame(board, seen, None)
+        content, after = frame(board, seen, None)
         if event == "sent":
             has = ([] if content["fresh"] else has) + content["samples"]
-            seen = (content["epoch"], content["seen"])
+            seen = after
     assert has == [list(sample[1:]) for sample in board.samples]
 
 
 def test_a_new_boot_starts_a_new_trail():
     board = flying(3)
-    seen = (board.epoch, 3)
+    _, seen = frame(board, NOTHING_SEEN, None)
     board.tick(pose(boot="b"), None)
-    content = frame(board, seen, None)
+    content, _ = frame(board, seen, None)
     assert content["fresh"]
     assert len(content["samples"]) == 1
 
@@ -115,27 +119,59 @@ def test_the_link_is_live_silent_or_lost():
     for _ in range(15):
         board.tick(None, None)
     assert link(board) == "silent"
-    assert "dynamics" in frame(board, NOTHING_SEEN, None)["read"]["problem"]
+    assert "dynamics" in texts(board)["problem"]
     board.problem = "nothing is running"
     assert link(board) == "lost"
-    assert frame(board, NOTHING_SEEN, None)["read"]["problem"] == "nothing is running"
+    assert texts(board)["problem"] == "nothing is running"
 
 
 def test_a_page_can_be_opened_before_the_first_message():
-    content = frame(Board("uav"), NOTHING_SEEN, None)
+    content, _ = frame(Board("uav"), NOTHING_SEEN, None)
     assert (content["link"], content["pose"], content["cage"]) == ("lost", None, None)
 
 
 def test_texts_show_units():
     board = flying()
     board.tick(pose(1, -2, 1.5), reading(1013.1234))
-    texts = frame(board, NOTHING_SEEN, Position(2, 0, 1))["read"]
-    assert (texts["x"], texts["y"], texts["height"]) == ("1.00", "-2.00", "1.50 m")
-    assert (texts["pressure"], texts["baseline"]) == ("1013.1234 hPa", "not calibrated")
-    assert texts["target"] == "(2, 0, 1): Enter sends"
+    read = texts(board, Position(2, 0, 1))
+    assert (read["x"], read["y"], read["height"]) == ("1.00", "-2.00", "1.50 m")
+    assert (read["pressure"], read["baseline"]) == ("1013.1234 hPa", "not calibrated")
+    assert read["target"] == "(2, 0, 1): Enter sends"
     board.tick(pose(), reading(-3.1e-6, baseline=1013.1))
-    texts = frame(board, NOTHING_SEEN, None)["read"]
-    assert (texts["pressure"], texts["baseline"]) == ("-3.1e-06 hPa", "1013.1000 hPa")
+    read = texts(board)
+    assert (read["pressure"], read["baseline"]) == ("-3.1e-06 hPa", "1013.1000 hPa")
+
+
+def test_the_nearest_wall_and_the_leg_are_shown_where_there_are_any():
+    board = flying()
+    assert (texts(board)["nearest"], texts(board)["leg"]) == ("-", "")
+    wall = NearestWall("to\u202ewer", 0.417, near=True)
+    board.update_state(state(state="MOVING", leg=2, legs=3, nearest=wall))
+    assert texts(board)["nearest"] == r"to\u202ewer, 0.42 m"
+    assert texts(board)["leg"] == "leg 2 of 3"
+    assert frame(board, NOTHING_SEEN, None)[0]["near"] is True
+
+
+def test_zones_are_sent_once_to_each_page_and_after_each_change():
+    board = flying()
+    content, seen = frame(board, NOTHING_SEEN, None)
+    assert content["zones"] == []
+    corners = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    tower = ZoneParams("tower", polygon=corners, ceiling=3.0)
+    pond = ZoneParams("pond", "inclusion", circle=CircleParams(1.0, 2.0, 0.5), floor=0.5)
+    for _ in range(2):
+        board.update_zones((tower, pond))
+        content, after = frame(board, seen, None)
+        assert content["zones"] == [
+            {"name": "tower", "kind": "exclusion", "corners": corners, "circle": None,
+             "floor": None, "ceiling": 3.0},
+            {"name": "pond", "kind": "inclusion", "corners": (), "circle": (1.0, 2.0, 0.5),
+             "floor": 0.5, "ceiling": None},
+        ]  # fmt: skip
+        assert frame(board, after, None) == (content | {"zones": None}, after)
+    board.update_zones(())
+    assert frame(board, after, None)[0]["zones"] == []
+    assert frame(board, seen, None)[0]["zones"] == []
 
 
 def test_a_refused_goal_is_kept_once_until_the_next_boot():

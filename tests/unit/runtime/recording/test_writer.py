@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from quadctl.schemas.messages import Pose, Pressure, SafetyState
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, Zone, Zones
+from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime import procfs
 from quadctl.services.runtime.errors import Invalid, QuadctlError
@@ -135,16 +136,19 @@ def test_a_key_with_messages_of_different_types_keeps_all(tmp_path):
     assert [m.payload for m in bag.messages()] == [each.payload for each in sent]
 
 
-def test_every_vehicle_has_its_own_frame_and_cage(tmp_path):
+def test_every_vehicle_has_its_own_frame_cage_and_zones(tmp_path):
     recording = Recording(tmp_path / "r.mcap", {})
     for vehicle in ("uav0", "uav1"):
         recording.take([raw_message(f"{vehicle}/pose", pose(0), 0)])
         recording.take([raw_message(f"{vehicle}/safety/state", state(0), 0)])
+        pond = ZoneParams("pond", circle=CircleParams(1.0, 0.0, 0.5))
+        recording.take([raw_message(f"{vehicle}/safety/zones", Zones((Zone.of(pond),)), 0)])
     recording.end()
     found = [(m.key, m.value) for m in Bag(recording.path).messages() if m.derived]
     assert [v["child_frame_id"] for key, v in found if key == "/tf"] == ["uav0", "uav1"]
     ids = [e["id"] for key, v in found if key == "/scene" for e in v["entities"]]
-    assert len(ids) == len(set(ids)) == 6
+    assert len(ids) == len(set(ids)) == 8
+    assert {"uav0/zone/pond", "uav1/zone/pond"} < set(ids)
 
 
 def test_drawn_topics_keep_the_fields_of_their_types(recorded):

@@ -1,0 +1,235 @@
+"""Sequence: gathers what the plan of a fleet's flights needs, and flies its legs in their order."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
+from math import sqrt
+from threading import Event, Thread
+from typing import Self
+
+from msgspec import Struct, convert
+from msgspec.structs import astuple
+
+from quadctl.cli.fleet.file import Member
+from quadctl.cli.fleet.hubs import Hubs
+from quadctl.cli.fleet.plan import Leg, Point, Space, plan
+from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.schemas.params import SeparationParams
+from quadctl.schemas.services import GetParamsRequest
+from quadctl.schemas.topics import POSE_SLOW, STATE, get_params
+from quadctl.schemas.zones import FARTHEST, ZoneParams
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.streams import TypedSubscriber
+from quadctl.services.runtime.errors import Refused
+from quadctl.services.safety.cage import bounds, why_outside
+from quadctl.services.safety.zones import Region
+from quadctl.vehicle import Flight, goal_of
+
+_NAMES = ["safety.separation", "safety.zones"]
+
+
+_LOOK = 0.05
+"""Seconds between two looks at the vehicles' distances."""
+
+
+class Known(Struct, frozen=True):
+    """A vehicle's place (m), what it has to keep to, and how fast its simulation runs."""
+
+    place: Point
+    separation: SeparationParams
+    cage: CageSize
+    region: Region
+    speed: float
+
+
+def course_of(
+    hubs: Hubs,
+    members: Sequence[Member],
+    goals: Mapping[str, Position],
+    timeout: float,
+    *,
+    replace: bool,
+) -> "Course":
+    """Return the flights that bring vehicles of one hub to their goals, apart from all others there.
+
+    A vehicle that does not answer within the timeout (s) is left out of the plan: its own flight
+    reports why. Raises Refused if there is no plan, and what a Client raises for a hub that is away.
+    With `replace`, vehicles in flight change course.
+    """
+    connect, names = members[0].connect, {member.vehicle: member.name for member in members}
+    there = hubs.client(connect, members[0].vehicle, timeout).vehicles()
+    everyone = [
+        Member(names.get(vehicle, vehicle), connect, vehicle)
+        for vehicle in dict.fromkeys([*names, *there])
+    ]
+    known = hubs.ask(everyone, lambda _, client: _known(client), bounded=True).answers
+    legs = _planned(known, {name: astuple(goals[name]) for name in names.values()})
+    return Course(legs, [*known.values()], replace=replace)
+
+
+def _known(client: Client) -> Known:
+    state = client.latest(STATE)
+    values = client.call(get_params("safety"), GetParamsRequest(_NAMES)).values
+    separation = SeparationParams(
+        values["safety.separation.radius"], values["safety.separation.height"]
+    )
+    cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
+    zones = convert(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
+    # A vehicle in flight is at its goal soon.
+    place = state.goal if state.state == "MOVING" else client.first(POSE_SLOW).position
+    flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.speed"])).values
+    speed = flown["dynamics.speed"]
+    return Known(astuple(place), separation, cage, Region(zones), speed)
+
+
+def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg]:
+    apart = {name: one for name, one in known.items() if one.separation.radius}
+    ends = {name: goal for name, goal in goals.items() if name in apart and len(apart) > 1}
+    free_to_fly = [Leg(name, goal, goal, ()) for name, goal in goals.items() if name not in ends]
+    if not ends:
+        return free_to_fly
+    across = max(2 * one.separation.radius for one in apart.values())
+    tall = max(one.separation.height for one in apart.values())
+    boxes = [[*bounds(one.cage).values()] for one in apart.values()]
+    lows, highs = zip(*(zip(*box, strict=True) for box in boxes), strict=True)
+    x0, y0, z0 = (max(column) for column in zip(*lows, strict=True))
+    x1, y1, z1 = (min(column) for column in zip(*highs, strict=True))
+
+    def free(name: str, a: Point, b: Point) -> bool:
+        one, start, end = apart[name], Position(*a), Position(*b)
+        barred = one.region.why_inside(end) or one.region.why_crosses(start, end)
+        return not (why_outside(end, one.cage) or barred)
+
+    space = Space(across, tall, (x0, y0, z0), (x1, y1, z1), free)
+    return [*plan({name: one.place for name, one in apart.items()}, ends, space), *free_to_fly]
+
+
+class Course:
+    """Flights of a plan: each leg is sent after those that have to begin before it."""
+
+    def __init__(self, legs: Sequence[Leg], known: Sequence["Known"], *, replace: bool) -> None:
+        """Take the legs of a plan, and what is known of the vehicles; see `course_of`."""
+        self._legs, self._replace = legs, replace
+        self._begun = [Event() for _ in legs]
+        self._failed: set[str] = set()
+        keeps = [one.separation for one in known] or [SeparationParams()]
+        self.keeps = max(2 * one.radius for one in keeps), max(one.height for one in keeps)
+        self.in_real_time = all(one.speed == 1 for one in known)
+
+    @property
+    def is_ordered(self) -> bool:
+        """Return whether any vehicle waits for others, or flies by points between."""
+        return self.has_points_between or any(leg.after for leg in self._legs)
+
+    @property
+    def has_points_between(self) -> bool:
+        """Return whether a vehicle has several legs."""
+        return len(self._legs) > len({leg.vehicle for leg in self._legs})
+
+    @property
+    def summary(self) -> str:
+        """Return how many vehicles wait for others, and how many fly by points between."""
+        flown = [leg.vehicle for leg in self._legs]
+        waits = len({leg.vehicle for leg in self._legs if leg.after})
+        around = sum(flown.count(name) > 1 for name in set(flown))
+        return f"to keep apart, {waits} of {len(set(flown))} wait for others, {around} fly by points between"
+
+    def fly(
+        self,
+        name: str,
+        client: Client,
+        follow: Callable[[Flight], object],
+    ) -> None:
+        """Fly a vehicle's legs; raise what a flight raises, and Refused if one before it failed.
+
+        `follow` is called with each flight that safety accepts, and returns at its arrival.
+        """
+        own = [number for number, leg in enumerate(self._legs) if leg.vehicle == name]
+        try:
+            for number in own:
+                flight = self._begin(number, client, replace=self._replace and number == own[0])
+                follow(flight)
+        except BaseException:
+            self._failed.add(name)
+            raise
+        finally:
+            for number in own:
+                self._begun[number].set()
+
+    def _begin(self, number: int, client: Client, *, replace: bool) -> Flight:
+        leg = self._legs[number]
+        for before in leg.after:
+            self._wait_for(before)
+        flight = Flight(client, goal_of(*leg.end, replace=replace, wait=True))
+        if not flight.accepted:
+            raise flight.refusal()
+        self._begun[number].set()
+        return flight
+
+    def _wait_for(self, number: int) -> None:
+        self._begun[number].wait()
+        before = self._legs[number].vehicle
+        if before in self._failed:
+            raise Refused(
+                f"not sent: {before}, which goes first, failed",
+                "`quadctl fleet list` shows all; send the rest again",
+            )
+
+
+class Closest(Struct, frozen=True):
+    """Two vehicles at their nearest: metres apart, and as a share of what they have to keep."""
+
+    names: tuple[str, str]
+    metres: float
+    share: float
+
+
+class Distances:
+    """Least distance of vehicles from each other, for a `with` block: looks at their poses."""
+
+    def __init__(self, keeps: tuple[float, float]) -> None:
+        """Take what the vehicles keep, m: across and tall."""
+        across, tall = keeps
+        self._scale = (1 / (across * across) if across else 0.0), 1 / (tall * tall)
+        self._readers: dict[str, TypedSubscriber[Pose]] = {}
+        self._seen: dict[str, tuple[float, Pose]] = {}
+        self._ended = Event()
+        self._thread = Thread(target=self._look, daemon=True)
+        self.closest: Closest | None = None
+
+    def watch(self, name: str, client: Client) -> None:
+        """Watch one vehicle more; safe to call from any thread."""
+        self._readers[name] = client.subscribe(POSE_SLOW)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        for reader in self._readers.values():
+            reader.close()
+
+    def _look(self) -> None:
+        while not self._ended.wait(_LOOK):
+            for name, reader in tuple(self._readers.items()):
+                while (pose := reader.next(0)) is not None:
+                    self._seen[name] = time.monotonic(), pose
+            now = time.monotonic()
+            places = {name: _now(pose, now - at) for name, (at, pose) in self._seen.items()}
+            for (name, a), (other, b) in combinations(places.items(), 2):
+                self._compare(name, a, other, b)
+
+    def _compare(self, name: str, a: Point, other: str, b: Point) -> None:
+        flat = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
+        up = (a[2] - b[2]) ** 2
+        share = flat * self._scale[0] + up * self._scale[1]
+        if self.closest is None or share < self.closest.share**2:
+            self.closest = Closest((name, other), sqrt(flat + up), sqrt(share))
+
+
+def _now(pose: Pose, age: float) -> Point:
+    """Return the place (m) of a vehicle so many seconds after its pose."""
+    p, v = pose.position, pose.velocity
+    return p.x + age * v.x, p.y + age * v.y, p.z + age * v.z

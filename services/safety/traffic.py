@@ -1,0 +1,261 @@
+"""Traffic: the vehicles of a run that one process of safety looks after, kept apart.
+
+Each vehicle reserves the space of its way, first come, first served. A vehicle in its own space is
+apart from all others, so only one that has left it is compared with them.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+from math import sqrt
+from typing import Protocol
+
+from msgspec import Struct
+from msgspec.structs import astuple
+
+from quadctl.schemas.messages import Pose, Position
+from quadctl.schemas.params import SeparationParams
+from quadctl.services.safety.cage import soonest_stop
+from quadctl.services.safety.model import Check, Situation, State, World
+from quadctl.services.safety.separation import (
+    WIDER,
+    How,
+    Neighbour,
+    Piece,
+    allowed,
+    distance,
+)
+from quadctl.services.safety.way import motion, off_course, reserved, rests, space_after
+
+_REACTION = 0.3
+"""Seconds from the command to stop until a sound vehicle brakes."""
+_SHARE = 0.5
+"""Share of the greatest deceleration that a sound vehicle brakes with."""
+_FAR = 0.1
+"""Distance (m) from its course up to which a vehicle is thought to follow it."""
+_ROUNDING = 1e-9
+
+
+Mark = tuple[str, Position | int]
+"""A vehicle, and its goal, or the number of its goal that waits: once that is another, it has flown."""
+
+
+class Held(Struct, frozen=True):
+    """Goal (m) that waits, by the corners of its way, first of all for the vehicle `first`.
+
+    `behind` marks the vehicles that have to fly first. Of two goals that wait, the one with the lower
+    number goes first.
+    """
+
+    goal: Position
+    direct: bool
+    corners: tuple[Position, ...]
+    first: str
+    behind: tuple[Mark, ...]
+    number: int
+
+
+class Participant(Protocol):
+    """Monitor of a vehicle, as far as traffic needs it."""
+
+    name: str
+    pose: Pose
+    situation: Situation
+    held: Held | None
+
+    @property
+    def separation(self) -> SeparationParams:
+        """Return its distance from others."""
+
+    def world(self, others: tuple[Neighbour, ...] = ()) -> World:
+        """Return the automaton's input, with its newest pose."""
+
+    def recheck(self) -> None:
+        """Stop the flight if another vehicle is on its way by now."""
+
+    def part(self, reason: str) -> None:
+        """Stop the flight, because another vehicle comes too near."""
+
+
+Post = Callable[[Callable[[], None]], None]
+
+
+class Traffic:
+    """Vehicles that keep apart. Decisions about more than one of them need the lock."""
+
+    def __init__(self, lock: AbstractContextManager[object] | None = None) -> None:
+        """Begin without a vehicle; the lock is for monitors that several threads feed."""
+        self.lock = lock or nullcontext()
+        self._members: dict[str, tuple[Participant, Post]] = {}
+        self._number = 0
+
+    @property
+    def is_shared(self) -> bool:
+        """Return whether there are several vehicles."""
+        return len(self._members) > 1
+
+    def join(self, member: Participant, post: Post) -> None:
+        """Add a vehicle; `post` runs a function on its loop."""
+        self._members[member.name] = member, post
+
+    def hold(
+        self, name: str, check: Check, goal: Position, near: Sequence[Neighbour], *, number: int = 0
+    ) -> Held | None:
+        """Return a vehicle's goal as one that waits; None if some of those in its way will not leave.
+
+        What flies ends by itself, but no two may wait for each other. A goal that has waited before
+        keeps its `number`.
+        """
+        if not all(self._will_clear(name, one) for one in near):
+            return None
+        if not number:
+            self._number = number = self._number + 1
+        behind = tuple(self._mark(one) for one in near if one.how is not How.FLIES)
+        return Held(goal, check.direct, check.corners, near[0].name, behind, number)
+
+    def _will_clear(self, name: str, one: Neighbour) -> bool:
+        return one.how is How.FLIES or (one.clears and not self._waits_for(one.name, name))
+
+    def _mark(self, one: Neighbour) -> Mark:
+        other = self._members[one.name][0]
+        if one.how is How.WAITS and other.held:
+            return one.name, other.held.number
+        return one.name, other.situation.goal
+
+    def others(
+        self, name: str, *, only: str = "", before: int | None = None
+    ) -> tuple[Neighbour, ...]:
+        """Return what the other vehicles reserve, or what the `only` one does.
+
+        A goal that waits counts, too, if it came `before` a number, and does not wait for this one.
+        """
+        if not self.is_shared:
+            return ()
+        found: list[Neighbour] = []
+        waiting: list[Neighbour] = []
+        own = self._members[name][0].separation
+        for other in self._others(name):
+            across, tall = allowed(own, other.separation)
+            if not across or (only and other.name != only):
+                continue
+            held, world = other.held, other.world()
+            found += _neighbours(other, world, across, tall)
+            earlier = held and (before is None or held.number < before)
+            if held and earlier and not self._waits_for(other.name, name):
+                space = space_after(other.situation, held.goal, held.corners, world)
+                waiting.append(Neighbour(other.name, space, across, tall, How.WAITS, clears=True))
+        return (*found, *waiting)
+
+    def _waits_for(self, waiter: str, name: str) -> bool:
+        """Return whether a vehicle waits for another one, which may wait itself."""
+        seen, left = set[str](), [waiter]
+        while left:
+            one = left.pop()
+            held = self._members[one][0].held
+            if one in seen or held is None:
+                continue
+            seen.add(one)
+            before = [mark[0] for mark in held.behind if self._stands(mark)]
+            if name in before:
+                return True
+            left += before
+        return False
+
+    def _stands(self, mark: Mark) -> bool:
+        """Return whether a vehicle is still where it was, or waits for the same goal."""
+        member = self._members[mark[0]][0]
+        if isinstance(mark[1], int):
+            return member.held is not None and member.held.number == mark[1]
+        return member.situation.goal == mark[1]
+
+    def moved(self, name: str) -> None:
+        """Have the flights of the others checked again: a vehicle was put somewhere else."""
+        for other in self._others(name):
+            self._members[other.name][1](other.recheck)
+
+    def watch(self, member: Participant) -> None:
+        """Stop a vehicle off its course, and another one, if they fly too near each other."""
+        if not self.is_shared or off_course(member.situation, member.pose) <= WIDER / 2:
+            return
+        path, world = _stop_path(member), member.world()
+        for other in self._others(member.name):
+            across, tall = allowed(member.separation, other.separation)
+            keep = max(across, tall)
+            if not across or _is_far(member.pose, other.pose, keep, world.envelope.deceleration):
+                continue
+            theirs = other.world()
+            if not _meet(path, _stop_path(other), across, tall):
+                continue
+            for one, ours, another, its in (
+                (member, world, other, theirs), (other, theirs, member, world)
+            ):  # fmt: skip
+                flies = one.situation.state is State.MOVING
+                if flies and _approaches(ours, its, across, tall):
+                    reason = f"stopped, separation: {another.name} came too near"
+                    self._members[one.name][1](partial(one.part, reason))
+
+    def _others(self, name: str) -> list[Participant]:
+        return [
+            one
+            for one, _ in tuple(self._members.values())
+            if one.name != name and one.situation.boot
+        ]
+
+
+def _neighbours(other: Participant, world: World, across: float, tall: float) -> list[Neighbour]:
+    s, waits = other.situation, other.held is not None
+    space = reserved(s, world)
+    if rests(s, world):
+        return [Neighbour(other.name, space, across, tall, How.IS, clears=waits)]
+    end = astuple(s.paused.goal if s.paused and not s.corners else s.end)
+    found = [Neighbour(other.name, space, across, tall, How.FLIES, clears=True)]
+    if not s.settling:
+        # There it will stay.
+        stays = (Piece(end, end),)
+        found.insert(0, Neighbour(other.name, stays, across, tall, How.ENDS, clears=waits))
+    return found
+
+
+def _is_far(a: Pose, b: Pose, keep: float, deceleration: float) -> bool:
+    """Return whether two vehicles can stop before they are `keep` (m) apart, whatever their courses."""
+    reach = keep
+    for v in (a.velocity, b.velocity):
+        speed = sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
+        reach += _REACTION * speed + speed * speed / deceleration
+    dx, dy, dz = (
+        a.position.x - b.position.x, a.position.y - b.position.y, a.position.z - b.position.z
+    )  # fmt: skip
+    return dx * dx + dy * dy + dz * dz > reach * reach
+
+
+def _meet(a: Piece, b: Piece, across: float, tall: float) -> bool:
+    """Return whether two vehicles that brake now come nearer than allowed, and than they are."""
+    now = distance((Piece(a.start, a.start),), (Piece(b.start, b.start),), across, tall)
+    return distance((a,), (b,), across, tall) < min(now, 1.0) - _ROUNDING
+
+
+def _stop_path(member: Participant) -> Piece:
+    """Return the way of a vehicle until it has stopped.
+
+    One that is not far off its course stops on it, or as far off; of any other one nothing is known
+    but its speed.
+    """
+    pose, s = member.pose, member.situation
+    place, v = astuple(pose.position), astuple(pose.velocity)
+    end = astuple(soonest_stop(pose, _SHARE * member.world().envelope.deceleration))
+    end = tuple(e + _REACTION * w for e, w in zip(end, v, strict=True))
+    off = off_course(s, pose)
+    if s.settling or off < _FAR:
+        slack = min(off, _FAR)
+        end = tuple(
+            min(max(e, min(a, p) - slack), max(b, p) + slack)
+            for e, p, a, b in zip(end, place, *motion(s), strict=True)
+        )
+    return Piece(place, end)
+
+
+def _approaches(a: World, b: World, across: float, tall: float) -> bool:
+    """Return whether a vehicle's own motion brings it nearer to another one."""
+    p, q, v = a.pose.position, b.pose.position, a.pose.velocity
+    wide, high = across * across, tall * tall
+    return ((q.x - p.x) * v.x + (q.y - p.y) * v.y) / wide + (q.z - p.z) * v.z / high > 0

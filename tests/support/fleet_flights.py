@@ -1,0 +1,136 @@
+"""Flights of several vehicles in a box too small for comfort, kept apart by the real traffic."""
+
+import random
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from math import inf, sqrt
+
+from quadctl.cli.fleet.plan import Leg
+from quadctl.schemas.messages import Position
+from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.services.safety.model import State
+from quadctl.services.safety.traffic import Traffic
+from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods
+
+SIZE, HEIGHT = 1.5, 2.5
+ACROSS, TALL = 0.6, 0.9
+
+
+class FleetFlight:
+    """Vehicles in flight, and the least distance of any two at any look; 1 is what is allowed."""
+
+    def __init__(self, *starts: Position, size: float = SIZE, height: float = HEIGHT) -> None:
+        traffic = Traffic()
+        self.members = [
+            MonitoredVehicle(
+                SafetyParams(virtual_cage=CageParams(size, size, height), takeoff=0.0),
+                start, f"uav{n}", traffic,
+            )
+            for n, start in enumerate(starts)
+        ]  # fmt: skip
+        self.nearest, self.verdicts = inf, {"flies": 0, "waits": 0, "refused": 0}
+        self.fly(0.1)
+
+    def goto(self, n: int, goal: Position, *, replace: bool = False, wait: bool = False) -> str:
+        reason = self.members[n].monitor.goto(goal, replace=replace, wait=wait)
+        how = "waits" if reason.startswith("waits") else "refused" if reason else "flies"
+        self.verdicts[how] += 1
+        return reason
+
+    @property
+    def is_done(self) -> bool:
+        return all(member.is_done for member in self.members)
+
+    def fly(self, seconds: float) -> "FleetFlight":
+        for _ in periods(seconds):
+            self.period()
+        return self
+
+    def land(self) -> "FleetFlight":
+        land(self.period, lambda: self.is_done)
+        return self
+
+    def period(self) -> None:
+        for member in self.members:
+            member.see()
+        for member in self.members:
+            member.obey()
+        for _ in range(LOOKS):
+            for member in self.members:
+                member.advance()
+            places = [member.vehicle.position for member in self.members]
+            self.nearest = min(self.nearest, *(apart(a, b) for a, b in combinations(places, 2)))
+
+
+def fly_plan(
+    flight: FleetFlight, legs: Sequence[Leg], on_period: Callable[[], None] = lambda: None
+) -> None:
+    """Fly the legs of a plan for `uav0`, `uav1` .., each as soon as it may be sent."""
+    left = {
+        n: [k for k, leg in enumerate(legs) if leg.vehicle == f"uav{n}"]
+        for n in range(len(flight.members))
+    }
+    sent: set[int] = set()
+    for _ in periods(600):
+        for n, numbers in left.items():
+            s, held = flight.members[n].monitor.situation, flight.members[n].monitor.held
+            if s.state is State.HOVERING and not held and numbers:
+                leg = legs[numbers[0]]
+                if all(k in sent for k in leg.after):
+                    reason = flight.goto(n, Position(*leg.end), wait=True)
+                    assert not reason or reason.startswith("waits"), (n, leg, reason)
+                    sent.add(numbers.pop(0))
+        flight.period()
+        on_period()
+        if not any(left.values()) and flight.is_done:
+            return
+    raise AssertionError(f"not all have arrived: {left}")
+
+
+def apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Return the distance of two places in the measure of separation."""
+    dx, dy, dz = (p - q for p, q in zip(a, b, strict=True))
+    return sqrt((dx * dx + dy * dy) / ACROSS**2 + dz * dz / TALL**2)
+
+
+def _somewhere(draws: random.Random) -> Position:
+    return Position(
+        draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE), draws.uniform(0.0, HEIGHT)
+    )
+
+
+def random_starts(draws: random.Random, count: int) -> list[Position]:
+    """Return places that are apart."""
+    starts: list[Position] = []
+    while len(starts) < count:
+        place = _somewhere(draws)
+        points = ((p.x, p.y, p.z) for p in starts)
+        if all(apart((place.x, place.y, place.z), point) > 1.05 for point in points):
+            starts.append(place)
+    return starts
+
+
+def random_flight(seed: int, count: int = 10) -> FleetFlight:
+    """Fly at random: goals that wait or not, changes of course, holds; end when all stand still."""
+    draws = random.Random(seed)
+    flight = FleetFlight(*random_starts(draws, count))
+    for _ in range(draws.randint(10, 40)):
+        n = draws.randrange(count)
+        flight.goto(n, _somewhere(draws), replace=draws.random() < 0.5, wait=draws.random() < 0.7)
+        if draws.random() < 0.1:
+            flight.members[draws.randrange(count)].monitor.hold()
+        flight.fly(draws.choice((0.05, 0.1, 0.3, 1.0)))
+    return flight.land()
+
+
+def worst(seeds: range) -> tuple[float, dict[str, int], int]:
+    """Return the least distance of all flights, the verdicts, and the seed of the nearest."""
+    nearest, at = inf, 0
+    verdicts: dict[str, int] = {}
+    for seed in seeds:
+        flight = random_flight(seed)
+        if flight.nearest < nearest:
+            nearest, at = flight.nearest, seed
+        for verdict, count in flight.verdicts.items():
+            verdicts[verdict] = verdicts.get(verdict, 0) + count
+    return nearest, verdicts, at

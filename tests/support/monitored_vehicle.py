@@ -1,0 +1,89 @@
+"""The real vehicle model in step with the real monitor, without a bus."""
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+from msgspec.structs import replace
+
+from quadctl.schemas.messages import Position, Velocity
+from quadctl.schemas.params import DynamicsParams, SafetyParams
+from quadctl.schemas.topics import SETPOINT
+from quadctl.services.dynamics.compiler import MachineCode
+from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.safety.model import State
+from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.traffic import Traffic
+from tests.support.compiled import compiled_vehicle
+from tests.support.worlds import POSE
+
+machine = cache(lambda: MachineCode(compiled_vehicle()))
+LOOKS = 5
+"""Looks at the vehicle in a period of the setpoint, 10 ms each."""
+_LOOK_MS = round(1000 / SETPOINT.hz) // LOOKS
+
+
+class MonitoredVehicle:
+    """Vehicle that hovers at its start; alone, or of some traffic."""
+
+    def __init__(
+        self,
+        params: SafetyParams,
+        start: Position,
+        name: str = "uav",
+        traffic: Traffic | None = None,
+    ) -> None:
+        self.monitor = Monitor(
+            params, lambda *_: None, restarted=False, grace=1.0, name=name, traffic=traffic
+        )
+        dynamics = DynamicsParams()
+        dynamics.start = replace(dynamics.start, x=start.x, y=start.y, z=start.z)
+        self.vehicle = Vehicle(dynamics)
+        self.vehicle.fly = machine().single()
+        self._sent: object = None
+
+    @property
+    def place(self) -> Position:
+        return Position(*self.vehicle.position)
+
+    @property
+    def is_done(self) -> bool:
+        """Return whether the vehicle stands still, at its goal or where it stopped."""
+        s = self.monitor.situation
+        speed = math.hypot(*self.vehicle.velocity)
+        waits = self.monitor.held is not None
+        return s.state is State.HOVERING and not s.settling and speed < 1e-3 and not waits
+
+    def see(self) -> None:
+        """Show the vehicle's pose to its monitor."""
+        stamp = self.vehicle.time
+        self.monitor.see(
+            replace(POSE, stamp=stamp, seq=round(1000 * stamp), position=self.place,
+                    velocity=Velocity(*self.vehicle.velocity))
+        )  # fmt: skip
+
+    def obey(self) -> None:
+        """Send the monitor's setpoint to the vehicle."""
+        setpoint = self.monitor.setpoint()
+        if (command := (setpoint.position, setpoint.brake)) != self._sent:
+            self._sent = command
+            p = setpoint.position
+            self.vehicle.brake() if setpoint.brake else self.vehicle.goto(p.x, p.y, p.z)
+
+    def advance(self) -> None:
+        """Fly on until the next look."""
+        self.vehicle.advance(_LOOK_MS)
+
+
+def periods(seconds: float) -> range:
+    """Return the periods of the setpoint in a time (s)."""
+    return range(round(seconds * SETPOINT.hz))
+
+
+def land(fly_on: Callable[[], None], is_done: Callable[[], bool], longest: float = 60.0) -> None:
+    """Fly, period by period, until everything stands still."""
+    for _ in periods(longest):
+        fly_on()
+        if is_done():
+            return
+    raise AssertionError("the flight does not end")

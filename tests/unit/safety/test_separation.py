@@ -1,0 +1,200 @@
+"""Separation: distances of spaces, and which ways come too near."""
+
+from itertools import product
+from math import dist
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from quadctl.schemas.messages import Position
+from quadctl.services.safety.separation import How, Neighbour, Piece, conflicts, distance, why_near
+from tests.support.fleet_flights import FleetFlight, worst
+from tests.support.proofs import Proofs
+from tests.support.worlds import POSE, RESTING
+
+COORDINATES = st.floats(-5, 5) | st.integers(-3, 3).map(float)
+POINTS = st.tuples(COORDINATES, COORDINATES, COORDINATES)
+LINES = st.builds(Piece, POINTS, POINTS, st.just(False))
+
+
+@st.composite
+def boxes(draw: st.DrawFn) -> Piece:
+    a, b = draw(POINTS), draw(POINTS)
+    low, high = zip(*map(sorted, zip(a, b, strict=True)), strict=True)
+    return Piece(low, high, is_box=True)
+
+
+def samples(piece: Piece, steps: int) -> np.ndarray:
+    """Return points of a piece, steps of them along each side."""
+    start, way = np.array(piece.start), np.subtract(piece.end, piece.start)
+    shares = np.linspace(0, 1, steps)
+    if not piece.is_box:
+        return start + shares[:, None] * way
+    return start + np.array(list(product(shares, repeat=3))) * way
+
+
+@given(LINES | boxes(), LINES | boxes(), st.floats(0.2, 2), st.floats(0.2, 2))
+def test_the_distance_is_that_of_the_nearest_points(a: Piece, b: Piece, across: float, tall: float):
+    found = distance((a,), (b,), across, tall)
+    scale = np.array((across, across, tall))
+    ours, theirs = (samples(piece, 9 if piece.is_box else 41) / scale for piece in (a, b))
+    nearest = np.sqrt(((ours[:, None] - theirs[None]) ** 2).sum(axis=2).min())
+    # Never more than that of any two points, and less by no more than half the samples' gaps.
+    assert found <= nearest + 1e-6
+    gaps = sum(
+        dist(np.divide(p.start, scale), np.divide(p.end, scale)) / (8 if p.is_box else 40)
+        for p in (a, b)
+    )
+    assert found >= nearest - gaps
+    assert distance((b,), (a,), across, tall) == pytest.approx(found, abs=1e-6)
+
+
+def neighbour(*space: Piece) -> Neighbour:
+    return Neighbour("uav3", space, 0.6, 0.9, How.IS, clears=False)
+
+
+def way(*points: tuple[float, float, float]) -> tuple[Piece, ...]:
+    return tuple(map(Piece, points, points[1:]))
+
+
+@pytest.mark.parametrize(
+    ("points", "near"),
+    [
+        (((-2, 0, 1), (2, 0, 1)), True),
+        (((-2, 0.63, 1), (2, 0.63, 1)), False),
+        (((-2, 0.61, 1), (2, 0.61, 1)), True),  # a way keeps 2 cm farther away
+        (((-2, 0, 1.93), (2, 0, 1.93)), False),
+        (((-2, 0, 1.85), (2, 0, 1.85)), True),  # taller than wide
+        # From too near, only away.
+        (((0.3, 0, 1), (2, 0, 1)), False),
+        (((0.3, 0, 1), (-2, 0, 1)), True),
+        (((0.61, 0, 1), (0.61, 0, 3)), False),
+        (((0.61, 0, 1), (0.5, 0, 3)), False),  # it rises as it comes nearer
+        (((0.61, 0, 1), (0.5, 0, 1)), True),
+    ],
+)
+def test_a_way_keeps_apart_from_a_vehicle(points, near: bool):
+    there = neighbour(Piece((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)))
+    found = conflicts(points[0], way(*points), [there])
+    assert bool(found) is near
+    assert why_near(found) == ("separation: uav3 is too near the way" if near else "")
+
+
+def flight(*starts: tuple[float, float, float]) -> FleetFlight:
+    return FleetFlight(*(Position(*start) for start in starts))
+
+
+def test_a_goal_past_another_vehicle_is_refused_with_its_name():
+    fleet = flight((-1, 0, 1), (0, 0, 1))
+    assert fleet.goto(0, Position(1, 0, 1)) == "separation: uav1 is too near the way"
+    assert fleet.goto(0, Position(0, 1.4, 1)) == ""
+    assert fleet.land().nearest > 1
+
+
+def test_a_way_is_reserved_until_it_has_been_flown():
+    fleet = flight((-1.4, 0, 1), (1.4, 1.4, 1))
+    assert fleet.goto(0, Position(1.4, 0, 1)) == ""
+    crossing = Position(1.4, -1.4, 1)
+    assert fleet.goto(1, crossing) == "separation: uav0 flies to a goal too near the way"
+    assert fleet.goto(0, Position(-1.4, 0, 1), replace=True) == ""
+    fleet.land()
+    assert fleet.goto(1, crossing) == ""
+    assert fleet.land().nearest > 1
+
+
+def test_a_goal_waits_until_its_way_is_free():
+    fleet = flight((-1.4, 0, 1), (0, 1.4, 1))
+    assert fleet.goto(0, Position(1.4, 0, 1)) == ""
+    reason = fleet.goto(1, Position(0, -1.4, 1), wait=True)
+    assert reason == "waits: separation: uav0 flies too near the way"
+    assert fleet.members[1].monitor.state().reason == reason
+    fleet.land()
+    assert fleet.nearest > 1
+    assert abs(fleet.members[1].place.y + 1.4) < 0.01
+    assert fleet.members[1].monitor.state().reason == ""
+
+
+def test_two_that_would_wait_for_each_other_are_told_so():
+    fleet = flight((-1, 0, 1), (1, 0, 1))
+    # Each stands on the other's goal: the first is refused, as nobody is about to leave.
+    assert fleet.goto(0, Position(1, 0, 1), wait=True).startswith("separation: uav1 is")
+    # A third flies between them; both wait for it, the second one for the first, too.
+    fleet = flight((-1, 0, 1), (1, 0, 1), (0, 1.4, 1))
+    assert fleet.goto(2, Position(0, -1.4, 1)) == ""
+    fleet.goto(0, Position(1, 0.0, 1), wait=True)
+    fleet.goto(1, Position(-1, 0.0, 1), wait=True)
+    fleet.land()
+    assert fleet.nearest > 1
+
+
+def test_a_goal_that_waits_is_refused_once_nobody_will_leave():
+    fleet = flight((-1.4, 0, 1), (0, 1.4, 1))
+    fleet.goto(0, Position(1.4, 0, 1))
+    assert fleet.goto(1, Position(0, -1.4, 1), wait=True).startswith("waits: separation: uav0")
+    fleet.fly(0.6)
+    fleet.members[0].monitor.hold()
+    fleet.land()
+    assert abs(fleet.members[0].place.x) < 0.6
+    assert fleet.members[1].monitor.state().reason == "separation: uav0 is too near the way"
+
+
+def test_hold_drops_a_goal_that_waits():
+    fleet = flight((-1.4, 0, 1), (0, 1.4, 1))
+    fleet.goto(0, Position(1.4, 0, 1))
+    assert fleet.goto(1, Position(0, -1.4, 1), wait=True).startswith("waits")
+    fleet.members[1].monitor.hold()
+    fleet.land()
+    assert fleet.members[1].place.y == pytest.approx(1.4, abs=0.01)
+
+
+def test_vehicles_that_start_too_near_may_only_leave_each_other():
+    fleet = flight((0, 0, 1), (0.3, 0, 1))
+    assert fleet.goto(0, Position(1, 0, 1)).startswith("separation: uav1")
+    assert fleet.goto(0, Position(-1, 0, 1)) == ""
+    fleet.land()
+    assert fleet.nearest == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_vehicle_pushed_towards_another_stops_both():
+    fleet = flight((-1.4, 0, 1), (1.4, 1.2, 1))
+    assert fleet.goto(0, Position(1.4, 0, 1)) == ""
+    fleet.fly(0.3)
+    # The second one leaves its place by no goal of its own: a gust, or a fault.
+    fleet.members[1].vehicle.goto(0.6, 0.0, 1.0)
+    fleet.fly(5)
+    reason = fleet.members[0].monitor.state().reason
+    assert reason == "stopped, separation: uav1 came too near"
+
+
+def test_a_reset_onto_the_way_of_another_stops_that_one():
+    fleet = flight((-1.4, 0, 1), (1.4, 1.2, 1))
+    assert fleet.goto(0, Position(1.4, 0, 1)) == ""
+    fleet.fly(0.3)
+    ahead = replace(POSE, boot="later", position=Position(0.5, 0, 1), velocity=RESTING)
+    fleet.members[1].monitor.see(ahead)
+    reason = fleet.members[0].monitor.state().reason
+    assert reason == "stopped, separation: uav1 is too near the way"
+
+
+def test_random_flights_in_a_small_box_keep_apart():
+    nearest, verdicts, seed = worst(range(8))
+    assert nearest >= 1, f"seed {seed}: {nearest}"
+    assert min(verdicts.values()) > 5
+
+
+FLIGHTS = 10_000
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(7200)
+def test_10_000_flights_of_ten_in_a_small_box_keep_apart(proofs: Proofs):
+    nearest, verdicts, seed = worst(range(FLIGHTS))
+    goals = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+    proofs.add(
+        f"least distance of two vehicles, {FLIGHTS} random flights of 10 in a box of 3 x 3 x 2.5 m",
+        f"{nearest:.3f} of what they keep; goals: {goals}; none waits for ever", "at least 1",
+    )  # fmt: skip
+    assert nearest >= 1, f"seed {seed}"

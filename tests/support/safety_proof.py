@@ -40,7 +40,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from functools import partial
-from itertools import product
+from itertools import islice, product
 from math import inf
 from typing import Any, NamedTuple
 
@@ -421,18 +421,20 @@ def prove_cage(proof: Proof) -> Iterator[Failure]:
     )  # fmt: skip
 
 
-def prove_step(proof: Proof) -> Iterator[Failure]:
-    """Check every event in every situation."""
+def prove_step(proof: Proof, share: int = 0, shares: int = 1) -> Iterator[Failure]:
+    """Check every event in every situation, or one of several shares of them."""
     with summarized():
-        yield from _prove_step(proof)
+        yield from _prove_step(proof, share, shares)
 
 
-def _prove_step(proof: Proof) -> Iterator[Failure]:
-    for e, s in product(list(unknown(Event)), list(situations())):
+def _prove_step(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
+    pairs = product(list(unknown(Event)), list(situations()))
+    for e, s in islice(pairs, share, None, shares):
         if isinstance(e, Check) and len(e.corners) > 1:
             continue  # the automaton only puts them before the goal: one shows as much
         if isinstance(e, Check):
-            e = replace(e, waits=False)  # noqa: PLW2901 - the words of a refusal alone depend on it
+            # The words of a refusal alone depend on them.
+            e = replace(e, waits=False, searched=False)  # noqa: PLW2901
         # After a guard has stopped the vehicle `beyond` is infinite, and stays so to the next cage.
         for before in (s, replace(s, beyond=inf)) if isinstance(e, Seen) else (s,):
             (w,) = unknown(World)

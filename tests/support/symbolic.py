@@ -29,7 +29,7 @@ class Truth:
     """Unknown truth value."""
 
     def __init__(self, term: z3.BoolRef | None = None) -> None:
-        self.term = z3.FreshBool() if term is None else term
+        self.term = _fresh(z3.BoolSort()) if term is None else term
 
     def __bool__(self) -> bool:
         return _Path.current.decide(self.term)
@@ -47,7 +47,7 @@ class Number:
     """Unknown double."""
 
     def __init__(self, term: z3.FPRef | None = None) -> None:
-        self.term = z3.FreshConst(FLOAT) if term is None else term
+        self.term = _fresh(FLOAT) if term is None else term
 
     def __lt__(self, other: object) -> Truth:
         return Truth(z3.fpLT(self.term, term(other)))
@@ -162,14 +162,25 @@ def unknown(kind: Any) -> Iterator[Any]:
 
 
 class _Path:
-    """Decisions on the way through a function, and those still to be tried."""
+    """Decisions on the way through a function, and those still to be tried.
 
-    current: "_Path"
+    The solver has a level for each decision. The next path to be tried differs from this one in its
+    last decision alone, so that the solver keeps all levels below, with all it has learnt there.
+    """
+
+    current: "_Path | None" = None
 
     def __init__(self, solver: z3.Solver, taken: list[bool], waiting: list[list[bool]]) -> None:
         self._solver, self._taken, self._waiting, self._next = solver, taken, waiting, 0
         self._known: dict[z3.BoolRef, bool] = {}
         self._model: z3.ModelRef | None = None
+        self._unknowns = 0
+        solver.pop(solver.num_scopes() - max(len(taken) - 1, 0))
+
+    def fresh(self, sort: z3.SortRef) -> Any:
+        """Return an unknown: the same again on a path that is the same so far."""
+        self._unknowns += 1
+        return z3.Const(f"path!{self._unknowns}!{sort}", sort)
 
     def decide(self, condition: z3.BoolRef) -> bool:
         """Return a truth value that the conditions so far allow; leave the other one waiting."""
@@ -189,8 +200,14 @@ class _Path:
         choice = self._taken[self._next]
         self._next += 1
         self._known[condition] = choice
-        self._solver.add(condition if choice else z3.Not(condition))
+        if self._next > self._solver.num_scopes():
+            self._solver.push()
+            self._solver.add(condition if choice else z3.Not(condition))
         return choice
+
+
+def _fresh(sort: z3.SortRef) -> Any:
+    return _Path.current.fresh(sort) if _Path.current else z3.FreshConst(sort)
 
 
 def possible(solver: z3.Solver, *conditions: z3.BoolRef) -> bool:
@@ -232,7 +249,9 @@ def paths(given: list[z3.BoolRef], run: Callable[[], T]) -> Iterator[tuple[z3.So
     if not possible(solver):
         return
     while waiting:
-        solver.push()
         _Path.current = _Path(solver, waiting.pop(), waiting)
-        yield solver, run()
-        solver.pop()
+        try:
+            found = run()
+        finally:
+            _Path.current = None
+        yield solver, found

@@ -24,7 +24,7 @@ Free = Callable[[str, Point, Point], bool]
 
 _MARGIN = WIDER + 0.01
 """Metres by which a plan keeps farther away than vehicles must: a little more than safety asks for."""
-_SPEED, _STOP = 2.0, 1.5
+_SPEED, STOP = 2.0, 1.5
 """Speed (m/s) and seconds for speeding up and braking, to judge which way takes least."""
 _ROOM = 3.0
 """Metres around all places and goals within which a vehicle makes room."""
@@ -192,7 +192,7 @@ class _Plan:
                 if leg.vehicle != name and self._meet(leg, a, b)
             )
             begins = max([begins, *(self._ends[number] for number in after)])
-            begins += dist(a, b) / _SPEED + _STOP
+            begins += dist(a, b) / _SPEED + STOP
             legs.append(Leg(name, a, b, after))
             ends.append(begins)
         return legs, ends

@@ -12,30 +12,39 @@ from msgspec.structs import astuple
 
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import Hubs
-from quadctl.cli.fleet.plan import Leg, Point, Space, plan
+from quadctl.cli.fleet.plan import STOP, Leg, Point, Space, plan
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.schemas.params import SeparationParams
-from quadctl.schemas.services import GetParamsRequest
-from quadctl.schemas.topics import POSE_SLOW, STATE, get_params
+from quadctl.schemas.services import GetParamsRequest, HoldRequest
+from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
 from quadctl.schemas.zones import FARTHEST, ZoneParams
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import Refused
-from quadctl.services.safety.cage import bounds, why_outside
+from quadctl.services.safety.cage import AT_REST, bounds, why_outside
+from quadctl.services.safety.separation import Piece, distance
+from quadctl.services.safety.way import HIDDEN, around
 from quadctl.services.safety.zones import Region
-from quadctl.vehicle import Flight, goal_of
+from quadctl.vehicle import Flight, goal_of, slowed, speed
 
 _NAMES = ["safety.separation", "safety.zones"]
-
-
 _LOOK = 0.05
 """Seconds between two looks at the vehicles' distances."""
 
 
+_STOPPING = 5.0
+"""Seconds to come to rest; in gusts a vehicle never does, and flies from where it is."""
+
+
 class Known(Struct, frozen=True):
-    """A vehicle's place (m), what it has to keep to, and how fast its simulation runs."""
+    """A vehicle's pose, what it has to keep to, and how fast its simulation runs.
+
+    `place` (m) is where it is, or soon will be.
+    """
 
     place: Point
+    pose: Pose
+    flies: bool
     separation: SeparationParams
     cage: CageSize
     region: Region
@@ -54,7 +63,8 @@ def course_of(
 
     A vehicle that does not answer within the timeout (s) is left out of the plan: its own flight
     reports why. Raises Refused if there is no plan, and what a Client raises for a hub that is away.
-    With `replace`, vehicles in flight change course.
+    With `replace`, vehicles in flight change course. The way of a vehicle in motion bends: if it may
+    meet another one's, the vehicle comes to rest first, from where its way is straight.
     """
     connect, names = members[0].connect, {member.vehicle: member.name for member in members}
     there = hubs.client(connect, members[0].vehicle, timeout).vehicles()
@@ -63,8 +73,52 @@ def course_of(
         for vehicle in dict.fromkeys([*names, *there])
     ]
     known = hubs.ask(everyone, lambda _, client: _known(client), bounded=True).answers
-    legs = _planned(known, {name: astuple(goals[name]) for name in names.values()})
-    return Course(legs, [*known.values()], replace=replace)
+    ends = {name: astuple(goals[name]) for name in names.values()}
+    if bent := _bent(known, ends, replace=replace):
+        stopped = [member for member in everyone if member.name in bent]
+        known |= hubs.ask(
+            stopped, lambda member, client: _at_rest(client, known[member.name]), bounded=False
+        ).answers
+    return Course(_planned(known, ends), [*known.values()], replace=replace)
+
+
+def _bent(known: Mapping[str, Known], goals: Mapping[str, Point], *, replace: bool) -> set[str]:
+    """Return the vehicles with a goal that move, if the bent way of one may meet another way."""
+    apart = {name: one for name, one in known.items() if one.separation.radius}
+    moving = {
+        name
+        for name in goals.keys() & apart.keys()
+        if speed(apart[name].pose) >= AT_REST and (replace or not apart[name].flies)
+    }
+    across, tall = _keeps([*apart.values()])
+    ways = {name: _way(one, goals.get(name, one.place)) for name, one in apart.items()}
+    meet = any(
+        distance((ways[name],), (way,), across, tall) < 1
+        for name in moving
+        for other, way in ways.items()
+        if other != name
+    )
+    return moving if meet else set()
+
+
+def _way(one: Known, goal: Point) -> Piece:
+    """Return the box of a vehicle's way, wherever it turns or stops."""
+    here, v = astuple(one.pose.position), astuple(one.pose.velocity)
+    later = Position(*(p + STOP * w for p, w in zip(here, v, strict=True)))
+    return Piece(*around(one.pose.position, later, Position(*goal)), is_box=True)
+
+
+def _at_rest(client: Client, before: Known) -> Known:
+    if before.flies:
+        client.call(HOLD, HoldRequest())
+    slowed(client, AT_REST, _STOPPING, HIDDEN)
+    return _known(client)
+
+
+def _keeps(known: Sequence[Known]) -> tuple[float, float]:
+    """Return the distances (m) that vehicles keep from each other: across and tall."""
+    kept = [one.separation for one in known] or [SeparationParams()]
+    return max(2 * one.radius for one in kept), max(one.height for one in kept)
 
 
 def _known(client: Client) -> Known:
@@ -75,11 +129,12 @@ def _known(client: Client) -> Known:
     )
     cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
     zones = convert(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
+    pose, flies = client.first(POSE_SLOW), state.state == "MOVING"
     # A vehicle in flight is at its goal soon.
-    place = state.goal if state.state == "MOVING" else client.first(POSE_SLOW).position
+    place = state.goal if flies else pose.position
     flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.speed"])).values
     speed = flown["dynamics.speed"]
-    return Known(astuple(place), separation, cage, Region(zones), speed)
+    return Known(astuple(place), pose, flies, separation, cage, Region(zones), speed)
 
 
 def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg]:
@@ -88,8 +143,7 @@ def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg
     free_to_fly = [Leg(name, goal, goal, ()) for name, goal in goals.items() if name not in ends]
     if not ends:
         return free_to_fly
-    across = max(2 * one.separation.radius for one in apart.values())
-    tall = max(one.separation.height for one in apart.values())
+    across, tall = _keeps([*apart.values()])
     boxes = [[*bounds(one.cage).values()] for one in apart.values()]
     lows, highs = zip(*(zip(*box, strict=True) for box in boxes), strict=True)
     x0, y0, z0 = (max(column) for column in zip(*lows, strict=True))
@@ -112,8 +166,7 @@ class Course:
         self._legs, self._replace = legs, replace
         self._begun = [Event() for _ in legs]
         self._failed: set[str] = set()
-        keeps = [one.separation for one in known] or [SeparationParams()]
-        self.keeps = max(2 * one.radius for one in keeps), max(one.height for one in keeps)
+        self.keeps = _keeps(known)
         self.in_real_time = all(one.speed == 1 for one in known)
 
     @property

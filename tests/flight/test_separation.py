@@ -2,6 +2,7 @@
 
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -58,38 +59,40 @@ def test_a_goal_waits_until_the_other_has_passed(home: Lab):
     assert "arrived" in done.out
 
 
-def test_hold_drops_a_goal_that_waits(home: Lab):
-    slow = home.quadctl("param", "set", "uav1.dynamics.control.max_speed", 0.2)
-    assert slow.code == 0
+@contextmanager
+def crawling(lab: Lab, vehicle: str) -> Iterator[None]:
+    """Let a vehicle fly so slowly that it is in the way for the whole test."""
+    name = f"{vehicle}.dynamics.control.max_speed"
+    assert lab.quadctl("param", "set", name, 0.1).code == 0
     try:
-        far = home.quadctl("goto", -1, 2, 1, "--vehicle", "uav1", "--no-wait")
-        assert far.code == 0
-        with home.bare() as bare:
-            states = bare.watch("uav0/safety/state")
-            waits = home.spawn(*home.command("goto", 0, 3, 1, "--vehicle", "uav0", "--wait"))
-            states.until(lambda s: s["reason"].startswith("waits: separation: uav1"))
-            assert home.quadctl("hold", "--vehicle", "uav0").code == 0
-            assert waits.wait() == 5
-            assert "hold: stopped on request" in waits.log
+        yield
     finally:
-        assert home.quadctl("param", "set", "uav1.dynamics.control.max_speed", 5.0).code == 0
+        assert lab.quadctl("hold", "--vehicle", vehicle).code == 0
+        assert lab.quadctl("param", "set", name, 5.0).code == 0
+
+
+def test_hold_drops_a_goal_that_waits(home: Lab):
+    with crawling(home, "uav1"), home.bare() as bare:
+        assert home.quadctl("goto", -1, 2, 1, "--vehicle", "uav1", "--no-wait").code == 0
+        states = bare.watch("uav0/safety/state")
+        waits = home.spawn(*home.command("goto", 0, 3, 1, "--vehicle", "uav0", "--wait"))
+        states.until(lambda s: s["reason"].startswith("waits: separation: uav1"))
+        assert home.quadctl("hold", "--vehicle", "uav0").code == 0
+        assert waits.wait() == 5
+        assert "hold: stopped on request" in waits.log
 
 
 def test_ctrl_c_ends_the_command_and_the_goal_still_waits(home: Lab):
-    assert home.quadctl("param", "set", "uav1.dynamics.control.max_speed", 0.2).code == 0
-    try:
+    with crawling(home, "uav1"), home.bare() as bare:
         assert home.quadctl("goto", -1, 2, 1, "--vehicle", "uav1", "--no-wait").code == 0
-        with home.bare() as bare:
-            states = bare.watch("uav0/safety/state")
-            waits = home.spawn(*home.command("goto", 0, 3, 1, "--vehicle", "uav0", "--wait"))
-            states.until(lambda s: s["reason"].startswith("waits: separation: uav1"))
-            waits.send(signal.SIGINT)
-            assert waits.wait() == 130
-            # The one in the way is stopped elsewhere: the goal is flown to, or refused.
-            assert home.quadctl("hold", "--vehicle", "uav1").code == 0
-            states.until(lambda s: not s["reason"].startswith("waits"))
-    finally:
-        assert home.quadctl("param", "set", "uav1.dynamics.control.max_speed", 5.0).code == 0
+        states = bare.watch("uav0/safety/state")
+        waits = home.spawn(*home.command("goto", 0, 3, 1, "--vehicle", "uav0", "--wait"))
+        states.until(lambda s: s["reason"].startswith("waits: separation: uav1"))
+        waits.send(signal.SIGINT)
+        assert waits.wait() == 130
+        # The one in the way is stopped elsewhere: the goal is flown to, or refused.
+        assert home.quadctl("hold", "--vehicle", "uav1").code == 0
+        states.until(lambda s: not s["reason"].startswith("waits"))
 
 
 def test_three_change_places_by_one_command(home: Lab):
@@ -157,3 +160,12 @@ def test_fifty_change_places_by_one_command(lab: Lab, proofs: Proofs):
     )  # fmt: skip
     assert flown == 50
     assert share >= 1
+
+
+def test_vehicles_in_flight_change_course_past_each_other(home: Lab):
+    # The ways of vehicles in motion bend: these come to rest first.
+    goals = ("uav0=-1,-2,1", "uav1=1,2,1")
+    assert home.quadctl("fleet", "goto", *goals, "--no-wait").code == 0
+    done = home.quadctl("fleet", "goto", "uav0=1,0,1", "uav1=-1,0,1", "--replace")
+    assert done.code == 0, done.err
+    assert float(done.out.splitlines()[-1].split(" m, ")[1].split()[0]) >= 1

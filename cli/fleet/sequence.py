@@ -25,30 +25,31 @@ from quadctl.services.safety.cage import AT_REST, bounds, why_outside
 from quadctl.services.safety.separation import Piece, distance
 from quadctl.services.safety.way import HIDDEN, around
 from quadctl.services.safety.zones import Region
-from quadctl.vehicle import Flight, goal_of, slowed, speed
+from quadctl.vehicle import Flight, goal_of, slowed
 
 _NAMES = ["safety.separation", "safety.zones"]
 _LOOK = 0.05
 """Seconds between two looks at the vehicles' distances."""
 
 
-_STOPPING = 5.0
+_STOPPING = 3.0
 """Seconds to come to rest; in gusts a vehicle never does, and flies from where it is."""
 
 
 class Known(Struct, frozen=True):
-    """A vehicle's pose, what it has to keep to, and how fast its simulation runs.
+    """A vehicle's pose, its goal (m) in flight, what it has to keep to, and how fast its simulation runs."""
 
-    `place` (m) is where it is, or soon will be.
-    """
-
-    place: Point
     pose: Pose
-    flies: bool
+    flies_to: Position | None
     separation: SeparationParams
     cage: CageSize
     region: Region
     speed: float
+
+    @property
+    def place(self) -> Point:
+        """Return where (m) the vehicle is, or soon will be."""
+        return astuple(self.flies_to or self.pose.position)
 
 
 def course_of(
@@ -63,8 +64,8 @@ def course_of(
 
     A vehicle that does not answer within the timeout (s) is left out of the plan: its own flight
     reports why. Raises Refused if there is no plan, and what a Client raises for a hub that is away.
-    With `replace`, vehicles in flight change course. The way of a vehicle in motion bends: if it may
-    meet another one's, the vehicle comes to rest first, from where its way is straight.
+    With `replace`, vehicles in flight change course; where their ways, which bend, may meet others,
+    they come to rest first.
     """
     connect, names = members[0].connect, {member.vehicle: member.name for member in members}
     there = hubs.client(connect, members[0].vehicle, timeout).vehicles()
@@ -72,47 +73,45 @@ def course_of(
         Member(names.get(vehicle, vehicle), connect, vehicle)
         for vehicle in dict.fromkeys([*names, *there])
     ]
-    known = hubs.ask(everyone, lambda _, client: _known(client), bounded=True).answers
+    several = len(everyone) > 1
+    known = hubs.ask(
+        everyone, lambda _, client: _known(client, several=several), bounded=True
+    ).answers
     ends = {name: astuple(goals[name]) for name in names.values()}
-    if bent := _bent(known, ends, replace=replace):
-        stopped = [member for member in everyone if member.name in bent]
-        known |= hubs.ask(
-            stopped, lambda member, client: _at_rest(client, known[member.name]), bounded=False
-        ).answers
+    if replace and (bent := _bent(known, ends)):
+        stop = [member for member in everyone if member.name in bent]
+        known |= hubs.ask(stop, lambda _, client: _stopped(client), bounded=False).answers
     return Course(_planned(known, ends), [*known.values()], replace=replace)
 
 
-def _bent(known: Mapping[str, Known], goals: Mapping[str, Point], *, replace: bool) -> set[str]:
-    """Return the vehicles with a goal that move, if the bent way of one may meet another way."""
+def _bent(known: Mapping[str, Known], goals: Mapping[str, Point]) -> set[str]:
+    """Return the vehicles in flight that are to change course, if the bent way of one may meet another way."""
     apart = {name: one for name, one in known.items() if one.separation.radius}
-    moving = {
-        name
-        for name in goals.keys() & apart.keys()
-        if speed(apart[name].pose) >= AT_REST and (replace or not apart[name].flies)
-    }
+    flying = {name for name in goals.keys() & apart.keys() if apart[name].flies_to}
     across, tall = _keeps([*apart.values()])
     ways = {name: _way(one, goals.get(name, one.place)) for name, one in apart.items()}
     meet = any(
         distance((ways[name],), (way,), across, tall) < 1
-        for name in moving
+        for name in flying
         for other, way in ways.items()
         if other != name
     )
-    return moving if meet else set()
+    return flying if meet else set()
 
 
 def _way(one: Known, goal: Point) -> Piece:
     """Return the box of a vehicle's way, wherever it turns or stops."""
-    here, v = astuple(one.pose.position), astuple(one.pose.velocity)
-    later = Position(*(p + STOP * w for p, w in zip(here, v, strict=True)))
-    return Piece(*around(one.pose.position, later, Position(*goal)), is_box=True)
+    ends = [one.pose.position, Position(*goal)]
+    if one.flies_to:
+        here, v = astuple(one.pose.position), astuple(one.pose.velocity)
+        later = Position(*(p + STOP * w for p, w in zip(here, v, strict=True)))
+        ends += [later, one.flies_to]
+    return Piece(*around(*ends), is_box=True)
 
 
-def _at_rest(client: Client, before: Known) -> Known:
-    if before.flies:
-        client.call(HOLD, HoldRequest())
-    slowed(client, AT_REST, _STOPPING, HIDDEN)
-    return _known(client)
+def _stopped(client: Client) -> Known:
+    client.call(HOLD, HoldRequest())
+    return _known(client, several=True)
 
 
 def _keeps(known: Sequence[Known]) -> tuple[float, float]:
@@ -121,7 +120,7 @@ def _keeps(known: Sequence[Known]) -> tuple[float, float]:
     return max(2 * one.radius for one in kept), max(one.height for one in kept)
 
 
-def _known(client: Client) -> Known:
+def _known(client: Client, *, several: bool) -> Known:
     state = client.latest(STATE)
     values = client.call(get_params("safety"), GetParamsRequest(_NAMES)).values
     separation = SeparationParams(
@@ -129,12 +128,15 @@ def _known(client: Client) -> Known:
     )
     cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
     zones = convert(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
-    pose, flies = client.first(POSE_SLOW), state.state == "MOVING"
-    # A vehicle in flight is at its goal soon.
-    place = state.goal if flies else pose.position
+    flies_to = state.goal if state.state == "MOVING" else None
+    pose = None
+    if several and not flies_to:
+        # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
+        pose = slowed(client, AT_REST, _STOPPING, HIDDEN)
+    pose = pose or client.first(POSE_SLOW)
     flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.speed"])).values
     speed = flown["dynamics.speed"]
-    return Known(astuple(place), pose, flies, separation, cage, Region(zones), speed)
+    return Known(pose, flies_to, separation, cage, Region(zones), speed)
 
 
 def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg]:

@@ -32,6 +32,7 @@ class Truth:
         self.term = _fresh(z3.BoolSort()) if term is None else term
 
     def __bool__(self) -> bool:
+        assert _Path.current is not None, "an unknown is asked for outside a path"
         return _Path.current.decide(self.term)
 
     def __and__(self, other: object) -> "Truth":

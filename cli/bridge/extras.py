@@ -2,8 +2,8 @@
 
 from importlib.util import find_spec
 
+from quadctl.schemas.roles import BRIDGES
 from quadctl.services.runtime.errors import QuadctlError, UsageError
-from quadctl.services.runtime.process_table import BRIDGES
 
 _NEEDS = {"ros2": "xxhash"}
 

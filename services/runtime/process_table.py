@@ -13,9 +13,6 @@ GATE = "gate"
 RECORDER = "recorder"
 """Additional node of a run that is recorded."""
 
-BRIDGES = ("ros2",)
-"""Additional nodes that connect a run to other networks; each needs the extra of its name."""
-
 _NAME = r"[A-Za-z0-9_-]{1,40}"
 
 State = Literal["starting", "ready", "restarting", "down"]

@@ -3,16 +3,24 @@
 import json
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import zenoh
+from msgspec import Struct
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber, get_registry
 from zenoh_ros2_sdk.session import ZenohSession
 
+from quadctl.services.ros2 import cdr, graph
+from quadctl.services.ros2.messages import RosService
 from quadctl.services.runtime.bus.session import free_port
+from tests.support.lab import Lab
+from tests.support.running import Foreground, eventually
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -33,17 +41,18 @@ with zenoh.open(zenoh.Config.from_json5(sys.argv[1])):
 
 
 @contextmanager
-def router():
+def router(port: int = 0) -> Iterator[str]:
     """Start a router as rmw_zenohd does, and yield its endpoint."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = f"tcp/127.0.0.1:{port or free_port()}"
     config = {
         "mode": "router",
         "listen": {"endpoints": [endpoint]},
         "scouting": {"delay": 0, "multicast": {"enabled": False}},
     }
     command = [sys.executable, "-c", _ROUTER, json.dumps(config)]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, **pipes) as process:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
         assert process.stdout.readline()
         try:
             yield endpoint
@@ -52,8 +61,42 @@ def router():
             process.wait(10)
 
 
+def bridged(lab: Lab, endpoint: str, domain: str) -> Foreground:
+    """Start the bridge beside the run of a lab, and wait until it serves the vehicle."""
+    words = ("bridge", "ros2", "--router", endpoint, "--domain", domain)
+    process = lab.spawn(*lab.command(*words))
+    eventually(
+        lambda: "ros2" in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
+    )
+    return process
+
+
 @contextmanager
-def bridge(realm, endpoint, *more):
+def readers(session: zenoh.Session, domain: str) -> Iterator[None]:
+    """Subscribe to all topics of a vehicle, and wait until poses come."""
+    came = threading.Event()
+    subscribers = [
+        session.declare_subscriber(key, lambda _sample: came.set())
+        for key in (f"{domain}/uav/**", f"{domain}/tf/**")
+    ]
+    assert came.wait(20)
+    yield
+    for subscriber in subscribers:
+        subscriber.undeclare()
+
+
+def call(session: zenoh.Session, name: str, service: RosService[Any, Any], request: Struct) -> Any:
+    """Call a service of ROS by its key without the hash, e.g. `0/uav/hold`."""
+    domain, _, rest = name.partition("/")
+    key = graph.endpoint_key(int(domain), f"/{rest}", service.name, service.hash)
+    sender = graph.attachment(1, time.time_ns(), bytes(16))
+    (reply,) = session.get(key, payload=cdr.encode(request), attachment=sender, timeout=5)
+    assert reply.ok is not None, reply.err
+    return cdr.decode(service.response, reply.ok.payload.to_bytes())
+
+
+@contextmanager
+def bridge(realm: str, endpoint: str, *more: str) -> Iterator[subprocess.Popen[bytes]]:
     """Start the bridge of a run by its command, and yield its process."""
     command = [sys.executable, "-m", "quadctl", "bridge", "ros2", "--realm", realm]
     process = subprocess.Popen([*command, "--router", endpoint, *more])
@@ -64,7 +107,7 @@ def bridge(realm, endpoint, *more):
         process.wait(10)
 
 
-def raw_client(endpoint):
+def raw_client(endpoint: str) -> zenoh.Session:
     """Return a plain client of the router."""
     config = {
         "mode": "client",
@@ -78,7 +121,7 @@ def raw_client(endpoint):
 class RosClient:
     """Program of ROS with the SDK's publishers, subscribers and clients of one vehicle."""
 
-    def __init__(self, endpoint, folder, vehicle="uav"):
+    def __init__(self, endpoint: str, folder: Path, vehicle: str = "uav") -> None:
         for type_ in TYPES.values():
             _write_definitions(folder, type_)
         get_registry(str(folder))
@@ -90,12 +133,14 @@ class RosClient:
         ]
         self._goals = ROS2Publisher(f"/{vehicle}/goal_pose", POSE, **self._router)
 
-    def close(self):
+    def close(self) -> None:
         """Close the SDK's one session of a process."""
         instance, ZenohSession._instance = ZenohSession._instance, None
         instance.session.close()
 
-    def wait(self, name, condition=lambda message: True, timeout=20.0):
+    def wait(
+        self, name: str, condition: Callable[[Any], bool] = lambda _: True, timeout: float = 20.0
+    ) -> Any:
         """Return the next message of a topic that fulfils a condition."""
         start, deadline = len(self.came[name]), time.monotonic() + timeout
         while time.monotonic() < deadline:
@@ -106,7 +151,7 @@ class RosClient:
             time.sleep(0.01)
         raise AssertionError(f"nothing came on {name}: {self.came[name][-3:]}")
 
-    def goal(self, x, y, z, frame="map"):
+    def goal(self, x: float, y: float, z: float, frame: str = "map") -> None:
         """Publish a goal, as RViz's tool does."""
         types = ZenohSession._instance.store.types
         stamp = types["builtin_interfaces/msg/Time"](0, 0)
@@ -118,7 +163,7 @@ class RosClient:
             ),
         )
 
-    def call(self, name, type_, definition="# none", **request):
+    def call(self, name: str, type_: str, definition: str = "# none", **request: Any) -> Any:
         """Call a service of the vehicle."""
         client = ROS2ServiceClient(
             f"/{self._vehicle}/{name}",
@@ -130,11 +175,11 @@ class RosClient:
         return client.call(**request)
 
     @property
-    def _router(self):
+    def _router(self) -> dict[str, Any]:
         return {"router_ip": "127.0.0.1", "router_port": self._port}
 
 
-def _write_definitions(folder, type_):
+def _write_definitions(folder: Path, type_: str) -> None:
     """Write a type and those within it as .msg files: the SDK would load them from the internet."""
     own, *others = _STORE.generate_msgdef(type_, ros_version=2)[0].split("=" * 80)
     texts = {type_: own}

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks import (
+    bridges,
     calls,
     commands,
     flights,
@@ -53,6 +54,7 @@ PARTS = (
     _whole("recorder", recorder.measure),
     _whole("recordings", recordings.measure),
     _whole("console", page.measure),
+    _whole("bridges", bridges.measure),
     Part("lab", ("grade_30",), lab.measure_class),
     Part("lab", ("import",), lab.measure_import),
 )  # fmt: skip

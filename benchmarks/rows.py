@@ -6,7 +6,7 @@ from benchmarks.bars import AtLeast, AtLeastTimes, AtMost, AtMostTimes, Bar, Kno
 
 GROUPS = (
     "commands", "calls", "topics", "launches", "footprint", "vehicles", "flights", "lockstep",
-    "recorder", "recordings", "console", "lab",
+    "recorder", "recordings", "console", "bridges", "lab",
 )  # fmt: skip
 
 
@@ -125,6 +125,11 @@ ROWS = (
         (AtMost(10),)),
     Row("console", "console_memory", "memory of `console` with a page (PSS)", "MB",
         (AtMost(100),)),
+    Row("bridges", "ros2_processor", "`bridge ros2` of a vehicle in flight, poses at 100 Hz, of one core", "%",
+        (AtMost(5),)),
+    Row("bridges", "ros2_memory", "memory of `bridge ros2` (PSS)", "MB", (AtMost(50),)),
+    Row("bridges", "ros2_age", "a pose at a client of ROS 2, later than at a Zenoh subscriber", "ms",
+        (AtMost(2),)),
     Row("lab", "grade_30", "`lab grade` of 30 hand-ins that hold in every row", "s", (AtMost(120),)),
     Row("lab", "import", "`import quadctl`, beyond bare Python", "ms", (AtMost(5),)),
 )  # fmt: skip

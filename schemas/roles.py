@@ -34,6 +34,8 @@ EVERY = "*"
 """All vehicles."""
 ROUTERS = ("hub", "gate")
 """Nodes of a run that are not part of the vehicle."""
+BRIDGES = ("ros2",)
+"""Nodes that connect a vehicle to other networks, with the rights of the one who starts them."""
 
 _OFFERS = ("", "/@pub/**", "/@srv/**", "/@sub/**")
 _OWN = "own/**"
@@ -47,6 +49,7 @@ _OWN_NODES = (
 )
 _RECORDERS = "@node/recorder-$*"
 """A recorder is a node without endpoints."""
+_BRIDGE_NODES = tuple(f"@node/{name}{offer}" for name in BRIDGES for offer in _OFFERS)
 _NODES = sorted({entry.node for table in (TOPICS, SERVICES) for entry in table if entry.node})
 _LATCHED = tuple(topic.name for topic in TOPICS if topic.latched)
 _ANYONES = tuple(topic.name for topic in TOPICS if not topic.node)
@@ -86,9 +89,13 @@ _WATCHES: Rights = {
 }
 _FLIES: Rights = {
     "publish": (*_ANYONES, _OWN),
-    "serve": (_OWN, _OWN_SERVICES),
+    "serve": (
+        _OWN,
+        _OWN_SERVICES,
+        *(_name(of(name)) for name in BRIDGES for of in (get_params, set_params)),
+    ),
     **_WATCHES,
-    "announce": (*_OWN_NODES, _RECORDERS),
+    "announce": (*_OWN_NODES, *_BRIDGE_NODES, _RECORDERS),
 }
 _ALL = ("**", "@call/**", "@srv/**")
 _ALL_NODES = ("@node/**", *(f"@node/*{offer}" for offer in _OFFERS))

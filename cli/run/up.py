@@ -11,6 +11,7 @@ from typing import Annotated
 from msgspec import structs
 
 from quadctl.cli import output
+from quadctl.cli.bridge.extras import require
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import DEFAULT_FILE, status
@@ -51,6 +52,9 @@ def up(
         str | None,
         Option("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
     ] = None,
+    bridge: Annotated[
+        list[str] | None, Option("Start a bridge to another network: ros2.", metavar="NAME")
+    ] = None,
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.
 
@@ -70,7 +74,12 @@ def up(
     parameters = load.load_vehicles(source, [*(settings or ()), *network], names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else _recording(record)
-    launch = Launch(options.realm, parameters, without or [], str(folder), recording, insecure)
+    bridges = tuple(dict.fromkeys(bridge or ()))
+    for each in bridges:
+        require(each)
+    launch = Launch(
+        options.realm, parameters, without or [], str(folder), recording, insecure, bridges=bridges
+    )
     own = [each for each in launch.processes() if each.stranger]
     if not detach:
         _name(own)

@@ -14,6 +14,8 @@ from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT, Service, Topic
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
+from quadctl.services.runtime.bus.calls import ServiceClient
+from quadctl.services.runtime.bus.client import latest
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.raw import RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed
@@ -140,6 +142,14 @@ class Node:
     def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
         """Subscribe to keys or key expressions, undecoded."""
         return RecorderSubscriber(self._session, keys)
+
+    def client(self, service: Service[Q, R]) -> ServiceClient[Q, R]:
+        """Return a client of another node's service; a call blocks, so make it on a thread."""
+        return ServiceClient(self._session, self.vehicle, service)
+
+    def latest(self, topic: Topic[M], timeout: float) -> M:
+        """Return the last message of a latched topic; it blocks and raises as `latest` does."""
+        return latest(self._session, topic, topic.key(self.vehicle), timeout)
 
     def serve(
         self, service: Service[Q, R], handler: Callable[[Q], R], *, inline: bool = False

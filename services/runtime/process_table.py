@@ -61,12 +61,13 @@ def table(
     *,
     gate: bool = False,
     record: bool = False,
+    bridges: Collection[str] = (),
 ) -> tuple[Process, ...]:
     """Return our nodes and the file's `[processes]`, which replace ours by name or are added.
 
     Raises Invalid for an unknown name in `without`, and for one that looks like a misspelt node.
     """
-    ours = (*NODES, *((GATE,) if gate else ()), *((RECORDER,) if record else ()))
+    ours = (*NODES, *((GATE,) if gate else ()), *((RECORDER,) if record else ()), *bridges)
     names = [*ours, *(name for name in commands if name not in ours)]
     for name in without:
         if name not in names:

@@ -36,6 +36,7 @@ class Launch(Struct, frozen=True):
     """Settings of a supervisor, with each vehicle's parameters.
 
     `[processes]` commands run in `folder`. The run is recorded to `record`, if it is not empty.
+    `bridges` names bridges to other networks, see BRIDGES.
     `insecure` allows plain endpoints beyond this machine. An `owned` run ends with its starter. In
     a `patient` run, which flies in lock-step, a process may be silent for long: on a busy machine
     a flight then takes longer, and is the same.
@@ -49,6 +50,7 @@ class Launch(Struct, frozen=True):
     insecure: bool = False
     owned: bool = False
     patient: bool = False
+    bridges: tuple[str, ...] = ()
 
     @property
     def vehicles(self) -> list[str]:
@@ -80,7 +82,13 @@ class Launch(Struct, frozen=True):
             identity_for(gate)
         if not self.insecure:
             endpoints.refuse_open(reached)
-        rows = table(self.params.processes, self.without, gate=bool(gate), record=bool(self.record))
+        rows = table(
+            self.params.processes,
+            self.without,
+            gate=bool(gate),
+            record=bool(self.record),
+            bridges=self.bridges,
+        )
         self._check_hub(rows)
         path = self.environment("", 0)["PATH"]
         for process in rows:

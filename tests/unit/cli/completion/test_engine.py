@@ -150,7 +150,8 @@ def test_the_second_word_completes_to_a_command_of_the_group():
 
 def test_options_are_completed():
     own = {
-        "--detach", "-d", "--insecure", "--listen", "--record", "--set", "--vehicles", "--without"
+        "--bridge", "--detach", "-d", "--insecure", "--listen", "--record", "--set", "--vehicles",
+        "--without",
     }  # fmt: skip
     assert own | COMMON == set(words("up -"))
     assert set(words("cage -")) == COMMON

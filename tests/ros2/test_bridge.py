@@ -1,0 +1,294 @@
+"""The vehicle in ROS 2, seen and flown by an independent client."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from math import dist
+from typing import Any
+
+import pytest
+import zenoh.ext
+from msgspec import Struct
+
+import quadctl
+from quadctl.services.ros2 import cdr, graph, messages
+from quadctl.services.ros2.messages import (
+    SET_BOOL,
+    TRIGGER,
+    Clock,
+    PoseStamped,
+    RosService,
+    String,
+    TriggerRequest,
+    type_of,
+)
+from quadctl.services.runtime.bus.session import free_port
+from tests.support import missions
+from tests.support.lab import Lab, private_lab
+from tests.support.ros import RosClient, bridge, bridged, call, raw_client, readers, router
+
+
+@pytest.fixture(scope="module")
+def network() -> Iterator[str]:
+    with router() as endpoint:
+        yield endpoint
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[quadctl.Run]:
+    with quadctl.launch() as run:
+        yield run
+
+
+@pytest.fixture(scope="module")
+def ros(
+    network: str, run: quadctl.Run, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[RosClient]:
+    with bridge(run.realm, network):
+        client = RosClient(network, tmp_path_factory.mktemp("definitions"))
+        client.wait("pose")
+        yield client
+        client.close()
+
+
+def at(message: Any) -> tuple[float, float, float]:
+    place = message.pose.position
+    return place.x, place.y, place.z
+
+
+def test_the_labs_four_checkpoints_are_flown_through_it(ros: RosClient, run: quadctl.Run):
+    ros.wait("pose", lambda pose: at(pose)[2] > 0.95)
+    assert ros.call("calibrate_pressure", TRIGGER.name).message.startswith("baseline: 1013.")
+    assert ros.call("toggle_cage", SET_BOOL.name, "bool data", data=True).success
+    ros.goal(1.0, 2.0, 1.5)
+    ros.wait("pose", lambda pose: dist(at(pose), (1, 2, 1.5)) < 0.1)
+    ros.wait("safety_state", lambda state: state.data == "HOVERING")
+    ros.goal(9.0, 0.0, 1.0)
+    refused = ros.wait("safety_state", lambda state: "outside" in state.data)
+    assert refused.data == "HOVERING: outside the cage: x = 9 is beyond [-5, 5]"
+    assert run.vehicle.state().reason in refused.data
+
+
+def test_a_goal_on_the_ground_keeps_the_height_as_rviz_points_there(
+    ros: RosClient, run: quadctl.Run
+):
+    run.vehicle.goto(0, 0, 1.2)
+    ros.wait("safety_state", lambda state: state.data == "HOVERING")
+    ros.goal(1.0, 0.0, 0.0)
+    ros.wait("pose", lambda pose: dist(at(pose), (1, 0, 1.2)) < 0.05)
+
+
+def test_a_goal_of_another_frame_is_ignored(ros: RosClient, run: quadctl.Run):
+    before = run.vehicle.state().request
+    ros.goal(1.0, 1.0, 1.0, frame="odom")
+    ros.goal(float("nan"), 1.0, 1.0)
+    # Goals and calls are taken in their order.
+    assert ros.call("toggle_cage", SET_BOOL.name, "bool data", data=True).success
+    assert run.vehicle.state().request == before
+
+
+def test_messages_have_units_and_frames_of_ros(ros: RosClient):
+    odometry = ros.wait("odom")
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("map", "uav/base_link")
+    assert abs(odometry.header.stamp.sec - time.time()) < 5
+    assert 100_000 < ros.wait("pressure").fluid_pressure < 102_000
+    cage = ros.wait("cage").markers[0]
+    assert len(cage.points) == 24
+    assert {abs(point.x) for point in cage.points} == {5.0}
+
+
+def test_the_clients_command_lists_what_the_bridge_offers(ros: RosClient, network: str):
+    def listed(noun: str) -> str:
+        address = network.removeprefix("tcp/")
+        command = ["-m", "zenoh_ros2_sdk.cli", "--no-daemon", "--router", address, noun, "list"]
+        found = subprocess.run(
+            [sys.executable, *command, "-t"], check=True, capture_output=True, text=True, timeout=60
+        )
+        return found.stdout
+
+    topics = listed("topic")
+    for name in ("pose", "odom", "pressure", "cage", "safety_state", "goal_pose"):
+        assert f"/uav/{name}" in topics
+    assert "/tf" in topics
+    services = listed("service")
+    for name in ("toggle_cage", "calibrate_pressure", "hold", "reset"):
+        assert f"/uav/{name}" in services
+
+
+def test_a_late_joiner_gets_the_latched_state(ros: RosClient, network: str):
+    type_ = type_of(String)
+    key = graph.endpoint_key(0, "/uav/safety_state", type_.name, type_.hash)
+    ros.wait("safety_state")  # the next one comes a second later
+    with raw_client(network) as session:
+        found = session.get(f"{key}/@adv/**", accept_replies=zenoh.ReplyKeyExpr.ANY, timeout=2)
+        states = [cdr.decode(String, each.ok.payload.to_bytes()).data for each in found if each.ok]
+    assert states
+    assert states[0].startswith(("HOVERING", "MOVING", "VERIFYING"))
+
+
+def test_garbage_by_the_thousand_changes_nothing(ros: RosClient, run: quadctl.Run, network: str):
+    before, noise = run.vehicle.state(), random.Random(7)
+    pose = type_of(PoseStamped)
+    goals = graph.endpoint_key(0, "/uav/goal_pose", pose.name, pose.hash)
+    key = graph.endpoint_key(0, "/uav/toggle_cage", SET_BOOL.name, SET_BOOL.hash)
+    with raw_client(network) as session:
+        for _ in range(2000):
+            session.put(goals, b"\0\1\0\0" + noise.randbytes(noise.randrange(120)))
+        for _ in range(50):
+            junk = noise.randbytes(noise.randrange(40))
+            for attachment in (None, junk, graph.attachment(1, 1, bytes(16))):
+                replies = session.get(key, payload=junk, attachment=attachment, timeout=5)
+                assert all(reply.ok is None for reply in replies)
+    after = run.vehicle.state()
+    assert (after.goal, after.request, after.cage_on) == (
+        before.goal, before.request, before.cage_on,
+    )  # fmt: skip
+    assert ros.call("hold", TRIGGER.name).success
+
+
+def test_the_flight_is_the_same_whatever_happens_to_the_bridge(network: str):
+    pose = type_of(PoseStamped)
+    goals = graph.endpoint_key(7, "/uav/goal_pose", pose.name, pose.hash)
+    with private_lab() as lab, raw_client(network) as session, ThreadPoolExecutor(1) as pool:
+        missions.start(lab, "dynamics.speed=10")
+        alone = missions.same(missions.fly(lab))
+        flown = {}
+        process = bridged(lab, network, "7")
+        with readers(session, "7"):
+            flown["read"] = missions.fly(lab)
+            flight = pool.submit(missions.fly, lab)
+            while not flight.done():
+                session.put(goals, b"\0\1\0\0" + bytes(100))
+            flown["flooded"] = flight.result()
+            process.send(signal.SIGSTOP)
+            flown["frozen"] = missions.fly(lab)
+            process.send(signal.SIGKILL)
+            flown["killed"] = missions.fly(lab)
+    for name, flight in flown.items():
+        assert missions.same(flight) == alone, name
+
+
+def test_the_router_and_the_hub_may_go_and_come_back(lab: Lab):
+    lab.start()
+    port = free_port()
+    with router(port) as endpoint:
+        bridged(lab, endpoint, "8")
+        with raw_client(endpoint) as session, readers(session, "8"):
+            pass
+    with router(port), raw_client(endpoint) as session:
+        with readers(session, "8"):
+            pass
+        lab.revived("hub", lab.signal("hub", signal.SIGKILL))
+        with readers(session, "8"):
+            assert call(session, "8/uav/hold", TRIGGER, TriggerRequest()).success
+
+
+def test_a_wrong_domain_or_router_is_refused_before_the_bridge_starts(lab: Lab):
+    lab.start()
+    for words, environment, what in (
+        (["--domain", 233], {}, "--domain 233: there is no such domain"),
+        ([], {"ROS_DOMAIN_ID": "home"}, "ROS_DOMAIN_ID=home: there is no such domain"),
+        (["--router", "localhost"], {}, "'localhost' is not an endpoint"),
+    ):
+        done = lab.quadctl("bridge", "ros2", *words, **environment)
+        assert (done.code, done.out) == (2, "")
+        assert done.err.startswith(f"error: {what}"), done.err
+
+
+def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(
+    ros: RosClient, run: quadctl.Run, network: str
+):
+    pose = type_of(PoseStamped)
+    key = graph.endpoint_key(0, "/uav/goal_pose", pose.name, pose.hash)
+    place = messages.PlainPose(messages.Vector(99.0, 0.0, 1.0))
+    flood = cdr.encode(PoseStamped(messages.Header(), place))
+    with raw_client(network) as session:
+        before = run.vehicle.state()
+        for _ in range(20):
+            for _ in range(500):
+                session.put(key, flood)
+            assert ros.call("toggle_cage", SET_BOOL.name, "bool data", data=True).success
+        after = run.vehicle.state()
+    assert 0 < after.request - before.request < 200
+    assert after.goal == before.goal
+    assert run.vehicle.goto(0, 0, 1, replace=True).distance < 0.5
+
+
+def test_several_vehicles_have_namespaces_and_one_clock_where_time_is_simulated(network: str):
+    with (
+        quadctl.launch(vehicles=2, params={"dynamics.speed": 2.0}) as run,
+        bridge(run.realm, network, "--domain", "6"),
+        raw_client(network) as session,
+    ):
+        clock, first, second = (
+            session.declare_subscriber(f"6/{name}/**")
+            for name in ("clock", "uav0/pose", "uav1/pose")
+        )
+        ticks = [cdr.decode(Clock, clock.recv().payload.to_bytes()).clock for _ in range(3)]
+        assert ticks[0].sec < 1000
+        assert ticks[0] != ticks[1] != ticks[2]
+        for poses in (first, second):
+            stamp = cdr.decode(PoseStamped, poses.recv().payload.to_bytes()).header.stamp
+            assert stamp.sec < 1000
+        tokens = [str(each.ok.key_expr) for each in session.liveliness().get("@ros2_lv/6/**")]
+        nodes = [token.split("/")[-2:] for token in tokens if "/NN/" in token]
+        assert sorted(nodes) == [["%uav0", "quadctl"], ["%uav1", "quadctl"]]
+        assert len([token for token in tokens if "%clock" in token]) == 1
+
+
+def test_parameters_are_read_and_set_as_those_of_a_node_of_ros(
+    ros: RosClient, run: quadctl.Run, network: str
+):
+    def ask(service: RosService[Any, Any], request: Struct) -> Any:
+        name = "".join(f"_{c.lower()}" if c.isupper() else c for c in service.name.split("/")[2])
+        return call(session, f"0/uav/quadctl/{name[1:]}", service, request)
+
+    name = "safety.acceptance_range"
+    with raw_client(network) as session:
+        names = ask(messages.LIST_PARAMETERS, messages.ListRequest(("safety",))).result.names
+        assert name in names
+        half = messages.ParameterValue(type=3, double_value=0.375)
+        wrong = messages.ParameterValue(type=3, double_value=-1.0)
+        request = messages.Parameters(
+            (messages.Parameter(name, half), messages.Parameter(name, wrong))
+        )
+        done, refused = ask(messages.SET_PARAMETERS, request).results
+        assert done.successful
+        assert "expected" in refused.reason
+        assert run.vehicle.params[name] == 0.375
+        (value,) = ask(messages.GET_PARAMETERS, messages.Names((name,))).values
+        assert value == half
+        (about,) = ask(messages.DESCRIBE_PARAMETERS, messages.Names((name,))).descriptors
+        assert about.description
+
+
+def test_up_supervises_a_bridge(network: str):
+    realm = f"bridged-{os.getpid()}"
+    up = ["up", "-d", "--realm", realm, "--bridge", "ros2"]
+    command = [sys.executable, "-m", "quadctl"]
+    subprocess.run([*command, *up], check=True, timeout=60)
+    try:
+        status = [*command, "status", "--json", "--realm", realm]
+        found = subprocess.run(status, check=True, capture_output=True, timeout=30)
+        nodes = {node["name"]: node["state"] for node in json.loads(found.stdout)["nodes"]}
+        assert nodes["ros2"] == "ready"
+    finally:
+        subprocess.run([*command, "down", "--realm", realm], check=True, timeout=60)
+
+
+def test_without_the_extra_the_command_says_what_to_install():
+    hide = "import sys; sys.modules['xxhash'] = None; import importlib.util as u; f = u.find_spec;"
+    hide += " u.find_spec = lambda name, *a: None if name == 'xxhash' else f(name, *a);"
+    line = "sys.argv[1:] = ['bridge', 'ros2']; from quadctl.cli.main import main; sys.exit(main())"
+    found = subprocess.run(
+        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
+    )
+    assert found.returncode == 1
+    assert "needs the package xxhash" in found.stderr
+    assert "pip install 'quadctl[ros2]'" in found.stderr

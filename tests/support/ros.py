@@ -1,6 +1,7 @@
 """Network of ROS 2 without ROS: a router, and an independent client of rmw_zenoh."""
 
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -61,14 +62,18 @@ def router(port: int = 0) -> Iterator[str]:
             process.wait(10)
 
 
-def bridged(lab: Lab, endpoint: str, domain: str) -> Foreground:
-    """Start the bridge beside the run of a lab, and wait until it serves the vehicle."""
+@contextmanager
+def bridged(lab: Lab, endpoint: str, domain: str) -> Iterator[Foreground]:
+    """Bridge the run of a lab from when it serves the vehicle until the end of the block."""
     words = ("bridge", "ros2", "--router", endpoint, "--domain", domain)
     process = lab.spawn(*lab.command(*words))
     eventually(
         lambda: "ros2" in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
     )
-    return process
+    yield process
+    if not process.ended:
+        process.send(signal.SIGTERM)
+        assert process.wait() == 0
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import time
 
+import msgspec
 import zenoh
 
 from benchmarks import proc
@@ -14,7 +15,6 @@ from benchmarks.system import QUADCTL, running
 from quadctl.schemas.messages import Pose
 from quadctl.services.ros2 import cdr
 from quadctl.services.ros2.messages import PoseStamped
-from quadctl.services.runtime.bus import codec
 from tests.support.ros import router
 
 _WITHIN, _SETTLED = 20.0, 5.0
@@ -62,7 +62,7 @@ def _later(near: Arrivals, far: Arrivals) -> list[float]:
     """Return by how much (s) each pose came later; in flight no two are at the same place."""
     times = {}
     for at, payload in near.found:
-        p = codec.decode(Pose, payload).position
+        p = msgspec.msgpack.decode(payload, type=Pose).position
         times[p.x, p.y, p.z] = at
     ages = []
     for at, payload in far.found:

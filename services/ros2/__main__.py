@@ -53,14 +53,14 @@ from quadctl.services.ros2.messages import (
     FluidPressure,
     MarkerArray,
     Odometry,
-    Outcome,
     PoseStamped,
     RosService,
+    RosTime,
     SetBoolRequest,
     String,
     TFMessage,
-    Time,
     TriggerRequest,
+    TriggerResponse,
     type_of,
 )
 from quadctl.services.runtime.bus.foreign import ForeignQuery, ForeignSession, open_foreign
@@ -160,7 +160,7 @@ class Bridge:
     def __init__(self, node: Node, domain: int, *, real_time: bool) -> None:
         self._node, self._domain, self._real_time = node, domain, real_time
         self._outlets: dict[type[Struct], Outlet] = {}
-        self._stamp = Time()
+        self._stamp = RosTime()
         self._zones: Zones = Zones(())
         self._shown: set[str] = set()
         self._height = 0.0
@@ -332,19 +332,19 @@ class Bridge:
     def _call(self, service: Service[Any, Any], request: Struct) -> Any:
         return self._node.client(service).call(request, _TIMEOUT)
 
-    def _toggle_cage(self, request: SetBoolRequest) -> Outcome:
+    def _toggle_cage(self, request: SetBoolRequest) -> TriggerResponse:
         return self._outcome(TOGGLE_CAGE, ToggleCageRequest(request.data))
 
-    def _calibrate(self, _request: TriggerRequest) -> Outcome:
+    def _calibrate(self, _request: TriggerRequest) -> TriggerResponse:
         try:
             baseline = self._call(CALIBRATE, CalibrateRequest(zero=True)).baseline
         except QuadctlError as problem:
-            return Outcome(success=False, message=problem.message)
-        return Outcome(success=True, message=f"baseline: {baseline:.4f} hPa")
+            return TriggerResponse(success=False, message=problem.message)
+        return TriggerResponse(success=True, message=f"baseline: {baseline:.4f} hPa")
 
     def _trigger(
         self, service: Service[Any, Any], request: Struct, _request: TriggerRequest
-    ) -> Outcome:
+    ) -> TriggerResponse:
         return self._outcome(service, request)
 
     def _serve_parameters(self) -> None:
@@ -359,12 +359,12 @@ class Bridge:
         ):
             self._serve(f"{_ROS_NODE}/{name}", service, handler)
 
-    def _outcome(self, service: Service[Any, Any], request: Struct) -> Outcome:
+    def _outcome(self, service: Service[Any, Any], request: Struct) -> TriggerResponse:
         """Call our service; return its success, or the reason that it gives."""
         try:
-            return Outcome(success=self._call(service, request).success, message="")
+            return TriggerResponse(success=self._call(service, request).success, message="")
         except QuadctlError as problem:
-            return Outcome(success=False, message=problem.message)
+            return TriggerResponse(success=False, message=problem.message)
 
 
 if __name__ == "__main__":

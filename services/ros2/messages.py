@@ -26,7 +26,7 @@ R = TypeVar("R", bound=Struct)
 _ZEROS: Array36 = (0.0,) * 36
 
 
-class Time(Struct, frozen=True):
+class RosTime(Struct, frozen=True):
     """Time since the epoch of its clock: s, and ns within the second. Also a duration."""
 
     sec: Int32 = 0
@@ -36,7 +36,7 @@ class Time(Struct, frozen=True):
 class Header(Struct, frozen=True):
     """Time and frame of a message."""
 
-    stamp: Time = Time()
+    stamp: RosTime = RosTime()
     frame_id: str = ""
 
 
@@ -48,7 +48,7 @@ class Vector(Struct, frozen=True):
     z: Float64 = 0.0
 
 
-class Rotation(Struct, frozen=True):
+class Orientation(Struct, frozen=True):
     """Unit quaternion."""
 
     x: Float64 = 0.0
@@ -61,7 +61,7 @@ class PlainPose(Struct, frozen=True):
     """Position (m) and orientation."""
 
     position: Vector = Vector()
-    orientation: Rotation = Rotation()
+    orientation: Orientation = Orientation()
 
 
 class PoseStamped(Struct, frozen=True):
@@ -75,7 +75,7 @@ class Transform(Struct, frozen=True):
     """Translation (m) and rotation, from parent to child."""
 
     translation: Vector
-    rotation: Rotation
+    rotation: Orientation
 
 
 class TransformStamped(Struct, frozen=True):
@@ -139,7 +139,7 @@ class String(Struct, frozen=True):
 class Clock(Struct, frozen=True):
     """rosgraph_msgs/msg/Clock: simulated time."""
 
-    clock: Time
+    clock: RosTime
 
 
 class Colour(Struct, frozen=True):
@@ -184,7 +184,7 @@ class Marker(Struct, frozen=True):
     pose: PlainPose = PlainPose()
     scale: Vector = Vector()
     color: Colour = Colour()
-    lifetime: Time = Time()
+    lifetime: RosTime = RosTime()
     frame_locked: Bool = False
     points: tuple[Vector, ...] = ()
     colors: tuple[Colour, ...] = ()
@@ -209,7 +209,7 @@ class SetBoolRequest(Struct, frozen=True):
     data: Bool
 
 
-class Outcome(Struct, frozen=True):
+class TriggerResponse(Struct, frozen=True):
     """Response of std_srvs/srv/SetBool and Trigger: success, or the reason in `message`."""
 
     success: Bool
@@ -237,7 +237,7 @@ class ParameterValue(Struct, frozen=True):
     string_array_value: tuple[str, ...] = ()
 
 
-class Parameter(Struct, frozen=True):
+class RosParameter(Struct, frozen=True):
     """Name and value."""
 
     name: str
@@ -307,7 +307,7 @@ class Descriptors(Struct, frozen=True):
 class Parameters(Struct, frozen=True):
     """Request of SetParameters and SetParametersAtomically."""
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[RosParameter, ...]
 
 
 class Results(Struct, frozen=True):
@@ -401,13 +401,13 @@ SET_BOOL = RosService(
     "std_srvs/srv/SetBool",
     "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a",
     SetBoolRequest,
-    Outcome,
+    TriggerResponse,
 )
 TRIGGER = RosService(
     "std_srvs/srv/Trigger",
     "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
     TriggerRequest,
-    Outcome,
+    TriggerResponse,
 )
 GET_PARAMETERS = RosService(
     "rcl_interfaces/srv/GetParameters",

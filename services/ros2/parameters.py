@@ -21,13 +21,13 @@ from quadctl.services.ros2.messages import (
     ListResponse,
     ListResult,
     Names,
-    Parameter,
     ParameterDescriptor,
     Parameters,
     ParameterTypes,
     ParameterValue,
     Result,
     Results,
+    RosParameter,
     SetParametersResult,
     Values,
 )
@@ -95,7 +95,7 @@ class ParameterStore:
         """Set all values or none."""
         return Result(self._set(request.parameters))
 
-    def _set(self, given: tuple[Parameter, ...]) -> SetParametersResult:
+    def _set(self, given: tuple[RosParameter, ...]) -> SetParametersResult:
         nodes = {each.name.partition(".")[0] for each in given}
         if len(nodes) != 1:
             reason = "these are of several nodes: set one node's at a time" if nodes else ""

@@ -15,13 +15,13 @@ from quadctl.services.ros2.messages import (
     Marker,
     MarkerArray,
     Odometry,
+    Orientation,
     PlainPose,
     PoseStamped,
     PoseWithCovariance,
-    Rotation,
+    RosTime,
     String,
     TFMessage,
-    Time,
     Transform,
     TransformStamped,
     Twist,
@@ -47,9 +47,9 @@ _MOST_SHOWN = 64
 Place = tuple[float, float]
 
 
-def time_of(nanoseconds: int) -> Time:
+def time_of(nanoseconds: int) -> RosTime:
     """Return a time given in ns since the epoch of its clock."""
-    return Time(*divmod(nanoseconds, 1_000_000_000))
+    return RosTime(*divmod(nanoseconds, 1_000_000_000))
 
 
 def body_frame(vehicle: str) -> str:
@@ -57,12 +57,12 @@ def body_frame(vehicle: str) -> str:
     return f"{vehicle}/base_link"
 
 
-def pose_stamped(pose: Pose, stamp: Time) -> PoseStamped:
+def pose_stamped(pose: Pose, stamp: RosTime) -> PoseStamped:
     """Return a pose in the world."""
     return PoseStamped(Header(stamp, WORLD), _plain(pose))
 
 
-def transform(pose: Pose, stamp: Time, vehicle: str) -> TFMessage:
+def transform(pose: Pose, stamp: RosTime, vehicle: str) -> TFMessage:
     """Return a pose as the transform from the world to the body."""
     plain = _plain(pose)
     return TFMessage(
@@ -76,7 +76,7 @@ def transform(pose: Pose, stamp: Time, vehicle: str) -> TFMessage:
     )
 
 
-def odometry(pose: Pose, stamp: Time, vehicle: str) -> Odometry:
+def odometry(pose: Pose, stamp: RosTime, vehicle: str) -> Odometry:
     """Return pose and velocities; ROS has these in the body frame."""
     rates = pose.body_rates
     return Odometry(
@@ -91,7 +91,7 @@ def odometry(pose: Pose, stamp: Time, vehicle: str) -> Odometry:
 
 def _plain(pose: Pose) -> PlainPose:
     at, turned = pose.position, pose.orientation
-    return PlainPose(Vector(at.x, at.y, at.z), Rotation(turned.x, turned.y, turned.z, turned.w))
+    return PlainPose(Vector(at.x, at.y, at.z), Orientation(turned.x, turned.y, turned.z, turned.w))
 
 
 def _in_body(velocity: Velocity, pose: Pose) -> Vector:
@@ -119,7 +119,7 @@ def goal_of(goal: PoseStamped, height: float) -> GotoRequest:
     return GotoRequest(at.x, at.y, at.z or height, replace=True)
 
 
-def fluid_pressure(reading: Pressure, stamp: Time, vehicle: str) -> FluidPressure:
+def fluid_pressure(reading: Pressure, stamp: RosTime, vehicle: str) -> FluidPressure:
     """Return the absolute pressure, Pa: the reading is hPa, its baseline subtracted."""
     absolute = 100.0 * (reading.pressure + reading.baseline)
     return FluidPressure(Header(stamp, body_frame(vehicle)), absolute)
@@ -130,7 +130,9 @@ def state_text(state: SafetyState) -> String:
     return String(f"{state.state}: {state.reason}" if state.reason else state.state)
 
 
-def bounds(state: SafetyState, zones: tuple[Zone, ...], gone: set[str], stamp: Time) -> MarkerArray:
+def bounds(
+    state: SafetyState, zones: tuple[Zone, ...], gone: set[str], stamp: RosTime
+) -> MarkerArray:
     """Return the edges of the cage and the zones, pale while the cage is off.
 
     `gone` are the names of zones shown before, which a viewer must remove.

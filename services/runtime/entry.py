@@ -87,7 +87,9 @@ def _run(
                     # With certificates, a question about all vehicles has no answer.
                     few = len(fleet) == 1 or is_secure(address.endpoint)
                     present = liveliness.present(opened, fleet if few else ["*"])
-                    executor = _executor_of(name, run, fleet, opened, realm, present)
+                    executor = _executor_of(
+                        name, run, fleet, opened, realm, present, options.connect
+                    )
                 except AlreadyServed:
                     # Distant hubs may still list our own previous session as alive.
                     if time.monotonic() > patience:
@@ -125,6 +127,7 @@ def _executor_of(
     opened: zenoh.Session,
     realm: Realm,
     present: liveliness.Present,
+    connect: str,
 ) -> MultiNodeExecutor:
     """Return an executor with the service of every vehicle, ready to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
@@ -135,7 +138,7 @@ def _executor_of(
         own = executor.new_executor()
         node = Node(
             name, vehicle, opened, own, present=present, restarted=restarted,
-            reference_params=like, single=single,
+            reference_params=like, single=single, connect=connect,
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))

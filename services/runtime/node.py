@@ -43,6 +43,7 @@ class Node:
     `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
     process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
     `present`: what else is there, if it has been asked for the process's vehicles together.
+    `connect`: the hub's endpoint if it is not the realm's own.
     Raises AlreadyServed when another process is this node.
     """
 
@@ -57,7 +58,9 @@ class Node:
         restarted: bool = False,
         reference_params: Params | None = None,
         single: bool = True,
+        connect: str = "",
     ) -> None:
+        self._connect = connect
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
         present = present or liveliness.present(session, [vehicle])
@@ -144,7 +147,14 @@ class Node:
         return RecorderSubscriber(self._session, keys)
 
     def client(self, service: Service[Q, R]) -> ServiceClient[Q, R]:
-        """Return a client of another node's service; a call blocks, so make it on a thread."""
+        """Return a client of another node's service; a call blocks, so make it on a thread.
+
+        Raises NotAllowed if the role of our certificate does not permit the call.
+        """
+        if self._connect:
+            from quadctl.services.runtime.security import permissions
+
+            permissions.check(self._connect, "call", service.key(self.vehicle))
         return ServiceClient(self._session, self.vehicle, service)
 
     def latest(self, topic: Topic[M], timeout: float) -> M:

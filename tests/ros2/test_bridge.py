@@ -25,6 +25,7 @@ from quadctl.services.ros2.messages import (
     Clock,
     PoseStamped,
     RosService,
+    SetBoolRequest,
     String,
     TriggerRequest,
     type_of,
@@ -204,6 +205,25 @@ def test_a_wrong_domain_or_router_is_refused_before_the_bridge_starts(lab: Lab):
         assert done.err.startswith(f"error: {what}"), done.err
 
 
+def test_a_bridge_has_the_rights_of_its_certificate(lab: Lab, network: str):
+    for words in ("init", "issue hub", "issue student anna --vehicle uav"):
+        assert lab.quadctl("keys", *words.split()).code == 0
+    hub = f"tls/127.0.0.1:{free_port()}"
+    lab.start("--listen", hub, "--identity", "keys/hub")
+    options = ("--connect", hub, "--identity", "keys/anna", "--json")
+    with (
+        bridged(lab, network, "9", *options) as process,
+        raw_client(network) as session,
+        readers(session, "9"),
+    ):
+        assert call(session, "9/uav/hold", TRIGGER, TriggerRequest()).success
+        refused = call(session, "9/uav/toggle_cage", SET_BOOL, SetBoolRequest(data=False))
+    told = json.loads(process.log.splitlines()[0])
+    assert told == {"router": network, "domain": 9, "vehicles": ["uav"]}
+    assert not refused.success
+    assert refused.message.startswith("not allowed: a student of uav may not call")
+
+
 def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(
     ros: RosClient, run: quadctl.Run, network: str
 ):
@@ -260,7 +280,7 @@ def test_parameters_are_read_and_set_as_those_of_a_node_of_ros(
         half = messages.ParameterValue(type=3, double_value=0.375)
         wrong = messages.ParameterValue(type=3, double_value=-1.0)
         request = messages.Parameters(
-            (messages.Parameter(name, half), messages.Parameter(name, wrong))
+            (messages.RosParameter(name, half), messages.RosParameter(name, wrong))
         )
         done, refused = ask(messages.SET_PARAMETERS, request).results
         assert done.successful

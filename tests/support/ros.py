@@ -63,10 +63,10 @@ def router(port: int = 0) -> Iterator[str]:
 
 
 @contextmanager
-def bridged(lab: Lab, endpoint: str, domain: str) -> Iterator[Foreground]:
+def bridged(lab: Lab, endpoint: str, domain: str, *options: str) -> Iterator[Foreground]:
     """Bridge the run of a lab from when it serves the vehicle until the end of the block."""
     words = ("bridge", "ros2", "--router", endpoint, "--domain", domain)
-    process = lab.spawn(*lab.command(*words))
+    process = lab.spawn(*lab.command(*options, *words))
     eventually(
         lambda: "ros2" in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
     )

@@ -19,9 +19,9 @@ from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.zones import FARTHEST, CircleParams, ZoneParams
 from quadctl.services.ros2 import translation
 from quadctl.services.ros2.cdr import Malformed
-from quadctl.services.ros2.messages import Header, PlainPose, PoseStamped, Time, Vector
+from quadctl.services.ros2.messages import Header, PlainPose, PoseStamped, RosTime, Vector
 
-STAMP = Time(12, 500)
+STAMP = RosTime(12, 500)
 QUARTER = Quaternion(cos(0.25 * 3.141592653589793), 0.0, 0.0, sin(0.25 * 3.141592653589793))
 POSE = Pose(
     "boot", 1, 2.0, Position(1.0, 2.0, 3.0), Velocity(0.0, 1.5, 0.5), QUARTER,

@@ -220,5 +220,8 @@ def test_all_that_a_client_sends_is_read(tap: Tap):
         for one in reversed(held):
             one.undeclare()
         # Zenoh keeps the numbers of keys.
-        eventually(lambda: counted().cost <= most - 3 - 8 - 8)
+        eventually(
+            lambda: counted().cost <= most - 3 - 8 - 8,
+            describe=lambda: f"{most} before, {vars(counted())} now, links: {len(tap.sent)}",
+        )
     assert sum(map(len, tap.sent[0])) > 140_000

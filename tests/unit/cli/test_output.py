@@ -56,6 +56,33 @@ def test_ctrl_c_during_imports_exits_with_130_silently():
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+LOST = """
+import os, signal, sys, time
+from quadctl.cli.main import main
+
+class Impatient:
+    def find_spec(self, name, path=None, target=None):
+        if name == "quadctl.cli.fast_imports":
+            # Python ignores what is raised while it collects an object.
+            class Collected:
+                def __del__(self):
+                    os.kill(os.getpid(), signal.SIGINT)
+            Collected()
+            time.sleep(20)
+
+sys.meta_path.insert(0, Impatient())
+main()
+"""
+
+
+def test_a_ctrl_c_that_python_ignores_is_repeated():
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", LOST],
+        capture_output=True, text=True, check=False, timeout=15,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
 WORD = st.text("ab \tcdé", max_size=6)
 Capture = pytest.CaptureFixture[str]
 

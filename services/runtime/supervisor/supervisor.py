@@ -4,7 +4,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from queue import Empty, SimpleQueue
 from typing import Any, TextIO
 
@@ -22,6 +22,7 @@ from quadctl.services.runtime.process_table import (
     cut_off,
 )
 from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.shutdown import uninterrupted
 from quadctl.services.runtime.supervisor import control, descendants, fork
 from quadctl.services.runtime.supervisor.child import MOST, Child, LogLine
 from quadctl.services.runtime.supervisor.launch import Launch, RunDirectory
@@ -171,13 +172,12 @@ class Supervisor:
         return [row.record() for row in self._rows.values()]
 
     def run(self, on_settled: Callable[[str], None], on_look: Callable[[], None]) -> int:
-        """Run until SIGINT, SIGTERM or SIGHUP; returns the signal's number.
+        """Run until a signal that is handled; return its number.
 
         `on_settled` is called once: with an empty text when all are ready, or with the last lines
         of the first process that is left down. `on_look` is called ten times a second. Raises
         AlreadyServed if the realm's folder was removed and another run has taken the realm.
         """
-        self._handle_signals()
         settled = False
         try:
             # Fork all processes before any thread starts: a process with threads cannot fork.
@@ -202,7 +202,8 @@ class Supervisor:
         """End the run as SIGTERM does; `keep_logs` leaves its logs in the realm's folder."""
         self._stopped_by, self._home.keeps_logs = signal.SIGTERM, keep_logs
 
-    def _handle_signals(self) -> None:
+    def handle_signals(self) -> None:
+        """Let SIGINT, SIGTERM and SIGHUP end the run."""
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             number = getattr(signal, name, None)
             # Under nohup a closed terminal must not end the run.
@@ -375,9 +376,13 @@ def run(
     Log lines go to a text stream or a function. `on_look` is called ten times a second. Raises
     AlreadyServed if the realm is live.
     """
-    with RunDirectory(launch) as home:
-        logs = Logs(home.realm.logs, stream if callable(stream) else Printer(stream))
-        supervisor = Supervisor(launch, home, logs)
+    with ExitStack() as stack:
+        # From here on a signal ends the run in order, and none gets lost.
+        with uninterrupted():
+            home = stack.enter_context(RunDirectory(launch))
+            logs = Logs(home.realm.logs, stream if callable(stream) else Printer(stream))
+            supervisor = Supervisor(launch, home, logs)
+            supervisor.handle_signals()
         return supervisor.run(
             lambda failed: on_settled(supervisor, failed),
             lambda: on_look(supervisor) if on_look else None,

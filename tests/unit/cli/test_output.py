@@ -57,7 +57,7 @@ def test_ctrl_c_during_imports_exits_with_130_silently():
 
 
 LOST = """
-import os, signal, sys, time
+import os, signal, sys
 from quadctl.cli.main import main
 
 class Impatient:
@@ -68,17 +68,18 @@ class Impatient:
                 def __del__(self):
                     os.kill(os.getpid(), signal.SIGINT)
             Collected()
-            time.sleep(20)
 
 sys.meta_path.insert(0, Impatient())
+sys.argv[1:] = ["type", "show", "goto"]
 main()
 """
 
 
-def test_a_ctrl_c_that_python_ignores_is_repeated():
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot delay Ctrl-C")
+def test_a_ctrl_c_where_python_ignores_exceptions_is_not_lost():
     done = subprocess.run(
         [sys.executable, "-P", "-c", LOST],
-        capture_output=True, text=True, check=False, timeout=15,
+        capture_output=True, text=True, check=False, timeout=30,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 

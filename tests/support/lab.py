@@ -191,7 +191,7 @@ class Lab:
 
     def taken_logs(self) -> dict[str, str]:
         """Remove the logs that a failed start has left, and nothing else; return them by file."""
-        eventually(lambda: not self.processes(), 3.0)
+        eventually(lambda: not self.processes(), 10.0)
         assert [path.name for path in self.home.iterdir()] == ["logs"]
         logs = {path.name: path.read_text(encoding="utf-8") for path in self.home.glob("logs/*")}
         shutil.rmtree(self.home)
@@ -206,7 +206,7 @@ class Lab:
         try:
             if self.processes():
                 self.quadctl("down")
-            eventually(lambda: not self.processes(), 3.0)
+            eventually(lambda: not self.processes(), 10.0)
             assert not self.home.exists(), sorted(self.home.iterdir())
         finally:
             for pid in self.processes():

@@ -142,9 +142,15 @@ class Node:
         if self._subscribed.pop(subscription, None) and self._ready:
             self._announce()
 
-    def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
-        """Subscribe to keys or key expressions, undecoded."""
-        return RecorderSubscriber(self._session, keys)
+    def tap(
+        self, keys: tuple[str, ...], wake: Callable[[], None] | None = None
+    ) -> RecorderSubscriber:
+        """Subscribe to keys or key expressions, undecoded; see RecorderSubscriber for `wake`."""
+        return RecorderSubscriber(self._session, keys, wake)
+
+    def endpoints(self) -> list[keyexpr.EndpointInfo]:
+        """Return what the vehicle's nodes publish, serve and subscribe to; it blocks."""
+        return liveliness.offers(self._session, self.vehicle, "@pub", "@srv", "@sub")
 
     def client(self, service: Service[Q, R]) -> ServiceClient[Q, R]:
         """Return a client of another node's service; a call blocks, so make it on a thread.

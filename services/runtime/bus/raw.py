@@ -111,11 +111,18 @@ class RecorderSubscriber:
 
     The constructor waits for the hub and raises TimedOut; later it survives the loss of a hub.
     Zenoh's thread only copies messages; `lost` counts those without room. Times are of one clock,
-    which does not jump when the machine's clock is set.
+    which does not jump when the machine's clock is set. `wake`, if given, is called on Zenoh's
+    thread after each message, and must not block.
     """
 
-    def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: tuple[str, ...],
+        wake: Callable[[], None] | None = None,
+    ) -> None:
         self.lost = 0
+        self._wake = wake
         self._session, self._breaks = session, DisconnectListener(session)
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._waiting: deque[RawMessage] = deque()
@@ -184,3 +191,5 @@ class RecorderSubscriber:
         self._waiting.append(
             RawMessage(str(sample.key_expr), payload, str(sample.encoding), at, published)
         )
+        if self._wake is not None:
+            self._wake()

@@ -2,7 +2,7 @@
 
 from quadctl.schemas.messages import CageSize, Position, Zones
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.recorder.foxglove import MATCHING_ID, Scene
+from quadctl.services.runtime.recording.scene import MATCHING_ID, Scene
 from tests.support.bags import BEGAN, pose, state
 
 

@@ -8,6 +8,7 @@ refused by them.
 
 import argparse
 import contextlib
+import logging
 import sys
 import threading
 import time
@@ -27,6 +28,7 @@ from foxglove.websocket import (
     ConnectionGraph,
     MessageSchema,
     Parameter,
+    ParameterValue,
     ServerListener,
     ServiceRequest,
     ServiceSchema,
@@ -35,7 +37,7 @@ from foxglove.websocket import (
 from foxglove.websocket import Service as Offered
 from msgspec import Struct
 
-from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import (
@@ -97,6 +99,10 @@ def run(server: "Server", node: Node, _params: Params) -> None:
     node.spin()
 
 
+class Failure(Exception):
+    """Failure of a call, named and worded for the person who made it."""
+
+
 class Server(ServerListener):
     """WebSocket server with the channels and services of all vehicles.
 
@@ -113,6 +119,8 @@ class Server(ServerListener):
 
     def open(self) -> None:
         """Listen; raise QuadctlError if another process has the port."""
+        # The SDK reports every client that comes and goes.
+        logging.getLogger("foxglove").setLevel(logging.WARNING)
         try:
             self._server = foxglove.start_server(
                 name="quadctl",
@@ -128,7 +136,7 @@ class Server(ServerListener):
                 supported_encodings=[JSON],
                 context=self.channels.context,
             )
-        except RuntimeError as error:
+        except RuntimeError as error:  # of the SDK
             raise QuadctlError(
                 f"port {self.port} cannot be opened: {error}",
                 f"end the program that has it, or choose another: --port {self.port + 1}",
@@ -223,8 +231,8 @@ class Server(ServerListener):
             try:
                 return self._worker.call(request.client_id, request.call_id, job)
             except QuadctlError as problem:
-                # The text of any exception is what the client gets.
-                raise RuntimeError(_text(problem)) from problem
+                # The client gets the name and the text of any exception.
+                raise Failure(_text(problem)) from problem
 
         return Offered(service_name(vehicle.name, service.name), schema=schema, handler=on_call)
 
@@ -262,7 +270,7 @@ class Server(ServerListener):
             for vehicle in tuple(self._vehicles.values())
             for name, value in vehicle.parameters().items()
         }
-        return [Parameter(name, value=found[name]) for name in names or found if name in found]
+        return [_parameter(name, found[name]) for name in names or found if name in found]
 
     def _set_parameters(self, given: dict[str, Any]) -> list[Parameter]:
         problem: QuadctlError | None = None
@@ -281,7 +289,7 @@ class Server(ServerListener):
     def _publish_parameters(self, vehicle: "Vehicle") -> None:
         values = vehicle.parameters()
         self._server.publish_parameter_values(
-            [Parameter(f"{vehicle.name}.{name}", value=each) for name, each in values.items()]
+            [_parameter(f"{vehicle.name}.{name}", each) for name, each in values.items()]
         )
 
     def _publish_graph(self) -> None:
@@ -402,6 +410,11 @@ class Vehicle:
             self._quiet[kind] = channel
         if derived := self.drawing.derive(message.key, stored.message, message.at):
             channels.draw(derived, message.at)
+
+
+def _parameter(name: str, value: Any) -> Parameter:
+    # The SDK takes an empty list for one of floats; ours may be of zones.
+    return Parameter(name, value=ParameterValue.Array([]) if value == [] else value)
 
 
 def _text(problem: QuadctlError) -> str:

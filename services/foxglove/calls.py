@@ -4,6 +4,7 @@ The SDK runs the handler of each call on a thread of its own, so that two calls 
 may reach us in either order. Their ids show it: every client counts its calls by one.
 """
 
+from collections.abc import Iterable
 from typing import Generic, NamedTuple, TypeVar
 
 T = TypeVar("T")
@@ -34,12 +35,7 @@ class CallOrder(Generic[T]):
 
     def next(self, now: float) -> T | None:
         """Remove and return the next call whose turn it is at a time (s), if any."""
-        lowest: dict[int, _Waiting] = {}
-        for each in self._items:
-            known = lowest.get(each.client)
-            if known is None or each.number < known.number:
-                lowest[each.client] = each
-        for each in sorted(lowest.values(), key=lambda waiting: waiting.since):
+        for each in sorted(self._turns(), key=lambda waiting: waiting.since):
             if now >= self._due(each):
                 last = self._last.get(each.client, each.number)
                 self._last[each.client] = max(last, each.number)
@@ -48,7 +44,16 @@ class CallOrder(Generic[T]):
 
     def due(self) -> float | None:
         """Return the time (s) at which `next` will have a call, None without any."""
-        return min(map(self._due, self._items), default=None)
+        return min(map(self._due, self._turns()), default=None)
+
+    def _turns(self) -> Iterable[_Waiting]:
+        """Return the waiting call of each client with the lowest id."""
+        lowest: dict[int, _Waiting] = {}
+        for each in self._items:
+            known = lowest.get(each.client)
+            if known is None or each.number < known.number:
+                lowest[each.client] = each
+        return lowest.values()
 
     def _due(self, each: _Waiting) -> float:
         last = self._last.get(each.client)

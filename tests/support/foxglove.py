@@ -7,16 +7,17 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from contextlib import ExitStack, contextmanager
+from typing import Any, NamedTuple, Self
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from tests.support.lab import Lab
 from tests.support.running import Foreground, eventually
 
-SUBPROTOCOL = "foxglove.sdk.v1"
+SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 _MESSAGE, _REQUEST, _RESPONSE = 1, 2, 3
 
 
@@ -40,8 +41,10 @@ class FoxgloveClient:
     def __init__(
         self, port: int, *topics: str, everything: bool = False, reading: bool = True
     ) -> None:
-        self._socket = connect(
-            f"ws://127.0.0.1:{port}", subprotocols=[SUBPROTOCOL], max_size=None, compression=None
+        self._open = ExitStack()
+        address = f"ws://127.0.0.1:{port}"
+        self._socket = self._open.enter_context(
+            connect(address, subprotocols=[SUBPROTOCOL], max_size=None, compression=None)
         )
         self._came = threading.Condition()
         self._topics, self._everything = set(topics), everything
@@ -58,20 +61,18 @@ class FoxgloveClient:
         threading.Thread(target=self._read, daemon=True).start()
         self.wait(lambda: "uav/goto" in self.services or "uav0/goto" in self.services)
 
-    def __enter__(self) -> "FoxgloveClient":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._reading:
-            self._socket.close()
-        else:
-            self._socket.socket.close()
+        self._open.close()
 
     def wait(self, condition: Callable[[], Any], timeout: float = 20.0) -> Any:
         """Return the first true result of a condition, checked after each message."""
         with self._came:
-            assert self._came.wait_for(condition, timeout), self.documents[-5:]
-            return condition()
+            found = self._came.wait_for(condition, timeout)
+            assert found, self.documents[-5:]
+            return found
 
     def message(
         self, topic: str, condition: Callable[[Any], bool] = lambda _: True, timeout: float = 20.0
@@ -79,31 +80,19 @@ class FoxgloveClient:
         """Return the next message of a topic, as plain data, that fulfils a condition."""
         seen = len(self.messages)
 
-        def found() -> Any:
+        def found() -> list[Any]:
             nonlocal seen
-            while seen < len(self.messages):
-                each = self.messages[seen]
-                seen += 1
-                if each.topic == topic and condition(each.json):
-                    return [each.json]
-            return None
+            new, seen = self.messages[seen:], len(self.messages)
+            plain = (each.json for each in new if each.topic == topic)
+            return [each for each in plain if condition(each)]
 
-        with self._came:
-            box: list[Any] = []
-            assert self._came.wait_for(lambda: box or box.extend(found() or []) or box, timeout)
-            return box[0]
+        return self.wait(found, timeout)[0]
 
     def document(self, op: str, condition: Callable[[Any], bool] = lambda _: True) -> Any:
         """Return the first document of a kind, also of the past, that fulfils a condition."""
-        found = [None]
-
-        def look() -> bool:
-            match = [d for d in self.documents if d["op"] == op and condition(d)]
-            found[:] = match[:1] or [None]
-            return bool(match)
-
-        self.wait(look)
-        return found[0]
+        return self.wait(
+            lambda: [each for each in self.documents if each["op"] == op and condition(each)]
+        )[0]
 
     def send(self, op: str, **fields: Any) -> None:
         self._socket.send(json.dumps({"op": op, **fields}))

@@ -75,8 +75,16 @@ def test_calls_that_come_within_the_patience_leave_in_order(
         order.add(1, number, number, now)
         if (item := order.next(now)) is not None:
             found.append(item)
-    while (now := order.due()) is not None:
-        item = order.next(now)
+    while len(order):
+        item = order.next(1.0)
         assert item is not None
         found.append(item)
     assert found == sorted(numbers)
+
+
+def test_the_next_time_is_that_of_a_call_whose_turn_it_is():
+    order: CallOrder[str] = CallOrder()
+    order.add(1, 2, "second", 0.0)
+    order.add(1, 1, "first", 0.01)
+    assert order.due() == 0.01 + PATIENCE
+    assert drained(order, 0.01 + PATIENCE) == ["first", "second"]

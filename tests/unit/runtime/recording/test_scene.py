@@ -2,7 +2,7 @@
 
 from quadctl.schemas.messages import CageSize, Position, Zone, Zones
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.runtime.recording.scene import MATCHING_ID, Drawing, Scene
+from quadctl.services.runtime.recording.scene import MATCHING_ID, Drawing, Scene, SceneUpdate
 from tests.support.bags import BEGAN, pose, state
 
 
@@ -95,7 +95,8 @@ def test_a_late_viewer_gets_the_whole_scene_though_nothing_has_changed():
     assert first is not None
     assert late is not None
     assert late == first
-    ids = {entity.id for entity in late.message.entities}  # type: ignore[union-attr]
+    assert isinstance(late.message, SceneUpdate)
+    ids = {entity.id for entity in late.message.entities}
     assert ids == {"uav/cage", "uav/goal", "uav/body", "uav/zone/tower"}
 
 

@@ -20,7 +20,9 @@ import quadctl
 from quadctl.cli.bridge.foxglove import LAYOUT
 from quadctl.schemas.topics import SERVICES, TOPICS
 from quadctl.schemas.typeinfo import json_schema
+from quadctl.services.runtime.bus import session
 from quadctl.services.runtime.bus.session import free_port
+from quadctl.services.runtime.realm import Realm
 from tests.support import missions
 from tests.support.foxglove import FoxgloveClient, ServiceFailed, bridge, bridged, serves
 from tests.support.lab import Lab, private_lab
@@ -130,7 +132,8 @@ def test_parameters_are_read_and_set_with_their_types(client: FoxgloveClient, ru
     everything = client.parameters()
     assert everything["uav.safety.takeoff"]["type"] == "float64"
     assert everything["uav.safety.cage_on"]["value"] is True
-    assert isinstance(everything["uav.pressure.seed"]["value"], int)
+    assert isinstance(everything["uav.dynamics.seed"]["value"], int)
+    assert "type" not in everything["uav.dynamics.seed"]
     assert "type" not in everything["uav.safety.zones"]
     name = "uav.safety.acceptance_range"
     assert list(client.parameters(name)) == [name]
@@ -210,15 +213,30 @@ def test_garbage_by_the_thousand_changes_nothing(port: int, run: quadctl.Run):
         assert client.call("uav/hold") == {"success": True}
 
 
-def test_a_slow_client_loses_its_own_messages_only(port: int):
-    with FoxgloveClient(port) as quick, FoxgloveClient(port, reading=False) as slow:
-        slow.subscribe_unread(*quick.channels.values())
+def test_a_slow_client_loses_its_own_messages_only(port: int, run: quadctl.Run):
+    count, pad = 3000, b"x" * 10_000
+    with (
+        session.open_client(session.address_of(Realm(run.realm))) as bus,
+        FoxgloveClient(port) as quick,
+        FoxgloveClient(port, reading=False) as slow,
+    ):
+        bus.put("uav/own/big", b'{"seq": -1}')
+        quick.wait(lambda: "uav/own/big" in quick.channels)
+        slow.subscribe_unread(quick.channels["uav/own/big"])
         quick.subscribe("uav/pose")
         quick.message("uav/pose")
-        for _ in range(300):
-            quick.message("uav/pose")
-        numbers = [m.json["seq"] for m in quick.messages]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        for number in range(count):
+            bus.put("uav/own/big", b'{"seq": %d, "pad": "%s"}' % (number, pad))
+        # The bridge takes messages in their order; a pose of now comes after all of these.
+        now = run.vehicle.pose().stamp + 1
+        quick.message("uav/pose", lambda pose: pose["stamp"] > now)
+        slow.read()
+        slow.message("uav/own/big", lambda each: each["seq"] == count - 1)
+        big = [each.json["seq"] for each in slow.messages]
+        poses = [each.json["seq"] for each in quick.messages]
+    assert len(big) < count
+    assert big == sorted(big)
+    assert poses == list(range(poses[0], poses[0] + len(poses)))
 
 
 def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(port: int, run: quadctl.Run):

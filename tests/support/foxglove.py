@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple, Self
@@ -25,6 +26,8 @@ class Message(NamedTuple):
     topic: str
     at: int
     data: bytes
+    came: float
+    """Arrival here, by `time.perf_counter`."""
 
     @property
     def json(self) -> Any:
@@ -55,9 +58,12 @@ class FoxgloveClient:
         self.answers: list[tuple[int, Any]] = []
         self._subscriptions: dict[int, str] = {}
         self._calls = 0
-        self.closed, self._reading = False, reading
-        if not reading:
-            return
+        self.closed = False
+        if reading:
+            self.read()
+
+    def read(self) -> None:
+        """Read what comes from now on, and wait for the services."""
         threading.Thread(target=self._read, daemon=True).start()
         self.wait(lambda: "uav/goto" in self.services or "uav0/goto" in self.services)
 
@@ -109,6 +115,7 @@ class FoxgloveClient:
     def subscribe_unread(self, *channels: dict[str, Any]) -> None:
         """Subscribe to channels that another client has been told of."""
         for each in channels:
+            self._subscriptions[each["id"]] = each["topic"]
             self.send("subscribe", subscriptions=[{"id": each["id"], "channelId": each["id"]}])
 
     def request(self, service: str, payload: bytes) -> int:
@@ -167,7 +174,8 @@ class FoxgloveClient:
             self._take_document(document)
         elif data[0] == _MESSAGE:
             number, at = struct.unpack_from("<IQ", data, 1)
-            self.messages.append(Message(self._subscriptions[number], at, data[13:]))
+            topic, came = self._subscriptions[number], time.perf_counter()
+            self.messages.append(Message(topic, at, data[13:], came))
         elif data[0] == _RESPONSE:
             _, call, length = struct.unpack_from("<III", data, 1)
             self.answers.append((call, json.loads(data[13 + length :])))

@@ -316,9 +316,7 @@ class Vehicle:
         self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
         self.endpoints = node.endpoints
         self._server, self._node = server, node
-        self._forms: dict[tuple[str, str], Form] = {}
-        # Channels of messages that only their subscribers need.
-        self._quiet: dict[tuple[str, str], Channel] = {}
+        self._routes: dict[tuple[str, str], Route] = {}
         self._height = 0.0
         self._lock = threading.Lock()
         self._goal: bytes | None = None
@@ -388,28 +386,40 @@ class Vehicle:
 
     def _show(self, message: RawMessage) -> None:
         kind, channels = (message.key, message.encoding), self._server.channels
-        quiet = self._quiet.get(kind)
-        if quiet is not None and not quiet.has_sinks() and not channels.frames_wanted:
+        route = self._routes.get(kind)
+        if route is None:
+            route = self._routes[kind] = Route(*kind)
+        elif route.is_quiet and not channels.frames_wanted and not route.channel.has_sinks():
             return
-        form = self._forms.get(kind)
-        if form is None:
-            form = self._forms[kind] = Form(*kind)
-        stored = form.stored(message.payload)
-        channel, topic = (
-            channels.of(message.key, stored.encoding, stored.type),
-            topic_of(message.key),
-        )
-        latched = topic is not None and topic.latched
-        channels.log(channel, stored.data, message.at, latched=latched)
+        stored = route.form.stored(message.payload)
+        if (stored.encoding, stored.type) != route.to:
+            route.to = stored.encoding, stored.type
+            route.channel = channels.of(message.key, *route.to)
+        channels.log(route.channel, stored.data, message.at, latched=route.latched)
         if isinstance(stored.message, SafetyState):
             self._height = stored.message.goal.z
             self._server.show_graph()
-        elif message.key.endswith("/set_params"):
+        elif route.sets_parameters:
             self._server.show_parameters(self)
-        elif not latched:
-            self._quiet[kind] = channel
         if derived := self.drawing.derive(message.key, stored.message, message.at):
             channels.draw(derived, message.at)
+
+
+class Route:
+    """Way of the messages of one key and one Zenoh encoding to their channel.
+
+    Found once: after each pause of 10 ms the processor's caches are cold, and every lookup counts.
+    """
+
+    channel: Channel
+
+    def __init__(self, key: str, encoding: str) -> None:
+        self.form, topic = Form(key, encoding), topic_of(key)
+        self.to: tuple[str, type[Struct] | None] | None = None
+        self.latched = topic is not None and topic.latched
+        self.sets_parameters = key.endswith("/set_params")
+        # Only subscribers need such a message.
+        self.is_quiet = not self.latched and not self.sets_parameters
 
 
 def _parameter(name: str, value: Any) -> Parameter:

@@ -28,7 +28,6 @@ from foxglove.websocket import (
     ConnectionGraph,
     MessageSchema,
     Parameter,
-    ParameterValue,
     ServerListener,
     ServiceRequest,
     ServiceSchema,
@@ -51,7 +50,15 @@ from quadctl.schemas.topics import (
     topic_of,
 )
 from quadctl.services.foxglove.channels import Channels, schema_of
-from quadctl.services.foxglove.translation import by_node, goal_of, graph_of, service_name, to_ours
+from quadctl.services.foxglove.translation import (
+    Graph,
+    by_node,
+    goal_of,
+    graph_of,
+    readable,
+    service_name,
+    to_ours,
+)
 from quadctl.services.foxglove.worker import Worker
 from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.entry import start
@@ -115,7 +122,7 @@ class Server(ServerListener):
         self._vehicles: dict[str, Vehicle] = {}
         self._advertised: dict[tuple[int, int], str] = {}
         self._worker = Worker()
-        self._graph_wanted = False
+        self._graph_wanted, self._graph = False, Graph({}, {}, {})
 
     def open(self) -> None:
         """Listen; raise QuadctlError if another process has the port."""
@@ -270,7 +277,7 @@ class Server(ServerListener):
             for vehicle in tuple(self._vehicles.values())
             for name, value in vehicle.parameters().items()
         }
-        return [_parameter(name, found[name]) for name in names or found if name in found]
+        return [Parameter(name, value=found[name]) for name in names or found if name in found]
 
     def _set_parameters(self, given: dict[str, Any]) -> list[Parameter]:
         problem: QuadctlError | None = None
@@ -289,16 +296,18 @@ class Server(ServerListener):
     def _publish_parameters(self, vehicle: "Vehicle") -> None:
         values = vehicle.parameters()
         self._server.publish_parameter_values(
-            [_parameter(f"{vehicle.name}.{name}", each) for name, each in values.items()]
+            [Parameter(f"{vehicle.name}.{name}", value=each) for name, each in values.items()]
         )
 
     def _publish_graph(self) -> None:
-        graph = ConnectionGraph()
         endpoints = []
         for vehicle in tuple(self._vehicles.values()):
             with contextlib.suppress(QuadctlError):
                 endpoints += vehicle.endpoints()
         found = graph_of(endpoints)
+        if found == self._graph:
+            return
+        self._graph, graph = found, ConnectionGraph()
         for table, put in (
             (found.published, graph.set_published_topic),
             (found.subscribed, graph.set_subscribed_topic),
@@ -392,10 +401,10 @@ class Vehicle:
         elif route.is_quiet and not channels.frames_wanted and not route.channel.has_sinks():
             return
         stored = route.form.stored(message.payload)
-        if (stored.encoding, stored.type) != route.to:
-            route.to = stored.encoding, stored.type
-            route.channel = channels.of(message.key, *route.to)
-        channels.log(route.channel, stored.data, message.at, latched=route.latched)
+        if route.type is not stored.type:
+            route.type, route.channel = stored.type, channels.of(message.key, stored.type)
+        data = stored.data if stored.encoding == JSON else readable(message.payload, kind[1])
+        channels.log(route.channel, data, message.at, latched=route.latched)
         if isinstance(stored.message, SafetyState):
             self._height = stored.message.goal.z
             self._server.show_graph()
@@ -415,16 +424,12 @@ class Route:
 
     def __init__(self, key: str, encoding: str) -> None:
         self.form, topic = Form(key, encoding), topic_of(key)
-        self.to: tuple[str, type[Struct] | None] | None = None
+        self.type: type[Struct] | None = Struct
+        """Type of the channel's messages; none has this one."""
         self.latched = topic is not None and topic.latched
         self.sets_parameters = key.endswith("/set_params")
         # Only subscribers need such a message.
         self.is_quiet = not self.latched and not self.sets_parameters
-
-
-def _parameter(name: str, value: Any) -> Parameter:
-    # The SDK takes an empty list for one of floats; ours may be of zones.
-    return Parameter(name, value=ParameterValue.Array([]) if value == [] else value)
 
 
 def _text(problem: QuadctlError) -> str:

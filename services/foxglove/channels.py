@@ -1,4 +1,4 @@
-"""Channels of the server: each key's messages in the form that a recording has them."""
+"""Channels of the server: each key's messages as JSON, with the schemas of a recording."""
 
 import time
 from typing import Any
@@ -22,28 +22,31 @@ from quadctl.services.runtime.recording.scene import (
     SceneUpdate,
 )
 
+_FREE = Schema(name="json", encoding="jsonschema", data=b'{"type": "object", "properties": {}}')
+"""Schema of a user's own JSON; viewers need one."""
+
 
 class Channels:
     """Channels of all vehicles, and what a late subscriber gets of them at once."""
 
     def __init__(self) -> None:
         self.context = Context()
-        self._channels: dict[tuple[str, str, str], Channel] = {}
+        self._channels: dict[tuple[str, str], Channel] = {}
         self._latched: dict[int, tuple[bytes, int]] = {}
         self._drawings: list[Drawing] = []
-        self._frames = self._channel(FRAMES_KEY, JSON, TRANSFORM, FrameTransform)
-        self._scene = self._channel(SCENE_KEY, JSON, SCENE, SceneUpdate)
+        self._frames = self._channel(FRAMES_KEY, TRANSFORM, FrameTransform)
+        self._scene = self._channel(SCENE_KEY, SCENE, SceneUpdate)
 
     def add(self, vehicle: str, drawing: Drawing) -> None:
         """Declare the topics of a vehicle, before their first messages."""
         self._drawings.append(drawing)
         for topic in TOPICS:
-            self.of(topic.key(vehicle), JSON, topic.type)
+            self.of(topic.key(vehicle), topic.type)
 
-    def of(self, key: str, encoding: str, type_: type[Struct] | None) -> Channel:
-        """Return the channel of a key's messages in one form."""
+    def of(self, key: str, type_: type[Struct] | None) -> Channel:
+        """Return the channel of a key's messages of one type, None for a user's own."""
         name = "" if type_ is None else f"quadctl.{type_.__name__}"
-        return self._channel(key, encoding, name, type_)
+        return self._channel(key, name, type_)
 
     @property
     def frames_wanted(self) -> bool:
@@ -75,12 +78,12 @@ class Channels:
                 if channel.id() == view.id:
                     channel.log(data, log_time=at, sink_id=client.id)
 
-    def _channel(self, key: str, encoding: str, name: str, type_: type[Struct] | None) -> Channel:
-        kind = key, encoding, name
+    def _channel(self, key: str, name: str, type_: type[Struct] | None) -> Channel:
+        kind = key, name
         if kind not in self._channels:
-            schema = None if type_ is None else schema_of(name, type_)
+            schema = _FREE if type_ is None else schema_of(name, type_)
             self._channels[kind] = Channel(
-                key, schema=schema, message_encoding=encoding, context=self.context
+                key, schema=schema, message_encoding=JSON, context=self.context
             )
         return self._channels[kind]
 

@@ -8,10 +8,12 @@ import msgspec
 
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GotoRequest
+from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
 _GOAL_HINT = 'publish {"x": 1, "y": 2, "z": 1.5}, m, or a PoseStamped or PointStamped of ROS'
 _FLOATS = (float, int)
+_BAD = (msgspec.MsgspecError, TypeError, ValueError, OverflowError, RecursionError)
 
 
 def goal_of(data: bytes, height: float) -> GotoRequest:
@@ -37,6 +39,14 @@ def goal_of(data: bytes, height: float) -> GotoRequest:
 
 def _is_finite(number: Any) -> bool:
     return isinstance(number, _FLOATS) and not isinstance(number, bool) and math.isfinite(number)
+
+
+def readable(payload: bytes, encoding: str) -> bytes:
+    """Return a message that is no JSON object as one that has it as `data`; bytes become hex."""
+    try:
+        return msgspec.json.encode({"data": codec.to_jsonable(payload, encoding)})
+    except _BAD:
+        return msgspec.json.encode({"data": payload.hex()})
 
 
 def to_ours(given: Any, present: Any) -> Any:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GotoRequest
-from quadctl.services.foxglove.translation import by_node, goal_of, graph_of, to_ours
+from quadctl.services.foxglove.translation import by_node, goal_of, graph_of, readable, to_ours
 from quadctl.services.runtime.errors import Invalid
 
 POINT = {"x": 1, "y": 2.0, "z": 0.0}
@@ -90,3 +90,14 @@ def test_the_graph_has_the_nodes_of_each_topic_and_service():
     assert graph.published == {"uav/pose": ["uav/dynamics"]}
     assert graph.subscribed == {"uav/pose": ["uav/safety", "uav/pressure"]}
     assert graph.served == {"uav/goto": ["uav/safety"]}
+
+
+@given(
+    st.binary(max_size=60), st.sampled_from(["", "zenoh/bytes", "application/msgpack", "text/json"])
+)
+def test_any_message_is_shown_as_json(payload, encoding):
+    assert json.loads(readable(payload, encoding)).keys() == {"data"}
+
+
+def test_a_number_too_large_for_json_is_shown_as_hex():
+    assert json.loads(readable(b"9" * 30, "application/json"))

@@ -82,8 +82,6 @@ _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
 _PATIENCE = 1.0
 """Seconds that a client waits for parameters: meanwhile it blocks a thread of the SDK."""
-_AT_ONCE = 100
-"""Messages per batch."""
 
 
 def main() -> None:
@@ -319,7 +317,7 @@ class Server(ServerListener):
 
 
 class Vehicle:
-    """Vehicle as the server shows it; its messages are handled on its node's loop."""
+    """Vehicle as the server shows it; its messages are handled on Zenoh's one thread."""
 
     def __init__(self, server: Server, node: Node) -> None:
         self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
@@ -333,11 +331,10 @@ class Vehicle:
     def listen(self) -> None:
         """Subscribe to all topics and calls of the vehicle."""
         keys = (f"{self.name}/**", f"{self.name}/@call/**")
-        inline = self._node.executor.run_inline
-        self._tap = self._node.tap(keys, lambda: inline(self._drain))
+        self._listener = listener = self._node.listen_raw(keys, self._show)
         for topic in TOPICS:
             if topic.latched:
-                self._tap.request_latched(topic.key(self.name))
+                listener.request_latched(topic.key(self.name))
 
     def call(self, service: Service[Any, Any], request: Struct) -> Any:
         """Call a service of the vehicle; it blocks."""
@@ -386,12 +383,6 @@ class Vehicle:
         self._server.complain(topic, problem)
         # Safety decides at this rate; a flood of goals leaves room for calls.
         time.sleep(1 / SETPOINT.hz)
-
-    def _drain(self) -> None:
-        for message in self._tap.take(min(self._tap.waiting, _AT_ONCE)):
-            self._show(message)
-        if self._tap.waiting:
-            self._node.post(self._drain)
 
     def _show(self, message: RawMessage) -> None:
         kind, channels = (message.key, message.encoding), self._server.channels

@@ -106,23 +106,47 @@ class RawMessage(NamedTuple):
     published: int
 
 
+class RawListener:
+    """Subscriber to keys or key expressions, of which none matches what another one does.
+
+    The handler gets each message on a thread of Zenoh and must not block. There is no queue: after
+    each pause of 10 ms the processor's caches are cold, and the shortest way costs least.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, keys: tuple[str, ...], handler: Callable[[RawMessage], None]
+    ) -> None:
+        self._session, self._handler = session, handler
+        self._epoch = time.time_ns() - time.monotonic_ns()
+        callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
+
+    def request_latched(self, key: str) -> None:
+        """Request the last message of a latched topic as well."""
+        callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
+        self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        if (sample := reply.ok) is not None:
+            self._on_sample(sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        zenoh_events.pin_thread_state()
+        at = self._epoch + time.monotonic_ns()
+        payload, encoding = sample.payload.to_bytes(), str(sample.encoding)
+        self._handler(RawMessage(str(sample.key_expr), payload, encoding, at, at))
+
+
 class RecorderSubscriber:
     """Subscriber to keys or key expressions; a message that several of them match comes once.
 
     The constructor waits for the hub and raises TimedOut; later it survives the loss of a hub.
     Zenoh's thread only copies messages; `lost` counts those without room. Times are of one clock,
-    which does not jump when the machine's clock is set. `wake`, if given, is called on Zenoh's
-    thread after each message, and must not block.
+    which does not jump when the machine's clock is set.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        keys: tuple[str, ...],
-        wake: Callable[[], None] | None = None,
-    ) -> None:
+    def __init__(self, session: zenoh.Session, keys: tuple[str, ...]) -> None:
         self.lost = 0
-        self._wake = wake
         self._session, self._breaks = session, DisconnectListener(session)
         self._epoch = time.time_ns() - time.monotonic_ns()
         self._waiting: deque[RawMessage] = deque()
@@ -191,5 +215,3 @@ class RecorderSubscriber:
         self._waiting.append(
             RawMessage(str(sample.key_expr), payload, str(sample.encoding), at, published)
         )
-        if self._wake is not None:
-            self._wake()

@@ -59,7 +59,7 @@ from quadctl.services.foxglove.translation import (
     service_name,
     to_ours,
 )
-from quadctl.services.foxglove.worker import Worker
+from quadctl.services.foxglove.worker import CallWorker
 from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
@@ -90,12 +90,12 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=PORT)
     parser.add_argument("--control", action="store_true")
     options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, Server(options.port, control=options.control)))
+    start(NAME, partial(run, FoxgloveServer(options.port, control=options.control)))
 
 
-def run(server: "Server", node: Node, _params: Params) -> None:
+def run(server: "FoxgloveServer", node: Node, _params: Params) -> None:
     """Bridge one vehicle until stopped."""
-    vehicle = Vehicle(server, node)
+    vehicle = ShownVehicle(server, node)
     if node.is_first:
         server.open()
         node.log.info("serving ws://%s:%d", HOST, server.port)
@@ -108,7 +108,7 @@ class Failure(Exception):
     """Failure of a call, named and worded for the person who made it."""
 
 
-class Server(ServerListener):
+class FoxgloveServer(ServerListener):
     """WebSocket server with the channels and services of all vehicles.
 
     The SDK calls `on_..` on its own threads; these must not block for long.
@@ -117,9 +117,9 @@ class Server(ServerListener):
     def __init__(self, port: int, *, control: bool) -> None:
         self.port, self._control = port, control
         self.channels = Channels()
-        self._vehicles: dict[str, Vehicle] = {}
+        self._vehicles: dict[str, ShownVehicle] = {}
         self._advertised: dict[tuple[int, int], str] = {}
-        self._worker = Worker()
+        self._worker = CallWorker()
         self._graph_wanted, self._graph = False, Graph({}, {}, {})
 
     def open(self) -> None:
@@ -148,7 +148,7 @@ class Server(ServerListener):
             ) from error
         self.port = self._server.port
 
-    def add(self, vehicle: "Vehicle") -> None:
+    def add(self, vehicle: "ShownVehicle") -> None:
         """Offer the topics and services of a vehicle."""
         self._vehicles[vehicle.name] = vehicle
         self.channels.add(vehicle.name, vehicle.drawing)
@@ -168,7 +168,7 @@ class Server(ServerListener):
         if self._graph_wanted:
             self.later(self._publish_graph)
 
-    def show_parameters(self, vehicle: "Vehicle") -> None:
+    def show_parameters(self, vehicle: "ShownVehicle") -> None:
         """Read a vehicle's parameters, and publish them to the clients that subscribe to them."""
         self.later(lambda: self._publish_parameters(vehicle))
 
@@ -224,7 +224,7 @@ class Server(ServerListener):
         """Publish the graph no longer."""
         self._graph_wanted = False
 
-    def _offer(self, vehicle: "Vehicle", service: Service[Any, Any]) -> Offered:
+    def _offer(self, vehicle: "ShownVehicle", service: Service[Any, Any]) -> Offered:
         schema = ServiceSchema(
             f"quadctl.{service.type_name}",
             request=_message_schema(service.request),
@@ -241,7 +241,7 @@ class Server(ServerListener):
 
         return Offered(service_name(vehicle.name, service.name), schema=schema, handler=on_call)
 
-    def _answer(self, vehicle: "Vehicle", service: Service[Any, Any], payload: bytes) -> bytes:
+    def _answer(self, vehicle: "ShownVehicle", service: Service[Any, Any], payload: bytes) -> bytes:
         self._check_control()
         try:
             request = msgspec.json.decode(payload or b"{}", type=service.request)
@@ -254,7 +254,7 @@ class Server(ServerListener):
         if not self._control:
             raise _READ_ONLY
 
-    def _vehicle_of(self, topic: str) -> "Vehicle":
+    def _vehicle_of(self, topic: str) -> "ShownVehicle":
         """Return the vehicle that flies to goals on a topic; raise QuadctlError if none does."""
         self._check_control()
         vehicles = {f"/{name}{GOALS}": vehicle for name, vehicle in self._vehicles.items()}
@@ -291,7 +291,7 @@ class Server(ServerListener):
         self.complain("parameters", problem)
         return self._parameters(list(given))
 
-    def _publish_parameters(self, vehicle: "Vehicle") -> None:
+    def _publish_parameters(self, vehicle: "ShownVehicle") -> None:
         values = vehicle.parameters()
         self._server.publish_parameter_values(
             [Parameter(f"{vehicle.name}.{name}", value=each) for name, each in values.items()]
@@ -316,10 +316,10 @@ class Server(ServerListener):
         self._server.publish_connection_graph(graph)
 
 
-class Vehicle:
+class ShownVehicle:
     """Vehicle as the server shows it; its messages are handled on Zenoh's one thread."""
 
-    def __init__(self, server: Server, node: Node) -> None:
+    def __init__(self, server: FoxgloveServer, node: Node) -> None:
         self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
         self.endpoints = node.endpoints
         self._server, self._node = server, node

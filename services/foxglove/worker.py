@@ -17,7 +17,7 @@ _MOST_WAITING = 64
 """Calls and other jobs that may wait; beyond, they are refused."""
 
 
-class Worker:
+class CallWorker:
     """Thread with a queue; safe to use from any thread, and raises Refused if the queue is full."""
 
     def __init__(self) -> None:

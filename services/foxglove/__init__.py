@@ -1,1 +1,0 @@
-"""Bridge to Foxglove and Lichtblick: the running system, live, over their WebSocket protocol."""

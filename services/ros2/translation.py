@@ -4,9 +4,11 @@ The world is the frame `map` (ENU), the body of a vehicle is `VEHICLE/base_link`
 """
 
 import math
+from collections.abc import Sequence
 
 from quadctl.schemas.messages import CageSize, Pose, Pressure, SafetyState, Velocity, Zone
 from quadctl.schemas.services import GotoRequest
+from quadctl.schemas.zones import edges_of
 from quadctl.services.ros2.cdr import Malformed
 from quadctl.services.ros2.messages import (
     Colour,
@@ -163,9 +165,9 @@ def _box(cage: CageSize) -> list[Place]:
     return [(-x, -y), (x, -y), (x, y), (-x, y)]
 
 
-def _outline(zone: Zone) -> list[Place]:
+def _outline(zone: Zone) -> Sequence[Place]:
     if zone.corners:
-        return [(corner.x, corner.y) for corner in zone.corners]
+        return zone.polygon
     circle = zone.circle
     angles = [2 * math.pi * n / _ROUND for n in range(_ROUND)]
     return [
@@ -174,10 +176,10 @@ def _outline(zone: Zone) -> list[Place]:
     ]
 
 
-def _prism(outline: list[Place], floor: float, ceiling: float) -> tuple[Vector, ...]:
+def _prism(outline: Sequence[Place], floor: float, ceiling: float) -> tuple[Vector, ...]:
     """Return the ends of all edges of a column, in pairs."""
     ends: list[Vector] = []
-    for (ax, ay), (bx, by) in zip(outline, [*outline[1:], outline[0]], strict=True):
+    for ax, ay, bx, by in edges_of(outline):
         for z in (floor, ceiling):
             ends += [Vector(ax, ay, z), Vector(bx, by, z)]
         ends += [Vector(ax, ay, floor), Vector(ax, ay, ceiling)]

@@ -83,11 +83,6 @@ class ForeignSession:
         """Return the session's id in the network."""
         return str(self._session.zid())
 
-    @property
-    def connected(self) -> bool:
-        """Return whether the router is there."""
-        return bool(self._session.info.routers_zid())
-
     def publisher(self, key: str, *, latched: bool = False) -> "ForeignPublisher":
         """Declare a publisher; one that is latched sends its last message to late subscribers."""
         return ForeignPublisher(self._session, key, latched=latched)

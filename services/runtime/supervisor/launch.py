@@ -25,7 +25,6 @@ from quadctl.services.runtime.process_table import Process, table
 from quadctl.services.runtime.realm import Realm, write_atomically
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 from quadctl.services.runtime.security import endpoints
-from quadctl.services.runtime.shutdown import uninterrupted
 from quadctl.services.runtime.supervisor import logs
 
 _ATTEMPTS = 100
@@ -160,7 +159,10 @@ def choose_address(realm: Realm, transport: str) -> Address:
 
 
 class RunDirectory:
-    """Folder of a run for a `with` block, which raises AlreadyServed if the realm is live."""
+    """Folder of a run for a `with` block, which raises AlreadyServed if the realm is live.
+
+    Enter it with signals delayed: what an interrupted start leaves looks like another run's.
+    """
 
     def __init__(self, launch: Launch) -> None:
         self.realm, self._launch = Realm(launch.realm), launch
@@ -224,8 +226,7 @@ class RunDirectory:
 
     def __enter__(self) -> Self:
         try:
-            with uninterrupted():
-                self._take()
+            self._take()
         except BaseException:
             self.remove()
             raise

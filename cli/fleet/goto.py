@@ -247,10 +247,12 @@ class _Flights:
         except (Unreachable, TimedOut) as problem:
             self.problems |= {member.name: problem for member in members}
             return
+        self.problems |= course.silent
+        answering = [member for member in members if member.name not in course.silent]
         if course.is_ordered:
-            self._fly_in_order(members, course)
+            self._fly_in_order(answering, course)
         else:
-            self._fly_at_once(members, requests)
+            self._fly_at_once(answering, requests)
 
     def _fly_at_once(self, members: list[Member], requests: Mapping[str, GotoRequest]) -> None:
         def ask(member: Member, client: Client) -> Flight:

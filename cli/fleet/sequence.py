@@ -20,7 +20,7 @@ from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
 from quadctl.schemas.zones import FARTHEST, ZoneParams
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
-from quadctl.services.runtime.errors import Refused
+from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unreachable
 from quadctl.services.safety.cage import AT_REST, bounds, why_outside
 from quadctl.services.safety.separation import Piece, distance
 from quadctl.services.safety.way import HIDDEN, around
@@ -62,8 +62,8 @@ def course_of(
 ) -> "Course":
     """Return the flights that bring vehicles of one hub to their goals, apart from all others there.
 
-    A vehicle that does not answer within the timeout (s) is left out of the plan: its own flight
-    reports why. Raises Refused if there is no plan, and what a Client raises for a hub that is away.
+    A vehicle that does not answer within the timeout (s) has its error in `silent`, and no flight.
+    Raises Refused if there is no plan, and what a Client raises for a hub that is away.
     With `replace`, vehicles in flight change course; where their ways, which bend, may meet others,
     they come to rest first.
     """
@@ -73,15 +73,22 @@ def course_of(
         Member(names.get(vehicle, vehicle), connect, vehicle)
         for vehicle in dict.fromkeys([*names, *there])
     ]
-    several = len(everyone) > 1
-    known = hubs.ask(
-        everyone, lambda _, client: _known(client, several=several), bounded=True
-    ).answers
     ends = {name: astuple(goals[name]) for name in names.values()}
+    if len(everyone) == 1:
+        return Course(_planned({}, ends), {}, {}, replace=replace)
+    found = hubs.ask(everyone, lambda _, client: _known(client), bounded=False)
+    known = dict(found.answers)
+    # A second wait for their flights would double the timeout.
+    silent = {
+        name: problem
+        for name, problem in found.problems.items()
+        if name in ends and isinstance(problem, (TimedOut, Unreachable))
+    }
+    ends = {name: end for name, end in ends.items() if name not in silent}
     if replace and (bent := _bent(known, ends)):
         stop = [member for member in everyone if member.name in bent]
         known |= hubs.ask(stop, lambda _, client: _stopped(client), bounded=False).answers
-    return Course(_planned(known, ends), [*known.values()], replace=replace)
+    return Course(_planned(known, ends), known, silent, replace=replace)
 
 
 def _bent(known: Mapping[str, Known], goals: Mapping[str, Point]) -> set[str]:
@@ -111,7 +118,7 @@ def _way(one: Known, goal: Point) -> Piece:
 
 def _stopped(client: Client) -> Known:
     client.call(HOLD, HoldRequest())
-    return _known(client, several=True)
+    return _known(client)
 
 
 def _keeps(known: Sequence[Known]) -> tuple[float, float]:
@@ -120,7 +127,7 @@ def _keeps(known: Sequence[Known]) -> tuple[float, float]:
     return max(2 * one.radius for one in kept), max(one.height for one in kept)
 
 
-def _known(client: Client, *, several: bool) -> Known:
+def _known(client: Client) -> Known:
     state = client.latest(STATE)
     values = client.call(get_params("safety"), GetParamsRequest(_NAMES)).values
     separation = SeparationParams(
@@ -129,11 +136,10 @@ def _known(client: Client, *, several: bool) -> Known:
     cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
     zones = convert(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
     flies_to = state.goal if state.state == "MOVING" else None
-    pose = None
-    if several and not flies_to:
+    pose = client.first(POSE_SLOW)
+    if not flies_to:
         # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
-        pose = slowed(client, AT_REST, _STOPPING, HIDDEN)
-    pose = pose or client.first(POSE_SLOW)
+        pose = slowed(client, AT_REST, _STOPPING, HIDDEN) or client.first(POSE_SLOW)
     flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.speed"])).values
     speed = flown["dynamics.speed"]
     return Known(pose, flies_to, separation, cage, Region(zones), speed)
@@ -163,13 +169,22 @@ def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg
 class Course:
     """Flights of a plan: each leg is sent after those that have to begin before it."""
 
-    def __init__(self, legs: Sequence[Leg], known: Sequence["Known"], *, replace: bool) -> None:
-        """Take the legs of a plan, and what is known of the vehicles; see `course_of`."""
+    def __init__(
+        self,
+        legs: Sequence[Leg],
+        known: Mapping[str, Known],
+        silent: Mapping[str, QuadctlError],
+        *,
+        replace: bool,
+    ) -> None:
+        """Take the legs of a plan, what is known of the vehicles, and who is silent; see `course_of`."""
+        self.silent = silent
+        """Errors of the vehicles without an answer, by name."""
         self._legs, self._replace = legs, replace
         self._begun = [Event() for _ in legs]
         self._failed: set[str] = set()
-        self.keeps = _keeps(known)
-        self.in_real_time = all(one.speed == 1 for one in known)
+        self.keeps = _keeps([*known.values()])
+        self.in_real_time = all(one.speed == 1 for one in known.values())
 
     @property
     def is_ordered(self) -> bool:

@@ -288,12 +288,12 @@ class Monitor:
         if self.situation.state is State.MOVING:
             self._feed(Hold(reason))
 
-    def recheck(self) -> None:
-        """Stop the flight if another vehicle is on its way by now."""
+    def recheck(self, only: str = "") -> None:
+        """Stop the flight if another vehicle, or the `only` one, is on its way by now."""
         if self.situation.state is not State.MOVING:
             return
         with self._traffic.lock:
-            world = self.world(self._traffic.others(self.name, before=0))
+            world = self.world(self._traffic.others(self.name, only=only, before=0))
             space = reserved(self.situation, world)
             if near := conflicts(astuple(self.pose.position), space, world.others):
                 self.part(f"stopped, {why_near(near)}")

@@ -70,8 +70,8 @@ class Participant(Protocol):
     def world(self, others: tuple[Neighbour, ...] = ()) -> World:
         """Return the automaton's input, with its newest pose."""
 
-    def recheck(self) -> None:
-        """Stop the flight if another vehicle is on its way by now."""
+    def recheck(self, only: str = "") -> None:
+        """Stop the flight if another vehicle, or the `only` one, is on its way by now."""
 
     def part(self, reason: str) -> None:
         """Stop the flight, because another vehicle comes too near."""
@@ -171,7 +171,7 @@ class Traffic:
     def moved(self, name: str) -> None:
         """Have the flights of the others checked again: a vehicle was put somewhere else."""
         for other in self._others(name):
-            self._members[other.name][1](other.recheck)
+            self._members[other.name][1](partial(other.recheck, name))
 
     def watch(self, member: Participant) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""

@@ -5,16 +5,14 @@ from importlib.util import find_spec
 from quadctl.schemas.roles import BRIDGES
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 
-_NEEDS = {"foxglove": "foxglove-sdk", "ros2": "xxhash"}
-_MODULES = {"foxglove": "foxglove"}
-"""Module of a bridge's package, if it is not named like the package."""
+_NEEDS = {"foxglove": "websockets", "ros2": "xxhash"}
 
 
 def require(bridge: str) -> None:
     """Raise UsageError for an unknown bridge, QuadctlError if its extra is not installed."""
     if bridge not in BRIDGES:
         raise UsageError(f"there is no bridge {bridge}", f"one of {', '.join(BRIDGES)}")
-    if find_spec(_MODULES.get(bridge, _NEEDS[bridge])) is None:
+    if find_spec(_NEEDS[bridge]) is None:
         raise QuadctlError(
             f"the bridge {bridge} needs the package {_NEEDS[bridge]}, which is not installed",
             f"`pip install 'quadctl[{bridge}]'`, into the same environment",

@@ -1,12 +1,11 @@
-"""Goals, parameters and the connection graph as Foxglove has them. Pure."""
+"""Goals, parameters and messages as Foxglove has them. Pure."""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import msgspec
 
-from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GotoRequest
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
@@ -67,29 +66,3 @@ def by_node(changes: Mapping[str, Any]) -> dict[tuple[str, str], dict[str, Any]]
         vehicle, _, own = name.partition(".")
         found.setdefault((vehicle, own.partition(".")[0]), {})[own] = value
     return found
-
-
-class Graph(NamedTuple):
-    """Nodes by topic and service: who publishes, who subscribes, who serves."""
-
-    published: dict[str, list[str]]
-    subscribed: dict[str, list[str]]
-    served: dict[str, list[str]]
-
-
-def graph_of(endpoints: Iterable[EndpointInfo]) -> Graph:
-    """Return the connection graph of the nodes' endpoints; services have the names of ours."""
-    graph = Graph({}, {}, {})
-    for each in endpoints:
-        node = f"{each.vehicle}/{each.node}"
-        if each.kind == "@srv":
-            graph.served.setdefault(service_name(each.vehicle, each.name), []).append(node)
-        else:
-            table = graph.published if each.kind == "@pub" else graph.subscribed
-            table.setdefault(each.key, []).append(node)
-    return graph
-
-
-def service_name(vehicle: str, service: str) -> str:
-    """Return the name that a service has in Foxglove."""
-    return f"{vehicle}/{service}"

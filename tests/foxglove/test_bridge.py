@@ -4,7 +4,7 @@ import json
 import os
 import random
 import signal
-import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -18,6 +18,9 @@ from typing import Any
 
 import pytest
 import zenoh
+from websockets.exceptions import InvalidMessage, InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
 
 import quadctl
 from quadctl.cli.bridge.foxglove import LAYOUT
@@ -27,7 +30,16 @@ from quadctl.services.runtime.bus import session
 from quadctl.services.runtime.bus.session import free_port
 from quadctl.services.runtime.realm import Realm
 from tests.support import missions
-from tests.support.foxglove import FoxgloveClient, ServiceFailed, bridge, bridged, serves
+from tests.support.foxglove import (
+    OLD_SUBPROTOCOL,
+    SUBPROTOCOL,
+    TOKEN,
+    FoxgloveClient,
+    ServiceFailed,
+    bridge,
+    bridged,
+    serves,
+)
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
@@ -170,15 +182,20 @@ def test_parameters_are_read_and_set_with_their_types(client: FoxgloveClient, ru
     )
 
 
-def test_without_control_nothing_can_be_changed():
+@pytest.mark.parametrize(("options", "token"), [((), TOKEN), (("--control",), "")])
+def test_without_control_or_token_nothing_can_be_changed(options: tuple[str, ...], token: str):
     port = free_port()
-    with quadctl.launch() as other, bridge(other.realm, port), FoxgloveClient(port) as client:
+    with (
+        quadctl.launch() as other,
+        bridge(other.realm, port, *options),
+        FoxgloveClient(port, token=token) as client,
+    ):
         before, limit = other.vehicle.state(), other.vehicle.params["safety.takeoff"]
-        with pytest.raises(ServiceFailed, match=r"the bridge only shows .*--control"):
+        with pytest.raises(ServiceFailed, match=r"this client may only watch: .*bridge foxglove"):
             client.call("uav/hold")
         name = "uav.safety.takeoff"
         assert client.set_parameters(**{name: 2.0})[name]["value"] == limit
-        client.document("status", lambda each: "--control" in each["message"])
+        client.document("status", lambda each: each["id"] == "parameters")
         client.publish("/goto")(b'{"x": 1, "y": 0, "z": 1}')
         client.document("status", lambda each: each["id"] == "/goto")
         # What is published is handled before what is requested later.
@@ -186,6 +203,39 @@ def test_without_control_nothing_can_be_changed():
         after = other.vehicle.state()
         assert (after.request, after.goal) == (before.request, before.goal)
         assert other.vehicle.params["safety.takeoff"] == limit
+
+
+def test_a_wrong_token_is_named(port: int):
+    with FoxgloveClient(port, token="stale") as client:
+        told = client.document("status")
+        assert told["message"] == "the token in this address is not of this bridge"
+        with pytest.raises(ServiceFailed, match="this client may only watch"):
+            client.call("uav/hold")
+
+
+def test_pages_of_foreign_sites_may_not_connect(port: int):
+    for origin, status in (
+        ("https://example.org", 403), ("null", 403), ("http://localhost:8080", 101),
+    ):  # fmt: skip
+        assert upgraded(port, origin) == status, origin
+
+
+def upgraded(port: int, origin: str) -> int:
+    """Return the HTTP status of a handshake from a page."""
+    try:
+        with connect(
+            f"ws://127.0.0.1:{port}/?token={TOKEN}",
+            subprotocols=[SUBPROTOCOL],
+            origin=Origin(origin),
+        ):
+            return 101
+    except InvalidStatus as refused:
+        return refused.response.status_code
+
+
+def test_an_older_viewer_names_the_protocol_differently(port: int):
+    with FoxgloveClient(port, subprotocol=OLD_SUBPROTOCOL) as client:
+        assert client.call("uav/hold") == {"success": True}
 
 
 def test_a_late_subscriber_gets_state_and_scene_at_once(port: int, client: FoxgloveClient):
@@ -221,6 +271,7 @@ def test_garbage_by_the_thousand_changes_nothing(port: int, run: quadctl.Run):
                 client.answer(number)
         client.send("setParameters", parameters=[{"name": "a.b.c", "value": {"x": [None, 1]}}])
         client.send("no such operation")
+        client.document("status", lambda each: each["id"] == "request")
     for _ in range(50):
         with FoxgloveClient(port) as client:
             client.send_bytes(noise.randbytes(noise.randrange(1, 60)))
@@ -320,11 +371,28 @@ def test_a_bridge_has_the_rights_of_its_certificate(lab: Lab):
             client.call("uav/toggle_cage", cage_on=False)
         told = json.loads(process.log.splitlines()[0])
     assert told == {
-        "address": f"ws://127.0.0.1:{port}",
+        "address": f"ws://127.0.0.1:{port}/?token={TOKEN}",
+        "watch": f"ws://127.0.0.1:{port}/",
         "layout": str(LAYOUT),
-        "control": True,
         "vehicles": ["uav"],
     }
+
+
+def test_a_certificate_encrypts_it(lab: Lab):
+    for words in ("init", "issue hub"):
+        assert lab.quadctl("keys", *words.split()).code == 0
+    lab.start()
+    port, keys = free_port(), lab.folder / "keys" / "hub"
+    options = ("--host", "0.0.0.0", "--cert", keys / "cert.pem", "--key", keys / "key.pem")
+    trusting = ssl.create_default_context(cafile=keys / "ca.pem")
+    trusting.check_hostname = False
+    with (
+        bridged(lab, port, "--control", *map(str, options)),
+        FoxgloveClient(port, tls=trusting) as client,
+    ):
+        assert client.call("uav/hold") == {"success": True}
+        with pytest.raises((InvalidMessage, OSError)):
+            FoxgloveClient(port)
 
 
 def test_several_vehicles_share_a_server_and_a_scene():
@@ -401,32 +469,3 @@ def test_up_supervises_a_bridge_with_the_options_of_its_file(tmp_path: Path):
         assert eventually(lambda: serves(port))
     finally:
         subprocess.run([*command, "down", "--realm", realm], check=True, timeout=60)
-
-
-def test_a_wrong_or_taken_port_is_refused_before_the_bridge_starts(lab: Lab):
-    lab.start()
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        taken = other.getsockname()[1]
-        for port, code, what in (
-            (0, 2, "--port 0: there is no such port"),
-            (70000, 2, "--port 70000: there is no such port"),
-            (taken, 1, f"port {taken} cannot be opened: Address already in use"),
-        ):
-            done = lab.quadctl("bridge", "foxglove", "--port", port)
-            assert (done.code, done.out) == (code, "")
-            assert done.err.startswith(f"error: {what}"), done.err
-
-
-def test_without_the_extra_the_command_says_what_to_install():
-    hide = "import importlib.util as u; f = u.find_spec;"
-    hide += " u.find_spec = lambda name, *a: None if name == 'foxglove' else f(name, *a);"
-    line = "import sys; sys.argv[1:] = ['bridge', 'foxglove'];"
-    line += "from quadctl.cli.main import main; sys.exit(main())"
-    found = subprocess.run(
-        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
-    )
-    assert found.returncode == 1
-    assert "needs the package foxglove-sdk" in found.stderr
-    assert "pip install 'quadctl[foxglove]'" in found.stderr

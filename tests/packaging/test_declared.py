@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 FOLDERS = ("cli", "services", "schemas")
-OF = {"foxglove": "foxglove-sdk", "yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
+OF = {"yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
 """Distributions by the different name of their module."""
 BELOW = {
     "fastapi": "nicegui",

@@ -1,7 +1,9 @@
 """Client of the protocol of Foxglove, written from its specification, over `websockets`."""
 
 import json
+import os
 import signal
+import ssl
 import struct
 import subprocess
 import sys
@@ -19,6 +21,9 @@ from tests.support.lab import Lab
 from tests.support.running import Foreground, eventually
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
+OLD_SUBPROTOCOL = Subprotocol("foxglove.websocket.v1")
+TOKEN = "the-token"
+WITH_TOKEN = {**os.environ, "QUADCTL_FOXGLOVE_TOKEN": TOKEN}
 _MESSAGE, _REQUEST, _RESPONSE = 1, 2, 3
 
 
@@ -42,13 +47,27 @@ class FoxgloveClient:
     """Client of a bridge; a thread collects what comes, `wait` returns it."""
 
     def __init__(
-        self, port: int, *topics: str, everything: bool = False, reading: bool = True
+        self,
+        port: int,
+        *topics: str,
+        everything: bool = False,
+        reading: bool = True,
+        token: str = TOKEN,
+        tls: ssl.SSLContext | None = None,
+        subprotocol: Subprotocol = SUBPROTOCOL,
     ) -> None:
         self._open = ExitStack()
-        address = f"ws://127.0.0.1:{port}"
+        address = f"{'wss' if tls else 'ws'}://127.0.0.1:{port}/"
         self._socket = self._open.enter_context(
-            connect(address, subprotocols=[SUBPROTOCOL], max_size=None, compression=None)
+            connect(
+                f"{address}?token={token}" if token else address,
+                subprotocols=[subprotocol],
+                max_size=None,
+                compression=None,
+                ssl=tls,
+            )
         )
+        assert self._socket.subprotocol == subprotocol
         self._came = threading.Condition()
         self._topics, self._everything = set(topics), everything
         self.channels: dict[str, dict[str, Any]] = {}
@@ -196,6 +215,7 @@ class FoxgloveClient:
 @contextmanager
 def bridged(lab: Lab, port: int, *options: str) -> Iterator[Foreground]:
     """Bridge the run of a lab from when it serves the vehicle until the end of the block."""
+    lab.environment["QUADCTL_FOXGLOVE_TOKEN"] = TOKEN
     process = lab.spawn(*lab.command("bridge", "foxglove", "--port", str(port), *options))
     eventually(
         lambda: "foxglove" in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
@@ -210,7 +230,7 @@ def bridged(lab: Lab, port: int, *options: str) -> Iterator[Foreground]:
 def bridge(realm: str, port: int, *more: str) -> Iterator[subprocess.Popen[bytes]]:
     """Start the bridge of a run by its command, and yield its process once it serves."""
     command = [sys.executable, "-m", "quadctl", "bridge", "foxglove", "--realm", realm]
-    process = subprocess.Popen([*command, "--port", str(port), *more])
+    process = subprocess.Popen([*command, "--port", str(port), *more], env=WITH_TOKEN)
     try:
         eventually(lambda: serves(port))
         yield process

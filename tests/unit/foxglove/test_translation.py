@@ -1,4 +1,4 @@
-"""Goals, parameters and graphs as Foxglove has them."""
+"""Goals, parameters and messages as Foxglove has them."""
 
 import json
 from typing import Any
@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GotoRequest
-from quadctl.services.foxglove.translation import by_node, goal_of, graph_of, readable, to_ours
+from quadctl.services.foxglove.translation import by_node, goal_of, readable, to_ours
 from quadctl.services.runtime.errors import Invalid
 
 POINT = {"x": 1, "y": 2.0, "z": 0.0}
@@ -73,23 +72,6 @@ def test_values_are_grouped_by_vehicle_and_node():
         ("uav1", "dynamics"): {"dynamics.speed": 1.0},
         ("x", ""): {"": 1},
     }
-
-
-def test_the_graph_has_the_nodes_of_each_topic_and_service():
-    def endpoint(kind: Any, node: str, key: str) -> EndpointInfo:
-        return EndpointInfo("uav", kind, node, "Pose", "0a", 1.0, key)
-
-    graph = graph_of(
-        [
-            endpoint("@pub", "dynamics", "uav/pose"),
-            endpoint("@sub", "safety", "uav/pose"),
-            endpoint("@sub", "pressure", "uav/pose"),
-            endpoint("@srv", "safety", "uav/@srv/goto"),
-        ]
-    )
-    assert graph.published == {"uav/pose": ["uav/dynamics"]}
-    assert graph.subscribed == {"uav/pose": ["uav/safety", "uav/pressure"]}
-    assert graph.served == {"uav/goto": ["uav/safety"]}
 
 
 @given(

@@ -1,6 +1,7 @@
-"""The bridge to ROS 2: its cost, and how much later a pose reaches a client behind it."""
+"""The bridges: the cost of each, and how much later a pose reaches a client behind it."""
 
 import time
+from collections.abc import Iterable, Iterator
 
 import msgspec
 import zenoh
@@ -15,9 +16,12 @@ from benchmarks.system import QUADCTL, running
 from quadctl.schemas.messages import Pose
 from quadctl.services.ros2 import cdr
 from quadctl.services.ros2.messages import PoseStamped
+from quadctl.services.runtime.bus.session import free_port
+from tests.support.foxglove import FoxgloveClient, serves
 from tests.support.ros import router
 
 _WITHIN, _SETTLED = 20.0, 5.0
+Place = tuple[float, float, float]
 
 
 class Arrivals:
@@ -31,8 +35,8 @@ class Arrivals:
         self.found.append((time.perf_counter(), sample.payload.to_bytes()))
 
 
-def measure(results: Results, effort: Effort) -> None:
-    """Measure the bridge of a vehicle in flight, with a reader of each topic."""
+def measure_ros2(results: Results, effort: Effort) -> None:
+    """Measure the bridge to ROS 2 of a vehicle in flight, with a reader of each topic."""
     with running() as where, router() as endpoint:
         words = [QUADCTL, "bridge", "ros2", "--router", endpoint]
         with (
@@ -55,18 +59,53 @@ def measure(results: Results, effort: Effort) -> None:
             results.notes["ros2_processor"] = found
             results.add("ros2_processor", "ours", [found[f"pid {bridge.pid}"]])
             results.add("ros2_memory", "ours", [proc.pss(bridge.pid)])
-            results.seconds("ros2_age", "ours", _later(near, far))
+            results.seconds("ros2_age", "ours", _later(near, _ros_poses(far)))
 
 
-def _later(near: Arrivals, far: Arrivals) -> list[float]:
+def measure_foxglove(results: Results, effort: Effort) -> None:
+    """Measure the bridge to Foxglove of a vehicle in flight, with a client of all topics."""
+    with running() as where:
+        port = free_port()
+        words = [QUADCTL, "bridge", "foxglove", "--port", str(port)]
+        with process(words, where.environment) as bridge, opened(where.endpoint) as ours:
+            near, deadline = Arrivals(ours, "uav/pose"), time.monotonic() + _WITHIN
+            while not serves(port):
+                if time.monotonic() > deadline:
+                    raise Failed("the bridge does not serve")
+                time.sleep(0.05)
+            with FoxgloveClient(port, everything=True) as client:
+                client.message("uav/pose")
+                time.sleep(_SETTLED)
+                near.found.clear()
+                client.messages.clear()
+                found = shares(where, effort.seconds, fly=True)
+                results.notes["foxglove_processor"] = found
+                results.add("foxglove_processor", "ours", [found[f"pid {bridge.pid}"]])
+                results.add("foxglove_memory", "ours", [proc.pss(bridge.pid)])
+                results.seconds("foxglove_age", "ours", _later(near, _foxglove_poses(client)))
+
+
+Arrived = tuple[float, Place]
+"""Time (s) at which a pose came, and its place."""
+
+
+def _ros_poses(far: Arrivals) -> Iterator[Arrived]:
+    for at, payload in far.found:
+        p = cdr.decode(PoseStamped, payload).pose.position
+        yield at, (p.x, p.y, p.z)
+
+
+def _foxglove_poses(client: FoxgloveClient) -> Iterator[Arrived]:
+    for message in client.messages:
+        if message.topic == "uav/pose":
+            p = msgspec.json.decode(message.data, type=Pose).position
+            yield message.came, (p.x, p.y, p.z)
+
+
+def _later(near: Arrivals, far: Iterable[Arrived]) -> list[float]:
     """Return by how much (s) each pose came later; in flight no two are at the same place."""
     times = {}
     for at, payload in near.found:
         p = msgspec.msgpack.decode(payload, type=Pose).position
         times[p.x, p.y, p.z] = at
-    ages = []
-    for at, payload in far.found:
-        p = cdr.decode(PoseStamped, payload).pose.position
-        if (place := (p.x, p.y, p.z)) in times:
-            ages.append(at - times[place])
-    return ages
+    return [at - times[place] for at, place in far if place in times]

@@ -54,7 +54,12 @@ PARTS = (
     _whole("recorder", recorder.measure),
     _whole("recordings", recordings.measure),
     _whole("console", page.measure),
-    _whole("bridges", bridges.measure),
+    Part("bridges", ("ros2_processor", "ros2_memory", "ros2_age"), bridges.measure_ros2),
+    Part(
+        "bridges",
+        ("foxglove_processor", "foxglove_memory", "foxglove_age"),
+        bridges.measure_foxglove,
+    ),
     Part("lab", ("grade_30",), lab.measure_class),
     Part("lab", ("import",), lab.measure_import),
 )  # fmt: skip

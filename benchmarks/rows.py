@@ -130,6 +130,12 @@ ROWS = (
     Row("bridges", "ros2_memory", "memory of `bridge ros2` (PSS)", "MB", (AtMost(50),)),
     Row("bridges", "ros2_age", "a pose at a client of ROS 2, later than at a Zenoh subscriber", "ms",
         (AtMost(2),)),
+    Row("bridges", "foxglove_processor",
+        "`bridge foxglove` with a client of all topics, poses at 100 Hz, of one core", "%", (AtMost(5),)),
+    Row("bridges", "foxglove_memory", "memory of `bridge foxglove` with that client (PSS)", "MB",
+        (AtMost(50),)),
+    Row("bridges", "foxglove_age", "a pose at a client of Foxglove, later than at a Zenoh subscriber",
+        "ms", (AtMost(2),)),
     Row("lab", "grade_30", "`lab grade` of 30 hand-ins that hold in every row", "s", (AtMost(120),)),
     Row("lab", "import", "`import quadctl`, beyond bare Python", "ms", (AtMost(5),)),
 )  # fmt: skip

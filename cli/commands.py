@@ -38,6 +38,7 @@ COMMANDS = {
     "fleet goto": "quadctl.cli.fleet.goto:goto",
     "fleet hold": "quadctl.cli.fleet.land:hold",
     "fleet land-all": "quadctl.cli.fleet.land:land_all",
+    "bridge foxglove": "quadctl.cli.bridge.foxglove:foxglove",
     "bridge ros2": "quadctl.cli.bridge.ros2:ros2",
     "record": "quadctl.cli.record.record:record",
     "replay": "quadctl.cli.record.replay:replay",

@@ -1,13 +1,11 @@
 """`bridge ros2`: the process of the bridge, in the place of the command."""
 
 import os
-import subprocess
-import sys
 from typing import Annotated
 
-from quadctl.cli import context, output
 from quadctl.cli.bridge.extras import require
-from quadctl.cli.context import Options, listed_vehicles, with_any_vehicle
+from quadctl.cli.bridge.process import become
+from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.security.endpoints import check
@@ -36,24 +34,8 @@ def ros2(
     require("ros2")
     number = _domain(domain)
     check(router)
-    vehicles = listed_vehicles(options)
-    options = with_any_vehicle(options)
-    with context.connect(options) as client:
-        # Fail here, with a better message than the bridge's, without a hub.
-        client.flush()
-    command = [sys.executable, "-P", "-m", "quadctl.services.ros2", "--router", router]
-    command += ["--domain", str(number), "--realm", options.realm]
-    command += ["--connect", options.connect] if options.connect else []
-    command += [word for vehicle in vehicles for word in ("--vehicle", vehicle)]
-    if options.json:
-        output.document({"router": router, "domain": number, "vehicles": vehicles})
-    else:
-        output.note("Ctrl-C ends the bridge; the vehicle keeps flying")
-    sys.stdout.flush()
-    if os.name == "nt":  # where execv would return at once, and leave the bridge in the background
-        sys.exit(subprocess.call(command))
-    # One process: whoever ends the command ends the bridge.
-    os.execv(sys.executable, command)  # noqa: S606 - our own interpreter, no shell
+    words = ["--router", router, "--domain", str(number)]
+    become("ros2", options, words, {"router": router, "domain": number})
 
 
 def _domain(given: int | None) -> int:

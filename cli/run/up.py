@@ -53,7 +53,8 @@ def up(
         Option("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
     ] = None,
     bridge: Annotated[
-        list[str] | None, Option("Start a bridge to another network: ros2.", metavar="NAME")
+        list[str] | None,
+        Option("Start a bridge to another network: foxglove or ros2.", metavar="NAME"),
     ] = None,
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.

@@ -5,16 +5,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from quadctl.schemas.messages import Pose, SafetyState, Zones
-from quadctl.schemas.topics import POSE
-from quadctl.services.recorder.foxglove import SCENE, TRANSFORM, Scene
 from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.files import making
+from quadctl.services.runtime.recording.scene import Drawing
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
-
-FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
-"""Topics that viewers look for; no Zenoh key begins with a slash."""
 
 
 class Recording:
@@ -24,8 +19,7 @@ class Recording:
         """Create the file with notes about the run; raises Invalid if it cannot be created."""
         self.path, self.lost, self.connected = path, 0, True
         self._began = time.monotonic()
-        self._scenes: dict[str, Scene] = {}
-        self._fast: set[str] = set()
+        self._drawings: dict[str, Drawing] = {}
         with making(path):
             self._out = Outfile.create(path)
         try:
@@ -41,18 +35,12 @@ class Recording:
         """Buffer messages until the next `flush`."""
         for message in messages:
             typed = self._bag.add(message).message
-            if not isinstance(typed, Pose | SafetyState | Zones):
-                continue
-            vehicle, _, name = message.key.partition("/")
-            scene = self._scenes.setdefault(vehicle, Scene(vehicle))
-            if isinstance(typed, Pose):
-                if name == POSE.name:
-                    self._fast.add(vehicle)
-                elif vehicle in self._fast:
-                    continue  # a slow pose, which is one of these
-                self._bag.derive(FRAMES_KEY, TRANSFORM, scene.frame(typed, message.at), message.at)
-            elif update := scene.update(typed, message.at):
-                self._bag.derive(SCENE_KEY, SCENE, update, message.at)
+            vehicle = message.key.partition("/")[0]
+            drawing = self._drawings.get(vehicle)
+            if drawing is None:
+                drawing = self._drawings[vehicle] = Drawing(vehicle)
+            if derived := drawing.derive(message.key, typed, message.at):
+                self._bag.derive(*derived, message.at)
 
     def flush(self) -> None:
         """Write the buffer to the file; a crash of this process no longer loses it."""

@@ -17,7 +17,7 @@ from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import ServiceClient
 from quadctl.services.runtime.bus.client import latest
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
-from quadctl.services.runtime.bus.raw import RecorderSubscriber
+from quadctl.services.runtime.bus.raw import RawListener, RawMessage, RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed
 from quadctl.services.runtime.executor import Executor
 from quadctl.services.runtime.server import CallLog, Schedule, Server
@@ -145,6 +145,16 @@ class Node:
     def tap(self, keys: tuple[str, ...]) -> RecorderSubscriber:
         """Subscribe to keys or key expressions, undecoded."""
         return RecorderSubscriber(self._session, keys)
+
+    def listen_raw(
+        self, keys: tuple[str, ...], handler: Callable[[RawMessage], None]
+    ) -> RawListener:
+        """Subscribe to keys or key expressions, undecoded; see RawListener for the handler."""
+        return RawListener(self._session, keys, handler)
+
+    def endpoints(self) -> list[keyexpr.EndpointInfo]:
+        """Return what the vehicle's nodes publish, serve and subscribe to; it blocks."""
+        return liveliness.offers(self._session, self.vehicle, "@pub", "@srv", "@sub")
 
     def client(self, service: Service[Q, R]) -> ServiceClient[Q, R]:
         """Return a client of another node's service; a call blocks, so make it on a thread.

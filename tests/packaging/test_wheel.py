@@ -120,18 +120,19 @@ def test_quadctl_runs_in_any_folder(scripts, elsewhere):
     assert list(elsewhere.iterdir()) == []
 
 
-def test_the_bridge_to_ros_needs_its_extra_and_nothing_else(wheel, scripts, elsewhere):
+@pytest.mark.parametrize("bridge", ["foxglove", "ros2"])
+def test_a_bridge_needs_its_extra_and_nothing_else(bridge, wheel, scripts, elsewhere):
     def ended() -> tuple[int, str]:
-        command = [scripts / "quadctl", "bridge", "ros2", "--realm", f"none{os.getpid()}"]
+        command = [scripts / "quadctl", "bridge", bridge, "--realm", f"none{os.getpid()}"]
         done = subprocess.run(
             command, cwd=elsewhere, capture_output=True, text=True, timeout=60, check=False
         )
         return done.returncode, done.stderr
 
     code, said = ended()
-    assert (code, "pip install 'quadctl[ros2]'" in said) == (1, True), said
+    assert (code, f"pip install 'quadctl[{bridge}]'" in said) == (1, True), said
     pip = (sys.executable, "-m", "pip", "--python", scripts.parent, "install", "--quiet")
-    run(*pip, f"{wheel}[ros2]", cwd=elsewhere)
+    run(*pip, f"{wheel}[{bridge}]", cwd=elsewhere)
     code, said = ended()
     # Nothing but a run is missing now.
     assert (code, "nothing is running in the realm" in said) == (3, True), said

@@ -106,6 +106,37 @@ class RawMessage(NamedTuple):
     published: int
 
 
+class RawListener:
+    """Subscriber to keys or key expressions, of which none matches what another one does.
+
+    The handler gets each message on a thread of Zenoh and must not block. There is no queue: after
+    each pause of 10 ms the processor's caches are cold, and the shortest way costs least.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, keys: tuple[str, ...], handler: Callable[[RawMessage], None]
+    ) -> None:
+        self._session, self._handler = session, handler
+        self._epoch = time.time_ns() - time.monotonic_ns()
+        callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
+
+    def request_latched(self, key: str) -> None:
+        """Request the last message of a latched topic as well."""
+        callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
+        self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        if (sample := reply.ok) is not None:
+            self._on_sample(sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        zenoh_events.pin_thread_state()
+        at = self._epoch + time.monotonic_ns()
+        payload, encoding = sample.payload.to_bytes(), str(sample.encoding)
+        self._handler(RawMessage(str(sample.key_expr), payload, encoding, at, at))
+
+
 class RecorderSubscriber:
     """Subscriber to keys or key expressions; a message that several of them match comes once.
 

@@ -29,7 +29,7 @@ from quadctl.schemas.typeinfo import (
     service_definition,
     type_name,
 )
-from quadctl.services.recorder.foxglove import FrameTransform, SceneUpdate
+from quadctl.services.runtime.recording.scene import FrameTransform, SceneUpdate
 from tests.support.declared_types import ON_THE_WIRE
 
 TYPES = [*MESSAGES.values(), called(GOTO).type, FrameTransform, SceneUpdate]

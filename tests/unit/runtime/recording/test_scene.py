@@ -1,8 +1,8 @@
 """Messages for viewers: the vehicle's frame, the cage and the zones, without repetition."""
 
-from quadctl.schemas.messages import CageSize, Position, Zones
+from quadctl.schemas.messages import CageSize, Position, Zone, Zones
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.recorder.foxglove import MATCHING_ID, Scene
+from quadctl.services.runtime.recording.scene import MATCHING_ID, Drawing, Scene, SceneUpdate
 from tests.support.bags import BEGAN, pose, state
 
 
@@ -82,3 +82,27 @@ def test_zones_are_drawn_again_only_after_a_change_and_removed_ones_are_deleted(
     assert (deletion.type, deletion.id) == (MATCHING_ID, "uav/zone/tower")
     assert deletion.timestamp.nsec == 7
     assert scene.update(fewer, BEGAN) is None
+
+
+def test_a_late_viewer_gets_the_whole_scene_though_nothing_has_changed():
+    drawing = Drawing("uav")
+    assert drawing.whole(BEGAN) is None
+    tower = ZoneParams("tower", "exclusion", circle=CircleParams(1.0, 1.0, 0.5))
+    drawing.derive("uav/safety/zones", Zones((Zone.of(tower),)), BEGAN)
+    first = drawing.derive("uav/safety/state", state(0.0), BEGAN)
+    assert drawing.derive("uav/safety/state", state(0.0), BEGAN + 1) is None
+    late = drawing.whole(BEGAN)
+    assert first is not None
+    assert late is not None
+    assert late == first
+    assert isinstance(late.message, SceneUpdate)
+    ids = {entity.id for entity in late.message.entities}
+    assert ids == {"uav/cage", "uav/goal", "uav/body", "uav/zone/tower"}
+
+
+def test_frames_are_those_of_the_fast_poses_once_there_are_some():
+    drawing = Drawing("uav")
+    assert drawing.derive("uav/pose/slow", pose(1), BEGAN) is not None
+    assert drawing.derive("uav/pose", pose(1), BEGAN) is not None
+    assert drawing.derive("uav/pose/slow", pose(2), BEGAN) is None
+    assert drawing.derive("uav/sensors/pressure", None, BEGAN) is None

@@ -1,18 +1,21 @@
-"""Foxglove messages, and the scene built from them. Pure.
+"""Foxglove messages, and the scene built from them, for recordings and live viewers. Pure.
 
 Fields follow https://docs.foxglove.dev/docs/visualization/message-schemas, in m and rad. Shapes
 that are not drawn are empty lists, because readers expect the fields.
 """
 
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 from msgspec import Struct, field, structs
 
 from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState, Zone, Zones
+from quadctl.schemas.topics import POSE
 from quadctl.schemas.zones import FARTHEST, edges_of
 
 TRANSFORM, SCENE = "foxglove.FrameTransform", "foxglove.SceneUpdate"
+FRAMES_KEY, SCENE_KEY = "/tf", "/scene"
+"""Topics that viewers look for; no Zenoh key begins with a slash."""
 LINE_LIST = 2
 """Line type in which each pair of points is a separate line."""
 MATCHING_ID = 0
@@ -153,8 +156,51 @@ _SPAN, _BEAM = 0.4, 0.03
 """Length of the vehicle's arms from tip to tip, and their thickness, m."""
 
 
+class Derived(NamedTuple):
+    """Message made for viewers from one of the bus, with its key and its name among theirs."""
+
+    key: str
+    name: str
+    message: FrameTransform | SceneUpdate
+
+
+class Drawing:
+    """Frames and scene of one vehicle, derived from its messages."""
+
+    def __init__(self, vehicle: str) -> None:
+        self._vehicle, self._scene = vehicle, Scene(vehicle)
+        self._state: SafetyState | None = None
+        self._zones = Zones(())
+        self._fast = False
+
+    def derive(self, key: str, message: Struct | None, at: int) -> Derived | None:
+        """Return what viewers need from a message that came at a Unix time (ns), if anything."""
+        if isinstance(message, Pose):
+            self._fast = self._fast or key == POSE.key(self._vehicle)
+            if self._fast and key != POSE.key(self._vehicle):
+                return None  # a slow pose, which is one of the others
+            return Derived(FRAMES_KEY, TRANSFORM, self._scene.frame(message, at))
+        if isinstance(message, SafetyState):
+            self._state = message
+        elif isinstance(message, Zones):
+            self._zones = message
+        else:
+            return None
+        update = self._scene.update(message, at)
+        return Derived(SCENE_KEY, SCENE, update) if update else None
+
+    def whole(self, at: int) -> Derived | None:
+        """Return the whole scene, for a viewer that is late; None before the first state."""
+        if self._state is None:
+            return None
+        scene = Scene(self._vehicle)
+        scene.update(self._zones, at)
+        update = scene.update(self._state, at)
+        return Derived(SCENE_KEY, SCENE, update) if update else None
+
+
 class Scene:
-    """Drawing of one vehicle; each object is sent again only when it has changed."""
+    """Objects of one vehicle; each object is sent again only when it has changed."""
 
     def __init__(self, vehicle: str) -> None:
         self._vehicle = vehicle

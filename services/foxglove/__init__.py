@@ -1,0 +1,1 @@
+"""Bridge to Foxglove and Lichtblick: the running system, live, over their WebSocket protocol."""

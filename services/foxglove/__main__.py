@@ -1,0 +1,329 @@
+"""Process of the bridge to Foxglove and Lichtblick: one WebSocket server for all its vehicles.
+
+python -P -m quadctl.services.foxglove [--port 8765] [--host 127.0.0.1] [--cert FILE --key FILE]
+    [--origin URL ..]
+
+It holds no safety logic: a goal, a call or a parameter goes the way of our own services, and is
+refused by them. Clients may act only with the token in QUADCTL_FOXGLOVE_TOKEN.
+"""
+
+import argparse
+import contextlib
+import os
+import ssl
+import sys
+import time
+from collections.abc import Collection, Iterable
+from functools import partial
+from typing import Any
+
+import msgspec
+from msgspec import UNSET, Struct
+
+from quadctl.schemas.messages import SafetyState
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
+from quadctl.schemas.topics import (
+    GOTO,
+    SERVICES,
+    TOPICS,
+    Service,
+    get_params,
+    set_params,
+    topic_of,
+)
+from quadctl.schemas.typeinfo import json_schema
+from quadctl.services.foxglove.client import Channel
+from quadctl.services.foxglove.protocol import Graph, Offered, Parameter, Schema
+from quadctl.services.foxglove.server import Message, Server
+from quadctl.services.foxglove.translation import (
+    by_node,
+    goal_of,
+    readable,
+    to_ours,
+)
+from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
+from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.recording.mcap_format import JSON, Form
+from quadctl.services.runtime.recording.scene import (
+    FRAMES_KEY,
+    SCENE,
+    SCENE_KEY,
+    TRANSFORM,
+    Drawing,
+    FrameTransform,
+    SceneUpdate,
+)
+
+NAME = "foxglove"
+VARIABLE = "QUADCTL_FOXGLOVE_TOKEN"
+GOALS = "/goto"
+"""Topic of published goals; of several vehicles each has its own, e.g. `/uav1/goto`."""
+_NODES = ("dynamics", "pressure", "safety")
+"""Nodes with parameters."""
+_TIMEOUT = 3.0
+"""Seconds that a call to one of our services may take."""
+_FREE = '{"type": "object", "properties": {}}'
+"""Schema of a user's own JSON; viewers need one."""
+
+
+def main() -> None:
+    """Parse the options that only the bridge has, then run its node."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--port", type=int, default=8765)
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--cert", default="")
+    parser.add_argument("--key", default="")
+    parser.add_argument("--origin", action="append", default=[])
+    options, sys.argv[1:] = parser.parse_known_args()
+    start(NAME, partial(run, Bridge(options)))
+
+
+def run(bridge: "Bridge", node: Node, _params: Params) -> None:
+    """Bridge one vehicle until stopped."""
+    if node.is_first:
+        bridge.open(node)
+    bridge.add(ShownVehicle(bridge, node))
+    node.spin()
+
+
+class Bridge:
+    """Vehicles behind the server, and the channels that they share."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+        self._vehicles: dict[str, ShownVehicle] = {}
+
+    def open(self, node: Node) -> None:
+        """Listen; raise QuadctlError if another process has the port."""
+        given, tls = self._options, None
+        if given.cert:
+            tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+            tls.load_cert_chain(given.cert, given.key or None)
+        token = os.environ.get(VARIABLE, "")
+        self.server = Server(self, node.log, token=token, origins=given.origin)
+        try:
+            self.server.open(given.host, given.port, tls)
+        except OSError as error:
+            raise QuadctlError(
+                f"port {given.port} cannot be opened: {error.strerror}",
+                "end the program that has it, or choose another by --port",
+            ) from error
+        may = "may act, with the token" if token else "may only watch"
+        scheme = "wss" if tls else "ws"
+        node.log.info("serving %s://%s:%d; clients %s", scheme, given.host, given.port, may)
+        self.frames = self._shared(FRAMES_KEY, TRANSFORM, FrameTransform)
+        self.scene = self._shared(SCENE_KEY, SCENE, SceneUpdate)
+
+    def _shared(self, key: str, name: str, type_: type[Struct]) -> Channel:
+        late = self._whole_scene if key == SCENE_KEY else tuple
+        return self.server.channel(key, name, _schema(type_), late)
+
+    def _whole_scene(self) -> Iterable[tuple[bytes, int]]:
+        for vehicle in tuple(self._vehicles.values()):
+            if derived := vehicle.drawing.whole(at := time.time_ns()):
+                yield _json(derived.message), at
+
+    def add(self, vehicle: "ShownVehicle") -> None:
+        """Offer the topics and services of a vehicle."""
+        self._vehicles[vehicle.name] = vehicle
+        self.server.offer(partial(_offered, vehicle.name, each) for each in SERVICES)
+        vehicle.listen()
+
+    def call(self, service: str, payload: bytes) -> bytes:
+        """Call a service of a vehicle, by its offered name, with JSON; return its response."""
+        vehicle, _, name = service.partition("/")
+        found = next(each for each in SERVICES if each.name == name)
+        try:
+            request = msgspec.json.decode(payload or b"{}", type=found.request)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            hint = f"`quadctl type show {name}` prints its fields"
+            raise Invalid(f"not a valid request of {name}: {error}", hint) from error
+        return _json(self._vehicles[vehicle].call(found, request))
+
+    def check_goals(self, topic: str) -> None:
+        """Raise Invalid if no vehicle flies to the goals of a topic."""
+        self._flown_by(topic)
+
+    def fly(self, topic: str, data: bytes) -> None:
+        """Fly to a published goal."""
+        self._flown_by(topic).fly(data)
+
+    def _flown_by(self, topic: str) -> "ShownVehicle":
+        vehicles = {f"/{name}{GOALS}": vehicle for name, vehicle in self._vehicles.items()}
+        if len(vehicles) == 1:
+            vehicles[GOALS] = next(iter(vehicles.values()))
+        if topic not in vehicles:
+            raise Invalid(f"nobody takes {topic}", f"publish to one of {', '.join(vehicles)}")
+        return vehicles[topic]
+
+    def parameters(self, names: Collection[str]) -> list[Parameter]:
+        """Return the parameters with these names, all without any."""
+        found = {
+            f"{vehicle.name}.{name}": value
+            for vehicle in tuple(self._vehicles.values())
+            for name, value in vehicle.parameters().items()
+        }
+        return [Parameter.of(name, found[name]) for name in names or found if name in found]
+
+    def set_parameters(self, parameters: Iterable[Parameter]) -> None:
+        """Set parameters, of each node all or none; raise what the last node in vain raised."""
+        problem: QuadctlError | None = None
+        given = {each.name: each.value for each in parameters}
+        if missing := [name for name, value in given.items() if value is UNSET]:
+            raise Invalid(f"{missing[0]} has no value", "a parameter cannot be removed")
+        for (vehicle, node), changes in by_node(given).items():
+            try:
+                if vehicle not in self._vehicles:
+                    hint = f"one of {', '.join(self._vehicles)}"
+                    raise Invalid(f"there is no vehicle {vehicle}", hint)
+                self._vehicles[vehicle].set_parameters(node, changes)
+            except QuadctlError as refusal:
+                problem = refusal
+        if problem:
+            raise problem
+
+    def graph(self) -> Graph:
+        """Return the present connection graph."""
+        endpoints = []
+        for vehicle in tuple(self._vehicles.values()):
+            with contextlib.suppress(QuadctlError):
+                endpoints += vehicle.endpoints()
+        return Graph.of(endpoints)
+
+
+class ShownVehicle:
+    """Vehicle as the server shows it; its messages are handled on Zenoh's one thread."""
+
+    def __init__(self, bridge: Bridge, node: Node) -> None:
+        self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
+        self.endpoints = node.endpoints
+        self._bridge, self._node = bridge, node
+        self._routes: dict[tuple[str, str], Route] = {}
+        self._channels: dict[tuple[str, type[Struct] | None], ShownTopic] = {}
+        self._height = 0.0
+        for topic in TOPICS:  # before their first messages
+            self._channel(topic.key(self.name), topic.type)
+
+    def listen(self) -> None:
+        """Subscribe to all topics and calls of the vehicle."""
+        keys = (f"{self.name}/**", f"{self.name}/@call/**")
+        self._listener = listener = self._node.listen_raw(keys, self._show)
+        for topic in TOPICS:
+            if topic.latched:
+                listener.request_latched(topic.key(self.name))
+
+    def call(self, service: Service[Any, Any], request: Struct) -> Any:
+        """Call a service of the vehicle; it blocks."""
+        return self._node.client(service).call(request, _TIMEOUT)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters of the nodes that answer; it blocks."""
+        values: dict[str, Any] = {}
+        for node in _NODES:
+            # A node that is down has no parameters now; the others' stay within reach.
+            with contextlib.suppress(QuadctlError):
+                values |= self.call(get_params(node), GetParamsRequest([])).values
+        return values
+
+    def set_parameters(self, node: str, changes: dict[str, Any]) -> None:
+        """Set parameters of a node, all or none; raise QuadctlError if they are refused."""
+        present = self.parameters()
+        values = {name: to_ours(each, present.get(name)) for name, each in changes.items()}
+        # The node itself refuses an unknown name, with the nearest one.
+        owner = node if node in _NODES else _NODES[-1]
+        reply = self.call(set_params(owner), SetParamsRequest(values))
+        if not reply.success:
+            raise Refused(reply.reason, "see `quadctl param describe`")
+
+    def fly(self, data: bytes) -> None:
+        """Request a published goal from safety; raise Refused with its reason."""
+        reply = self.call(GOTO, goal_of(data, self._height))
+        if not reply.accepted:
+            raise Refused(f"safety refused the goal: {reply.reason}")
+
+    def _channel(self, key: str, type_: type[Struct] | None) -> "ShownTopic":
+        """Return the channel of a key's messages of one type, None for a user's own."""
+        kind = key, type_
+        if kind not in self._channels:
+            self._channels[kind] = ShownTopic(self._bridge.server, key, type_)
+        return self._channels[kind]
+
+    def _show(self, message: RawMessage) -> None:
+        kind, frames = (message.key, message.encoding), self._bridge.frames
+        route = self._routes.get(kind)
+        if route is None:
+            route = self._routes[kind] = Route(*kind)
+        elif route.is_quiet and not (frames.subscribers or route.topic.channel.subscribers):
+            return
+        stored = route.form.stored(message.payload)
+        if route.type is not stored.type:
+            route.type, route.topic = stored.type, self._channel(message.key, stored.type)
+        data = stored.data if stored.encoding == JSON else readable(message.payload, kind[1])
+        messages: list[Message] = [(route.topic.channel, data, message.at)]
+        if route.latched:
+            route.topic.last = data, message.at
+        if isinstance(stored.message, SafetyState):
+            self._height = stored.message.goal.z
+            self._bridge.server.refresh("graph")
+        elif route.sets_parameters:
+            self._bridge.server.refresh("parameters")
+        if derived := self.drawing.derive(message.key, stored.message, message.at):
+            channel = frames if derived.key == FRAMES_KEY else self._bridge.scene
+            if channel.subscribers:
+                messages.append((channel, _json(derived.message), message.at))
+        if wanted := [each for each in messages if each[0].subscribers]:
+            self._bridge.server.publish(wanted)
+
+
+class ShownTopic:
+    """Channel of a key's messages of one type, and the last one of a latched topic."""
+
+    def __init__(self, server: Server, key: str, type_: type[Struct] | None) -> None:
+        self.last: tuple[bytes, int] | None = None
+        name = "json" if type_ is None else f"quadctl.{type_.__name__}"
+        schema = _FREE if type_ is None else _schema(type_)
+        self.channel = server.channel(key, name, schema, self._latest)
+
+    def _latest(self) -> Iterable[tuple[bytes, int]]:
+        return [self.last] if self.last else []
+
+
+class Route:
+    """Way of the messages of one key and one Zenoh encoding to their channel.
+
+    Found once: after each pause of 10 ms the processor's caches are cold, and every lookup counts.
+    """
+
+    topic: ShownTopic
+
+    def __init__(self, key: str, encoding: str) -> None:
+        self.form, topic = Form(key, encoding), topic_of(key)
+        self.type: type[Struct] | None = Struct
+        """Type of the channel's messages; none has this one."""
+        self.latched = topic is not None and topic.latched
+        self.sets_parameters = key.endswith("/set_params")
+        # Only subscribers need such a message.
+        self.is_quiet = not self.latched and not self.sets_parameters
+
+
+_json = msgspec.json.encode
+
+
+def _schema(type_: type[Struct]) -> str:
+    return _json(json_schema(type_)).decode()
+
+
+def _offered(vehicle: str, service: Service[Any, Any], number: int) -> Offered:
+    request, response = (
+        Schema(f"quadctl.{each.__name__}", _schema(each))
+        for each in (service.request, service.response)
+    )
+    type_ = f"quadctl.{service.type_name}"
+    return Offered(number, f"{vehicle}/{service.name}", type_, request, response)
+
+
+if __name__ == "__main__":
+    main()

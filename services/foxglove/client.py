@@ -1,0 +1,380 @@
+"""Client of the server: its subscriptions, its backlog, and its requests in their order."""
+
+import asyncio
+import logging
+import secrets
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Collection, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from quadctl.services.foxglove.protocol import (
+    ERROR,
+    JSON,
+    Advertised,
+    Call,
+    ClientAdvertise,
+    ClientUnadvertise,
+    Document,
+    GetParameters,
+    Graph,
+    Offered,
+    Parameter,
+    ParameterValues,
+    Published,
+    RemoveStatus,
+    ServiceCallFailure,
+    SetParameters,
+    Status,
+    Subscribe,
+    SubscribeConnectionGraph,
+    SubscribeParameterUpdates,
+    Unsubscribe,
+    UnsubscribeConnectionGraph,
+    UnsubscribeParameterUpdates,
+    encode,
+    message_frame,
+    request_of,
+    response_frame,
+)
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
+
+_MOST_REQUESTS = 64
+"""Requests of a client that may wait; beyond, they are refused."""
+_BACKLOG = 16 << 20
+"""Bytes of messages that may wait for a slow client; beyond, it loses the oldest."""
+_MOST_ANSWERS = 10_000
+"""Documents that may wait for a client; one that reads none of so many is disconnected."""
+_GOAL_PERIOD = 0.05
+"""Seconds between two goals of a client: safety decides at this rate, and calls go between."""
+_THREADS = 8
+_EVERY = ""
+"""Name for all parameters."""
+
+
+class Backend(Protocol):
+    """Vehicles behind the server. All methods may block, and raise QuadctlError."""
+
+    def call(self, service: str, payload: bytes) -> bytes:
+        """Call a service, by its offered name, with JSON; return its response."""
+
+    def check_goals(self, topic: str) -> None:
+        """Raise Invalid if no vehicle flies to the goals of a topic."""
+
+    def fly(self, topic: str, data: bytes) -> None:
+        """Fly to a published goal."""
+
+    def parameters(self, names: Collection[str]) -> list[Parameter]:
+        """Return the parameters with these names, all without any."""
+
+    def set_parameters(self, parameters: Iterable[Parameter]) -> None:
+        """Set parameters."""
+
+    def graph(self) -> Graph:
+        """Return the present connection graph."""
+
+
+class Channel:
+    """Channel of the server. `latest` returns the messages and their times (Unix ns) for a late subscriber."""
+
+    def __init__(
+        self, advertised: Advertised, latest: Callable[[], Iterable[tuple[bytes, int]]]
+    ) -> None:
+        self.advertised, self.latest = advertised, latest
+        self.subscribers: dict[Client, int] = {}
+        """Subscription of each client that has one."""
+
+
+Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
+Job = Callable[[], Awaitable[None]]
+
+
+class Shared:
+    """Common part of all clients. Without a token nobody may act."""
+
+    def __init__(self, backend: Backend, log: Log, token: str) -> None:
+        """Take who answers requests, and the token of an address with which a client may act."""
+        self.backend, self.log, self._token = backend, log, token
+        self.channels: dict[int, Channel] = {}
+        self.services: dict[int, Offered] = {}
+        self.stale: set[str] = set()
+        """Parts to read anew for the clients: `graph` or `parameters`."""
+        self.asked = asyncio.Event()
+        self._pool = ThreadPoolExecutor(_THREADS)
+
+    def mark_stale(self, what: str) -> None:
+        """Have the `graph` or the `parameters` read soon."""
+        self.stale.add(what)
+        self.asked.set()
+
+    def is_right(self, token: str) -> bool:
+        """Return whether a client with this token may act, in the same time for right and wrong ones."""
+        return bool(self._token) and secrets.compare_digest(self._token.encode(), token.encode())
+
+    @property
+    def why_watching(self) -> Refused:
+        """Return the refusal for a client that may only watch."""
+        if self._token:
+            hint = "open the address with the token that `quadctl bridge foxglove` prints"
+        else:
+            hint = "start the bridge by `quadctl bridge foxglove --control`"
+        return Refused("this client may only watch", hint)
+
+    async def in_pool(self, do: Callable[..., Any], *of: Any) -> Any:
+        """Return what a method of the backend returns; a fault in it becomes a QuadctlError."""
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._pool, do, *of)
+        except QuadctlError:
+            raise
+        except Exception as fault:
+            self.log.exception("a request failed")
+            raise Refused(f"the bridge has a fault: {fault}", "its log has more") from fault
+
+
+class Client:
+    """Client of the server; all methods are called on its thread."""
+
+    def __init__(self, shared: Shared, connection: ServerConnection) -> None:
+        self._shared, self._connection = shared, connection
+        path = connection.request.path if connection.request else ""
+        self._token = parse_qs(urlsplit(path).query).get("token", [""])[0]
+        self._controls = shared.is_right(self._token)
+        self.subscriptions: dict[int, Channel] = {}
+        self.watched: set[str] = set()
+        """Names of the parameters subscribed to, or _EVERY."""
+        self._values: dict[str, Parameter] = {}
+        self.graph: Graph | None = None
+        """Graph as it was shown to the client; none without a subscription."""
+        self._topics: dict[int, str] = {}
+        self._goals: dict[str, bytes] = {}
+        self._problems: set[str] = set()
+        self._answers: deque[str | bytes] = deque()
+        self._messages: deque[bytes] = deque()
+        self._bytes = 0
+        self._ready = asyncio.Event()
+        self._jobs: asyncio.Queue[Job] = asyncio.Queue(_MOST_REQUESTS)
+
+    async def serve(self) -> None:
+        """Take requests until the client leaves."""
+        tasks = [asyncio.create_task(self._write()), asyncio.create_task(self._work())]
+        if self._token and not self._controls:
+            self.complain("token", Refused("the token in this address is not of this bridge"))
+        try:
+            async for data in self._connection:
+                self._take(data)
+        except ConnectionClosed:
+            pass
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    def send(self, frame: bytes) -> None:
+        """Send a message; a client that is too slow loses its oldest ones."""
+        self._messages.append(frame)
+        self._bytes += len(frame)
+        while self._bytes > _BACKLOG:
+            self._bytes -= len(self._messages.popleft())
+        self._ready.set()
+
+    def tell(self, document: Document) -> None:
+        """Send a document, before all messages that wait."""
+        self._answer(encode(document).decode())
+
+    def complain(self, what: str, problem: QuadctlError | None) -> None:
+        """Show a problem until it is over, which None means."""
+        if problem is not None:
+            self._problems.add(what)
+            self.tell(Status(ERROR, _text_of(problem), what))
+        elif what in self._problems:
+            self._problems.remove(what)
+            self.tell(RemoveStatus([what]))
+
+    def unsubscribe(self, numbers: Iterable[int]) -> None:
+        """End subscriptions."""
+        for number in numbers:
+            if channel := self.subscriptions.pop(number, None):
+                del channel.subscribers[self]
+
+    def show_graph(self, graph: Graph) -> None:
+        """Send a graph that is new to the client, if it has subscribed to it."""
+        if self.graph is not None and graph != self.graph:
+            self.tell(graph.update(self.graph))
+            self.graph = graph
+
+    def show_parameters(self, values: Iterable[Parameter]) -> None:
+        """Send the parameters that the client has subscribed to, and that have changed."""
+        new = [
+            each
+            for each in values
+            if (_EVERY in self.watched or each.name in self.watched)
+            and self._values.get(each.name) != each
+        ]
+        if new:
+            self._values |= {each.name: each for each in new}
+            self.tell(ParameterValues(new))
+
+    def _answer(self, frame: str | bytes) -> None:
+        if len(self._answers) >= _MOST_ANSWERS:
+            self._connection.transport.abort()
+            return
+        self._answers.append(frame)
+        self._ready.set()
+
+    async def _write(self) -> None:
+        with suppress(ConnectionClosed):
+            while True:
+                await self._ready.wait()
+                self._ready.clear()
+                while self._answers or self._messages:
+                    if self._answers:
+                        await self._connection.send(self._answers.popleft())
+                        continue
+                    frame = self._messages.popleft()
+                    self._bytes -= len(frame)
+                    await self._connection.send(frame)
+
+    async def _work(self) -> None:
+        while True:
+            job = await self._jobs.get()
+            await job()
+
+    def _take(self, data: str | bytes) -> None:
+        try:
+            request = request_of(data)
+        except Invalid as problem:
+            self.complain("request", problem)
+            return
+        match request:
+            case Published(number, payload):
+                self._publish(self._topics.get(number, ""), payload)
+            case Call():
+                self._queue(partial(self._call, request), partial(self._fail, request))
+            case ClientAdvertise(channels):
+                for channel in channels:
+                    self._topics[channel.id] = channel.topic
+                    self.complain(channel.topic, self._why_no_goals(channel.topic))
+            case ClientUnadvertise(numbers):
+                for number in numbers:
+                    self.complain(self._topics.pop(number, ""), None)
+            case GetParameters():
+                self._queue(partial(self._get_parameters, request.parameter_names, request.id))
+            case SetParameters():
+                self._queue(partial(self._set_parameters, request))
+            case _:
+                self._change_subscriptions(request)
+
+    def _change_subscriptions(self, request: Any) -> None:
+        match request:
+            case Subscribe(subscriptions):
+                for each in subscriptions:
+                    self._subscribe(each.id, each.channel_id)
+            case Unsubscribe(numbers):
+                self.unsubscribe(numbers)
+            case SubscribeParameterUpdates(names):
+                self.watched |= set(names) or {_EVERY}
+                self._shared.mark_stale("parameters")
+            case UnsubscribeParameterUpdates(names):
+                self.watched -= set(names) or set(self.watched)
+                self._values = {}
+            case SubscribeConnectionGraph():
+                self.graph = Graph({}, {}, {})
+                self._shared.mark_stale("graph")
+            case UnsubscribeConnectionGraph():
+                self.graph = None
+
+    def _subscribe(self, number: int, to: int) -> None:
+        channel = self._shared.channels.get(to)
+        if channel is None:
+            self.complain("subscription", Invalid(f"there is no channel {to}"))
+        elif number in self.subscriptions or self in channel.subscribers:
+            self.complain("subscription", Invalid(f"subscription {number} to {to} is one too many"))
+        else:
+            self.subscriptions[number] = channel
+            channel.subscribers[self] = number
+            # After that: a message that comes meanwhile must not be missed.
+            for data, at in channel.latest():
+                self.send(message_frame(number, at, data))
+
+    def _queue(self, job: Job, fail: Callable[[QuadctlError], object] | None = None) -> None:
+        """Execute a job after the client's earlier ones, or call `fail` if too many wait."""
+        try:
+            self._jobs.put_nowait(job)
+        except asyncio.QueueFull:
+            problem = Refused("too many requests wait", "send the next ones after the answers")
+            (fail or partial(self.complain, "request"))(problem)
+
+    def _check_control(self) -> None:
+        if not self._controls:
+            raise self._shared.why_watching
+
+    async def _call(self, call: Call) -> None:
+        try:
+            self._check_control()
+            service = self._shared.services.get(call.service)
+            if service is None:
+                raise Invalid(f"there is no service {call.service}")
+            if call.encoding != JSON:
+                raise Invalid(f"the request is {call.encoding}", "send JSON")
+            reply = await self._shared.in_pool(
+                self._shared.backend.call, service.name, call.payload
+            )
+            self._answer(response_frame(call, reply))
+        except QuadctlError as problem:
+            self._fail(call, problem)
+
+    def _fail(self, call: Call, problem: QuadctlError) -> None:
+        self.tell(ServiceCallFailure(call.service, call.number, _text_of(problem)))
+
+    def _why_no_goals(self, topic: str) -> QuadctlError | None:
+        try:
+            self._check_control()
+            self._shared.backend.check_goals(topic)
+        except QuadctlError as problem:
+            return problem
+        return None
+
+    def _publish(self, topic: str, data: bytes) -> None:
+        if self._why_no_goals(topic):
+            return  # shown since the topic was advertised
+        # Only the newest goal: a flood must not queue up.
+        waits = topic in self._goals
+        self._goals[topic] = data
+        if not waits:
+            self._queue(partial(self._fly, topic), lambda _: self._goals.pop(topic))
+
+    async def _fly(self, topic: str) -> None:
+        began, problem = time.monotonic(), None
+        try:
+            await self._shared.in_pool(self._shared.backend.fly, topic, self._goals.pop(topic))
+        except QuadctlError as error:
+            problem = error
+        self.complain(topic, problem)
+        await asyncio.sleep(max(began + _GOAL_PERIOD - time.monotonic(), 0))
+
+    async def _get_parameters(self, names: list[str], request: str) -> None:
+        with suppress(QuadctlError):
+            values = await self._shared.in_pool(self._shared.backend.parameters, names)
+            self.tell(ParameterValues(values, request))
+
+    async def _set_parameters(self, request: SetParameters) -> None:
+        problem = None
+        try:
+            self._check_control()
+            await self._shared.in_pool(self._shared.backend.set_parameters, request.parameters)
+        except QuadctlError as error:
+            problem = error
+        self.complain("parameters", problem)
+        # With the present values, a page shows what has become of its own.
+        await self._get_parameters([each.name for each in request.parameters], request.id)
+
+
+def _text_of(problem: QuadctlError) -> str:
+    """Return a problem and its hint in one line."""
+    return f"{problem.message}: {problem.hint}" if problem.hint else problem.message

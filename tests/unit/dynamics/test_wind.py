@@ -103,7 +103,7 @@ def test_no_gust_is_faster_than_four_times_its_rms():
         speeds.append(dist(air[:3], (3.0, 0.0, 4.0)))
     assert 7.9 < max(speeds) <= 8.0 + 1e-9
     boots = [initial_air(params(gust=1.0, seed=seed))[:3] for seed in range(2000)]
-    assert 3.9 < max(dist(air, (0.0, 0.0, 0.0)) for air in boots) <= 4.0 + 1e-9
+    assert 3.5 < max(dist(air, (0.0, 0.0, 0.0)) for air in boots) <= 4.0 + 1e-9
 
 
 def flight(chosen: DynamicsParams, steps: int = 1000) -> tuple[float, ...]:

@@ -5,7 +5,7 @@ loop from position to thrust: cascaded gains, and the motors' lag plus half a co
 torque is what roll and pitch have in hover before the mixer adds thrust to make room for them.
 SI units.
 
-Not covered: weak motors as a fault, and gusts beyond four times their RMS.
+Not covered: weak motors as a fault.
 """
 
 from math import cos, hypot, inf, pi, sin, sqrt, tan

@@ -2,7 +2,8 @@
 
 Gusts follow Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes: white noise
 through a first-order lag. The mean wind and its own turbulence carry a gust past the vehicle, so
-its time constant is the length scale over the speed of both.
+its time constant is the length scale over the speed of both. Dryden's gusts have no bound; these end
+at four times their RMS, as those that schemas/airworthy.py counts with.
 
 The noise must be bit-identical in plain Python and compiled. Three multiplicative generators with
 different moduli use whole numbers below 2^53, which floats hold exactly. A draw is the sum of their
@@ -20,9 +21,12 @@ from quadctl.services.dynamics.controller import PERIOD
 Air = tuple[float, float, float, float, float, float]
 """The air's velocity (m/s, world) and the three generators' states, whole numbers."""
 
-Weather = tuple[float, float, float, float, float]
-"""Mean wind (m/s, world), share of a gust that is left after a control period, and RMS of the noise
-added then (m/s, 0 without gusts)."""
+Weather = tuple[float, float, float, float, float, float]
+"""Mean wind (m/s, world), share of a gust that is left after a control period, RMS of the noise added
+then (m/s, 0 without gusts), and the greatest speed of a gust, m/s."""
+
+_MOST = 4.0
+"""Greatest speed of a gust in any direction, over the RMS on each axis."""
 
 A1, M1 = 48271.0, 2147483647.0
 """Park, Miller and Stockmeyer's generator (CACM 1993)."""
@@ -42,7 +46,8 @@ def weather_of(params: DynamicsParams) -> Weather:
     mean = wind.mean
     speed = sqrt(mean.x**2 + mean.y**2 + mean.z**2 + wind.gust**2)
     keep = exp(-PERIOD * speed / wind.gust_length)
-    return (mean.x, mean.y, mean.z, keep, wind.gust * sqrt(1.0 - keep * keep))
+    noise_rms = wind.gust * sqrt(1.0 - keep * keep)
+    return (mean.x, mean.y, mean.z, keep, noise_rms, _MOST * wind.gust)
 
 
 def initial_air(params: DynamicsParams) -> Air:
@@ -54,13 +59,14 @@ def initial_air(params: DynamicsParams) -> Air:
     nx, s1, s2, s3 = noise(s1, s2, s3)
     ny, s1, s2, s3 = noise(s1, s2, s3)
     nz, s1, s2, s3 = noise(s1, s2, s3)
-    return (mean.x + gust * nx, mean.y + gust * ny, mean.z + gust * nz, s1, s2, s3)
+    gx, gy, gz = bounded(gust * nx, gust * ny, gust * nz, _MOST * gust)
+    return (mean.x + gx, mean.y + gy, mean.z + gz, s1, s2, s3)
 
 
 def changed(air: Air, weather: Weather) -> Air:
     """Return the air under new parameters: gusts continue, a steady wind changes at once."""
     _, _, _, s1, s2, s3 = air
-    wx, wy, wz, _, stir = weather
+    wx, wy, wz, _, stir, _ = weather
     return air if stir > 0.0 else (wx, wy, wz, s1, s2, s3)
 
 
@@ -82,18 +88,24 @@ def noise(s1: float, s2: float, s3: float) -> tuple[float, float, float, float]:
 def blow(air: Air, weather: Weather) -> Air:
     """Return the air one control period later."""
     ux, uy, uz, s1, s2, s3 = air
-    wx, wy, wz, keep, stir = weather
+    wx, wy, wz, keep, stir, most = weather
     nx, s1, s2, s3 = noise(s1, s2, s3)
     ny, s1, s2, s3 = noise(s1, s2, s3)
     nz, s1, s2, s3 = noise(s1, s2, s3)
-    return (
-        wx + keep * (ux - wx) + stir * nx,
-        wy + keep * (uy - wy) + stir * ny,
-        wz + keep * (uz - wz) + stir * nz,
-        s1,
-        s2,
-        s3,
+    gx, gy, gz = bounded(
+        keep * (ux - wx) + stir * nx,
+        keep * (uy - wy) + stir * ny,
+        keep * (uz - wz) + stir * nz,
+        most,
     )
+    return wx + gx, wy + gy, wz + gz, s1, s2, s3
+
+
+def bounded(gx: float, gy: float, gz: float, most: float) -> tuple[float, float, float]:
+    """Return a gust (m/s) in its direction, of a greatest speed, m/s."""
+    speed = sqrt(gx * gx + gy * gy + gz * gz)
+    share = most / speed if speed > most else 1.0
+    return share * gx, share * gy, share * gz
 
 
 def _scattered(seed: int) -> int:

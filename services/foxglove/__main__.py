@@ -34,8 +34,8 @@ from quadctl.schemas.topics import (
 )
 from quadctl.schemas.typeinfo import json_schema
 from quadctl.services.foxglove.client import Channel
-from quadctl.services.foxglove.protocol import Graph, Offered, Parameter, Schema
-from quadctl.services.foxglove.server import Message, Server
+from quadctl.services.foxglove.protocol import FoxgloveParameter, Graph, Offered, Schema
+from quadctl.services.foxglove.server import FoxgloveServer, Message
 from quadctl.services.foxglove.translation import (
     by_node,
     goal_of,
@@ -78,10 +78,10 @@ def main() -> None:
     parser.add_argument("--key", default="")
     parser.add_argument("--origin", action="append", default=[])
     options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, Bridge(options)))
+    start(NAME, partial(run, FoxgloveBridge(options)))
 
 
-def run(bridge: "Bridge", node: Node, _params: Params) -> None:
+def run(bridge: "FoxgloveBridge", node: Node, _params: Params) -> None:
     """Bridge one vehicle until stopped."""
     if node.is_first:
         bridge.open(node)
@@ -89,7 +89,7 @@ def run(bridge: "Bridge", node: Node, _params: Params) -> None:
     node.spin()
 
 
-class Bridge:
+class FoxgloveBridge:
     """Vehicles behind the server, and the channels that they share."""
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -97,13 +97,16 @@ class Bridge:
         self._vehicles: dict[str, ShownVehicle] = {}
 
     def open(self, node: Node) -> None:
-        """Listen; raise QuadctlError if another process has the port."""
+        """Listen; raise Invalid for a bad certificate, QuadctlError if another process has the port."""
         given, tls = self._options, None
         if given.cert:
             tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-            tls.load_cert_chain(given.cert, given.key or None)
+            try:
+                tls.load_cert_chain(given.cert, given.key or None)
+            except OSError as error:  # SSLError, too
+                raise Invalid(f"--cert {given.cert}: {error.strerror or error}") from error
         token = os.environ.get(VARIABLE, "")
-        self.server = Server(self, node.log, token=token, origins=given.origin)
+        self.server = FoxgloveServer(self, node.log, token=token, origins=given.origin)
         try:
             self.server.open(given.host, given.port, tls)
         except OSError as error:
@@ -159,16 +162,16 @@ class Bridge:
             raise Invalid(f"nobody takes {topic}", f"publish to one of {', '.join(vehicles)}")
         return vehicles[topic]
 
-    def parameters(self, names: Collection[str]) -> list[Parameter]:
+    def parameters(self, names: Collection[str]) -> list[FoxgloveParameter]:
         """Return the parameters with these names, all without any."""
         found = {
             f"{vehicle.name}.{name}": value
             for vehicle in tuple(self._vehicles.values())
             for name, value in vehicle.parameters().items()
         }
-        return [Parameter.of(name, found[name]) for name in names or found if name in found]
+        return [FoxgloveParameter.of(name, found[name]) for name in names or found if name in found]
 
-    def set_parameters(self, parameters: Iterable[Parameter]) -> None:
+    def set_parameters(self, parameters: Iterable[FoxgloveParameter]) -> None:
         """Set parameters, of each node all or none; raise what the last node in vain raised."""
         problem: QuadctlError | None = None
         given = {each.name: each.value for each in parameters}
@@ -197,7 +200,7 @@ class Bridge:
 class ShownVehicle:
     """Vehicle as the server shows it; its messages are handled on Zenoh's one thread."""
 
-    def __init__(self, bridge: Bridge, node: Node) -> None:
+    def __init__(self, bridge: FoxgloveBridge, node: Node) -> None:
         self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
         self.endpoints = node.endpoints
         self._bridge, self._node = bridge, node
@@ -281,7 +284,7 @@ class ShownVehicle:
 class ShownTopic:
     """Channel of a key's messages of one type, and the last one of a latched topic."""
 
-    def __init__(self, server: Server, key: str, type_: type[Struct] | None) -> None:
+    def __init__(self, server: FoxgloveServer, key: str, type_: type[Struct] | None) -> None:
         self.last: tuple[bytes, int] | None = None
         name = "json" if type_ is None else f"quadctl.{type_.__name__}"
         schema = _FREE if type_ is None else _schema(type_)

@@ -19,17 +19,18 @@ from quadctl.services.foxglove.protocol import (
     ERROR,
     JSON,
     Advertised,
-    Call,
     ClientAdvertise,
+    ClientChannel,
+    ClientMessage,
     ClientUnadvertise,
     Document,
+    FoxgloveParameter,
     GetParameters,
     Graph,
     Offered,
-    Parameter,
     ParameterValues,
-    Published,
     RemoveStatus,
+    ServiceCall,
     ServiceCallFailure,
     SetParameters,
     Status,
@@ -48,10 +49,12 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
 
 _MOST_REQUESTS = 64
 """Requests of a client that may wait; beyond, they are refused."""
-_BACKLOG = 16 << 20
+_BACKLOG = 4 << 20
 """Bytes of messages that may wait for a slow client; beyond, it loses the oldest."""
 _MOST_ANSWERS = 10_000
 """Documents that may wait for a client; one that reads none of so many is disconnected."""
+_MOST_TOPICS = 1000
+"""Topics that a client may publish on."""
 _GOAL_PERIOD = 0.05
 """Seconds between two goals of a client: safety decides at this rate, and calls go between."""
 _THREADS = 8
@@ -71,10 +74,10 @@ class Backend(Protocol):
     def fly(self, topic: str, data: bytes) -> None:
         """Fly to a published goal."""
 
-    def parameters(self, names: Collection[str]) -> list[Parameter]:
+    def parameters(self, names: Collection[str]) -> list[FoxgloveParameter]:
         """Return the parameters with these names, all without any."""
 
-    def set_parameters(self, parameters: Iterable[Parameter]) -> None:
+    def set_parameters(self, parameters: Iterable[FoxgloveParameter]) -> None:
         """Set parameters."""
 
     def graph(self) -> Graph:
@@ -88,7 +91,7 @@ class Channel:
         self, advertised: Advertised, latest: Callable[[], Iterable[tuple[bytes, int]]]
     ) -> None:
         self.advertised, self.latest = advertised, latest
-        self.subscribers: dict[Client, int] = {}
+        self.subscribers: dict[FoxgloveClient, int] = {}
         """Subscription of each client that has one."""
 
 
@@ -138,7 +141,7 @@ class Shared:
             raise Refused(f"the bridge has a fault: {fault}", "its log has more") from fault
 
 
-class Client:
+class FoxgloveClient:
     """Client of the server; all methods are called on its thread."""
 
     def __init__(self, shared: Shared, connection: ServerConnection) -> None:
@@ -149,7 +152,7 @@ class Client:
         self.subscriptions: dict[int, Channel] = {}
         self.watched: set[str] = set()
         """Names of the parameters subscribed to, or _EVERY."""
-        self._values: dict[str, Parameter] = {}
+        self._values: dict[str, FoxgloveParameter] = {}
         self.graph: Graph | None = None
         """Graph as it was shown to the client; none without a subscription."""
         self._topics: dict[int, str] = {}
@@ -208,7 +211,7 @@ class Client:
             self.tell(graph.update(self.graph))
             self.graph = graph
 
-    def show_parameters(self, values: Iterable[Parameter]) -> None:
+    def show_parameters(self, values: Iterable[FoxgloveParameter]) -> None:
         """Send the parameters that the client has subscribed to, and that have changed."""
         new = [
             each
@@ -243,7 +246,10 @@ class Client:
     async def _work(self) -> None:
         while True:
             job = await self._jobs.get()
-            await job()
+            try:
+                await job()
+            except Exception:  # a fault in one request must not end all later ones
+                self._shared.log.exception("a request failed")
 
     def _take(self, data: str | bytes) -> None:
         try:
@@ -252,14 +258,13 @@ class Client:
             self.complain("request", problem)
             return
         match request:
-            case Published(number, payload):
+            case ClientMessage(number, payload):
                 self._publish(self._topics.get(number, ""), payload)
-            case Call():
+            case ServiceCall():
                 self._queue(partial(self._call, request), partial(self._fail, request))
             case ClientAdvertise(channels):
                 for channel in channels:
-                    self._topics[channel.id] = channel.topic
-                    self.complain(channel.topic, self._why_no_goals(channel.topic))
+                    self._advertise(channel)
             case ClientUnadvertise(numbers):
                 for number in numbers:
                     self.complain(self._topics.pop(number, ""), None)
@@ -314,7 +319,7 @@ class Client:
         if not self._controls:
             raise self._shared.why_watching
 
-    async def _call(self, call: Call) -> None:
+    async def _call(self, call: ServiceCall) -> None:
         try:
             self._check_control()
             service = self._shared.services.get(call.service)
@@ -329,7 +334,7 @@ class Client:
         except QuadctlError as problem:
             self._fail(call, problem)
 
-    def _fail(self, call: Call, problem: QuadctlError) -> None:
+    def _fail(self, call: ServiceCall, problem: QuadctlError) -> None:
         self.tell(ServiceCallFailure(call.service, call.number, _text_of(problem)))
 
     def _why_no_goals(self, topic: str) -> QuadctlError | None:
@@ -339,6 +344,13 @@ class Client:
         except QuadctlError as problem:
             return problem
         return None
+
+    def _advertise(self, channel: ClientChannel) -> None:
+        if len(self._topics) >= _MOST_TOPICS:
+            self.complain("topics", Refused(f"at most {_MOST_TOPICS} topics are taken"))
+            return
+        self._topics[channel.id] = channel.topic
+        self.complain(channel.topic, self._why_no_goals(channel.topic))
 
     def _publish(self, topic: str, data: bytes) -> None:
         if self._why_no_goals(topic):

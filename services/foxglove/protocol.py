@@ -7,10 +7,10 @@ the present name of the same protocol.
 import re
 from collections.abc import Collection
 from struct import Struct as Layout
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
-from msgspec import UNSET, Struct, UnsetType
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.services.runtime.errors import Invalid
@@ -98,7 +98,7 @@ class AdvertiseServices(Document, frozen=True):
     services: list[Offered]
 
 
-class Parameter(Struct, frozen=True, omit_defaults=True):
+class FoxgloveParameter(Struct, frozen=True, omit_defaults=True):
     """A parameter; without a value it is to be removed."""
 
     name: str
@@ -106,7 +106,7 @@ class Parameter(Struct, frozen=True, omit_defaults=True):
     type: str = ""
 
     @classmethod
-    def of(cls, name: str, value: Any) -> "Parameter":
+    def of(cls, name: str, value: Any) -> "FoxgloveParameter":
         """Return a parameter with the type of its value: JSON alone writes the float 2.0 as an integer's."""
         if isinstance(value, float):
             return cls(name, value, "float64")
@@ -119,7 +119,7 @@ class Parameter(Struct, frozen=True, omit_defaults=True):
 class ParameterValues(Document, frozen=True):
     """Values of parameters; `id` is that of the request."""
 
-    parameters: list[Parameter]
+    parameters: list[FoxgloveParameter]
     id: str = ""
 
 
@@ -162,17 +162,17 @@ class ConnectionGraphUpdate(Document, frozen=True, omit_defaults=False):
     removed_services: list[str]
 
 
-class Subscription(Struct, frozen=True, rename="camel"):
-    """A client's own number for a channel."""
+class ClientSubscription(Struct, frozen=True, rename="camel"):
+    """A client's own number for a channel; the frames of its messages have room for 32 bits."""
 
-    id: int
+    id: Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
     channel_id: int
 
 
 class Subscribe(Document, frozen=True):
     """Request for the messages of channels."""
 
-    subscriptions: list[Subscription]
+    subscriptions: list[ClientSubscription]
 
 
 class Unsubscribe(Document, frozen=True):
@@ -211,7 +211,7 @@ class GetParameters(Document, frozen=True):
 class SetParameters(Document, frozen=True):
     """Request to set parameters."""
 
-    parameters: list[Parameter]
+    parameters: list[FoxgloveParameter]
     id: str = ""
 
 
@@ -235,14 +235,14 @@ class UnsubscribeConnectionGraph(Document, frozen=True):
     """End of such a request."""
 
 
-class Published(NamedTuple):
+class ClientMessage(NamedTuple):
     """Message that a client publishes."""
 
     channel: int
     data: bytes
 
 
-class Call(NamedTuple):
+class ServiceCall(NamedTuple):
     """Call of a service."""
 
     service: int
@@ -270,7 +270,7 @@ _MESSAGE, _CALL, _RESPONSE = 1, 2, 3
 _message, _published, _call = Layout("<BIQ"), Layout("<BI"), Layout("<BIII")
 
 
-def request_of(data: str | bytes) -> Request | Published | Call:
+def request_of(data: str | bytes) -> Request | ClientMessage | ServiceCall:
     """Return what a client sent; raise Invalid for garbage."""
     if isinstance(data, str):
         try:
@@ -280,13 +280,13 @@ def request_of(data: str | bytes) -> Request | Published | Call:
         return request
     kind = data[0] if data else 0
     if kind == _MESSAGE and len(data) >= _published.size:
-        return Published(_published.unpack_from(data)[1], data[_published.size :])
+        return ClientMessage(_published.unpack_from(data)[1], data[_published.size :])
     if kind == _CALL and len(data) >= _call.size:
         _, service, number, length = _call.unpack_from(data)
         start = _call.size + length
         if start <= len(data):
             encoding = data[_call.size : start].decode("ascii", "replace")
-            return Call(service, number, encoding, data[start:])
+            return ServiceCall(service, number, encoding, data[start:])
     raise Invalid(f"not a frame of Foxglove: {len(data)} bytes that begin with {data[:8].hex()}")
 
 
@@ -295,7 +295,7 @@ def message_frame(subscription: int, at: int, data: bytes) -> bytes:
     return _message.pack(_MESSAGE, subscription, at) + data
 
 
-def response_frame(call: Call, payload: bytes) -> bytes:
+def response_frame(call: ServiceCall, payload: bytes) -> bytes:
     """Return the frame of a response."""
     encoding = JSON.encode()
     head = _call.pack(_RESPONSE, call.service, call.number, len(encoding))

@@ -21,7 +21,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from quadctl.services.foxglove.client import Backend, Channel, Client, Log, Shared
+from quadctl.services.foxglove.client import Backend, Channel, FoxgloveClient, Log, Shared
 from quadctl.services.foxglove.protocol import (
     JSON,
     JSON_SCHEMA,
@@ -54,7 +54,7 @@ Message = tuple[Channel, bytes, int]
 """A channel, its message, and the Unix time (ns) at which it came."""
 
 
-class Server:
+class FoxgloveServer:
     """Server for programs, and for the pages of some sites.
 
     A client may only watch unless its address has the token.
@@ -66,7 +66,7 @@ class Server:
         self._origins = origins
         self._session = secrets.token_hex(8)
         self._numbers = count(1)
-        self._clients: set[Client] = set()
+        self._clients: set[FoxgloveClient] = set()
         self._outbox: deque[Message] = deque()
         self._flushing = False
 
@@ -146,7 +146,7 @@ class Server:
         return None
 
     async def _serve(self, connection: ServerConnection) -> None:
-        client = Client(self._shared, connection)
+        client = FoxgloveClient(self._shared, connection)
         self._clients.add(client)
         try:
             client.tell(ServerInfo("quadctl", _CAPABILITIES, [JSON], self._session))

@@ -120,6 +120,7 @@ def test_a_users_own_topic_and_the_calls_are_shown_too(client: FoxgloveClient, r
             payload = bytes.fromhex(data) if data == "c100" else data.encode()
             bus.put(key, b"", encoding=encoding)
             client.document("advertise", partial(advertises, key))
+            client.parameters("none")  # answered after the subscription is made
             bus.put(key, payload, encoding=encoding)
             assert client.message(key, lambda each: each["data"]) == {"data": data}
     client.call("uav/hold")

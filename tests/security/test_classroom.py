@@ -51,6 +51,7 @@ def arena() -> Iterator[Room]:
         room.teacher.start(
             *("--vehicles", COUNT, "--listen", "tls/0.0.0.0:7448"),
             *("--identity", "keys/teacher", *SHARED),
+            *("--set", "safety.separation.radius=0"),  # all fly to one point
         )
         for student in room.students:
             student.copy_keys(room.keys)
@@ -193,7 +194,11 @@ def test_all_vehicles_fly_at_once_each_to_its_own_goal(room: Room):
         assert gap(student.at(), goal) < ARRIVED
         assert gap(room.ear.pose[student.name]["position"], goal) < ARRIVED
         assert student.touched() == (request + 1, *same, calls + 1)
-        assert student.ear.calls[student.name][-1] == goal | {"replace": False}
+        assert student.ear.calls[student.name][-1] == goal | {
+            "replace": False,
+            "direct": False,
+            "wait": False,
+        }
 
 
 TRIED = (

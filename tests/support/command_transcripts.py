@@ -96,11 +96,11 @@ TRANSCRIPTS = {
             "  try: its handler may have failed: see the log of its process\n"
         ),
     ),
-    "service call uav/@srv/nobody --timeout 0.2": (
+    "service call uav/@srv/nobody --timeout 1": (
         3,
         "",
         (
-            "error: nobody served uav/@srv/nobody within 0.2 s\n"
+            "error: nobody served uav/@srv/nobody within 1 s\n"
             "  try: its process is down or does not offer it, or this identity may not call it:"
             " `quadctl status`, `quadctl service list`\n"
         ),

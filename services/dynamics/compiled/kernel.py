@@ -46,7 +46,7 @@ LAYOUT = {
 """Rows of a block; the last three pass values from one loop to the next."""
 
 CONSTANTS = {
-    "body": 18, "gains": 24, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 5,
+    "body": 18, "gains": 24, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 6,
 }  # fmt: skip
 """A block's constants, in one row."""
 

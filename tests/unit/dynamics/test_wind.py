@@ -95,6 +95,17 @@ def test_gusts_have_the_requested_strength_and_length():
     assert memory == pytest.approx(exp(-lag * PERIOD * sqrt(29) / 0.25), abs=0.06)
 
 
+def test_no_gust_is_faster_than_four_times_its_rms():
+    chosen = params(mean=(3.0, 0.0, 4.0), gust=2.0, length=0.25)
+    air, weather, speeds = initial_air(chosen), weather_of(chosen), []
+    for _ in range(40_000):
+        air = blow(air, weather)
+        speeds.append(dist(air[:3], (3.0, 0.0, 4.0)))
+    assert 7.9 < max(speeds) <= 8.0 + 1e-9
+    boots = [initial_air(params(gust=1.0, seed=seed))[:3] for seed in range(2000)]
+    assert 3.5 < max(dist(air, (0.0, 0.0, 0.0)) for air in boots) <= 4.0 + 1e-9
+
+
 def flight(chosen: DynamicsParams, steps: int = 1000) -> tuple[float, ...]:
     vehicle = Vehicle(chosen)
     vehicle.goto(1.0, 1.0, 2.5)

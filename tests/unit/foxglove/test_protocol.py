@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.services.foxglove.protocol import (
-    Call,
     ClientAdvertise,
     ClientChannel,
+    ClientMessage,
+    ClientSubscription,
+    FoxgloveParameter,
     GetParameters,
     Graph,
-    Parameter,
-    Published,
+    ServiceCall,
     Subscribe,
-    Subscription,
     encode,
     may_watch,
     message_frame,
@@ -32,7 +32,7 @@ from quadctl.services.runtime.errors import Invalid
     ("text", "request_"),
     [
         ('{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 3}]}',
-         Subscribe([Subscription(0, 3)])),
+         Subscribe([ClientSubscription(0, 3)])),
         ('{"op": "advertise", "channels": [{"id": 1, "topic": "/goto", "schemaName": "a"}]}',
          ClientAdvertise([ClientChannel(1, "/goto")])),
         ('{"op": "getParameters", "parameterNames": [], "id": "a"}', GetParameters([], "a")),
@@ -44,17 +44,18 @@ def test_documents_of_clients_are_read(text: str, request_: Any):
 
 
 def test_frames_are_little_endian():
-    assert request_of(b"\x01\x02\0\0\0abc") == Published(2, b"abc")
+    assert request_of(b"\x01\x02\0\0\0abc") == ClientMessage(2, b"abc")
     call = b"\x02" + struct.pack("<III", 3, 4, 4) + b"json{}"
-    assert request_of(call) == Call(3, 4, "json", b"{}")
+    assert request_of(call) == ServiceCall(3, 4, "json", b"{}")
     assert message_frame(5, 7, b"{}") == b"\x01\x05\0\0\0\x07\0\0\0\0\0\0\0{}"
     response = b"\x03" + struct.pack("<III", 3, 4, 4) + b"json[]"
-    assert response_frame(Call(3, 4, "json", b"{}"), b"[]") == response
+    assert response_frame(ServiceCall(3, 4, "json", b"{}"), b"[]") == response
 
 
 @pytest.mark.parametrize(
     "data",
-    ["{}", "[]", '{"op": "no such"}', '{"op": "subscribe"}', "[" * 5000, b"", b"\x01", b"\x07abcdefg",
+    ['{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 3}]}',
+     '{"op": "subscribe", "subscriptions": [{"id": 4294967296, "channelId": 3}]}', "{}", "[]", '{"op": "no such"}', '{"op": "subscribe"}', "[" * 5000, b"", b"\x01", b"\x07abcdefg",
      b"\x02" + struct.pack("<III", 1, 1, 99) + b"json"],
 )  # fmt: skip
 def test_garbage_is_refused(data: str | bytes):
@@ -72,13 +73,13 @@ def test_any_garbage_is_a_request_or_refused(data: str | bytes):
 
 def test_parameters_have_the_types_that_json_loses():
     plain = [
-        json.loads(encode(Parameter.of("a", value)))
+        json.loads(encode(FoxgloveParameter.of("a", value)))
         for value in (2.0, 2, [0.5, 1.0], [], True, [1, 2])
     ]
     assert [each.get("type") for each in plain] == [
         "float64", None, "float64_array", None, None, None,
     ]  # fmt: skip
-    assert "type" in json.loads(encode(Parameter.of("a", 0.0)))
+    assert "type" in json.loads(encode(FoxgloveParameter.of("a", 0.0)))
 
 
 def endpoint(kind: Any, node: str, key: str) -> EndpointInfo:

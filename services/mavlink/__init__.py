@@ -1,1 +1,0 @@
-"""Bridge to MAVLink: this vehicle as a PX4, for ground stations and programs of MAVSDK."""

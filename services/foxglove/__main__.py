@@ -33,7 +33,6 @@ from quadctl.schemas.topics import (
     topic_of,
 )
 from quadctl.schemas.typeinfo import json_schema
-from quadctl.services.foxglove.client import Channel
 from quadctl.services.foxglove.protocol import FoxgloveParameter, Graph, Offered, Schema
 from quadctl.services.foxglove.server import FoxgloveServer, Message
 from quadctl.services.foxglove.translation import (
@@ -117,12 +116,9 @@ class FoxgloveBridge:
         may = "may act, with the token" if token else "may only watch"
         scheme = "wss" if tls else "ws"
         node.log.info("serving %s://%s:%d; clients %s", scheme, given.host, given.port, may)
-        self.frames = self._shared(FRAMES_KEY, TRANSFORM, FrameTransform)
-        self.scene = self._shared(SCENE_KEY, SCENE, SceneUpdate)
-
-    def _shared(self, key: str, name: str, type_: type[Struct]) -> Channel:
-        late = self._whole_scene if key == SCENE_KEY else tuple
-        return self.server.channel(key, name, _schema(type_), late)
+        channel = self.server.channel
+        self.frames = channel(FRAMES_KEY, TRANSFORM, _schema(FrameTransform), tuple)
+        self.scene = channel(SCENE_KEY, SCENE, _schema(SceneUpdate), self._whole_scene)
 
     def _whole_scene(self) -> Iterable[tuple[bytes, int]]:
         for vehicle in tuple(self._vehicles.values()):

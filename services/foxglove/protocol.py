@@ -18,8 +18,8 @@ from quadctl.services.runtime.errors import Invalid
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 JSON, JSON_SCHEMA = "json", "jsonschema"
 """Encodings of all messages, and of all schemas."""
-INFO, ERROR = 0, 2
-"""Levels of a status."""
+ERROR = 2
+"""Level of a status that reports a problem."""
 
 Value = float | int | bool | str | None | list[Any] | dict[str, Any]
 

@@ -34,7 +34,7 @@ EVERY = "*"
 """All vehicles."""
 ROUTERS = ("hub", "gate")
 """Nodes of a run that are not part of the vehicle."""
-BRIDGES = ("foxglove", "ros2")
+BRIDGES = ("foxglove", "mavlink", "ros2")
 """Nodes that connect a vehicle to other networks, with the rights of the one who starts them."""
 
 _OFFERS = ("", "/@pub/**", "/@srv/**", "/@sub/**")

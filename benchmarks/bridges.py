@@ -18,6 +18,7 @@ from quadctl.services.ros2 import cdr
 from quadctl.services.ros2.messages import PoseStamped
 from quadctl.services.runtime.bus.session import free_port
 from tests.support.foxglove import FoxgloveClient, serves
+from tests.support.mavlink import GroundStation
 from tests.support.ros import router
 
 _WITHIN, _SETTLED = 20.0, 5.0
@@ -83,6 +84,19 @@ def measure_foxglove(results: Results, effort: Effort) -> None:
                 results.add("foxglove_processor", "ours", [found[f"pid {bridge.pid}"]])
                 results.add("foxglove_memory", "ours", [proc.pss(bridge.pid)])
                 results.seconds("foxglove_age", "ours", _later(near, _foxglove_poses(client)))
+
+
+def measure_mavlink(results: Results, effort: Effort) -> None:
+    """Measure the bridge to MAVLink of a vehicle in flight, with a ground station that reads."""
+    with running() as where, GroundStation() as station:
+        words = [QUADCTL, "bridge", "mavlink", "--to", f"udpout:127.0.0.1:{station.port}"]
+        with process(words, where.environment) as bridge:
+            station.wait("GLOBAL_POSITION_INT", since=0)
+            time.sleep(_SETTLED)
+            found = shares(where, effort.seconds, fly=True)
+            results.notes["mavlink_processor"] = found
+            results.add("mavlink_processor", "ours", [found[f"pid {bridge.pid}"]])
+            results.add("mavlink_memory", "ours", [proc.pss(bridge.pid)])
 
 
 Arrived = tuple[float, Place]

@@ -60,6 +60,7 @@ PARTS = (
         ("foxglove_processor", "foxglove_memory", "foxglove_age"),
         bridges.measure_foxglove,
     ),
+    Part("bridges", ("mavlink_processor", "mavlink_memory"), bridges.measure_mavlink),
     Part("lab", ("grade_30",), lab.measure_class),
     Part("lab", ("import",), lab.measure_import),
 )  # fmt: skip

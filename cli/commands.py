@@ -39,6 +39,7 @@ COMMANDS = {
     "fleet hold": "quadctl.cli.fleet.land:hold",
     "fleet land-all": "quadctl.cli.fleet.land:land_all",
     "bridge foxglove": "quadctl.cli.bridge.foxglove:foxglove",
+    "bridge mavlink": "quadctl.cli.bridge.mavlink:mavlink",
     "bridge ros2": "quadctl.cli.bridge.ros2:ros2",
     "record": "quadctl.cli.record.record:record",
     "replay": "quadctl.cli.record.replay:replay",

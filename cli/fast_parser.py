@@ -98,6 +98,8 @@ def _take(word: Parameter, value: str | None, line: Iterator[str], values: dict[
 
 
 def _put(word: Parameter, text: str, values: dict[str, Any]) -> None:
+    if not isinstance(word.type, type):
+        raise _Declined  # a tuple of several words
     if word.type in {int, float} and "_" in text and is_number(text):
         # Python reads 1_0 as ten.
         raise UsageError(f"'{text}' is not a number", "write it without the _")

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from quadctl.schemas.roles import BRIDGES
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 
-_NEEDS = {"foxglove": "websockets", "ros2": "xxhash"}
+_NEEDS = {"foxglove": "websockets", "mavlink": "pymavlink", "ros2": "xxhash"}
 
 
 def require(bridge: str) -> None:

@@ -54,7 +54,7 @@ def up(
     ] = None,
     bridge: Annotated[
         list[str] | None,
-        Option("Start a bridge to another network: foxglove or ros2.", metavar="NAME"),
+        Option("Start a bridge to another network: foxglove, mavlink or ros2.", metavar="NAME"),
     ] = None,
 ) -> None:
     """Start hub, dynamics, pressure and safety; Ctrl-C stops them.

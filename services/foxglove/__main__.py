@@ -22,14 +22,11 @@ from msgspec import UNSET, Struct
 
 from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.params import Params
-from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import (
     GOTO,
     SERVICES,
     TOPICS,
     Service,
-    get_params,
-    set_params,
     topic_of,
 )
 from quadctl.schemas.typeinfo import json_schema
@@ -45,6 +42,7 @@ from quadctl.services.runtime.bus.raw import RawMessage
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
 from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.remote import RemoteParams
 from quadctl.services.runtime.recording.mcap_format import JSON, Form
 from quadctl.services.runtime.recording.scene import (
     FRAMES_KEY,
@@ -60,8 +58,6 @@ NAME = "foxglove"
 VARIABLE = "QUADCTL_FOXGLOVE_TOKEN"
 GOALS = "/goto"
 """Topic of published goals; of several vehicles each has its own, e.g. `/uav1/goto`."""
-_NODES = ("dynamics", "pressure", "safety")
-"""Nodes with parameters."""
 _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
 _FREE = '{"type": "object", "properties": {}}'
@@ -163,7 +159,7 @@ class FoxgloveBridge:
         found = {
             f"{vehicle.name}.{name}": value
             for vehicle in tuple(self._vehicles.values())
-            for name, value in vehicle.parameters().items()
+            for name, value in vehicle.parameters.read().items()
         }
         return [FoxgloveParameter.of(name, found[name]) for name in names or found if name in found]
 
@@ -173,12 +169,12 @@ class FoxgloveBridge:
         given = {each.name: each.value for each in parameters}
         if missing := [name for name, value in given.items() if value is UNSET]:
             raise Invalid(f"{missing[0]} has no value", "a parameter cannot be removed")
-        for (vehicle, node), changes in by_node(given).items():
+        for (vehicle, _), changes in by_node(given).items():
             try:
                 if vehicle not in self._vehicles:
                     hint = f"one of {', '.join(self._vehicles)}"
                     raise Invalid(f"there is no vehicle {vehicle}", hint)
-                self._vehicles[vehicle].set_parameters(node, changes)
+                self._vehicles[vehicle].set_parameters(changes)
             except QuadctlError as refusal:
                 problem = refusal
         if problem:
@@ -200,6 +196,7 @@ class ShownVehicle:
         self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
         self.endpoints = node.endpoints
         self._bridge, self._node = bridge, node
+        self.parameters = RemoteParams(self.call)
         self._routes: dict[tuple[str, str], Route] = {}
         self._channels: dict[tuple[str, type[Struct] | None], ShownTopic] = {}
         self._height = 0.0
@@ -218,24 +215,12 @@ class ShownVehicle:
         """Call a service of the vehicle; it blocks."""
         return self._node.client(service).call(request, _TIMEOUT)
 
-    def parameters(self) -> dict[str, Any]:
-        """Return the parameters of the nodes that answer; it blocks."""
-        values: dict[str, Any] = {}
-        for node in _NODES:
-            # A node that is down has no parameters now; the others' stay within reach.
-            with contextlib.suppress(QuadctlError):
-                values |= self.call(get_params(node), GetParamsRequest([])).values
-        return values
-
-    def set_parameters(self, node: str, changes: dict[str, Any]) -> None:
-        """Set parameters of a node, all or none; raise QuadctlError if they are refused."""
-        present = self.parameters()
-        values = {name: to_ours(each, present.get(name)) for name, each in changes.items()}
-        # The node itself refuses an unknown name, with the nearest one.
-        owner = node if node in _NODES else _NODES[-1]
-        reply = self.call(set_params(owner), SetParamsRequest(values))
-        if not reply.success:
-            raise Refused(reply.reason, "see `quadctl param describe`")
+    def set_parameters(self, changes: dict[str, Any]) -> None:
+        """Set parameters of one node, all or none; raise QuadctlError if they are refused."""
+        present = self.parameters.read()
+        self.parameters.set(
+            {name: to_ours(each, present.get(name)) for name, each in changes.items()}
+        )
 
     def fly(self, data: bytes) -> None:
         """Request a published goal from safety; raise Refused with its reason."""

@@ -1,4 +1,4 @@
-"""Process of the bridge to MAVLink: each vehicle is a system of its own, behind one socket.
+"""Process of the bridge to MAVLink: one socket, and a system for each vehicle.
 
 python -P -m quadctl.services.mavlink [--to udpout:127.0.0.1:14550] [--origin LAT LON ALT]
     [--signing-key FILE]
@@ -16,38 +16,42 @@ from pathlib import Path
 from typing import Any
 
 from msgspec import Struct
+from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateRequest,
-    GetParamsRequest,
     GotoRequest,
     GotoResponse,
     HoldRequest,
-    SetParamsRequest,
     ToggleCageRequest,
 )
 from quadctl.schemas.topics import (
     CALIBRATE,
     GOTO,
     HOLD,
+    POSE,
     POSE_SLOW,
     STATE,
     TOGGLE_CAGE,
     ZONES,
     Service,
-    get_params,
-    set_params,
 )
 from quadctl.services.mavlink.geo import Origin
-from quadctl.services.mavlink.link import Link, address_of, key_of
-from quadctl.services.mavlink.system import System
+from quadctl.services.mavlink.link import MavlinkLink
+from quadctl.services.mavlink.system import MavlinkSystem
+from quadctl.services.runtime.bus.pubsub import Subscription
 from quadctl.services.runtime.entry import start
-from quadctl.services.runtime.errors import QuadctlError, Refused
+from quadctl.services.runtime.errors import QuadctlError, UsageError
 from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.remote import RemoteParams
+from quadctl.services.runtime.security.datagrams import address_of, key_of
 
 NAME = "mavlink"
-_NODES = ("dynamics", "pressure", "safety")
+_OURS = {0, mavlink.MAV_COMP_ID_AUTOPILOT1}
+"""Components that a message for us names."""
+_MOST = 254
+"""Largest number of a system; ground stations have 255."""
 _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
 
@@ -59,11 +63,13 @@ def main() -> None:
     parser.add_argument("--origin", nargs=3, type=float, default=(47.397742, 8.545594, 488.0))
     parser.add_argument("--signing-key", type=Path)
     options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, Bridge(options)))
+    start(NAME, partial(run, MavlinkBridge(options)))
 
 
-def run(bridge: "Bridge", node: Node, _params: Params) -> None:
+def run(bridge: "MavlinkBridge", node: Node, _params: Params) -> None:
     """Bridge one vehicle until stopped."""
+    if node.is_first:
+        bridge.open(node)
     system = bridge.add(node)
     node.listen(POSE_SLOW, system.see)
     node.listen(STATE, system.see)
@@ -73,37 +79,49 @@ def run(bridge: "Bridge", node: Node, _params: Params) -> None:
     node.spin()
 
 
-class Bridge:
+class MavlinkBridge:
     """Systems of all vehicles, and the link that they share."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
-        self._systems: dict[int, System] = {}
-        self._link: Link | None = None
+        self._systems: dict[int, MavlinkSystem] = {}
 
-    def add(self, node: Node) -> System:
-        """Return the system of a vehicle; the first one opens the link."""
+    def open(self, node: Node) -> None:
+        """Open the link; raise QuadctlError for an unknown host."""
         given = self._options
-        if self._link is None:
-            key = key_of(given.signing_key) if given.signing_key else None
-            self._link = Link(address_of(given.to), key)
-            receive = partial(self._link.receive, self._take, self._tick)
-            threading.Thread(target=receive, daemon=True).start()
-            node.log.info("sending to %s", given.to)
+        key = key_of(given.signing_key) if given.signing_key else None
+        self._link = MavlinkLink(address_of(given.to), key)
+        self._node = node
+        threading.Thread(target=self._receive, daemon=True).start()
+        node.log.info("sending to %s", given.to)
+
+    def add(self, node: Node) -> MavlinkSystem:
+        """Return the system of a vehicle; raise UsageError for one vehicle too many."""
         number = len(self._systems) + 1
-        system = System(
-            number, Vehicle(node), Origin(*given.origin), self._link.sender(number), node.log
-        )
-        self._systems[number] = system
+        if number > _MOST:
+            raise UsageError(f"MAVLink has numbers for {_MOST} vehicles", "name some by --vehicle")
+        send = self._link.sender(number)
+        services, origin = NodeServices(node), Origin(*self._options.origin)
+        system = MavlinkSystem(services, origin, send, node.log)
+        self._systems[number] = services.system = system
         return system
+
+    def _receive(self) -> None:
+        try:
+            self._link.receive(self._take, self._tick)
+        except BaseException as fault:
+            # A bridge that sends nothing any more has to end, so that it is started anew.
+            self._node.post(partial(_fail, fault))
+            raise
 
     def _take(self, message: Any) -> None:
         # A message without a target is for all.
         target = getattr(message, "target_system", 0)
-        now = time.monotonic()
-        for number, system in tuple(self._systems.items()):
-            if target in {0, number}:
-                system.take(message, now)
+        if getattr(message, "target_component", 0) in _OURS:
+            now = time.monotonic()
+            for number, system in tuple(self._systems.items()):
+                if target in {0, number}:
+                    system.take(message, now)
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -111,11 +129,18 @@ class Bridge:
             system.tick(now)
 
 
-class Vehicle:
-    """Services of one vehicle; all methods block."""
+def _fail(fault: BaseException) -> None:
+    raise fault
+
+
+class NodeServices:
+    """Services of one vehicle, called by the bridge's node of it; all methods block."""
+
+    system: MavlinkSystem
 
     def __init__(self, node: Node) -> None:
-        self._node = node
+        self._node, self.parameters = node, RemoteParams(self._call)
+        self._poses: Subscription[Any] | None = None
 
     def goto(self, request: GotoRequest) -> GotoResponse:
         """Request a goal from safety."""
@@ -134,20 +159,16 @@ class Vehicle:
         """Zero the barometer."""
         self._call(CALIBRATE, CalibrateRequest(zero=True))
 
-    def parameters(self) -> dict[str, Any]:
-        """Return the parameters of the nodes that answer, by dotted name."""
-        values: dict[str, Any] = {}
-        for node in _NODES:
-            with contextlib.suppress(QuadctlError):
-                values |= self._call(get_params(node), GetParamsRequest([])).values
-        return values
+    def watch(self, *, every_pose: bool) -> None:
+        """Take all poses, or only the slow ones."""
+        self._node.post(partial(self._listen, every_pose=every_pose))
 
-    def set_parameters(self, values: dict[str, Any]) -> None:
-        """Set parameters of one node, all or none; raise Refused with its reason."""
-        node = next(iter(values)).partition(".")[0]
-        reply = self._call(set_params(node), SetParamsRequest(values))
-        if not reply.success:
-            raise Refused(reply.reason)
+    def _listen(self, *, every_pose: bool) -> None:
+        if not every_pose and self._poses is not None:
+            self._node.unlisten(self._poses)
+            self._poses = None
+        elif every_pose and self._poses is None:
+            self._poses = self._node.listen(POSE, self.system.see)
 
     def _call(self, service: Service[Any, Any], request: Struct) -> Any:
         return self._node.client(service).call(request, _TIMEOUT)

@@ -1,7 +1,7 @@
 """Places on the earth and in our world, which is flat around its origin. Pure.
 
-Degrees are those of WGS 84, in units of 1e-7 as in MAVLink; heights are above mean sea level. Within a
-kilometre of the origin the flat earth is exact to a centimetre.
+Degrees are those of WGS 84, in MAVLink's units of 1e-7, about a centimetre; heights are above mean
+sea level. Within 100 m of the origin the flat earth is exact to that centimetre.
 """
 
 from math import cos, radians, sin, sqrt
@@ -26,14 +26,14 @@ class Origin(Struct, frozen=True):
         north, east = self._metres_per_degree()
         return (
             round((self.latitude + y / north) * _UNITS),
-            round((self.longitude + x / east) * _UNITS),
+            round(_wrapped(self.longitude + x / east) * _UNITS),
         )
 
     def to_world(self, latitude: int, longitude: int) -> tuple[float, float]:
         """Return the place (m, ENU) of latitude and longitude, 1e-7 degrees."""
         north, east = self._metres_per_degree()
         return (
-            (longitude / _UNITS - self.longitude) * east,
+            _wrapped(longitude / _UNITS - self.longitude) * east,
             (latitude / _UNITS - self.latitude) * north,
         )
 
@@ -43,3 +43,8 @@ class Origin(Struct, frozen=True):
         part = 1 - _SQUARE * sin(phi) ** 2
         meridian = _RADIUS * (1 - _SQUARE) / (part * sqrt(part))
         return radians(meridian), radians(_RADIUS / sqrt(part) * cos(phi))
+
+
+def _wrapped(degrees: float) -> float:
+    """Return a longitude, or a difference of two, from -180 to 180 degrees."""
+    return (degrees + 180) % 360 - 180

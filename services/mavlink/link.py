@@ -1,16 +1,14 @@
 """Link: datagrams of MAVLink to and from ground stations, signed if there is a key."""
 
 import hashlib
+import hmac
 import socket
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
-
-from quadctl.services.runtime.errors import Invalid, UsageError
 
 _MOST_BYTES = 65_536
 _SINCE = 1_420_070_400
@@ -18,51 +16,25 @@ _SINCE = 1_420_070_400
 _TICK = 0.02
 
 
-def address_of(text: str) -> tuple[str, int]:
-    """Return host and port of e.g. udpout:127.0.0.1:14550; raise UsageError for anything else."""
-    kind, _, rest = text.partition(":")
-    host, _, port = rest.rpartition(":")
-    if kind != "udpout" or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
-        raise UsageError(f"--to {text}: not an address", "e.g. udpout:127.0.0.1:14550")
-    return host, int(port)
-
-
-def key_of(path: Path) -> bytes:
-    """Return the key of a file: its 32 bytes, or the SHA-256 of the passphrase in it, as ground stations do."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise Invalid(f"--signing-key {path}: {error.strerror}") from error
-    if len(data) == 32:
-        return data
-    phrase = data.strip()
-    if not phrase:
-        raise Invalid(f"--signing-key {path} is empty", "32 bytes, or a passphrase")
-    return hashlib.sha256(phrase).digest()
-
-
-class Link:
-    """Socket that sends to one address, and takes what comes from that machine."""
+class MavlinkLink:
+    """Socket that sends to one address, and takes the answers from there."""
 
     def __init__(self, to: tuple[str, int], key: bytes | None) -> None:
         """Open the socket; raise OSError for an unknown host."""
         family, kind, proto, _, address = socket.getaddrinfo(*to, type=socket.SOCK_DGRAM)[0]
         self._socket = socket.socket(family, kind, proto)
-        # No packet of another machine is taken.
+        # No packet of another program or machine is taken.
         self._socket.connect(address)
         self._key, self._lock = key, threading.Lock()
         self._codecs: dict[int, Any] = {}
         self._parser = self._codec(0)
 
     def _codec(self, system: int) -> Any:
-        codec = mavlink.MAVLink(None, system, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        codec.robust_parsing = True
+        codec = _Codec(None, system, mavlink.MAV_COMP_ID_AUTOPILOT1)
         if self._key is not None:
             codec.signing.secret_key = self._key
-            codec.signing.link_id = 0
-            codec.signing.timestamp = round((time.time() - _SINCE) * 1e5)
+            codec.signing.timestamp = _now()
             codec.signing.sign_outgoing = True
-            codec.signing.allow_unsigned_callback = None
         return codec
 
     def sender(self, system: int) -> Callable[[Any], None]:
@@ -71,6 +43,9 @@ class Link:
 
         def send(message: Any) -> None:
             with self._lock:
+                if codec.signing.secret_key:
+                    # A ground station refuses time that is a minute behind its own.
+                    codec.signing.timestamp = max(codec.signing.timestamp, _now())
                 data = message.pack(codec)
                 codec.seq = (codec.seq + 1) % 256
                 try:
@@ -97,6 +72,33 @@ class Link:
                 continue
             except OSError:  # nobody listens there now
                 continue
-            for message in self._parser.parse_buffer(data) or ():
+            for message in self._parser.parse_datagram(data):
                 if message.get_type() != "BAD_DATA":
                     handle(message)
+
+
+class _Codec(mavlink.MAVLink):  # type: ignore[misc]
+    """Codec of one system, without two faults of pymavlink 2.4.50."""
+
+    def parse_datagram(self, data: bytes) -> list[Any]:
+        """Return the messages of a datagram; a bad one is BAD_DATA."""
+        self.robust_parsing = True
+        # The stream's parser would take the next packet for the rest of a bad one.
+        self.buf, self.buf_index = bytearray(), 0
+        self.expected_length = mavlink.HEADER_LEN_V1 + 2
+        return self.parse_buffer(data) or []
+
+    def check_signature(self, packet: bytearray, system: int, component: int) -> bool:
+        """Return whether a packet has our signature and is no repetition."""
+        # The base class stores the time of a packet with a wrong signature, too: a forged one
+        # from the future would lock the sender out.
+        key = self.signing.secret_key
+        expected = hashlib.sha256(key + bytes(packet[:-6])).digest()[:6]
+        if not hmac.compare_digest(expected, packet[-6:]):
+            return False
+        return bool(super().check_signature(packet, system, component))
+
+
+def _now() -> int:
+    """Return the time of signatures."""
+    return round((time.time() - _SINCE) * 1e5)

@@ -2,17 +2,19 @@
 
 import struct
 from collections.abc import Mapping
+from math import isfinite, isnan
 from typing import Any, NamedTuple
+
+from quadctl.services.runtime.errors import Invalid
 
 MOST_LETTERS = 16
 _INTEGER, _REAL = 6, 9
-"""Types of parameters, MAV_PARAM_TYPE; a bool is an integer, as in PX4."""
-TAKEOFF_HEIGHT = "MIS_TAKEOFF_ALT"
-"""PX4's name of the height of a takeoff without one, which MAVSDK asks for."""
-_PX4 = {"safety.takeoff": TAKEOFF_HEIGHT}
+"""Types of parameters, MAV_PARAM_TYPE; a bool is an integer, like PX4's."""
+_PX4 = {"safety.takeoff": "MIS_TAKEOFF_ALT"}
+"""Names of PX4 that ground stations read."""
 
 
-class Parameter(NamedTuple):
+class MavlinkParameter(NamedTuple):
     """A parameter by its own name: its short name, its type, and its value as a float's bits."""
 
     own: str
@@ -22,52 +24,56 @@ class Parameter(NamedTuple):
 
 
 def short_name(own: str) -> str:
-    """Return the name in MAVLink, e.g. S_VIRTUAL_CAGE_X of safety.virtual_cage.x."""
+    """Return the name in MAVLink, e.g. S_VIRTUAL_CAGE_X of safety.virtual_cage.x.
+
+    In too long a name, tables have their initials only: D_C_MAX_SPEED of dynamics.control.max_speed.
+    """
     if own in _PX4:
         return _PX4[own]
-    node, _, rest = own.partition(".")
-    return f"{node[0]}_{rest.replace('.', '_')}".upper()[:MOST_LETTERS]
+    node, *tables, last = own.split(".")
+    name = "_".join([node[0], *tables, last])
+    if len(name) > MOST_LETTERS:
+        initials = ("".join(word[0] for word in table.split("_")) for table in tables)
+        name = "_".join([node[0], *initials, last])
+    return name.upper()[:MOST_LETTERS]
 
 
-def table(values: Mapping[str, Any]) -> list[Parameter]:
-    """Return the numbers among the parameters, sorted by name; MAVLink has no texts or tables."""
-    found = []
-    for own, value in _leaves("", values).items():
-        if isinstance(value, int | float):
-            type_, number = encoded(value)
-            found.append(Parameter(own, short_name(own), type_, number))
-    return sorted(found, key=lambda each: each.name)
+def table(values: Mapping[str, Any]) -> list[MavlinkParameter]:
+    """Return the numbers among values by dotted name, sorted by short name.
+
+    MAVLink has no texts or tables. An integer with the bits of no number, from 2139095041 on, is
+    left out: such bits change on their way.
+    """
+    found = [
+        MavlinkParameter(own, short_name(own), *_encoded(value))
+        for own, value in values.items()
+        if isinstance(value, int | float)
+    ]
+    return sorted((each for each in found if not isnan(each.value)), key=lambda each: each.name)
 
 
-def _leaves(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            found |= _leaves(f"{prefix}{name}.", value)
-        else:
-            found[prefix + name] = value
-    return found
-
-
-def encoded(value: float) -> tuple[int, float]:
-    """Return type and value; the bits of an integer are those of the float, as PX4 has them."""
+def _encoded(value: Any) -> tuple[int, float]:
+    """Return type and value; the bits of an integer are those of the float, like PX4's."""
     if isinstance(value, float):
         return _REAL, value
     return _INTEGER, struct.unpack("<f", struct.pack("<i", value))[0]
 
 
-def decoded(type_: int, value: float, present: float) -> float:
-    """Return a received value as one of the type of the present one; raise ValueError if it has another."""
-    if isinstance(present, float):
-        if type_ != _REAL:
-            raise ValueError("a real number was expected")
-        # The shortest decimal of these 32 bits, e.g. 0.15 and not 0.15000000596.
-        return float(f"{value:.7g}")
-    if type_ != _INTEGER:
-        raise ValueError("an integer was expected")
-    number: int = struct.unpack("<i", struct.pack("<f", value))[0]
-    if isinstance(present, bool):
-        if number not in {0, 1}:
-            raise ValueError("0 or 1 was expected")
-        return bool(number)
-    return number
+def decoded(type_: int, value: float, present: Any) -> Any:
+    """Return a received value in the type of the present one; raise Invalid for another type."""
+    if not isinstance(present, float):
+        if type_ != _INTEGER or isnan(value):
+            raise Invalid("an integer was expected")
+        number: int = struct.unpack("<i", _bits(value))[0]
+        if isinstance(present, bool) and number not in {0, 1}:
+            raise Invalid("0 or 1 was expected")
+        return type(present)(number)
+    if type_ != _REAL or not isfinite(value):
+        raise Invalid("a finite real number was expected")
+    # The shortest decimal of these 32 bits, e.g. 0.15 and not 0.15000000596.
+    decimals = (float(f"{value:.{digits}g}") for digits in range(6, 10))
+    return next(each for each in decimals if _bits(each) == _bits(value))
+
+
+def _bits(value: float) -> bytes:
+    return struct.pack("<f", value)

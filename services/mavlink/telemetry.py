@@ -1,8 +1,9 @@
-"""Telemetry of a vehicle as a PX4 sends it, from our poses and states. Pure.
+"""Telemetry of a vehicle in the form of PX4's, from our poses and states. Pure.
 
 Our world is ENU with bodies FLU; MAVLink has NED with bodies FRD.
 """
 
+import struct
 from math import asin, atan2, degrees, hypot, sqrt
 from typing import Any
 
@@ -37,13 +38,18 @@ _SENSORS = (
     | mavlink.MAV_SYS_STATUS_GEOFENCE
     | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 )
+_OPEN, _NAK = 4, 129
+"""Commands of MAVLink's file transfer."""
 _UNKNOWN = {"u16": 0xFFFF, "u8": 0xFF}
-_IN_AIR = 0.1
+IN_AIR = 0.1
 """Height (m) above which a vehicle flies."""
 
 
 class View(Struct, frozen=True):
-    """A vehicle as ground stations see it. Without a fresh pose it is not `healthy`."""
+    """Vehicle in the eyes of ground stations. Without a fresh pose it is not `healthy`.
+
+    `mission` has the next item, the number of items and the state, MISSION_STATE.
+    """
 
     pose: Pose
     origin: Origin
@@ -51,12 +57,13 @@ class View(Struct, frozen=True):
     mode: int
     armed: bool
     healthy: bool
+    mission: tuple[int, int, int]
     lands: bool = False
 
     @property
     def flies(self) -> bool:
         """Return whether the vehicle is in the air."""
-        return self.pose.position.z > _IN_AIR
+        return self.pose.position.z > IN_AIR
 
     @property
     def _boot_ms(self) -> int:
@@ -75,7 +82,7 @@ class View(Struct, frozen=True):
         )
 
     def sys_status(self) -> Any:
-        """Return the health of the sensors; there is no battery to speak of."""
+        """Return the health of the sensors; the battery is unknown."""
         healthy = _SENSORS if self.healthy else _SENSORS & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         return mavlink.MAVLink_sys_status_message(
             _SENSORS, _SENSORS, healthy, 0, _UNKNOWN["u16"], -1, 100, 0, 0, 0, 0, 0, 0
@@ -118,7 +125,7 @@ class View(Struct, frozen=True):
         return mavlink.MAVLink_attitude_message(self._boot_ms, roll, pitch, yaw, r.x, -r.y, -r.z)
 
     def gps_raw_int(self) -> Any:
-        """Return the place as a receiver of satellites has it: 1e-7 degrees, mm, cm/s."""
+        """Return the place like a receiver of satellites: 1e-7 degrees, mm, cm/s."""
         p, v = self.pose.position, self.pose.velocity
         latitude, longitude = self.origin.to_earth(p.x, p.y)
         return mavlink.MAVLink_gps_raw_int_message(
@@ -146,13 +153,17 @@ class View(Struct, frozen=True):
         return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
 
     def home_position(self) -> Any:
-        """Return where the vehicle returns to: on the ground."""
+        """Return the place on the ground to which the vehicle returns."""
         x, y = self.home
         latitude, longitude = self.origin.to_earth(x, y)
         altitude = round(self.origin.altitude * 1000)
         return mavlink.MAVLink_home_position_message(
             latitude, longitude, altitude, y, x, 0.0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
         )
+
+    def mission_current(self) -> Any:
+        """Return the progress of the mission."""
+        return mavlink.MAVLink_mission_current_message(*self.mission)
 
     def vfr_hud(self) -> Any:
         """Return speed (m/s), heading and height, m."""
@@ -168,7 +179,7 @@ class View(Struct, frozen=True):
         )
 
     def autopilot_version(self) -> Any:
-        """Return the abilities; the number of the version is that of the PX4 that we look like, 1.16.0."""
+        """Return the capabilities; ground stations take the version for PX4's, here 1.16.0."""
         release = 1 << 24 | 16 << 16 | 255
         none = [0] * 8
         return mavlink.MAVLink_autopilot_version_message(
@@ -198,3 +209,25 @@ def _angles(q: Quaternion) -> tuple[float, float, float]:
 
 def _short(number: float) -> int:
     return min(max(round(number), -32_768), 32_767)
+
+
+def texts(text: str, severity: int = mavlink.MAV_SEVERITY_WARNING, number: int = 0) -> list[Any]:
+    """Return the messages that show a text; those of a long one have the same `number`, not 0."""
+    data = text.encode()
+    return [
+        mavlink.MAVLink_statustext_message(
+            severity, data[start : start + 50], number if len(data) > 50 else 0, start // 50
+        )
+        for start in range(0, len(data), 50)
+    ]
+
+
+def no_file(request: Any, peer: tuple[int, int]) -> Any:
+    """Return the answer to a request for a file: there is none, and no command for files."""
+    # QGroundControl looks for a file of parameters first, and waits for an answer.
+    number, session, command = struct.unpack_from("<HBB", bytes(request.payload))
+    error = 10 if command == _OPEN else 7
+    head = struct.pack(
+        "<HBBBBBBIB", (number + 1) & 0xFFFF, session, _NAK, 1, command, 0, 0, 0, error
+    )
+    return mavlink.MAVLink_file_transfer_protocol_message(0, *peer, [*head.ljust(251, b"\0")])

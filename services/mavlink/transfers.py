@@ -1,174 +1,179 @@
 """Transfers of missions and fences: the protocol of MAVLink, for one vehicle. Pure."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import IntEnum
+from typing import Any, Protocol
 
 from msgspec import Struct
+from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.plan import MOST_ITEMS, Item
-from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.mavlink.plan import MOST_ITEMS, PlanItem
+from quadctl.services.runtime.errors import Invalid, QuadctlError
 
-_AGAIN, _ATTEMPTS = 0.5, 8
+AGAIN, ATTEMPTS = 0.5, 8
 """Seconds until an item is requested again, and how often it is."""
+Peer = tuple[int, int]
+"""System and component of a ground station."""
 
 
-class Kind(IntEnum):
-    """Kind of plan, MAV_MISSION_TYPE; rally points are none of ours."""
+class PlanKind(IntEnum):
+    """Kind of plan, MAV_MISSION_TYPE; we have no rally points."""
 
     MISSION = 0
     FENCE = 1
     RALLY = 2
 
 
-class Result(IntEnum):
-    """End of a transfer, MAV_MISSION_RESULT."""
+class PlanStore(Protocol):
+    """Plans of a vehicle; both methods raise QuadctlError."""
 
-    ACCEPTED = 0
-    ERROR = 1
-    UNSUPPORTED = 3
-    NO_SPACE = 4
-    INVALID_SEQUENCE = 13
-    DENIED = 14
-    CANCELLED = 15
+    def load(self, kind: PlanKind) -> Sequence[PlanItem]:
+        """Return the items of a plan."""
+
+    def save(self, kind: PlanKind, items: Sequence[PlanItem]) -> None:
+        """Take a plan in the place of the present one."""
 
 
-class Count(Struct, frozen=True):
-    """Number of items of a plan that a peer may request now."""
+class PlanUpload(Struct):
+    """Upload under way. `asked` is when the next item was requested (s), for the `attempts`-th time."""
 
-    kind: Kind
-    count: int
-
-
-class Wanted(Struct, frozen=True):
-    """Request for an item that a peer uploads."""
-
-    kind: Kind
-    number: int
-
-
-class Sent(Struct, frozen=True):
-    """Item of a download."""
-
-    kind: Kind
-    number: int
-    item: Item
-
-
-class Ended(Struct, frozen=True):
-    """End of a transfer, and for the user why it failed."""
-
-    kind: Kind
-    result: Result
-    reason: str = ""
-
-
-Reply = Count | Wanted | Sent | Ended
-Peer = tuple[int, int]
-"""System and component of a ground station."""
-
-
-class Upload(Struct):
-    """Upload under way."""
-
-    kind: Kind
+    kind: PlanKind
     peer: Peer
     count: int
-    items: list[Item]
+    items: list[PlanItem]
     asked: float
     attempts: int = 1
 
+    def wanted(self) -> Any:
+        """Return the request for the next item."""
+        return mavlink.MAVLink_mission_request_int_message(*self.peer, len(self.items), self.kind)
 
-class Store(Struct):
-    """Plans of a vehicle: `load` returns one, `save` takes one; both raise QuadctlError."""
 
-    load: Callable[[Kind], Sequence[Item]]
-    save: Callable[[Kind, Sequence[Item]], None]
+class Transfer(Struct, frozen=True):
+    """Reply to a message: messages for the peer, and a reason for the user if there is one."""
+
+    messages: Sequence[Any] = ()
+    reason: str = ""
 
 
 class Transfers:
     """Transfers of one vehicle: one upload at a time, and any number of downloads."""
 
-    def __init__(self, store: Store) -> None:
+    MESSAGES = (
+        "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST_LIST", "MISSION_REQUEST",
+        "MISSION_REQUEST_INT", "MISSION_CLEAR_ALL", "MISSION_ACK",
+    )  # fmt: skip
+    """Types of the messages that `take` takes."""
+
+    def __init__(self, store: PlanStore) -> None:
         self._store = store
-        self._upload: Upload | None = None
+        self._upload: PlanUpload | None = None
 
     @property
-    def peer(self) -> Peer | None:
-        """Return who uploads now."""
-        return self._upload.peer if self._upload else None
+    def uploading(self) -> bool:
+        """Return whether an upload is under way."""
+        return self._upload is not None
 
-    def on_count(self, peer: Peer, kind: Kind, count: int, now: float) -> Reply:
-        """Begin an upload; an earlier one of the same peer is given up."""
-        if self._upload and self._upload.peer != peer:
-            return Ended(kind, Result.DENIED, "another ground station uploads a plan")
-        self._upload = None
-        if kind == Kind.RALLY and count:
-            return Ended(kind, Result.UNSUPPORTED, "the vehicle has no rally points")
-        if count > MOST_ITEMS:
-            return Ended(kind, Result.NO_SPACE, f"{count} items: at most {MOST_ITEMS} are allowed")
-        if count == 0:
-            return self._save(kind, [])
-        self._upload = Upload(kind, peer, count, [], now)
-        return Wanted(kind, 0)
-
-    def on_item(self, peer: Peer, kind: Kind, number: int, item: Item, now: float) -> Reply | None:
-        """Take an item, and request the next one; a repeated one changes nothing."""
-        upload = self._upload
-        if upload is None or (upload.peer, upload.kind) != (peer, kind):
-            return None
-        if number != len(upload.items):
-            return None  # the one that is missing is requested again
-        upload.items.append(item)
-        upload.asked, upload.attempts = now, 1
-        if len(upload.items) < upload.count:
-            return Wanted(kind, len(upload.items))
-        self._upload = None
-        return self._save(kind, upload.items)
-
-    def on_list(self, kind: Kind) -> Reply:
-        """Begin a download."""
+    def take(self, message: Any, now: float) -> Transfer:
+        """Take a message of a peer, and return the reply."""
+        peer = message.get_srcSystem(), message.get_srcComponent()
+        type_, number = message.get_type(), message.mission_type
+        if type_ == "MISSION_CLEAR_ALL" and number == mavlink.MAV_MISSION_TYPE_ALL:
+            reasons = [self._save(peer, kind, []).reason for kind in PlanKind]
+            reason = next(filter(None, reasons), "")
+            result = mavlink.MAV_MISSION_UNSUPPORTED if reason else mavlink.MAV_MISSION_ACCEPTED
+            return Transfer([_ack(peer, result, number)], reason)
+        if number not in {*PlanKind}:
+            return Transfer([_ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, number)])
+        kind = PlanKind(number)
+        match type_:
+            case "MISSION_COUNT":
+                return self._on_count(peer, kind, message.count, now)
+            case "MISSION_ITEM_INT":
+                return self._on_item(peer, kind, message, now)
+            case "MISSION_CLEAR_ALL":
+                return self._save(peer, kind, [])
+            case "MISSION_ACK":
+                if self._uploads(peer, kind):
+                    self._upload = None
+                return Transfer()
         try:
-            return Count(kind, len(self._load(kind)))
+            items = self._store.load(kind) if kind != PlanKind.RALLY else []
         except QuadctlError as problem:
-            return Ended(kind, Result.UNSUPPORTED, problem.message)
+            return _refused(peer, kind, problem)
+        if type_ == "MISSION_REQUEST_LIST":
+            return Transfer([mavlink.MAVLink_mission_count_message(*peer, len(items), kind)])
+        if not 0 <= message.seq < len(items):
+            return Transfer([_ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)])
+        return Transfer([_sent(peer, kind, message.seq, items[message.seq])])
 
-    def on_request(self, kind: Kind, number: int) -> Reply:
-        """Return an item of a download."""
-        try:
-            items = self._load(kind)
-        except QuadctlError as problem:
-            return Ended(kind, Result.UNSUPPORTED, problem.message)
-        if not 0 <= number < len(items):
-            return Ended(kind, Result.INVALID_SEQUENCE)
-        return Sent(kind, number, items[number])
-
-    def on_clear(self, kind: Kind) -> Reply:
-        """Delete a plan."""
-        return self._save(kind, [])
-
-    def on_ack(self, peer: Peer, kind: Kind) -> None:
-        """Take the end of a transfer by a peer: it gives up its upload."""
-        if self._upload and (self._upload.peer, self._upload.kind) == (peer, kind):
-            self._upload = None
-
-    def tick(self, now: float) -> Reply | None:
+    def tick(self, now: float) -> Transfer:
         """Return a request that has to be sent again, or the end of an upload that nobody continues."""
         upload = self._upload
-        if upload is None or now < upload.asked + _AGAIN:
-            return None
-        if upload.attempts == _ATTEMPTS:
+        if upload is None or now < upload.asked + AGAIN:
+            return Transfer()
+        if upload.attempts == ATTEMPTS:
             self._upload = None
-            return Ended(upload.kind, Result.CANCELLED, "the upload of a plan was not continued")
+            cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
+            ended = _ack(upload.peer, cancelled, upload.kind)
+            return Transfer([ended], "the upload of a plan was not continued")
         upload.asked, upload.attempts = now, upload.attempts + 1
-        return Wanted(upload.kind, len(upload.items))
+        return Transfer([upload.wanted()])
 
-    def _load(self, kind: Kind) -> Sequence[Item]:
-        return [] if kind == Kind.RALLY else self._store.load(kind)
+    def _on_count(self, peer: Peer, kind: PlanKind, count: int, now: float) -> Transfer:
+        """Begin an upload; an earlier one of the same peer is given up."""
+        if self._upload and self._upload.peer != peer:
+            return Transfer(
+                [_ack(peer, mavlink.MAV_MISSION_DENIED, kind)],
+                "another ground station uploads a plan",
+            )
+        self._upload = None
+        if count > MOST_ITEMS:
+            return Transfer(
+                [_ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)],
+                f"{count} items: at most {MOST_ITEMS} are allowed",
+            )
+        if count == 0:
+            return self._save(peer, kind, [])
+        if kind == PlanKind.RALLY:
+            return _refused(peer, kind, Invalid("the vehicle has no rally points"))
+        self._upload = PlanUpload(kind, peer, count, [], now)
+        return Transfer([self._upload.wanted()])
 
-    def _save(self, kind: Kind, items: Sequence[Item]) -> Reply:
-        if kind != Kind.RALLY:
+    def _on_item(self, peer: Peer, kind: PlanKind, m: Any, now: float) -> Transfer:
+        upload = self._upload
+        # A missing item is requested again by `tick`; a repeated one changes nothing.
+        if upload is None or not self._uploads(peer, kind) or m.seq != len(upload.items):
+            return Transfer()
+        params = (m.param1, m.param2, m.param3, m.param4)
+        upload.items.append(PlanItem(m.frame, m.command, params, m.x, m.y, m.z))
+        upload.asked, upload.attempts = now, 1
+        if len(upload.items) < upload.count:
+            return Transfer([upload.wanted()])
+        self._upload = None
+        return self._save(peer, kind, upload.items)
+
+    def _uploads(self, peer: Peer, kind: PlanKind) -> bool:
+        return self._upload is not None and (self._upload.peer, self._upload.kind) == (peer, kind)
+
+    def _save(self, peer: Peer, kind: PlanKind, items: Sequence[PlanItem]) -> Transfer:
+        if kind != PlanKind.RALLY:
             try:
                 self._store.save(kind, items)
             except QuadctlError as problem:
-                return Ended(kind, Result.UNSUPPORTED, problem.message)
-        return Ended(kind, Result.ACCEPTED)
+                return _refused(peer, kind, problem)
+        return Transfer([_ack(peer, mavlink.MAV_MISSION_ACCEPTED, kind)])
+
+
+def _ack(peer: Peer, result: int, kind: int) -> Any:
+    return mavlink.MAVLink_mission_ack_message(*peer, result, kind)
+
+
+def _refused(peer: Peer, kind: PlanKind, problem: QuadctlError) -> Transfer:
+    return Transfer([_ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)], problem.message)
+
+
+def _sent(peer: Peer, kind: PlanKind, number: int, item: PlanItem) -> Any:
+    return mavlink.MAVLink_mission_item_int_message(
+        *peer, number, item.frame, item.command, 0, 1, *item.params, item.x, item.y, item.z, kind
+    )

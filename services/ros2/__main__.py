@@ -67,6 +67,7 @@ from quadctl.services.runtime.bus.foreign import ForeignQuery, ForeignSession, o
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.remote import RemoteParams
 
 NAME = "ros2"
 ROUTER = "tcp/127.0.0.1:7447"
@@ -348,7 +349,7 @@ class Bridge:
         return self._outcome(service, request)
 
     def _serve_parameters(self) -> None:
-        store = parameters.ParameterStore(self._call)
+        store = parameters.ParameterStore(RemoteParams(self._call))
         for name, service, handler in (
             ("list_parameters", LIST_PARAMETERS, store.list),
             ("get_parameters", GET_PARAMETERS, store.get),

@@ -4,14 +4,11 @@ Numbers, texts, bools and lists of them have their types of ROS. Anything else, 
 string in TOML's notation.
 """
 
-import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
-from msgspec import Struct, inspect, structs
+from msgspec import inspect, structs
 
-from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
-from quadctl.schemas.topics import Service, get_params, set_params
 from quadctl.schemas.typeinfo import bounds_text
 from quadctl.services.ros2.messages import (
     Descriptors,
@@ -34,8 +31,8 @@ from quadctl.services.ros2.messages import (
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch, leaves, value
 from quadctl.services.runtime.params.names import value_of
+from quadctl.services.runtime.params.remote import RemoteParams
 
-_NODES = ("dynamics", "pressure", "safety")
 _FIELDS = {
     1: "bool_value",
     2: "integer_value",
@@ -56,16 +53,16 @@ _MOST_INTEGER = 2**63 - 1
 class ParameterStore:
     """Parameters of the vehicle's nodes behind the six services that a node of ROS has."""
 
-    def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
-        self._call = call
+    def __init__(self, ours: RemoteParams) -> None:
+        self._ours = ours
 
     def list(self, request: ListRequest) -> ListResponse:
         """List the parameters of the nodes that answer."""
-        return ListResponse(listed(self._values(), request))
+        return ListResponse(listed(self._ours.read(), request))
 
     def get(self, request: Names) -> Values:
         """Return the values; that of an unknown name is not set, as in ROS."""
-        values = self._values()
+        values = self._ours.read()
         unset = ParameterValue()
         return Values(
             tuple(to_ros(values[name]) if name in values else unset for name in request.names)
@@ -77,7 +74,7 @@ class ParameterStore:
 
     def describe(self, request: Names) -> Descriptors:
         """Return the descriptions."""
-        values, entries = self._values(), leaves()
+        values, entries = self._ours.read(), leaves()
         return Descriptors(
             tuple(
                 described(name, values[name], entries.get(name))
@@ -96,27 +93,14 @@ class ParameterStore:
         return Result(self._set(request.parameters))
 
     def _set(self, given: tuple[RosParameter, ...]) -> SetParametersResult:
-        nodes = {each.name.partition(".")[0] for each in given}
-        if len(nodes) != 1:
-            reason = "these are of several nodes: set one node's at a time" if nodes else ""
-            return SetParametersResult(successful=not nodes, reason=reason)
-        present = self._values()
+        if not given:
+            return SetParametersResult(successful=True)
+        present = self._ours.read()
         changes = {each.name: to_ours(each.value, present.get(each.name)) for each in given}
-        # The node itself refuses an unknown name, with the nearest one.
-        node = nodes.pop() if nodes <= set(_NODES) else _NODES[-1]
         try:
-            reply = self._call(set_params(node), SetParamsRequest(changes))
+            return SetParametersResult(successful=True, reason=self._ours.set(changes))
         except QuadctlError as problem:
             return SetParametersResult(successful=False, reason=problem.message)
-        return SetParametersResult(successful=reply.success, reason=reply.reason)
-
-    def _values(self) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for node in _NODES:
-            # A node that is down has no parameters now; the others' stay within reach.
-            with contextlib.suppress(QuadctlError):
-                values |= self._call(get_params(node), GetParamsRequest([])).values
-        return values
 
 
 def to_ros(plain: Any) -> ParameterValue:

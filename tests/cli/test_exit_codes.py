@@ -18,7 +18,7 @@ NEEDS_A_RUN = [
     "service info goto", "service call calibrate_pressure zero=true", "param list",
     "param get safety.cage_on", "param set safety.takeoff 1", "node list", "record", "plot --live",
     "fleet list", "fleet hold", "fleet land-all", "fleet goto 0 0 1",
-    "bridge foxglove", "bridge ros2",
+    "bridge foxglove", "bridge mavlink", "bridge ros2",
 ]  # fmt: skip
 
 FAILS = {

@@ -120,7 +120,7 @@ def test_quadctl_runs_in_any_folder(scripts, elsewhere):
     assert list(elsewhere.iterdir()) == []
 
 
-@pytest.mark.parametrize("bridge", ["foxglove", "ros2"])
+@pytest.mark.parametrize("bridge", ["foxglove", "mavlink", "ros2"])
 def test_a_bridge_needs_its_extra_and_nothing_else(bridge, wheel, scripts, elsewhere):
     def ended() -> tuple[int, str]:
         command = [scripts / "quadctl", "bridge", bridge, "--realm", f"none{os.getpid()}"]

@@ -2,21 +2,20 @@
 
 import json
 import os
-import signal
 import ssl
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any, NamedTuple, Self
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from tests.support import bridges
 from tests.support.lab import Lab
 from tests.support.running import Foreground, eventually
 
@@ -212,31 +211,19 @@ class FoxgloveClient:
                 self.answers.append((document["callId"], ServiceFailed(document["message"])))
 
 
-@contextmanager
-def bridged(lab: Lab, port: int, *options: str) -> Iterator[Foreground]:
-    """Bridge the run of a lab from when it serves the vehicle until the end of the block."""
+def bridged(lab: Lab, port: int, *options: str) -> AbstractContextManager[Foreground]:
+    """Bridge the run of a lab on a port, see bridges.bridged."""
     lab.environment["QUADCTL_FOXGLOVE_TOKEN"] = TOKEN
-    process = lab.spawn(*lab.command("bridge", "foxglove", "--port", str(port), *options))
-    eventually(
-        lambda: "foxglove" in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
-    )
-    yield process
-    if not process.ended:
-        process.send(signal.SIGTERM)
-        assert process.wait() == 0
+    return bridges.bridged(lab, "foxglove", "--port", str(port), *options)
 
 
 @contextmanager
 def bridge(realm: str, port: int, *more: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Start the bridge of a run by its command, and yield its process once it serves."""
-    command = [sys.executable, "-m", "quadctl", "bridge", "foxglove", "--realm", realm]
-    process = subprocess.Popen([*command, "--port", str(port), *more], env=WITH_TOKEN)
-    try:
+    """Bridge a run on a port, from when it serves; see bridges.bridge."""
+    words = ("--port", str(port), *more)
+    with bridges.bridge(realm, "foxglove", *words, environment=WITH_TOKEN) as process:
         eventually(lambda: serves(port))
         yield process
-    finally:
-        process.terminate()
-        process.wait(10)
 
 
 def serves(port: int) -> bool:

@@ -129,6 +129,7 @@ ELSEWHERE = {
     "lab check": "it runs in its own realm, and calls no node of this one",
     "lab grade": "it runs each hand-in in a realm of its own",
     "bridge foxglove": "it runs until Ctrl-C; tests/foxglove freezes it",
+    "bridge mavlink": "it runs until Ctrl-C; tests/mavlink freezes it",
     "bridge ros2": "it runs until Ctrl-C; tests/ros2 freezes it",
     "record": "it waits for any message until Ctrl-C; test_record.py freezes its hub",
     "plot": "it draws a file, or the messages of a given time; test_plot.py freezes it",

@@ -1,13 +1,12 @@
 """Network of ROS 2 without ROS: a router, and an independent client of rmw_zenoh."""
 
 import json
-import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,9 @@ from zenoh_ros2_sdk.session import ZenohSession
 from quadctl.services.ros2 import cdr, graph
 from quadctl.services.ros2.messages import RosService
 from quadctl.services.runtime.bus.session import free_port
+from tests.support import bridges
 from tests.support.lab import Lab
-from tests.support.running import Foreground, eventually
+from tests.support.running import Foreground
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -64,16 +64,10 @@ def router(port: int = 0) -> Iterator[str]:
 
 @contextmanager
 def bridged(lab: Lab, endpoint: str, domain: str, *options: str) -> Iterator[Foreground]:
-    """Bridge the run of a lab from when it serves the vehicle until the end of the block."""
-    words = ("bridge", "ros2", "--router", endpoint, "--domain", domain)
-    process = lab.spawn(*lab.command(*options, *words))
-    eventually(
-        lambda: "ros2" in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
-    )
-    yield process
-    if not process.ended:
-        process.send(signal.SIGTERM)
-        assert process.wait() == 0
+    """Bridge the run of a lab to a router, see bridges.bridged."""
+    words = ("--router", endpoint, "--domain", domain, *options)
+    with bridges.bridged(lab, "ros2", *words) as process:
+        yield process
 
 
 @contextmanager
@@ -100,16 +94,11 @@ def call(session: zenoh.Session, name: str, service: RosService[Any, Any], reque
     return cdr.decode(service.response, reply.ok.payload.to_bytes())
 
 
-@contextmanager
-def bridge(realm: str, endpoint: str, *more: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Start the bridge of a run by its command, and yield its process."""
-    command = [sys.executable, "-m", "quadctl", "bridge", "ros2", "--realm", realm]
-    process = subprocess.Popen([*command, "--router", endpoint, *more])
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(10)
+def bridge(
+    realm: str, endpoint: str, *more: str
+) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    """Bridge a run to a router, see bridges.bridge."""
+    return bridges.bridge(realm, "ros2", "--router", endpoint, *more)
 
 
 def raw_client(endpoint: str) -> zenoh.Session:

@@ -1,0 +1,317 @@
+"""Commander of one vehicle: its arming, its modes, and the missions and fences that it flies by.
+
+All methods but `see` and `view` may call services, and block.
+"""
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import Any, Protocol
+
+from msgspec import to_builtins
+from pymavlink.dialects.v20 import common as mavlink
+
+from quadctl.schemas.messages import Pose, SafetyState, Zone, Zones
+from quadctl.schemas.services import GotoRequest, GotoResponse
+from quadctl.services.mavlink.geo import Origin
+from quadctl.services.mavlink.pilot import Errand, Pilot
+from quadctl.services.mavlink.plan import (
+    Flyer,
+    MissionStep,
+    PlanItem,
+    items_of,
+    point_of,
+    steps_of,
+    zones_of,
+)
+from quadctl.services.mavlink.telemetry import HOLD, IN_AIR, LAND, MISSION, RETURN, TAKEOFF, View
+from quadctl.services.mavlink.transfers import PlanKind
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, Unreachable
+from quadctl.services.runtime.params.remote import RemoteParams
+
+Send = Callable[[Any], None]
+_NO_MISSION: int = mavlink.MISSION_STATE_NO_MISSION
+_ACTIVE: int = mavlink.MISSION_STATE_ACTIVE
+_PAUSED: int = mavlink.MISSION_STATE_PAUSED
+_COMPLETE: int = mavlink.MISSION_STATE_COMPLETE
+_NOT_STARTED: int = mavlink.MISSION_STATE_NOT_STARTED
+
+
+class VehicleServices(Protocol):
+    """Services of the vehicle; all methods block, and raise QuadctlError."""
+
+    parameters: RemoteParams
+
+    def goto(self, request: GotoRequest) -> GotoResponse:
+        """Request a goal from safety."""
+
+    def hold(self) -> None:
+        """Stop the vehicle."""
+
+    def toggle_cage(self, *, on: bool) -> None:
+        """Turn the cage on or off."""
+
+    def calibrate(self) -> None:
+        """Zero the barometer."""
+
+    def watch(self, *, every_pose: bool) -> None:
+        """Take all poses, or only the slow ones."""
+
+
+class Unsupported(Exception):
+    """Command, or part of one, that the vehicle does not have."""
+
+
+class Commander:
+    """Vehicle that is flown by commands. `send` sends messages, and `show` a text, from any thread."""
+
+    def __init__(
+        self, services: VehicleServices, origin: Origin, send: Send, show: Callable[[str], None]
+    ) -> None:
+        self._services, self._origin, self._send, self._show = services, origin, send, show
+        self._pose: Pose | None = None
+        self._start = (0.0, 0.0)
+        self._zones: tuple[Zone, ...] = ()
+        self._reason = ""
+        self._mission: list[PlanItem] = []
+        self._next, self._is_complete = 0, False
+        self._pilot = Pilot(services.goto, self._on_reached, self._on_end)
+        self._prepared: Errand | None = None
+        self.armed = False
+        self._commands: dict[int, Callable[[PlanItem], object]] = {
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
+            mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_DO_SET_MODE: lambda item: self.set_mode(*map(number, item.params[1:3])),
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _: self._hold(),
+            mavlink.MAV_CMD_DO_PAUSE_CONTINUE: self._pause,
+            mavlink.MAV_CMD_NAV_LAND: lambda _: self._land(),
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: self._return(),
+            mavlink.MAV_CMD_MISSION_START: self._start_at,
+            mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: lambda item: self.fly_from(
+                number(item.params[0])
+            ),
+            mavlink.MAV_CMD_DO_CHANGE_SPEED: lambda item: self._check([item]),
+            mavlink.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
+            mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: self._calibrate,
+        }
+
+    def see(self, message: Pose | SafetyState | Zones) -> None:
+        """Take the newest pose, state or zones of the vehicle."""
+        if isinstance(message, Zones):
+            self._zones = message.zones
+            return
+        self._pilot.see(message)
+        if isinstance(message, SafetyState):
+            if message.reason != self._reason:
+                self._reason = message.reason
+                if message.reason:
+                    self._show(message.reason)
+            return
+        if self._pose is None or message.boot != self._pose.boot:
+            self._start = message.position.x, message.position.y
+            self.armed, self._prepared = False, None
+        self._pose = message
+        # It takes off by itself, by `safety.takeoff`, or is flown by our own commands.
+        self.armed = self.armed or self._flies
+
+    def learn_start(self) -> None:
+        """Read where the vehicle starts: a bridge that starts later has not seen it."""
+        values = self._services.parameters.read()
+        if "dynamics.start.x" in values:
+            self._start = values["dynamics.start.x"], values["dynamics.start.y"]
+
+    def explain(self, problem: QuadctlError) -> None:
+        """Show the reason of a refusal, if safety's state does not show it anyway."""
+        if problem.message != self._reason:
+            self._show(problem.message)
+
+    def do(self, item: PlanItem) -> None:
+        """Execute a command; raise QuadctlError if it is refused, Unsupported for an unknown one."""
+        if item.command not in self._commands:
+            raise Unsupported
+        self._commands[item.command](item)
+
+    def set_mode(self, main: int, sub: int) -> None:
+        """Change the mode, given by PX4's numbers; raise like `do`."""
+        modes: dict[int, Callable[[], None]] = {
+            HOLD: self._hold,
+            LAND: self._land,
+            RETURN: self._return,
+            MISSION: self._fly_mission,
+            TAKEOFF: lambda: self._take_off(PlanItem(0, mavlink.MAV_CMD_NAV_TAKEOFF, (0.0,) * 4)),
+        }
+        if (mode := main << 16 | sub << 24) not in modes:
+            raise Unsupported
+        modes[mode]()
+
+    def view(self, *, healthy: bool) -> View:
+        """Return the vehicle in the eyes of ground stations; raise Unreachable without a pose."""
+        errand = self._errand
+        return View(
+            self._known_pose,
+            self._origin,
+            self._start,
+            self.mode,
+            self.armed,
+            healthy,
+            (self._next, len(self._mission), self._mission_state(errand)),
+            lands=errand is not None and errand.lands,
+        )
+
+    @property
+    def mode(self) -> int:
+        """Return the mode, in PX4's numbers."""
+        errand = self._errand
+        return errand.mode if errand else HOLD
+
+    @property
+    def _errand(self) -> Errand | None:
+        return self._pilot.errand or self._prepared
+
+    @property
+    def _known_pose(self) -> Pose:
+        if self._pose is None:
+            raise Unreachable("no pose of the vehicle has come yet")
+        return self._pose
+
+    @property
+    def _flies(self) -> bool:
+        return self._known_pose.position.z > IN_AIR
+
+    # Arming and modes
+
+    def _arm(self, item: PlanItem) -> None:
+        on, flies = item.params[0] == 1, self._flies
+        if not on and flies:
+            raise Refused("not disarmed: the vehicle flies; land first")
+        errand, self._prepared = self._prepared, None
+        if on and errand:
+            self._pilot.begin(errand)
+        self.armed = on
+
+    def _take_off(self, item: PlanItem) -> None:
+        height = item.z - self._origin.altitude
+        if not isfinite(item.z):
+            height = self._parameter("safety.takeoff")
+        if not height:
+            raise Refused("safety.takeoff is 0: give a height")
+        self._begin(Errand(TAKEOFF, [MissionStep(z=height)]))
+
+    def _reposition(self, item: PlanItem) -> None:
+        step = point_of(item, self._origin)
+        if step.flies:
+            self._begin(Errand(HOLD, [step]))
+        else:
+            # QGroundControl's pause.
+            self._hold()
+
+    def _pause(self, item: PlanItem) -> None:
+        if number(item.params[0], most=1):
+            self._fly_mission()
+        else:
+            self._hold()
+
+    def _begin(self, errand: Errand) -> None:
+        if self.armed:
+            self._pilot.begin(errand)
+        elif errand.mode in {TAKEOFF, MISSION}:
+            # QGroundControl sets the mode first, and then arms.
+            self._prepared = errand
+        else:
+            raise Refused("not armed: arm first")
+
+    def _hold(self) -> None:
+        self._prepared = None
+        self._pilot.end()
+        self._services.hold()
+
+    def _land(self) -> None:
+        self._hold()
+        self._pilot.begin(Errand(LAND, [MissionStep(lands=True)]))
+
+    def _return(self) -> None:
+        self._begin(Errand(RETURN, [MissionStep(*self._start, lands=True)]))
+
+    def _enable_fence(self, item: PlanItem) -> None:
+        self._services.toggle_cage(on=number(item.params[0], most=1) == 1)
+
+    def _calibrate(self, item: PlanItem) -> None:
+        if [*item.params] != [0, 0, 1, 0]:
+            raise Unsupported
+        self._services.calibrate()
+
+    # Missions and fences
+
+    def load(self, kind: PlanKind) -> Sequence[PlanItem]:
+        """Return the items of the mission, or of the zones in force."""
+        return self._mission if kind == PlanKind.MISSION else items_of(self._zones, self._origin)
+
+    def save(self, kind: PlanKind, items: Sequence[PlanItem]) -> None:
+        """Take a mission, or a fence in the place of all zones; raise QuadctlError if it is refused."""
+        if kind == PlanKind.MISSION:
+            self._check(items)
+            self._mission, self._next, self._is_complete = list(items), 0, False
+            return
+        zones = zones_of(items, self._origin)
+        self._services.parameters.set({"safety.zones": [to_builtins(zone) for zone in zones]})
+
+    def fly_from(self, first: int) -> None:
+        """Take an item for the next one; a mission that is flown goes on from there."""
+        if first >= len(self._mission):
+            raise Refused(f"the mission has no item {first}")
+        self._next, self._is_complete = first, False
+        errand = self._pilot.errand
+        if errand is not None and errand.mode == MISSION:
+            self._fly_mission()
+        self._send(self.view(healthy=True).mission_current())
+
+    def _start_at(self, item: PlanItem) -> None:
+        self._next = number(item.params[0])
+        self._fly_mission()
+
+    def _fly_mission(self) -> None:
+        steps = self._check(self._mission)
+        if not steps:
+            raise Refused("there is no mission: upload one first")
+        if self._next >= len(steps):
+            raise Refused(f"the mission has no item {self._next}")
+        self._begin(Errand(MISSION, steps, self._next))
+        self._is_complete = False
+
+    def _check(self, items: Sequence[PlanItem]) -> list[MissionStep]:
+        speed = self._parameter("dynamics.control.max_speed")
+        return steps_of(items, self._origin, Flyer(self._start, speed))
+
+    def _mission_state(self, errand: Errand | None) -> int:
+        if not self._mission:
+            return _NO_MISSION
+        if errand is not None and errand.mode == MISSION:
+            return _ACTIVE
+        if self._is_complete:
+            return _COMPLETE
+        return _PAUSED if self._next else _NOT_STARTED
+
+    def _on_reached(self, errand: Errand, step: int) -> None:
+        if errand.mode == MISSION:
+            self._next = (step + 1) % len(errand.steps)
+            self._is_complete = not self._next
+            self._send(mavlink.MAVLink_mission_item_reached_message(step))
+
+    def _on_end(self, errand: Errand, problem: QuadctlError | None) -> None:
+        if problem is not None:
+            self.explain(problem)
+        elif errand.lands:
+            self.armed = False
+
+    def _parameter(self, name: str) -> float:
+        value: float | None = self._services.parameters.read().get(name)
+        if value is None:
+            raise Unreachable(f"{name.partition('.')[0]} does not answer")
+        return value
+
+
+def number(value: float, most: int = 2**24) -> int:
+    """Return a float as the integer that it stands for; raise Invalid for another value."""
+    if not (value.is_integer() and 0 <= value <= most):
+        raise Invalid(f"{value:g} is not an integer from 0 to {most}")
+    return int(value)

@@ -1,0 +1,45 @@
+"""Parameters of a vehicle's nodes, read and set by a bridge to another network."""
+
+import contextlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from msgspec import Struct
+
+from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
+from quadctl.schemas.topics import Service, get_params, set_params
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
+
+_NODES = ("dynamics", "pressure", "safety")
+
+
+class RemoteParams:
+    """Parameters of one vehicle. `call` calls a service; it blocks, and raises QuadctlError."""
+
+    def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
+        self._call = call
+
+    def read(self) -> dict[str, Any]:
+        """Return the parameters of the nodes that answer, by dotted name."""
+        values: dict[str, Any] = {}
+        for node in _NODES:
+            # A node that is down has no parameters now; the others' stay within reach.
+            with contextlib.suppress(QuadctlError):
+                values |= self._call(get_params(node), GetParamsRequest([])).values
+        return values
+
+    def set(self, changes: Mapping[str, Any]) -> str:
+        """Change parameters of one node, all or none; return why they wait for a standstill, if they do.
+
+        Raises Refused if the node refuses them, Invalid if they are of several nodes.
+        """
+        nodes = {name.partition(".")[0] for name in changes}
+        if len(nodes) > 1:
+            raise Invalid("these are of several nodes: set one node's at a time")
+        # The node itself refuses an unknown name, with the nearest one.
+        node = nodes.pop() if nodes and nodes <= set(_NODES) else _NODES[-1]
+        reply = self._call(set_params(node), SetParamsRequest(dict(changes)))
+        if not reply.success:
+            raise Refused(reply.reason, "see `quadctl param describe`")
+        reason: str = reply.reason
+        return reason

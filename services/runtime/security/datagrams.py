@@ -1,0 +1,53 @@
+"""Addresses of datagrams that fly a vehicle, and the key that signs them."""
+
+import hashlib
+import socket
+from ipaddress import ip_address
+from pathlib import Path
+
+from quadctl.services.runtime.errors import Invalid, UsageError
+
+_KEY_BYTES = 32
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """Return host and port of e.g. udpout:127.0.0.1:14550; raise UsageError for anything else."""
+    kind, _, rest = text.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind != "udpout" or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise UsageError(f"--to {text}: not an address", "e.g. udpout:127.0.0.1:14550")
+    return host.strip("[]"), int(port)
+
+
+def check(text: str, *, signed: bool) -> None:
+    """Raise UsageError for an unknown host, or one on the network without a signature."""
+    host, port = address_of(text)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][4][0]
+    except OSError as error:
+        raise UsageError(
+            f"--to {text}: {error.strerror}", "an IP address or a known host"
+        ) from error
+    if not signed and not ip_address(str(found).partition("%")[0]).is_loopback:
+        raise UsageError(
+            f"--to {text} is on the network, where anybody could fly the vehicle",
+            "add --signing-key FILE, and give the ground station the same key",
+        )
+
+
+def key_of(path: Path) -> bytes:
+    """Return the key of a file: its 32 bytes, or the SHA-256 of the passphrase in it.
+
+    Raises Invalid for a file that cannot be read or is empty.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise Invalid(f"--signing-key {path}: {error.strerror}") from error
+    if len(data) == _KEY_BYTES:
+        return data
+    phrase = data.strip()
+    if not phrase:
+        raise Invalid(f"--signing-key {path} is empty", "32 bytes, or a passphrase")
+    # Ground stations make their key of a passphrase so, too.
+    return hashlib.sha256(phrase).digest()

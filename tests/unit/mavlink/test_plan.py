@@ -1,0 +1,197 @@
+"""Places, missions and fences of MAVLink."""
+
+from math import cos, dist, inf, nan, radians, sin, sqrt
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from quadctl.schemas.messages import Zone
+from quadctl.schemas.zones import CircleParams, ZoneKind, ZoneParams
+from quadctl.services.mavlink.geo import Origin
+from quadctl.services.mavlink.plan import (
+    NOWHERE,
+    Flyer,
+    MissionStep,
+    PlanItem,
+    items_of,
+    point_of,
+    steps_of,
+    zones_of,
+)
+from quadctl.services.runtime.errors import Invalid
+
+HOME = Origin(47.397742, 8.545594, 488.0)
+FLYER = Flyer((3.0, 4.0), 5.0)
+RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+WAYPOINT, LAND = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_LAND
+CORNER_IN, CORNER_OUT, CIRCLE_OUT = (
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+)
+
+latitudes = st.floats(-60, 60)
+longitudes = st.floats(-180, 180)
+near = st.floats(-100, 100)
+origins = st.builds(Origin, latitudes, longitudes, st.floats(-100, 4000))
+
+
+def item(command: int, *params: float, at: tuple[float, float] = (0, 0), z: float = 0) -> PlanItem:
+    first, second = (*params, 0.0, 0.0)[:2]
+    return PlanItem(RELATIVE, command, (first, second, 0.0, 0.0), *HOME.to_earth(*at), z)
+
+
+def earth_fixed(latitude: float, longitude: float, height: float) -> tuple[float, float, float]:
+    """Return a place in the earth's own frame, m, by the ellipsoid's definition."""
+    a, f = 6_378_137.0, 1 / 298.257223563
+    phi, lam = radians(latitude), radians(longitude)
+    n = a / sqrt(1 - f * (2 - f) * sin(phi) ** 2)
+    r = (n + height) * cos(phi)
+    return r * cos(lam), r * sin(lam), (n * (1 - f) ** 2 + height) * sin(phi)
+
+
+@given(origins, near, near)
+def test_a_place_comes_back_to_a_centimetre(origin: Origin, x: float, y: float):
+    assert dist(origin.to_world(*origin.to_earth(x, y)), (x, y)) < 0.011
+
+
+@given(origins, near, near)
+def test_degrees_are_those_of_the_ellipsoid(origin: Origin, x: float, y: float):
+    latitude, longitude = origin.to_earth(x, y)
+    here = earth_fixed(origin.latitude, origin.longitude, 0)
+    there = earth_fixed(latitude / 1e7, longitude / 1e7, 0)
+    delta = [b - a for a, b in zip(here, there, strict=True)]
+    phi, lam = radians(origin.latitude), radians(origin.longitude)
+    east = -sin(lam) * delta[0] + cos(lam) * delta[1]
+    north = -sin(phi) * (cos(lam) * delta[0] + sin(lam) * delta[1]) + cos(phi) * delta[2]
+    assert dist((east, north), (x, y)) < 0.015
+
+
+def test_a_world_across_the_date_line_is_one():
+    origin = Origin(-17.0, 179.9999, 0.0)
+    latitude, longitude = origin.to_earth(50.0, 0.0)
+    assert longitude < 0
+    assert dist(origin.to_world(latitude, longitude), (50, 0)) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("frame", "z", "height"),
+    [(0, 490.0, 2.0), (5, 490.0, 2.0), (3, 2.0, 2.0), (6, 2.0, 2.0), (6, nan, None)],
+)
+def test_heights_are_of_the_frame(frame: int, z: float, height: float | None):
+    assert point_of(PlanItem(frame, WAYPOINT, (0.0,) * 4, z=z), HOME).z == height
+
+
+def test_an_item_without_a_place_keeps_the_present_one():
+    step = point_of(PlanItem(RELATIVE, WAYPOINT, (0.0,) * 4), HOME)
+    assert step == MissionStep()
+    assert not step.flies
+
+
+@pytest.mark.parametrize(
+    ("given", "step"),
+    [
+        (item(WAYPOINT, 2.5, z=1), MissionStep(0.0, 0.0, 1.0, 2.5)),
+        (item(WAYPOINT, nan, z=1), MissionStep(0.0, 0.0, 1.0)),
+        (item(mavlink.MAV_CMD_NAV_LOITER_TIME, 9, z=1), MissionStep(0.0, 0.0, 1.0, 9.0)),
+        (item(mavlink.MAV_CMD_NAV_LOITER_UNLIM, z=1), MissionStep(0.0, 0.0, 1.0)),
+        (item(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH), MissionStep(3.0, 4.0, None, lands=True)),
+        (item(mavlink.MAV_CMD_NAV_DELAY, 3), MissionStep(wait=3.0)),
+        (item(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 5), MissionStep()),
+        (item(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, -1), MissionStep()),
+        (PlanItem(RELATIVE, LAND, (0.0,) * 4, 0, 0, 0.0), MissionStep(lands=True)),
+        (PlanItem(2, mavlink.MAV_CMD_NAV_TAKEOFF, (0.0,) * 4, 0, 0, 2.0), None),
+        (PlanItem(RELATIVE, mavlink.MAV_CMD_NAV_TAKEOFF, (0.0,) * 4, 0, 0, 2.0), MissionStep(z=2)),
+        (item(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 4.9), None),
+        (item(mavlink.MAV_CMD_NAV_DELAY, -1, 12), None),
+        (item(mavlink.MAV_CMD_DO_JUMP, 0), None),
+        (item(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0), None),
+    ],
+)
+def test_items_are_flown_or_refused(given: PlanItem, step: MissionStep | None):
+    if step is None:
+        with pytest.raises(Invalid, match="item 0: "):
+            steps_of([given], HOME, FLYER)
+        return
+    (found,) = steps_of([given], HOME, FLYER)
+    assert (found.wait, found.lands) == (step.wait, step.lands)
+    for got, wanted in ((found.x, step.x), (found.y, step.y), (found.z, step.z)):
+        assert got == (None if wanted is None else pytest.approx(wanted, abs=0.01))
+
+
+def test_loitering_for_ever_is_only_the_end_of_a_mission():
+    loiter = item(mavlink.MAV_CMD_NAV_LOITER_UNLIM, z=1)
+    with pytest.raises(Invalid, match="item 0: command 17"):
+        steps_of([loiter, item(WAYPOINT, z=1)], HOME, FLYER)
+
+
+corners = st.lists(st.tuples(near, near), min_size=3, max_size=8)
+kinds: st.SearchStrategy[ZoneKind] = st.sampled_from(("inclusion", "exclusion"))
+
+
+@st.composite
+def zones(draw: st.DrawFn) -> ZoneParams:
+    kind = draw(kinds)
+    if draw(st.booleans()):
+        circle = CircleParams(draw(near), draw(near), draw(st.integers(1, 1000)) / 8)
+        return ZoneParams("z", kind, circle=circle)
+    x, y, size = draw(near), draw(near), draw(st.integers(1, 100))
+    shape = draw(st.sampled_from([((0, 0), (1, 0), (1, 1), (0, 1)), ((0, 0), (1, 0), (0, 2))]))
+    return ZoneParams("z", kind, tuple((x + size * a, y + size * b) for a, b in shape))
+
+
+@given(st.lists(zones(), max_size=6))
+def test_zones_come_back_from_a_fence_as_they_were(given_zones: list[ZoneParams]):
+    found = zones_of(items_of([Zone.of(each) for each in given_zones], HOME), HOME)
+    assert len(found) == len(given_zones)
+    for back, zone in zip(found, given_zones, strict=True):
+        assert (back.kind, back.circle.radius) == (zone.kind, zone.circle.radius)
+        assert len(back.polygon) == len(zone.polygon)
+        for one, other in zip(back.polygon, zone.polygon, strict=True):
+            assert dist(one, other) < 0.011
+
+
+fence_items = st.builds(
+    PlanItem,
+    st.integers(0, 12),
+    st.sampled_from([CORNER_IN, CORNER_OUT, CIRCLE_OUT, 5003, 5000, 16]),
+    st.tuples(*[st.sampled_from([0.0, 1.0, 3.0, 4.0, 2.5, nan, inf, -1.0])] * 4),
+    st.integers(-1_800_000_000, NOWHERE),
+    st.integers(-1_800_000_000, NOWHERE),
+    st.floats(),
+)
+
+
+@given(st.lists(fence_items, max_size=12))
+def test_any_fence_is_zones_or_refused(items: list[PlanItem]):
+    try:
+        found = zones_of(items, HOME)
+    except Invalid:
+        return
+    assert sum(max(len(zone.polygon), 1) for zone in found) == len(items)
+
+
+@given(st.lists(st.builds(PlanItem, st.integers(0, 12), st.integers(0, 300), st.tuples(*[st.floats(width=32)] * 4), st.integers(-(2**31), NOWHERE), st.integers(-(2**31), NOWHERE), st.floats(width=32)), max_size=5))  # fmt: skip
+def test_any_mission_is_steps_or_refused(items: list[PlanItem]):
+    try:
+        found = steps_of(items, HOME, FLYER)
+    except Invalid:
+        return
+    assert len(found) == len(items)
+
+
+@pytest.mark.parametrize(
+    ("items", "problem"),
+    [
+        ([item(CORNER_IN, 4)] * 3, "fence 1: a polygon has not the 4 corners"),
+        ([item(CORNER_IN, 3), item(CORNER_OUT, 3), item(CORNER_IN, 3)], "fence 1: a polygon"),
+        ([item(CIRCLE_OUT, 0)], "fence 1: it needs either"),
+        ([item(CIRCLE_OUT, 1, at=(n, 0)) for n in range(51)], "51 zones: at most 50"),
+        ([item(CORNER_IN, 3, at=(n, 0)) for n in range(3)], "fence 1"),
+    ],
+)
+def test_a_fence_is_refused_with_its_reason(items: list[PlanItem], problem: str):
+    with pytest.raises(Invalid, match=problem):
+        zones_of(items, HOME)

@@ -1,6 +1,5 @@
 """`bridge mavlink`: the process of the bridge, in the place of the command."""
 
-from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -8,11 +7,9 @@ from quadctl.cli.bridge.extras import require
 from quadctl.cli.bridge.process import become
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
+from quadctl.schemas.earth import origin_of
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.security import datagrams
-
-_NEAREST_POLE = 89.0
-"""Latitude beyond which a flat earth has no east."""
 
 
 def mavlink(
@@ -40,11 +37,15 @@ def mavlink(
     Example: quadctl bridge mavlink --to udpout:127.0.0.1:14540
     """
     require("mavlink")
+    try:
+        origin_of(origin or ())
+    except ValueError as error:
+        raise UsageError(f"--origin: {error}", "-89 to 89, -180 to 180 degrees, and m") from error
     datagrams.check(to, signed=signing_key is not None)
     if signing_key:
         datagrams.key_of(signing_key)
     words = ["--to", to]
-    words += ["--origin", *map(repr, _checked(origin))] if origin else []
+    words += ["--origin", *map(repr, origin)] if origin else []
     words += ["--signing-key", str(signing_key.resolve())] if signing_key else []
     become(
         "mavlink",
@@ -53,16 +54,3 @@ def mavlink(
         {"to": to},
         f"a ground station that listens on UDP port {to.rpartition(':')[2]} finds it",
     )
-
-
-def _checked(origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return a place on the earth; raise UsageError for another."""
-    latitude, longitude, altitude = origin
-    for name, value, bound, unit in (
-        ("latitude", latitude, _NEAREST_POLE, "degrees"),
-        ("longitude", longitude, 180.0, "degrees"),
-        ("altitude", altitude, 10_000.0, "m"),
-    ):
-        if not (isfinite(value) and abs(value) <= bound):
-            raise UsageError(f"--origin: {name} {value:g}", f"-{bound:g} to {bound:g} {unit}")
-    return origin

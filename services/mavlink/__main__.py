@@ -7,7 +7,6 @@ It holds no safety logic: a goal goes the way of our own services, and is refuse
 """
 
 import argparse
-import contextlib
 import sys
 import threading
 import time
@@ -18,6 +17,7 @@ from typing import Any
 from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
+from quadctl.schemas.earth import origin_of
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateRequest,
@@ -34,18 +34,16 @@ from quadctl.schemas.topics import (
     POSE_SLOW,
     STATE,
     TOGGLE_CAGE,
-    ZONES,
     Service,
 )
-from quadctl.services.mavlink.geo import Origin
 from quadctl.services.mavlink.link import MavlinkLink
 from quadctl.services.mavlink.system import MavlinkSystem
 from quadctl.services.runtime.bus.pubsub import Subscription
 from quadctl.services.runtime.entry import start
-from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.remote import RemoteParams
-from quadctl.services.runtime.security.datagrams import address_of, key_of
+from quadctl.services.runtime.security import datagrams
 
 NAME = "mavlink"
 _OURS = {0, mavlink.MAV_COMP_ID_AUTOPILOT1}
@@ -60,7 +58,7 @@ def main() -> None:
     """Parse the options that only the bridge has, then run its node."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--to", default="udpout:127.0.0.1:14550")
-    parser.add_argument("--origin", nargs=3, type=float, default=(47.397742, 8.545594, 488.0))
+    parser.add_argument("--origin", nargs=3, type=float, default=())
     parser.add_argument("--signing-key", type=Path)
     options, sys.argv[1:] = parser.parse_known_args()
     start(NAME, partial(run, MavlinkBridge(options)))
@@ -73,9 +71,7 @@ def run(bridge: "MavlinkBridge", node: Node, _params: Params) -> None:
     system = bridge.add(node)
     node.listen(POSE_SLOW, system.see)
     node.listen(STATE, system.see)
-    node.listen(ZONES, system.see)
-    with contextlib.suppress(QuadctlError):  # what safety publishes later comes by itself
-        system.see(node.latest(ZONES, _TIMEOUT))
+    system.learn_start()
     node.spin()
 
 
@@ -87,11 +83,12 @@ class MavlinkBridge:
         self._systems: dict[int, MavlinkSystem] = {}
 
     def open(self, node: Node) -> None:
-        """Open the link; raise QuadctlError for an unknown host."""
+        """Open the link; raise QuadctlError for a wrong address or key."""
         given = self._options
-        key = key_of(given.signing_key) if given.signing_key else None
-        self._link = MavlinkLink(address_of(given.to), key)
-        self._node = node
+        datagrams.check(given.to, signed=given.signing_key is not None)
+        key = datagrams.key_of(given.signing_key) if given.signing_key else None
+        self._link = MavlinkLink(datagrams.address_of(given.to), key, node.log)
+        self._node, self._origin = node, origin_of(given.origin)
         threading.Thread(target=self._receive, daemon=True).start()
         node.log.info("sending to %s", given.to)
 
@@ -101,8 +98,8 @@ class MavlinkBridge:
         if number > _MOST:
             raise UsageError(f"MAVLink has numbers for {_MOST} vehicles", "name some by --vehicle")
         send = self._link.sender(number)
-        services, origin = NodeServices(node), Origin(*self._options.origin)
-        system = MavlinkSystem(services, origin, send, node.log)
+        services = NodeServices(node)
+        system = MavlinkSystem(services, self._origin, send, node.log)
         self._systems[number] = services.system = system
         return system
 

@@ -1,26 +1,30 @@
 """Commander of one vehicle: its arming, its modes, and the missions and fences that it flies by.
 
-All methods but `see` and `view` may call services, and block.
+All methods but `see`, `view` and the properties may call services, and block.
 """
 
+import threading
 from collections.abc import Callable, Sequence
-from math import isfinite
 from typing import Any, Protocol
 
-from msgspec import to_builtins
+from msgspec import convert, to_builtins
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.schemas.messages import Pose, SafetyState, Zone, Zones
+from quadctl.schemas.earth import Origin
+from quadctl.schemas.messages import Pose, SafetyState
 from quadctl.schemas.services import GotoRequest, GotoResponse
-from quadctl.services.mavlink.geo import Origin
+from quadctl.schemas.zones import ZoneParams
 from quadctl.services.mavlink.pilot import Errand, Pilot
 from quadctl.services.mavlink.plan import (
     Flyer,
     MissionStep,
     PlanItem,
+    check_speed,
     items_of,
     point_of,
     steps_of,
+    takeoff_of,
     zones_of,
 )
 from quadctl.services.mavlink.telemetry import HOLD, IN_AIR, LAND, MISSION, RETURN, TAKEOFF, View
@@ -62,20 +66,28 @@ class Unsupported(Exception):
 
 
 class Commander:
-    """Vehicle that is flown by commands. `send` sends messages, and `show` a text, from any thread."""
+    """Vehicle that is flown by commands. `send` sends messages, `show` a text to all ground stations.
+
+    Both are called from any thread; `show` gets as its second word who has the text: safety's state,
+    or the reply to a request.
+    """
 
     def __init__(
-        self, services: VehicleServices, origin: Origin, send: Send, show: Callable[[str], None]
+        self,
+        services: VehicleServices,
+        origin: Origin,
+        send: Send,
+        show: Callable[[str, str], None],
     ) -> None:
         self._services, self._origin, self._send, self._show = services, origin, send, show
         self._pose: Pose | None = None
         self._start = (0.0, 0.0)
-        self._zones: tuple[Zone, ...] = ()
-        self._reason = ""
+        self._told = (0, "")
+        self._plan = threading.RLock()
         self._mission: list[PlanItem] = []
         self._next, self._is_complete = 0, False
-        self._pilot = Pilot(services.goto, self._on_reached, self._on_end)
-        self._prepared: Errand | None = None
+        self._pilot = Pilot(services.goto, services.hold, self._on_reached, self._on_end)
+        self._prepared: tuple[int, Callable[[], None]] | None = None
         self.armed = False
         self._commands: dict[int, Callable[[PlanItem], object]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
@@ -84,35 +96,35 @@ class Commander:
             mavlink.MAV_CMD_DO_SET_MODE: lambda item: self.set_mode(*map(number, item.params[1:3])),
             mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _: self._hold(),
             mavlink.MAV_CMD_DO_PAUSE_CONTINUE: self._pause,
-            mavlink.MAV_CMD_NAV_LAND: lambda _: self._land(),
+            mavlink.MAV_CMD_NAV_LAND: self._land_here,
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: self._return(),
-            mavlink.MAV_CMD_MISSION_START: self._start_at,
+            mavlink.MAV_CMD_MISSION_START: self._start_mission,
             mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: lambda item: self.fly_from(
                 number(item.params[0])
             ),
-            mavlink.MAV_CMD_DO_CHANGE_SPEED: lambda item: self._check([item]),
+            mavlink.MAV_CMD_DO_CHANGE_SPEED: lambda item: check_speed(
+                item.params[1], self._flyer()
+            ),
             mavlink.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
             mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: self._calibrate,
         }
 
-    def see(self, message: Pose | SafetyState | Zones) -> None:
-        """Take the newest pose, state or zones of the vehicle."""
-        if isinstance(message, Zones):
-            self._zones = message.zones
-            return
-        self._pilot.see(message)
+    def see(self, message: Pose | SafetyState) -> None:
+        """Take the newest pose or state of the vehicle."""
         if isinstance(message, SafetyState):
-            if message.reason != self._reason:
-                self._reason = message.reason
-                if message.reason:
-                    self._show(message.reason)
-            return
-        if self._pose is None or message.boot != self._pose.boot:
+            told = message.request, message.reason
+            if message.reason and told != self._told:
+                self._show(message.reason, "state")
+            self._told = told
+        elif self._pose is None or message.boot != self._pose.boot:
             self._start = message.position.x, message.position.y
             self.armed, self._prepared = False, None
-        self._pose = message
-        # It takes off by itself, by `safety.takeoff`, or is flown by our own commands.
-        self.armed = self.armed or self._flies
+            self._pilot.drop()
+        self._pilot.see(message)
+        if isinstance(message, Pose):
+            self._pose = message
+            # It takes off by itself, by `safety.takeoff`, or is flown by our own commands.
+            self.armed = self.armed or self._flies
 
     def learn_start(self) -> None:
         """Read where the vehicle starts: a bridge that starts later has not seen it."""
@@ -121,9 +133,8 @@ class Commander:
             self._start = values["dynamics.start.x"], values["dynamics.start.y"]
 
     def explain(self, problem: QuadctlError) -> None:
-        """Show the reason of a refusal, if safety's state does not show it anyway."""
-        if problem.message != self._reason:
-            self._show(problem.message)
+        """Show the reason of a refusal."""
+        self._show(problem.message, "reply")
 
     def do(self, item: PlanItem) -> None:
         """Execute a command; raise QuadctlError if it is refused, Unsupported for an unknown one."""
@@ -146,7 +157,7 @@ class Commander:
 
     def view(self, *, healthy: bool) -> View:
         """Return the vehicle in the eyes of ground stations; raise Unreachable without a pose."""
-        errand = self._errand
+        errand = self._pilot.errand
         return View(
             self._known_pose,
             self._origin,
@@ -154,19 +165,16 @@ class Commander:
             self.mode,
             self.armed,
             healthy,
-            (self._next, len(self._mission), self._mission_state(errand)),
+            (self._next, len(self._mission), self._mission_state()),
             lands=errand is not None and errand.lands,
         )
 
     @property
     def mode(self) -> int:
         """Return the mode, in PX4's numbers."""
-        errand = self._errand
-        return errand.mode if errand else HOLD
-
-    @property
-    def _errand(self) -> Errand | None:
-        return self._pilot.errand or self._prepared
+        if errand := self._pilot.errand:
+            return errand.mode
+        return self._prepared[0] if self._prepared else HOLD
 
     @property
     def _known_pose(self) -> Pose:
@@ -181,29 +189,40 @@ class Commander:
     # Arming and modes
 
     def _arm(self, item: PlanItem) -> None:
-        on, flies = item.params[0] == 1, self._flies
-        if not on and flies:
+        on = number(item.params[0], most=1) == 1
+        if not on and self._flies:
             raise Refused("not disarmed: the vehicle flies; land first")
-        errand, self._prepared = self._prepared, None
-        if on and errand:
-            self._pilot.begin(errand)
+        if not on and self._pilot.errand:
+            self._pilot.stop()
+        prepared, self._prepared = self._prepared, None
+        if on and not self.armed and prepared:
+            self.armed = True
+            try:
+                prepared[1]()
+            except QuadctlError:
+                self.armed = False
+                raise
         self.armed = on
 
     def _take_off(self, item: PlanItem) -> None:
-        height = item.z - self._origin.altitude
-        if not isfinite(item.z):
-            height = self._parameter("safety.takeoff")
-        if not height:
-            raise Refused("safety.takeoff is 0: give a height")
-        self._begin(Errand(TAKEOFF, [MissionStep(z=height)]))
+        step = takeoff_of(item, self._origin)
+        if step.z is None:
+            default, present = self._parameter("safety.takeoff"), self._known_pose.position.z
+            if not (default or self._flies):
+                raise Refused("safety.takeoff is 0: give a height")
+            step = replace(step, z=max(default, present))
+        self._begin(Errand(TAKEOFF, [step]))
 
     def _reposition(self, item: PlanItem) -> None:
+        check_speed(item.params[0], self._flyer())
         step = point_of(item, self._origin)
-        if step.flies:
-            self._begin(Errand(HOLD, [step]))
-        else:
+        if not step.flies:
             # QGroundControl's pause.
             self._hold()
+        elif self.armed:
+            self._begin(Errand(HOLD, [step]))
+        else:
+            raise Refused("not armed: arm first")
 
     def _pause(self, item: PlanItem) -> None:
         if number(item.params[0], most=1):
@@ -212,31 +231,40 @@ class Commander:
             self._hold()
 
     def _begin(self, errand: Errand) -> None:
-        if self.armed:
+        """Fly an errand; a vehicle that is not armed keeps it until it is.
+
+        QGroundControl sets the mode first, and then arms.
+        """
+        if self.armed and self._pose is not None:
             self._pilot.begin(errand)
-        elif errand.mode in {TAKEOFF, MISSION}:
-            # QGroundControl sets the mode first, and then arms.
-            self._prepared = errand
         else:
-            raise Refused("not armed: arm first")
+            self._prepared = errand.mode, lambda: self._pilot.begin(errand)
 
     def _hold(self) -> None:
         self._prepared = None
-        self._pilot.end()
-        self._services.hold()
+        self._pilot.stop()
+
+    def _land_here(self, item: PlanItem) -> None:
+        if item.has_place:
+            raise Invalid("it lands where it is: fly to the place first")
+        self._land()
 
     def _land(self) -> None:
+        _ = self._known_pose  # raises without one
         self._hold()
         self._pilot.begin(Errand(LAND, [MissionStep(lands=True)]))
 
     def _return(self) -> None:
+        if not self.armed:
+            raise Refused("not armed: arm first")
         self._begin(Errand(RETURN, [MissionStep(*self._start, lands=True)]))
 
     def _enable_fence(self, item: PlanItem) -> None:
         self._services.toggle_cage(on=number(item.params[0], most=1) == 1)
 
     def _calibrate(self, item: PlanItem) -> None:
-        if [*item.params] != [0, 0, 1, 0]:
+        others = (*item.params[:2], item.params[3])
+        if item.params[2] != 1 or any(others) or item.has_place or item.z > 0:
             raise Unsupported
         self._services.calibrate()
 
@@ -244,48 +272,68 @@ class Commander:
 
     def load(self, kind: PlanKind) -> Sequence[PlanItem]:
         """Return the items of the mission, or of the zones in force."""
-        return self._mission if kind == PlanKind.MISSION else items_of(self._zones, self._origin)
+        if kind == PlanKind.MISSION:
+            return self._mission
+        found = self._services.parameters.get("safety.zones")
+        return items_of(convert(found, list[ZoneParams]), self._origin)
 
     def save(self, kind: PlanKind, items: Sequence[PlanItem]) -> None:
         """Take a mission, or a fence in the place of all zones; raise QuadctlError if it is refused."""
-        if kind == PlanKind.MISSION:
-            self._check(items)
-            self._mission, self._next, self._is_complete = list(items), 0, False
+        if kind != PlanKind.MISSION:
+            zones = zones_of(items, self._origin)
+            self._services.parameters.set({"safety.zones": [to_builtins(zone) for zone in zones]})
             return
-        zones = zones_of(items, self._origin)
-        self._services.parameters.set({"safety.zones": [to_builtins(zone) for zone in zones]})
+        steps_of(items, self._origin, self._flyer())
+        with self._plan:
+            if self._is_flown:
+                raise Refused("the present mission is being flown: hold first")
+            self._mission, self._next, self._is_complete = list(items), 0, False
 
     def fly_from(self, first: int) -> None:
         """Take an item for the next one; a mission that is flown goes on from there."""
-        if first >= len(self._mission):
-            raise Refused(f"the mission has no item {first}")
-        self._next, self._is_complete = first, False
-        errand = self._pilot.errand
-        if errand is not None and errand.mode == MISSION:
-            self._fly_mission()
+        with self._plan:
+            self._check_item(first)
+            self._next, self._is_complete = first, False
+            if self._is_flown:
+                self._fly_mission()
         self._send(self.view(healthy=True).mission_current())
 
-    def _start_at(self, item: PlanItem) -> None:
-        self._next = number(item.params[0])
-        self._fly_mission()
+    def _start_mission(self, item: PlanItem) -> None:
+        first, last = number(item.params[0]), item.params[1]
+        if not self.armed:
+            raise Refused("not armed: arm first")
+        with self._plan:
+            if 0 < last < len(self._mission) - 1:
+                raise Invalid("a mission is flown to its end")
+            self._check_item(first)
+            self._next = first
+            self._fly_mission()
 
     def _fly_mission(self) -> None:
-        steps = self._check(self._mission)
-        if not steps:
+        if not self.armed:
+            self._prepared = MISSION, self._fly_mission
+            return
+        with self._plan:
+            self._check_item(self._next)
+            steps = steps_of(self._mission, self._origin, self._flyer())
+            self._pilot.begin(Errand(MISSION, steps, self._next))
+            self._is_complete = False
+
+    def _check_item(self, wanted: int) -> None:
+        if not self._mission:
             raise Refused("there is no mission: upload one first")
-        if self._next >= len(steps):
-            raise Refused(f"the mission has no item {self._next}")
-        self._begin(Errand(MISSION, steps, self._next))
-        self._is_complete = False
+        if wanted >= len(self._mission):
+            raise Refused(f"the mission has no item {wanted}")
 
-    def _check(self, items: Sequence[PlanItem]) -> list[MissionStep]:
-        speed = self._parameter("dynamics.control.max_speed")
-        return steps_of(items, self._origin, Flyer(self._start, speed))
+    @property
+    def _is_flown(self) -> bool:
+        errand = self._pilot.errand
+        return errand is not None and errand.mode == MISSION
 
-    def _mission_state(self, errand: Errand | None) -> int:
+    def _mission_state(self) -> int:
         if not self._mission:
             return _NO_MISSION
-        if errand is not None and errand.mode == MISSION:
+        if self._is_flown:
             return _ACTIVE
         if self._is_complete:
             return _COMPLETE
@@ -300,13 +348,14 @@ class Commander:
     def _on_end(self, errand: Errand, problem: QuadctlError | None) -> None:
         if problem is not None:
             self.explain(problem)
-        elif errand.lands:
+        elif errand.landed:
             self.armed = False
 
+    def _flyer(self) -> Flyer:
+        return Flyer(self._start, self._parameter("dynamics.control.max_speed"))
+
     def _parameter(self, name: str) -> float:
-        value: float | None = self._services.parameters.read().get(name)
-        if value is None:
-            raise Unreachable(f"{name.partition('.')[0]} does not answer")
+        value: float = self._services.parameters.get(name)
         return value
 
 

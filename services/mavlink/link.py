@@ -2,7 +2,9 @@
 
 import hashlib
 import hmac
+import logging
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 _MOST_BYTES = 65_536
 _SINCE = 1_420_070_400
 """1 January 2015 as Unix time (s), from which signatures count time, in units of 10 us."""
@@ -19,8 +22,9 @@ _TICK = 0.02
 class MavlinkLink:
     """Socket that sends to one address, and takes the answers from there."""
 
-    def __init__(self, to: tuple[str, int], key: bytes | None) -> None:
+    def __init__(self, to: tuple[str, int], key: bytes | None, log: Log) -> None:
         """Open the socket; raise OSError for an unknown host."""
+        self._log = log
         family, kind, proto, _, address = socket.getaddrinfo(*to, type=socket.SOCK_DGRAM)[0]
         self._socket = socket.socket(family, kind, proto)
         # No packet of another program or machine is taken.
@@ -43,10 +47,15 @@ class MavlinkLink:
 
         def send(message: Any) -> None:
             with self._lock:
-                if codec.signing.secret_key:
+                if self._key is not None:
                     # A ground station refuses time that is a minute behind its own.
-                    codec.signing.timestamp = max(codec.signing.timestamp, _now())
-                data = message.pack(codec)
+                    signing, seen = codec.signing, self._parser.signing.timestamp
+                    signing.timestamp = max(signing.timestamp, seen, _now())
+                try:
+                    data = message.pack(codec)
+                except struct.error:
+                    self._log.exception("not sent: %s", message)
+                    return
                 codec.seq = (codec.seq + 1) % 256
                 try:
                     self._socket.send(data)
@@ -72,6 +81,10 @@ class MavlinkLink:
                 continue
             except OSError:  # nobody listens there now
                 continue
+            if self._key is not None:
+                # A packet that is older than a minute is a repeated one.
+                signing = self._parser.signing
+                signing.timestamp = max(signing.timestamp, _now())
             for message in self._parser.parse_datagram(data):
                 if message.get_type() != "BAD_DATA":
                     handle(message)

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from quadctl.schemas.messages import WAITS, Pose, Position, SafetyState
+from quadctl.schemas.messages import PAUSED, Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest, GotoResponse
 from quadctl.services.mavlink.plan import MissionStep
 from quadctl.services.runtime.errors import QuadctlError, Refused
@@ -15,34 +15,44 @@ from quadctl.services.runtime.errors import QuadctlError, Refused
 _SLOW, _GROUND = 0.05, 0.05
 """Speed (m/s) of a vehicle at rest, and height (m) of one on the ground."""
 _PATIENCE = 5.0
-"""Seconds within which the state shows an accepted goal, and a vehicle comes to rest."""
+"""Seconds within which the state shows an accepted goal or a stop."""
 
 
 class Errand:
-    """Steps to fly, in a mode that ground stations show; `current` is the number of the present one."""
+    """Steps to fly, in a mode that ground stations show; `current` is the number of the present one.
+
+    `lands` is true from the begin of a landing; `landed` at its end, until the next step.
+    """
 
     def __init__(self, mode: int, steps: Sequence[MissionStep], current: int = 0) -> None:
         self.mode, self.steps, self.current = mode, steps, current
-        self.lands = False
+        self.lands = self.landed = False
 
 
 class Pilot:
-    """Flies errands on a thread of its own. `request` asks safety for a goal, and blocks.
+    """Flies errands, each on a thread of its own. `request` asks safety for a goal, `hold` stops.
 
-    Calls `on_reached` after each step with its number, and `on_end` after an errand, with its problem.
+    Both block. Calls `on_reached` after each step with its number, and `on_end` after an errand that
+    nobody has ended, with its problem if it has one.
     """
 
     def __init__(
         self,
         request: Callable[[GotoRequest], GotoResponse],
+        hold: Callable[[], None],
         on_reached: Callable[[Errand, int], None],
         on_end: Callable[[Errand, QuadctlError | None], None],
     ) -> None:
-        self._request, self._on_reached, self._on_end = request, on_reached, on_end
+        self._request, self._hold = request, hold
+        self._on_reached, self._on_end = on_reached, on_end
+        # Held while safety is asked: what an ended errand asks for must not come after a stop.
+        self._turn = threading.Lock()
         self._change = threading.Condition()
         self.errand: Errand | None = None
         self._pose: Pose | None = None
         self._state: SafetyState | None = None
+        self._before = self._own = -1
+        """Numbers of the request before our last one, and of that one, in safety's count."""
 
     def see(self, message: Pose | SafetyState) -> None:
         """Take the newest pose or state."""
@@ -54,28 +64,32 @@ class Pilot:
             self._change.notify_all()
 
     def begin(self, errand: Errand) -> None:
-        """Request the first goal of an errand, then fly it all; raise Refused if safety refuses it."""
-        with self._change:
-            before, self.errand = self.errand, errand
-            self._change.notify_all()
-        try:
+        """Request the first goal of an errand, then fly it all.
+
+        Raises Refused if safety refuses it; the errand before goes on then.
+        """
+        with self._turn:
             goal = self._ask(errand.steps[errand.current])
-        except QuadctlError:
-            with self._change:
-                if self.errand is errand:
-                    # The flight before goes on.
-                    self.errand = before
-            raise
+            self._become(errand)
         threading.Thread(target=self._fly, args=(errand, goal), daemon=True).start()
 
-    def end(self) -> None:
-        """End the errand, if any; the vehicle still flies to its goal, until it is stopped."""
+    def stop(self) -> None:
+        """End the errand, if any, and stop the vehicle."""
+        with self._turn:
+            self._become(None)
+            self._hold()
+
+    def drop(self) -> None:
+        """End the errand, if any: the vehicle is at its start again. It does not block."""
+        self._become(None)
+
+    def _become(self, errand: Errand | None) -> None:
         with self._change:
-            self.errand = None
+            self.errand = errand
             self._change.notify_all()
 
     def _ask(self, step: MissionStep) -> Position | None:
-        """Request the goal of a step from safety; raise Refused with its reason. Return the goal."""
+        """Request the goal of a step from safety, and return it; raise Refused with its reason."""
         place = self._pose.position if self._pose else None
         if not step.flies or place is None:
             return None
@@ -84,6 +98,7 @@ class Pilot:
             place.y if step.y is None else step.y,
             place.z if step.z is None else step.z,
         )
+        self._before = self._state.request if self._state else -1
         reply = self._request(GotoRequest(goal.x, goal.y, goal.z, replace=True))
         if not reply.accepted:
             raise Refused(reply.reason)
@@ -92,36 +107,47 @@ class Pilot:
     def _fly(self, errand: Errand, goal: Position | None) -> None:
         problem: QuadctlError | None = None
         try:
-            while True:
-                step = errand.steps[errand.current]
-                self._arrive(errand, goal)
-                self._wait(errand, lambda: False, step.wait)
-                if step.lands:
-                    self._land(errand)
-                if not self._flies(errand):
-                    return
-                self._on_reached(errand, errand.current)
-                if errand.current + 1 == len(errand.steps):
-                    break
-                errand.current += 1
-                goal = self._ask(errand.steps[errand.current])
+            self._fly_steps(errand, goal)
+        except _Ended:
+            return
         except QuadctlError as error:
             problem = error
-        with self._change:
-            if not self._flies(errand):
+        with self._turn:
+            if self.errand is not errand:
                 return
-            self.errand = None
+            self._become(None)
         self._on_end(errand, problem)
 
-    def _flies(self, errand: Errand) -> bool:
-        return self.errand is errand
+    def _fly_steps(self, errand: Errand, goal: Position | None) -> None:
+        last = len(errand.steps) - 1
+        while True:
+            step = errand.steps[errand.current]
+            self._arrive(errand, goal)
+            self._wait(errand, goal, lambda: False, step.wait)
+            if step.lands:
+                goal = self._land(errand, goal)
+            self._on_reached(errand, errand.current)
+            if errand.current == last:
+                return
+            errand.current += 1
+            errand.lands = errand.landed = False
+            # A step without a goal keeps the one before.
+            goal = self._next(errand, errand.steps[errand.current]) or goal
 
-    def _land(self, errand: Errand) -> None:
+    def _next(self, errand: Errand, step: MissionStep) -> Position | None:
+        with self._turn:
+            if self.errand is not errand:
+                raise _Ended
+            return self._ask(step)
+
+    def _land(self, errand: Errand, goal: Position | None) -> Position | None:
         errand.lands = True
-        self._wait(errand, self._rests, _PATIENCE)
-        if self._flies(errand):
-            self._arrive(errand, self._ask(MissionStep(z=0.0)))
-            self._wait(errand, self._is_down, _PATIENCE)
+        self._wait(errand, goal, self._rests)
+        ground = self._next(errand, MissionStep(z=0.0))
+        self._arrive(errand, ground)
+        self._wait(errand, ground, self._is_down)
+        errand.landed = True
+        return ground
 
     def _is_down(self) -> bool:
         return self._pose is not None and self._pose.position.z < _GROUND and self._rests()
@@ -131,33 +157,65 @@ class Pilot:
         return v is not None and abs(v.x) + abs(v.y) + abs(v.z) < _SLOW
 
     def _arrive(self, errand: Errand, goal: Position | None) -> None:
-        """Wait until the vehicle hovers at a goal; raise Refused if it has been stopped."""
-        if goal is None:
-            return
+        """Wait until the vehicle hovers at a goal, or without one is not on its way elsewhere."""
+        self._wait(errand, goal, lambda: self._shows(goal), _PATIENCE, watch=False)
+        if goal is not None:
+            self._own = self._state.request if self._state else -1
+            self._wait(errand, goal, self._hovers)
 
-        def taken() -> bool:
-            s = self._state
-            return s is not None and s.goal == goal and s.state != "VERIFYING"
-
-        self._wait(errand, taken, _PATIENCE)
-        self._wait(errand, lambda: not taken() or self._hovers(), None)
+    def _shows(self, goal: Position | None) -> bool:
+        """Return whether safety's state shows our request for a goal, or for none, no motion."""
         state = self._state
-        if self._flies(errand) and state and (state.goal != goal or _stopped(state)):
-            raise Refused(state.reason or "another program sent the vehicle elsewhere")
+        if state is None or goal is None:
+            return state is not None and state.state != "MOVING"
+        return state.request > self._before and state.goal == goal
 
     def _hovers(self) -> bool:
-        return self._state is not None and self._state.state == "HOVERING"
+        return self._state is not None and self._state.state == "HOVERING" and not self._pauses()
 
-    def _wait(self, errand: Errand, condition: Callable[[], bool], limit: float | None) -> None:
-        """Wait for a condition, at most `limit` s, or for the end of the errand."""
+    def _pauses(self) -> bool:
+        return self._state is not None and self._state.reason.startswith(PAUSED)
+
+    def _is_lost(self, goal: Position | None) -> bool:
+        """Return whether the vehicle has another goal than this one, or has been stopped."""
+        state = self._state
+        if state is None or self._pauses():
+            # A paused flight goes on by itself, or ends with another reason.
+            return False
+        if goal is None:
+            return state.state == "MOVING"
+        # The reason may also be that of another program's refused request, which has its own number.
+        stopped = state.state == "HOVERING" and state.reason and state.request == self._own
+        return state.goal != goal or bool(stopped)
+
+    def _wait(
+        self,
+        errand: Errand,
+        goal: Position | None,
+        condition: Callable[[], bool],
+        limit: float | None = None,
+        *,
+        watch: bool = True,
+    ) -> None:
+        """Wait for a condition, at most `limit` s; meanwhile the vehicle has to keep its goal.
+
+        Raises Refused if it does not, and _Ended if the errand has been ended.
+        """
         ends = None if limit is None else time.monotonic() + limit
         with self._change:
-            while self._flies(errand) and not condition():
+            while True:
+                if self.errand is not errand:
+                    raise _Ended
+                if watch and self._is_lost(goal):
+                    assert self._state is not None  # noqa: S101 - else nothing is lost
+                    raise Refused(
+                        self._state.reason or "another program sent the vehicle elsewhere"
+                    )
                 left = None if ends is None else ends - time.monotonic()
-                if left is not None and left <= 0:
+                if condition() or (left is not None and left <= 0):
                     return
                 self._change.wait(left)
 
 
-def _stopped(state: SafetyState) -> bool:
-    return bool(state.reason) and not state.reason.startswith(WAITS)
+class _Ended(Exception):
+    """End of an errand by another one, or by a stop."""

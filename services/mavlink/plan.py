@@ -1,14 +1,13 @@
 """Missions and fences as MAVLink transfers them, and as we fly and keep them. Pure."""
 
 from collections.abc import Sequence
-from math import isfinite
+from math import inf, isfinite, isnan
 
 from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.schemas.messages import Zone
+from quadctl.schemas.earth import Origin
 from quadctl.schemas.zones import FARTHEST, MOST_ZONES, CircleParams, ZoneParams
-from quadctl.services.mavlink.geo import Origin
 from quadctl.services.runtime.errors import Invalid
 
 _POLYGONS = {
@@ -27,6 +26,7 @@ _RELATIVE = {mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_REL
 _GROUND = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
 NOWHERE = 2**31 - 1
 """Latitude or longitude of an item that has none."""
+_FARTHEST_NORTH, _FARTHEST_EAST = 900_000_000, 1_800_000_000
 MOST_ITEMS = 1000
 
 
@@ -39,6 +39,12 @@ class PlanItem(Struct, frozen=True):
     x: int = NOWHERE
     y: int = NOWHERE
     z: float = float("nan")
+    goes_on: bool = True
+
+    @property
+    def has_place(self) -> bool:
+        """Return whether the item has latitude and longitude; zeros stand for none, too."""
+        return NOWHERE not in {self.x, self.y} and (self.x, self.y) != (0, 0)
 
 
 class MissionStep(Struct, frozen=True):
@@ -67,10 +73,8 @@ class Flyer(Struct, frozen=True):
 
 
 def point_of(item: PlanItem, origin: Origin, *, wait: float = 0.0) -> MissionStep:
-    """Return the step to an item's point; raise Invalid for an unknown frame."""
-    x, y = origin.to_world(item.x, item.y)
-    if item.frame not in _ABSOLUTE | _RELATIVE:
-        raise Invalid(f"frame {item.frame} is not known", "use global frames: 0, 3, 5 or 6")
+    """Return the step to an item's point; raise Invalid for an unknown frame, or no place on earth."""
+    x, y = _place(item, origin)
     z = item.z - origin.altitude if item.frame in _ABSOLUTE else item.z
     return MissionStep(
         None if item.x == NOWHERE else x,
@@ -78,6 +82,26 @@ def point_of(item: PlanItem, origin: Origin, *, wait: float = 0.0) -> MissionSte
         z if isfinite(z) else None,
         wait,
     )
+
+
+def _place(item: PlanItem, origin: Origin) -> tuple[float, float]:
+    """Return an item's place (m, ENU); raise Invalid for an unknown frame, or no place on earth."""
+    if item.frame not in _ABSOLUTE | _RELATIVE:
+        raise Invalid(f"frame {item.frame} is not known", "use global frames: 0, 3, 5 or 6")
+    if (item.x != NOWHERE and abs(item.x) > _FARTHEST_NORTH) or (
+        item.y != NOWHERE and abs(item.y) > _FARTHEST_EAST
+    ):
+        raise Invalid(f"({item.x / 1e7:g}, {item.y / 1e7:g}) is no place on the earth")
+    return origin.to_world(item.x, item.y)
+
+
+def check_speed(speed: float, flyer: Flyer) -> None:
+    """Raise Invalid for a smaller speed (m/s) than the vehicle's; a negative one stands for any."""
+    if 0 <= speed < flyer.top_speed:
+        raise Invalid(
+            f"the vehicle flies at {flyer.top_speed:g} m/s, not at {speed:g}",
+            "dynamics.control.max_speed is its speed",
+        )
 
 
 def steps_of(items: Sequence[PlanItem], origin: Origin, flyer: Flyer) -> list[MissionStep]:
@@ -93,60 +117,80 @@ def steps_of(items: Sequence[PlanItem], origin: Origin, flyer: Flyer) -> list[Mi
 
 def _step(item: PlanItem, origin: Origin, flyer: Flyer, *, is_last: bool) -> MissionStep:
     first, second, *_ = item.params
-    # An item without a delay may have NaN in its place.
-    wait = first if isfinite(first) and first > 0 else 0.0
+    if not item.goes_on:
+        raise Invalid("a mission that does not go on by itself cannot be flown")
     match item.command:
         case mavlink.MAV_CMD_NAV_WAYPOINT | mavlink.MAV_CMD_NAV_LOITER_TIME:
-            return point_of(item, origin, wait=wait)
+            return point_of(item, origin, wait=_delay(first))
         case mavlink.MAV_CMD_NAV_LOITER_UNLIM if is_last:
             return point_of(item, origin)
         case mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             return MissionStep(*flyer.start, lands=True)
         case mavlink.MAV_CMD_NAV_LAND:
-            x, y = origin.to_world(item.x, item.y) if item.x or item.y else (None, None)
+            x, y = _place(item, origin) if item.has_place else (None, None)
             return MissionStep(x, y, lands=True)
         case mavlink.MAV_CMD_NAV_TAKEOFF:
-            point = point_of(item, origin)
-            if item.x or item.y:
-                return point
-            return MissionStep(z=point.z)
-        case mavlink.MAV_CMD_NAV_DELAY if wait:
-            return MissionStep(wait=wait)
-        case mavlink.MAV_CMD_DO_CHANGE_SPEED if not 0 <= second < flyer.top_speed:
-            return MissionStep()
+            return takeoff_of(item, origin)
+        case mavlink.MAV_CMD_NAV_DELAY if first > 0:
+            return MissionStep(wait=_delay(first))
         case mavlink.MAV_CMD_DO_CHANGE_SPEED:
-            raise Invalid(
-                f"the vehicle flies at {flyer.top_speed:g} m/s, not at {second:g}",
-                "dynamics.control.max_speed is its speed",
-            )
+            check_speed(second, flyer)
+            return MissionStep()
     raise Invalid(
         f"command {item.command} cannot be flown",
         "waypoints, takeoff, landing, return, loitering and delays can",
     )
 
 
+def takeoff_of(item: PlanItem, origin: Origin) -> MissionStep:
+    """Return the step of a takeoff: to an item's height, and place if it has one."""
+    point = point_of(item, origin)
+    return point if item.has_place else MissionStep(z=point.z)
+
+
+def _delay(seconds: float) -> float:
+    """Return a delay, s; an item without one may have NaN in its place."""
+    if isnan(seconds):
+        return 0.0
+    if not 0 <= seconds < inf:
+        raise Invalid(f"a delay of {seconds:g} s")
+    return seconds
+
+
 def zones_of(items: Sequence[PlanItem], origin: Origin) -> list[ZoneParams]:
-    """Return the zones of a fence; raise Invalid for an item that is no zone."""
+    """Return the zones of a fence; raise Invalid for an item that is no zone.
+
+    MAVLink wants a vehicle to be inside all inclusion zones of one of their groups, we in any one of
+    them: this is the same only if each has a group of its own.
+    """
     zones: list[ZoneParams] = []
+    groups: set[float] = set()
     left = list(items)
     while left:
         first, name = left[0], f"fence {len(zones) + 1}"
+        size, group, *_ = first.params
+        corners = [first]
         if kind := _POLYGONS.get(first.command):
-            count, corners = first.params[0], []
-            if count in range(3, len(left) + 1):
-                corners, left = left[: int(count)], left[int(count) :]
-            if not corners or {(c.command, c.params[0]) for c in corners} != {
-                (first.command, count)
-            }:
-                raise Invalid(f"{name}: a polygon has not the {count:g} corners that it announces")
-            polygon = tuple(origin.to_world(corner.x, corner.y) for corner in corners)
-            zones.append(_zone(name, kind, polygon=polygon))
-        elif kind := _CIRCLES.get(first.command):
-            left = left[1:]
-            centre = origin.to_world(first.x, first.y)
-            zones.append(_zone(name, kind, circle=CircleParams(*centre, first.params[0])))
-        else:
+            if size in range(3, len(left) + 1):
+                corners = left[: int(size)]
+            if {(c.command, *c.params[:2]) for c in corners} != {(first.command, size, group)}:
+                raise Invalid(f"{name}: its corners are of several polygons")
+            if len(corners) != size:
+                raise Invalid(f"{name}: a polygon has not the {size:g} corners that it announces")
+        elif not (kind := _CIRCLES.get(first.command)):
             raise Invalid(f"{name}: command {first.command} is no zone", "polygons and circles are")
+        if not all(corner.has_place for corner in corners):
+            raise Invalid(f"{name}: a point has no place")
+        if kind == "inclusion":
+            if group in groups:
+                raise Invalid(f"{name}: two inclusion zones have the group {group:g}")
+            groups.add(group)
+        left = left[len(corners) :]
+        places = [_place(corner, origin) for corner in corners]
+        if first.command in _POLYGONS:
+            zones.append(_zone(name, kind, polygon=tuple(places)))
+        else:
+            zones.append(_zone(name, kind, circle=CircleParams(*places[0], size)))
     if len(zones) > MOST_ZONES:
         raise Invalid(f"{len(zones)} zones: at most {MOST_ZONES} are allowed")
     return zones
@@ -159,16 +203,16 @@ def _zone(name: str, kind: str, **shape: object) -> ZoneParams:
         raise Invalid(str(error)) from error
 
 
-def items_of(zones: Sequence[Zone], origin: Origin) -> list[PlanItem]:
+def items_of(zones: Sequence[ZoneParams], origin: Origin) -> list[PlanItem]:
     """Return the items of zones; raise Invalid for one with a floor or a ceiling, which MAVLink lacks."""
     items: list[PlanItem] = []
-    for zone in zones:
+    for group, zone in enumerate(zones):
         if zone.floor > -FARTHEST or zone.ceiling < FARTHEST:
             raise Invalid(f"zone {zone.name} has a floor or a ceiling, which a fence has not")
-        command, number = _BY_CIRCLE[zone.kind], zone.circle.radius
-        if zone.corners:
-            command, number = _BY_POLYGON[zone.kind], float(len(zone.corners))
-        for place in zone.corners or (zone.circle,):
-            x, y = origin.to_earth(place.x, place.y)
-            items.append(PlanItem(_GROUND, command, (number, 0.0, 0.0, 0.0), x, y, 0.0))
+        command, size = _BY_CIRCLE[zone.kind], zone.circle.radius
+        if zone.polygon:
+            command, size = _BY_POLYGON[zone.kind], float(len(zone.polygon))
+        for place in zone.polygon or ((zone.circle.x, zone.circle.y),):
+            x, y = origin.to_earth(*place)
+            items.append(PlanItem(_GROUND, command, (size, float(group), 0.0, 0.0), x, y, 0.0))
     return items

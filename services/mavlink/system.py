@@ -4,19 +4,19 @@ Messages are taken on the link's thread. Everything that calls a service is done
 thread of the vehicle's own, so a silent service keeps no telemetry back.
 """
 
-import contextlib
 import logging
 import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from math import isfinite
+from math import isfinite, isnan
 from queue import Full, Queue
-from typing import Any
+from typing import Any, Literal
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.schemas.messages import Pose, SafetyState, Zones
+from quadctl.schemas.earth import Origin
+from quadctl.schemas.messages import Pose, SafetyState
 from quadctl.schemas.topics import POSE_SLOW
 from quadctl.services.mavlink import parameters
 from quadctl.services.mavlink.commander import (
@@ -26,11 +26,10 @@ from quadctl.services.mavlink.commander import (
     VehicleServices,
     number,
 )
-from quadctl.services.mavlink.geo import Origin
 from quadctl.services.mavlink.plan import NOWHERE, PlanItem
 from quadctl.services.mavlink.telemetry import View, no_file, texts
 from quadctl.services.mavlink.transfers import Peer, Transfer, Transfers
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
+from quadctl.services.runtime.errors import Invalid, NotAllowed, QuadctlError, Refused
 
 _MOST_WAITING = 64
 """Requests that may wait; further ones are refused."""
@@ -54,8 +53,12 @@ _NUMBERS = {
     getattr(mavlink, f"MAVLINK_MSG_ID_{name.upper()}"): name
     for name in (*_RATES, "autopilot_version")
 }
-_SHORTEST = 0.02
-"""Least interval of messages, s."""
+_SHORTEST, _LONGEST = 0.02, 60.0
+"""Least and greatest interval of messages, s."""
+_SAME = 1.0
+"""Seconds within which the same text of safety's state and of a reply is one."""
+_TABLE_AGE = 1.0
+"""Age (s) of values that are read again: ground stations read parameters by the hundred."""
 _SLOW = 1 / POSE_SLOW.hz
 """Interval of the slow poses, s."""
 
@@ -67,15 +70,18 @@ class MavlinkSystem:
 
     def __init__(self, services: VehicleServices, origin: Origin, send: Send, log: Log) -> None:
         self._services, self._send, self._log = services, send, log
-        self._commander = Commander(services, origin, send, self._show_text)
+        self._commander = Commander(services, origin, send, self._show_once)
         self._transfers = Transfers(self._commander)
         self._boot, self._seen = "", 0.0
         self._shown = (0, False)
-        self._texts = 0
+        self._texts, self._showing = 0, threading.Lock()
+        self._shown_by: dict[str, tuple[str, float]] = {}
         self._intervals = {name: 1 / rate for name, rate in _RATES.items()}
         self._due = dict.fromkeys(_RATES, 0.0)
-        self._requests: Queue[Callable[[], None]] = Queue(_MOST_WAITING)
-        self._pending: set[Any] = set()
+        # A stop must not wait for reads: there may be hundreds, and of a node that is silent.
+        self._orders, self._reads = Requests(self._failed), Requests(self._failed)
+        self._table: list[parameters.MavlinkParameter] = []
+        self._table_at = 0.0
         self._streaming: dict[int, Callable[[PlanItem], None]] = {
             mavlink.MAV_CMD_REQUEST_MESSAGE: lambda item: self._show(
                 _NUMBERS.get(number(item.params[0]), "")
@@ -87,16 +93,16 @@ class MavlinkSystem:
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
         }
-        threading.Thread(target=self._work, daemon=True).start()
 
-    def see(self, message: Pose | SafetyState | Zones) -> None:
-        """Take the newest pose, state or zones of the vehicle."""
+    def see(self, message: Pose | SafetyState) -> None:
+        """Take the newest pose or state of the vehicle."""
         self._commander.see(message)
         if isinstance(message, Pose):
-            self._seen = time.monotonic()
-            if message.boot != self._boot:
-                self._boot = message.boot
-                self._queue("start", self._commander.learn_start)
+            self._boot, self._seen = message.boot, time.monotonic()
+
+    def learn_start(self) -> None:
+        """Read where the vehicle starts; it blocks."""
+        self._commander.learn_start()
 
     def tick(self, now: float) -> None:
         """Send the telemetry that is due, and the request that a transfer repeats."""
@@ -110,56 +116,43 @@ class MavlinkSystem:
                 self._due[name] = max(self._due[name] + self._intervals[name], now)
                 self._send(getattr(view, name)())
         if self._transfers.uploading:
-            self._queue("again", lambda: self._reply(self._transfers.tick(now)))
+            self._reads.add("again", lambda: self._reply(self._transfers.tick(now)))
 
     def take(self, message: Any, now: float) -> None:
         """Take a message of a ground station."""
         type_, peer = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         if type_ in Transfers.MESSAGES:
             key = (type_, peer, message.mission_type, getattr(message, "seq", 0))
-            self._queue(key, lambda: self._reply(self._transfers.take(message, now)))
+            self._reads.add(key, lambda: self._reply(self._transfers.take(message, now)))
         elif take := self._takers.get(type_):
             take(self, message, peer)
 
-    # Requests
+    # Texts
 
-    def _queue(self, key: Any, job: Callable[[], None]) -> bool:
-        """Do a job after those before it; return false for one that waits already, or has no place.
+    def _failed(self, problem: Exception) -> None:
+        """Show why a request without an answer of its own failed."""
+        if isinstance(problem, Unsupported):
+            self._show_text("the vehicle has no such mode")
+        elif isinstance(problem, QuadctlError):
+            self._commander.explain(problem)
+        else:
+            self._log.error("a request failed", exc_info=problem)
 
-        The sender repeats a request without an answer.
-        """
-        if key in self._pending:
-            return False
-        self._pending.add(key)
-
-        def do() -> None:
-            try:
-                job()
-            finally:
-                self._pending.discard(key)
-
-        with contextlib.suppress(Full):
-            self._requests.put_nowait(do)
-            return True
-        self._pending.discard(key)
-        return False
-
-    def _work(self) -> None:
-        while True:
-            job = self._requests.get()
-            try:
-                job()
-            except Unsupported:
-                self._show_text("the vehicle has no such mode")
-            except QuadctlError as problem:
-                self._commander.explain(problem)
-            except Exception:  # noqa: BLE001
-                # A fault in one request must not end all later ones.
-                self._log.exception("a request failed")
+    def _show_once(self, text: str, source: str) -> None:
+        """Show a text, which the state and a reply may both have, once."""
+        with self._showing:
+            now = time.monotonic()
+            other, at = self._shown_by.pop(text, (source, now))
+            if other != source and now - at < _SAME:
+                return
+            self._shown_by = {text: (source, now)}
+        self._show_text(text)
 
     def _show_text(self, text: str) -> None:
-        self._texts = self._texts % 0xFFFF + 1
-        for part in texts(text, number=self._texts):
+        with self._showing:
+            self._texts = self._texts % 0xFFFF + 1
+            parts = texts(text, number=self._texts)
+        for part in parts:
             self._send(part)
 
     def _reply(self, transfer: Transfer) -> None:
@@ -182,19 +175,19 @@ class MavlinkSystem:
 
     def _take_set_mode(self, m: Any, _peer: Peer) -> None:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24
-        self._queue(("SET_MODE", main, sub), partial(self._commander.set_mode, main, sub))
+        self._orders.add(("SET_MODE", main, sub), partial(self._commander.set_mode, main, sub))
 
     def _take_set_current(self, m: Any, _peer: Peer) -> None:
-        self._queue(("SET_CURRENT", m.seq), partial(self._commander.fly_from, m.seq))
+        self._orders.add(("SET_CURRENT", m.seq), partial(self._commander.fly_from, m.seq))
 
     def _command(self, peer: Peer, item: PlanItem) -> None:
         """Execute a command; one that is repeated meanwhile is executed once."""
-        key = (peer, repr(item))
-        is_repeated = key in self._pending
-        if not self._queue(key, partial(self._execute, peer, item)):
-            waits = mavlink.MAV_RESULT_IN_PROGRESS
-            result = waits if is_repeated else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-            self._acknowledge(peer, item.command, result)
+        job = partial(self._execute, peer, item)
+        match self._orders.add((peer, repr(item)), job):
+            case "waits":
+                self._acknowledge(peer, item.command, mavlink.MAV_RESULT_IN_PROGRESS)
+            case "full":
+                self._acknowledge(peer, item.command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
     def _execute(self, peer: Peer, item: PlanItem) -> None:
         result = mavlink.MAV_RESULT_FAILED
@@ -204,7 +197,7 @@ class MavlinkSystem:
         except Unsupported:
             result = mavlink.MAV_RESULT_UNSUPPORTED
         except QuadctlError as problem:
-            if isinstance(problem, Invalid | Refused):
+            if isinstance(problem, Invalid | Refused | NotAllowed):
                 result = mavlink.MAV_RESULT_DENIED
             self._commander.explain(problem)
         finally:
@@ -227,7 +220,10 @@ class MavlinkSystem:
             raise Unsupported
         # 0 stands for the default, and a negative one turns the message off.
         interval = microseconds / 1e6 or 1 / _RATES[name]
-        self._intervals[name] = max(interval, _SHORTEST) if interval > 0 else -1.0
+        if name == "heartbeat" and not 0 < interval <= 1:
+            raise Refused("a vehicle without a heartbeat once a second counts as lost")
+        bounded = min(max(interval, _SHORTEST), _LONGEST)
+        self._intervals[name] = bounded if interval > 0 else -1.0
         shortest = min((each for each in self._intervals.values() if each > 0), default=_SLOW)
         self._services.watch(every_pose=shortest < _SLOW)
         self._due[name] = 0.0
@@ -241,15 +237,19 @@ class MavlinkSystem:
     # Parameters and files
 
     def _take_list(self, _m: Any, _peer: Peer) -> None:
-        self._queue("PARAM_REQUEST_LIST", self._send_parameters)
+        self._reads.add("PARAM_REQUEST_LIST", self._send_parameters)
 
     def _send_parameters(self) -> None:
-        found = self._table()
+        found = self._read_table()
         for index, each in enumerate(found):
             self._send_parameter(each, len(found), index)
 
-    def _table(self) -> list[parameters.MavlinkParameter]:
-        return parameters.table(self._services.parameters.read())
+    def _read_table(self, *, anew: bool = False) -> list[parameters.MavlinkParameter]:
+        now = time.monotonic()
+        if anew or not self._table or now - self._table_at > _TABLE_AGE:
+            self._table = parameters.table(self._services.parameters.read())
+            self._table_at = time.monotonic()
+        return self._table
 
     def _send_parameter(self, each: parameters.MavlinkParameter, count: int, index: int) -> None:
         name = each.name.encode()
@@ -257,29 +257,29 @@ class MavlinkSystem:
 
     def _take_read(self, m: Any, _peer: Peer) -> None:
         name, index = m.param_id, m.param_index
-        self._queue(("PARAM_READ", name, index), partial(self._read_parameter, name, index))
+        self._reads.add(("PARAM_READ", name, index), partial(self._read_parameter, name, index))
 
-    def _read_parameter(self, name: str, wanted: int) -> None:
-        found = self._table()
+    def _read_parameter(self, name: str, wanted: int, *, anew: bool = False) -> None:
+        found = self._read_table(anew=anew)
         for index, each in enumerate(found):
             if index == wanted or (wanted < 0 and each.name == name):
                 self._send_parameter(each, len(found), index)
 
     def _take_set(self, m: Any, _peer: Peer) -> None:
         given = m.param_id, m.param_type, m.param_value
-        self._queue(("PARAM_SET", *given), partial(self._set_parameter, *given))
+        self._reads.add(("PARAM_SET", *given), partial(self._set_parameter, *given))
 
     def _set_parameter(self, name: str, type_: int, value: float) -> None:
-        present = self._services.parameters.read()
-        own = next((p.own for p in parameters.table(present) if p.name == name), "")
+        own = next((each.own for each in self._read_table() if each.name == name), "")
         if not own:
             raise Invalid(f"there is no parameter {name}")
+        services = self._services.parameters
         try:
-            self._services.parameters.set({own: parameters.decoded(type_, value, present[own])})
+            services.set({own: parameters.decoded(type_, value, services.get(own))})
         except QuadctlError as problem:
             self._show_text(f"{name}: {problem.message}")
         # The ground station compares the present value with its own.
-        self._read_parameter(name, -1)
+        self._read_parameter(name, -1, anew=True)
 
     def _take_file_request(self, m: Any, peer: Peer) -> None:
         self._send(no_file(m, peer))
@@ -296,6 +296,38 @@ class MavlinkSystem:
     }
 
 
+class Requests:
+    """Requests that are done one after the other, on a thread; `fail` takes what a job raises."""
+
+    def __init__(self, fail: Callable[[Exception], None]) -> None:
+        self._fail = fail
+        self._jobs: Queue[tuple[Any, Callable[[], None]]] = Queue(_MOST_WAITING)
+        self._pending: set[Any] = set()
+        threading.Thread(target=self._work, daemon=True).start()
+
+    def add(self, key: Any, job: Callable[[], None]) -> Literal["added", "waits", "full"]:
+        """Add a request, unless one with its key waits already, or too many do: it is sent again."""
+        if key in self._pending:
+            return "waits"
+        self._pending.add(key)
+        try:
+            self._jobs.put_nowait((key, job))
+        except Full:
+            self._pending.discard(key)
+            return "full"
+        return "added"
+
+    def _work(self) -> None:
+        while True:
+            key, job = self._jobs.get()
+            try:
+                job()
+            except Exception as problem:  # noqa: BLE001 - a fault must not end all later requests
+                self._fail(problem)
+            finally:
+                self._pending.discard(key)
+
+
 def _degrees(value: float) -> int:
-    """Return degrees in units of 1e-7; NOWHERE for no place on the earth."""
-    return round(value * 1e7) if abs(value) <= 180 else NOWHERE
+    """Return degrees in units of 1e-7; NOWHERE for no number."""
+    return NOWHERE if isnan(value) else round(min(max(value, -1e3), 1e3) * 1e7)

@@ -10,8 +10,8 @@ from typing import Any
 from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
+from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import Pose, Quaternion
-from quadctl.services.mavlink.geo import Origin
 
 HOLD, MISSION, RETURN, LAND, TAKEOFF = (4 << 16 | sub << 24 for sub in (3, 4, 5, 6, 2))
 """Modes of PX4 in its `custom_mode`: all are sub-modes of AUTO."""
@@ -85,7 +85,7 @@ class View(Struct, frozen=True):
         """Return the health of the sensors; the battery is unknown."""
         healthy = _SENSORS if self.healthy else _SENSORS & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         return mavlink.MAVLink_sys_status_message(
-            _SENSORS, _SENSORS, healthy, 0, _UNKNOWN["u16"], -1, 100, 0, 0, 0, 0, 0, 0
+            _SENSORS, _SENSORS, healthy, 0, _UNKNOWN["u16"], -1, -1, 0, 0, 0, 0, 0, 0
         )
 
     def global_position_int(self) -> Any:
@@ -136,7 +136,7 @@ class View(Struct, frozen=True):
             round((self.origin.altitude + p.z) * 1000),
             50,
             50,
-            round(100 * hypot(v.x, v.y)),
+            min(round(100 * hypot(v.x, v.y)), 0xFFFE),
             round(degrees(atan2(v.x, v.y)) * 100) % 36_000,
             12,
         )
@@ -218,7 +218,8 @@ def texts(text: str, severity: int = mavlink.MAV_SEVERITY_WARNING, number: int =
         mavlink.MAVLink_statustext_message(
             severity, data[start : start + 50], number if len(data) > 50 else 0, start // 50
         )
-        for start in range(0, len(data), 50)
+        # A chunk that is not full ends a long text.
+        for start in range(0, len(data) + (len(data) > 50), 50)
     ]
 
 

@@ -68,6 +68,8 @@ class Transfers:
     def __init__(self, store: PlanStore) -> None:
         self._store = store
         self._upload: PlanUpload | None = None
+        self._ended: tuple[PlanUpload, Transfer] | None = None
+        self._listed: dict[PlanKind, Sequence[PlanItem]] = {}
 
     @property
     def uploading(self) -> bool:
@@ -97,12 +99,15 @@ class Transfers:
                 if self._uploads(peer, kind):
                     self._upload = None
                 return Transfer()
-        try:
-            items = self._store.load(kind) if kind != PlanKind.RALLY else []
-        except QuadctlError as problem:
-            return _refused(peer, kind, problem)
         if type_ == "MISSION_REQUEST_LIST":
+            try:
+                items = self._store.load(kind) if kind != PlanKind.RALLY else []
+            except QuadctlError as problem:
+                return _refused(peer, kind, problem)
+            # A plan that changes meanwhile is not mixed into the download.
+            self._listed[kind] = items
             return Transfer([mavlink.MAVLink_mission_count_message(*peer, len(items), kind)])
+        items = self._listed.get(kind, [])
         if not 0 <= message.seq < len(items):
             return Transfer([_ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)])
         return Transfer([_sent(peer, kind, message.seq, items[message.seq])])
@@ -127,7 +132,7 @@ class Transfers:
                 [_ack(peer, mavlink.MAV_MISSION_DENIED, kind)],
                 "another ground station uploads a plan",
             )
-        self._upload = None
+        self._upload = self._ended = None
         if count > MOST_ITEMS:
             return Transfer(
                 [_ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)],
@@ -141,17 +146,25 @@ class Transfers:
         return Transfer([self._upload.wanted()])
 
     def _on_item(self, peer: Peer, kind: PlanKind, m: Any, now: float) -> Transfer:
+        if self._ended and m.seq == self._ended[0].count - 1:
+            ended, reply = self._ended
+            if self._upload is None and (ended.peer, ended.kind) == (peer, kind):
+                # The reply to the last item was lost.
+                return reply
         upload = self._upload
         # A missing item is requested again by `tick`; a repeated one changes nothing.
         if upload is None or not self._uploads(peer, kind) or m.seq != len(upload.items):
             return Transfer()
         params = (m.param1, m.param2, m.param3, m.param4)
-        upload.items.append(PlanItem(m.frame, m.command, params, m.x, m.y, m.z))
+        goes_on = bool(m.autocontinue)
+        upload.items.append(PlanItem(m.frame, m.command, params, m.x, m.y, m.z, goes_on))
         upload.asked, upload.attempts = now, 1
         if len(upload.items) < upload.count:
             return Transfer([upload.wanted()])
         self._upload = None
-        return self._save(peer, kind, upload.items)
+        reply = self._save(peer, kind, upload.items)
+        self._ended = upload, reply
+        return reply
 
     def _uploads(self, peer: Peer, kind: PlanKind) -> bool:
         return self._upload is not None and (self._upload.peer, self._upload.kind) == (peer, kind)

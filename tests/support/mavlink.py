@@ -14,7 +14,7 @@ from typing import Any, Self
 from pymavlink.dialects.v20 import common as mavlink
 
 import quadctl
-from quadctl.services.mavlink.geo import Origin
+from quadctl.schemas.earth import Origin
 from tests.support import bridges
 from tests.support.lab import Lab
 from tests.support.running import Foreground

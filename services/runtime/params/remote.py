@@ -28,6 +28,11 @@ class RemoteParams:
                 values |= self._call(get_params(node), GetParamsRequest([])).values
         return values
 
+    def get(self, name: str) -> Any:
+        """Return one parameter; raise QuadctlError if its node does not answer."""
+        node = name.partition(".")[0]
+        return self._call(get_params(node), GetParamsRequest([name])).values[name]
+
     def set(self, changes: Mapping[str, Any]) -> str:
         """Change parameters of one node, all or none; return why they wait for a standstill, if they do.
 

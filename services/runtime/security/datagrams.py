@@ -36,7 +36,7 @@ def check(text: str, *, signed: bool) -> None:
 
 
 def key_of(path: Path) -> bytes:
-    """Return the key of a file: its 32 bytes, or the SHA-256 of the passphrase in it.
+    """Return the key of a file: its 32 bytes, or if it is text, the SHA-256 of this passphrase.
 
     Raises Invalid for a file that cannot be read or is empty.
     """
@@ -44,9 +44,9 @@ def key_of(path: Path) -> bytes:
         data = path.read_bytes()
     except OSError as error:
         raise Invalid(f"--signing-key {path}: {error.strerror}") from error
-    if len(data) == _KEY_BYTES:
-        return data
     phrase = data.strip()
+    if len(data) == _KEY_BYTES and not (phrase.isascii() and phrase.decode("ascii").isprintable()):
+        return data
     if not phrase:
         raise Invalid(f"--signing-key {path} is empty", "32 bytes, or a passphrase")
     # Ground stations make their key of a passphrase so, too.

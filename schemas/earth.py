@@ -1,25 +1,32 @@
-"""Places on the earth and in our world, which is flat around its origin. Pure.
+"""Places on the earth, and in our world, which is flat around its origin.
 
 Degrees are those of WGS 84, in MAVLink's units of 1e-7, about a centimetre; heights are above mean
 sea level. Within 100 m of the origin the flat earth is exact to that centimetre.
 """
 
+from collections.abc import Sequence
 from math import cos, radians, sin, sqrt
+from typing import Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct, convert
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 _SQUARE = _FLATTENING * (2 - _FLATTENING)
 """Square of the ellipsoid's eccentricity."""
 _UNITS = 1e7
 
+Latitude = Annotated[float, Meta(ge=-89, le=89)]
+"""Degrees; at a pole a flat earth has no east."""
+Longitude = Annotated[float, Meta(ge=-180, le=180)]
+Altitude = Annotated[float, Meta(ge=-1_000, le=10_000)]
+
 
 class Origin(Struct, frozen=True):
-    """Place of our world's origin: degrees, and m above mean sea level."""
+    """Place of our world's origin: degrees, and m above mean sea level; by default that of PX4's simulators."""
 
-    latitude: float
-    longitude: float
-    altitude: float
+    latitude: Latitude = 47.397742
+    longitude: Longitude = 8.545594
+    altitude: Altitude = 488.0
 
     def to_earth(self, x: float, y: float) -> tuple[int, int]:
         """Return latitude and longitude (1e-7 degrees) of a place, m, ENU."""
@@ -43,6 +50,12 @@ class Origin(Struct, frozen=True):
         part = 1 - _SQUARE * sin(phi) ** 2
         meridian = _RADIUS * (1 - _SQUARE) / (part * sqrt(part))
         return radians(meridian), radians(_RADIUS / sqrt(part) * cos(phi))
+
+
+def origin_of(numbers: Sequence[float]) -> Origin:
+    """Return the origin of latitude, longitude and height; raise ValueError for no place on earth."""
+    names = Origin.__struct_fields__[: len(numbers)]
+    return convert(dict(zip(names, numbers, strict=True)), Origin)
 
 
 def _wrapped(degrees: float) -> float:

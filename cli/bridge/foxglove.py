@@ -4,20 +4,23 @@ import os
 import secrets
 import socket
 import ssl
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import quote
 
 from quadctl.cli.bridge.extras import require
 from quadctl.cli.bridge.process import become
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
+from quadctl.services.runtime.security.bridge_access import check_listener
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """Layout with the scene, plots, the state and buttons of the vehicle `uav`."""
 VARIABLE = "QUADCTL_FOXGLOVE_TOKEN"
 _MOST = 65_535
+_SHORTEST = 8
+"""Characters of a token that nobody guesses."""
 
 
 def foxglove(
@@ -46,6 +49,8 @@ def foxglove(
     require("foxglove")
     _check(host, port, cert, key)
     token = (os.environ.get(VARIABLE) or secrets.token_urlsafe(16)) if control else ""
+    if 0 < len(token) < _SHORTEST:
+        raise UsageError(f"{VARIABLE} is too short", f"at least {_SHORTEST} characters")
     os.environ[VARIABLE] = token
     name = f"[{host}]" if ":" in host else host
     address = f"{'wss' if cert else 'ws'}://{name}:{port}/"
@@ -53,7 +58,10 @@ def foxglove(
     words += ["--cert", str(cert)] if cert else []
     words += ["--key", str(key)] if key else []
     words += [word for site in origin or () for word in ("--origin", site.rstrip("/"))]
-    facts = {"address": f"{address}?token={token}" if control else address, "watch": address}
+    facts = {
+        "address": f"{address}?token={quote(token, safe='')}" if control else address,
+        "watch": address,
+    }
     become(
         "foxglove",
         options,
@@ -69,19 +77,9 @@ def _check(host: str, port: int, cert: Path | None, key: Path | None) -> None:
     """Raise UsageError for a wrong address, Invalid for a wrong certificate, QuadctlError for a taken port."""
     if not 0 < port <= _MOST:
         raise UsageError(f"--port {port}: there is no such port", f"1 to {_MOST}")
-    try:
-        address = ip_address(host)
-    except ValueError as error:
-        raise UsageError(
-            f"--host {host}: not an IP address", "127.0.0.1, ::1 or 0.0.0.0"
-        ) from error
+    check_listener(host, encrypted=cert is not None)
     if key and not cert:
         raise UsageError("--key without --cert", "add --cert FILE")
-    if not address.is_loopback and not cert:
-        raise UsageError(
-            f"--host {host} lets other machines watch, and their traffic is not encrypted",
-            "add --cert FILE, or use a tunnel: ssh -L 8765:127.0.0.1:8765 HOST",
-        )
     if cert:
         try:
             ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(cert, key)
@@ -89,7 +87,7 @@ def _check(host: str, port: int, cert: Path | None, key: Path | None) -> None:
             raise Invalid(
                 f"--cert {cert}: {error.strerror or error}", "a PEM certificate, and its key"
             ) from error
-    with socket.socket(socket.AF_INET6 if address.version == 6 else socket.AF_INET) as probe:
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         # As the server: a port whose last connections have just ended is free.
         if os.name == "posix":
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -9,7 +9,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.schemas.earth import origin_of
 from quadctl.services.runtime.errors import UsageError
-from quadctl.services.runtime.security import datagrams
+from quadctl.services.runtime.security import bridge_access
 
 
 def mavlink(
@@ -41,9 +41,9 @@ def mavlink(
         origin_of(origin or ())
     except ValueError as error:
         raise UsageError(f"--origin: {error}", "-89 to 89, -180 to 180 degrees, and m") from error
-    datagrams.check(to, signed=signing_key is not None)
+    bridge_access.check_peer(to, signed=signing_key is not None)
     if signing_key:
-        datagrams.key_of(signing_key)
+        bridge_access.key_of(signing_key)
     words = ["--to", to]
     words += ["--origin", *map(repr, origin)] if origin else []
     words += ["--signing-key", str(signing_key.resolve())] if signing_key else []

@@ -25,6 +25,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.topics import (
     GOTO,
     SERVICES,
+    STATE,
     TOPICS,
     Service,
     topic_of,
@@ -53,6 +54,7 @@ from quadctl.services.runtime.recording.scene import (
     FrameTransform,
     SceneUpdate,
 )
+from quadctl.services.runtime.security.bridge_access import check_listener
 
 NAME = "foxglove"
 VARIABLE = "QUADCTL_FOXGLOVE_TOKEN"
@@ -60,6 +62,10 @@ GOALS = "/goto"
 """Topic of published goals; of several vehicles each has its own, e.g. `/uav1/goto`."""
 _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
+_AGE = 1.0
+"""Seconds for which parameters need not be read again, unless they are set."""
+_MOST_TOPICS = 2000
+"""Topics of a vehicle that are shown."""
 _FREE = '{"type": "object", "properties": {}}'
 """Schema of a user's own JSON; viewers need one."""
 
@@ -94,6 +100,7 @@ class FoxgloveBridge:
     def open(self, node: Node) -> None:
         """Listen; raise Invalid for a bad certificate, QuadctlError if another process has the port."""
         given, tls = self._options, None
+        check_listener(given.host, encrypted=bool(given.cert))
         if given.cert:
             tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             try:
@@ -104,9 +111,9 @@ class FoxgloveBridge:
         self.server = FoxgloveServer(self, node.log, token=token, origins=given.origin)
         try:
             self.server.open(given.host, given.port, tls)
-        except OSError as error:
+        except (OSError, OverflowError) as error:
             raise QuadctlError(
-                f"port {given.port} cannot be opened: {error.strerror}",
+                f"port {given.port} cannot be opened: {getattr(error, 'strerror', error)}",
                 "end the program that has it, or choose another by --port",
             ) from error
         may = "may act, with the token" if token else "may only watch"
@@ -159,9 +166,10 @@ class FoxgloveBridge:
         found = {
             f"{vehicle.name}.{name}": value
             for vehicle in tuple(self._vehicles.values())
-            for name, value in vehicle.parameters.read().items()
+            for name, value in vehicle.parameters.read(_AGE).items()
         }
-        return [FoxgloveParameter.of(name, found[name]) for name in names or found if name in found]
+        wanted = dict.fromkeys(names) or found
+        return [FoxgloveParameter.of(name, found[name]) for name in wanted if name in found]
 
     def set_parameters(self, parameters: Iterable[FoxgloveParameter]) -> None:
         """Set parameters, of each node all or none; raise what the last node in vain raised."""
@@ -199,7 +207,8 @@ class ShownVehicle:
         self.parameters = RemoteParams(self.call)
         self._routes: dict[tuple[str, str], Route] = {}
         self._channels: dict[tuple[str, type[Struct] | None], ShownTopic] = {}
-        self._height = 0.0
+        self._height: float | None = None
+        self._state = STATE.key(node.vehicle)
         for topic in TOPICS:  # before their first messages
             self._channel(topic.key(self.name), topic.type)
 
@@ -239,20 +248,26 @@ class ShownVehicle:
         kind, frames = (message.key, message.encoding), self._bridge.frames
         route = self._routes.get(kind)
         if route is None:
+            if len(self._routes) >= _MOST_TOPICS:
+                self._routes.clear()
             route = self._routes[kind] = Route(*kind)
         elif route.is_quiet and not (frames.subscribers or route.topic.channel.subscribers):
             return
         stored = route.form.stored(message.payload)
         if route.type is not stored.type:
+            if len(self._channels) >= _MOST_TOPICS:
+                # E.g. a node that publishes on a new key each time.
+                return
             route.type, route.topic = stored.type, self._channel(message.key, stored.type)
         data = stored.data if stored.encoding == JSON else readable(message.payload, kind[1])
         messages: list[Message] = [(route.topic.channel, data, message.at)]
         if route.latched:
             route.topic.last = data, message.at
-        if isinstance(stored.message, SafetyState):
+        if isinstance(stored.message, SafetyState) and message.key == self._state:
             self._height = stored.message.goal.z
             self._bridge.server.refresh("graph")
         elif route.sets_parameters:
+            self.parameters.forget()
             self._bridge.server.refresh("parameters")
         if derived := self.drawing.derive(message.key, stored.message, message.at):
             channel = frames if derived.key == FRAMES_KEY else self._bridge.scene

@@ -51,13 +51,22 @@ _MOST_REQUESTS = 64
 """Requests of a client that may wait; beyond, they are refused."""
 _BACKLOG = 4 << 20
 """Bytes of messages that may wait for a slow client; beyond, it loses the oldest."""
-_MOST_ANSWERS = 10_000
-"""Documents that may wait for a client; one that reads none of so many is disconnected."""
-_MOST_TOPICS = 1000
-"""Topics that a client may publish on."""
+_MOST_ANSWERS = 16 << 20
+"""Bytes of documents that may wait for a client; one that reads none of so many is disconnected."""
+_MOST_UNSENT = 8 << 20
+"""Bytes that the socket of a client may hold; answers to its pings wait there, too."""
+_PATIENCE = 60
+"""Seconds for which a client may read nothing at all."""
+_TURN = 32
+"""Requests of a client that are taken in a row before other clients have their turn."""
+_MOST_TOPICS, _LONGEST_NAME = 1000, 256
+"""Topics that a client may publish on, or parameters that it may watch, and their longest name."""
+_LONGEST_TEXT = 1000
+"""Characters of a problem that a client is shown: it may quote the client's request."""
 _GOAL_PERIOD = 0.05
 """Seconds between two goals of a client: safety decides at this rate, and calls go between."""
 _THREADS = 8
+"""Threads for calls, and as many for reads: these may wait for a node that is silent."""
 _EVERY = ""
 """Name for all parameters."""
 
@@ -110,7 +119,7 @@ class Shared:
         self.stale: set[str] = set()
         """Parts to read anew for the clients: `graph` or `parameters`."""
         self.asked = asyncio.Event()
-        self._pool = ThreadPoolExecutor(_THREADS)
+        self._calls, self._reads = ThreadPoolExecutor(_THREADS), ThreadPoolExecutor(_THREADS)
 
     def mark_stale(self, what: str) -> None:
         """Have the `graph` or the `parameters` read soon."""
@@ -130,10 +139,11 @@ class Shared:
             hint = "start the bridge by `quadctl bridge foxglove --control`"
         return Refused("this client may only watch", hint)
 
-    async def in_pool(self, do: Callable[..., Any], *of: Any) -> Any:
+    async def in_pool(self, do: Callable[..., Any], *of: Any, reads: bool = False) -> Any:
         """Return what a method of the backend returns; a fault in it becomes a QuadctlError."""
+        pool = self._reads if reads else self._calls
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._pool, do, *of)
+            return await asyncio.get_running_loop().run_in_executor(pool, do, *of)
         except QuadctlError:
             raise
         except Exception as fault:
@@ -147,8 +157,8 @@ class FoxgloveClient:
     def __init__(self, shared: Shared, connection: ServerConnection) -> None:
         self._shared, self._connection = shared, connection
         path = connection.request.path if connection.request else ""
-        self._token = parse_qs(urlsplit(path).query).get("token", [""])[0]
-        self._controls = shared.is_right(self._token)
+        self._token = token_of(path)
+        self.controls = shared.is_right(self._token)
         self.subscriptions: dict[int, Channel] = {}
         self.watched: set[str] = set()
         """Names of the parameters subscribed to, or _EVERY."""
@@ -156,22 +166,32 @@ class FoxgloveClient:
         self.graph: Graph | None = None
         """Graph as it was shown to the client; none without a subscription."""
         self._topics: dict[int, str] = {}
-        self._goals: dict[str, bytes] = {}
+        self._goal: PublishedGoal | None = None
         self._problems: set[str] = set()
         self._answers: deque[str | bytes] = deque()
         self._messages: deque[bytes] = deque()
-        self._bytes = 0
+        self._answer_bytes = self._bytes = self._written = 0
         self._ready = asyncio.Event()
         self._jobs: asyncio.Queue[Job] = asyncio.Queue(_MOST_REQUESTS)
+        self._reads: asyncio.Queue[Job] = asyncio.Queue(_MOST_REQUESTS)
+        self._latest = asyncio.Event()
+        self._latest.set()
+        """Set once the request queued last has been executed."""
 
     async def serve(self) -> None:
         """Take requests until the client leaves."""
-        tasks = [asyncio.create_task(self._write()), asyncio.create_task(self._work())]
-        if self._token and not self._controls:
+        jobs = self._write(), self._watch(), self._work(self._jobs), self._work(self._reads)
+        tasks = [asyncio.create_task(each) for each in jobs]
+        if self._token and not self.controls:
             self.complain("token", Refused("the token in this address is not of this bridge"))
         try:
+            count = 0
             async for data in self._connection:
                 self._take(data)
+                if count := (count + 1) % _TURN:
+                    continue
+                # The next requests may be here already, and nobody else is served meanwhile.
+                await asyncio.sleep(0)
         except ConnectionClosed:
             pass
         finally:
@@ -182,7 +202,7 @@ class FoxgloveClient:
         """Send a message; a client that is too slow loses its oldest ones."""
         self._messages.append(frame)
         self._bytes += len(frame)
-        while self._bytes > _BACKLOG:
+        while self._bytes > _BACKLOG and len(self._messages) > 1:
             self._bytes -= len(self._messages.popleft())
         self._ready.set()
 
@@ -194,7 +214,7 @@ class FoxgloveClient:
         """Show a problem until it is over, which None means."""
         if problem is not None:
             self._problems.add(what)
-            self.tell(Status(ERROR, _text_of(problem), what))
+            self.tell(Status(ERROR, _text_of(problem)[:_LONGEST_TEXT], what))
         elif what in self._problems:
             self._problems.remove(what)
             self.tell(RemoveStatus([what]))
@@ -224,7 +244,8 @@ class FoxgloveClient:
             self.tell(ParameterValues(new))
 
     def _answer(self, frame: str | bytes) -> None:
-        if len(self._answers) >= _MOST_ANSWERS:
+        self._answer_bytes += len(frame)
+        if self._answer_bytes > _MOST_ANSWERS:
             self._connection.transport.abort()
             return
         self._answers.append(frame)
@@ -236,16 +257,31 @@ class FoxgloveClient:
                 await self._ready.wait()
                 self._ready.clear()
                 while self._answers or self._messages:
+                    self._written += 1
                     if self._answers:
-                        await self._connection.send(self._answers.popleft())
+                        answer = self._answers.popleft()
+                        self._answer_bytes -= len(answer)
+                        await self._connection.send(answer)
                         continue
                     frame = self._messages.popleft()
                     self._bytes -= len(frame)
                     await self._connection.send(frame)
 
-    async def _work(self) -> None:
+    async def _watch(self) -> None:
+        """Disconnect a client that does not read."""
+        written, idle = -1, 0
         while True:
-            job = await self._jobs.get()
+            await asyncio.sleep(1)
+            waits = self._answers or self._messages
+            idle = idle + 1 if waits and written == self._written else 0
+            written = self._written
+            unsent = self._connection.transport.get_write_buffer_size()
+            if idle > _PATIENCE or unsent > _MOST_UNSENT:
+                self._connection.transport.abort()
+
+    async def _work(self, jobs: asyncio.Queue[Job]) -> None:
+        while True:
+            job = await jobs.get()
             try:
                 await job()
             except Exception:  # a fault in one request must not end all later ones
@@ -267,9 +303,9 @@ class FoxgloveClient:
                     self._advertise(channel)
             case ClientUnadvertise(numbers):
                 for number in numbers:
-                    self.complain(self._topics.pop(number, ""), None)
+                    self._forget(number)
             case GetParameters():
-                self._queue(partial(self._get_parameters, request.parameter_names, request.id))
+                self._queue_read(partial(self._get_parameters, request.parameter_names, request.id))
             case SetParameters():
                 self._queue(partial(self._set_parameters, request))
             case _:
@@ -283,7 +319,9 @@ class FoxgloveClient:
             case Unsubscribe(numbers):
                 self.unsubscribe(numbers)
             case SubscribeParameterUpdates(names):
-                self.watched |= set(names) or {_EVERY}
+                self.watched |= {each[:_LONGEST_NAME] for each in names} or {_EVERY}
+                if len(self.watched) > _MOST_TOPICS:
+                    self.watched = {_EVERY}
                 self._shared.mark_stale("parameters")
             case UnsubscribeParameterUpdates(names):
                 self.watched -= set(names) or set(self.watched)
@@ -309,14 +347,37 @@ class FoxgloveClient:
 
     def _queue(self, job: Job, fail: Callable[[QuadctlError], object] | None = None) -> None:
         """Execute a job after the client's earlier ones, or call `fail` if too many wait."""
+        ended = asyncio.Event()
+
+        async def do() -> None:
+            try:
+                await job()
+            finally:
+                ended.set()
+
+        self._goal = None
         try:
-            self._jobs.put_nowait(job)
+            self._jobs.put_nowait(do)
+            self._latest = ended
         except asyncio.QueueFull:
             problem = Refused("too many requests wait", "send the next ones after the answers")
             (fail or partial(self.complain, "request"))(problem)
 
+    def _queue_read(self, job: Job) -> None:
+        """Execute a job after the client's earlier requests, which need not wait for it."""
+        latest = self._latest
+
+        async def do() -> None:
+            await latest.wait()
+            await job()
+
+        try:
+            self._reads.put_nowait(do)
+        except asyncio.QueueFull:
+            self.complain("request", Refused("too many requests wait", "send fewer"))
+
     def _check_control(self) -> None:
-        if not self._controls:
+        if not self.controls:
             raise self._shared.why_watching
 
     async def _call(self, call: ServiceCall) -> None:
@@ -331,11 +392,14 @@ class FoxgloveClient:
                 self._shared.backend.call, service.name, call.payload
             )
             self._answer(response_frame(call, reply))
+            self.complain("call", None)
         except QuadctlError as problem:
             self._fail(call, problem)
 
     def _fail(self, call: ServiceCall, problem: QuadctlError) -> None:
-        self.tell(ServiceCallFailure(call.service, call.number, _text_of(problem)))
+        self.tell(ServiceCallFailure(call.service, call.number, _text_of(problem)[:_LONGEST_TEXT]))
+        # Lichtblick shows no failure of a call.
+        self.complain("call", problem)
 
     def _why_no_goals(self, topic: str) -> QuadctlError | None:
         try:
@@ -346,8 +410,10 @@ class FoxgloveClient:
         return None
 
     def _advertise(self, channel: ClientChannel) -> None:
-        if len(self._topics) >= _MOST_TOPICS:
-            self.complain("topics", Refused(f"at most {_MOST_TOPICS} topics are taken"))
+        self._forget(channel.id)
+        if len(self._topics) >= _MOST_TOPICS or len(channel.topic) > _LONGEST_NAME:
+            most = f"{_MOST_TOPICS} topics of {_LONGEST_NAME} characters"
+            self.complain("topics", Refused(f"at most {most} are taken"))
             return
         self._topics[channel.id] = channel.topic
         self.complain(channel.topic, self._why_no_goals(channel.topic))
@@ -355,16 +421,25 @@ class FoxgloveClient:
     def _publish(self, topic: str, data: bytes) -> None:
         if self._why_no_goals(topic):
             return  # shown since the topic was advertised
-        # Only the newest goal: a flood must not queue up.
-        waits = topic in self._goals
-        self._goals[topic] = data
-        if not waits:
-            self._queue(partial(self._fly, topic), lambda _: self._goals.pop(topic))
+        if self._goal and self._goal.topic == topic:
+            # It waits, and nothing after it: a flood must not queue up.
+            self._goal.data = data
+            return
+        goal = PublishedGoal(topic, data)
+        self._queue(partial(self._fly, goal), partial(self.complain, topic))
+        self._goal = goal
 
-    async def _fly(self, topic: str) -> None:
-        began, problem = time.monotonic(), None
+    def _forget(self, number: int) -> None:
+        """Forget a topic of the client, and what was wrong with it."""
+        if topic := self._topics.pop(number, ""):
+            self.complain(topic, None)
+
+    async def _fly(self, goal: "PublishedGoal") -> None:
+        began, problem, topic = time.monotonic(), None, goal.topic
+        if self._goal is goal:
+            self._goal = None
         try:
-            await self._shared.in_pool(self._shared.backend.fly, topic, self._goals.pop(topic))
+            await self._shared.in_pool(self._shared.backend.fly, topic, goal.data)
         except QuadctlError as error:
             problem = error
         self.complain(topic, problem)
@@ -372,7 +447,8 @@ class FoxgloveClient:
 
     async def _get_parameters(self, names: list[str], request: str) -> None:
         with suppress(QuadctlError):
-            values = await self._shared.in_pool(self._shared.backend.parameters, names)
+            parameters = self._shared.backend.parameters
+            values = await self._shared.in_pool(parameters, names, reads=True)
             self.tell(ParameterValues(values, request))
 
     async def _set_parameters(self, request: SetParameters) -> None:
@@ -385,6 +461,18 @@ class FoxgloveClient:
         self.complain("parameters", problem)
         # With the present values, a page shows what has become of its own.
         await self._get_parameters([each.name for each in request.parameters], request.id)
+
+
+def token_of(path: str) -> str:
+    """Return the token in the path of an address, else an empty text."""
+    return parse_qs(urlsplit(path).query).get("token", [""])[0]
+
+
+class PublishedGoal:
+    """Newest goal on a topic that waits to be flown to."""
+
+    def __init__(self, topic: str, data: bytes) -> None:
+        self.topic, self.data = topic, data
 
 
 def _text_of(problem: QuadctlError) -> str:

@@ -350,6 +350,7 @@ def may_watch(origin: str, allowed: Collection[str]) -> bool:
     Programs send no origin, and desktop apps one that no site has. A page of this machine may, that
     of Foxglove, and the `allowed` ones. A site can have the origin `null`.
     """
-    if not _WEB.match(origin) or origin == _APP or origin in allowed:
+    named = {each.lower().rstrip("/") for each in allowed}
+    if not _WEB.match(origin) or origin == _APP or origin.lower() in named:
         return True
     return _LOCAL.fullmatch(origin) is not None

@@ -11,7 +11,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import Future
-from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
 from itertools import count
@@ -21,7 +20,14 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from quadctl.services.foxglove.client import Backend, Channel, FoxgloveClient, Log, Shared
+from quadctl.services.foxglove.client import (
+    Backend,
+    Channel,
+    FoxgloveClient,
+    Log,
+    Shared,
+    token_of,
+)
 from quadctl.services.foxglove.protocol import (
     JSON,
     JSON_SCHEMA,
@@ -45,6 +51,9 @@ _CAPABILITIES = [
     "services",
 ]
 _MOST_CLIENTS = 50
+"""Clients that may watch; as many may act, which watchers cannot keep out."""
+_MOST_WAITING = 20_000
+"""Messages that may wait for all clients; beyond, the oldest are lost."""
 _MOST_BYTES = 1 << 20
 """Bytes of a request."""
 _GRACE = 60.0
@@ -67,7 +76,7 @@ class FoxgloveServer:
         self._session = secrets.token_hex(8)
         self._numbers = count(1)
         self._clients: set[FoxgloveClient] = set()
-        self._outbox: deque[Message] = deque()
+        self._outbox: deque[Message] = deque(maxlen=_MOST_WAITING)
         self._flushing = False
 
     def open(self, host: str, port: int, tls: SSLContext | None) -> None:
@@ -122,16 +131,22 @@ class FoxgloveServer:
                 ping_timeout=_GRACE,
                 logger=quiet,
             )
-        except OSError as error:
+        except BaseException as error:
             bound.set_exception(error)
-            return
+            if isinstance(error, OSError | OverflowError):
+                return
+            raise
         async with listening:
             bound.set_result(None)
             while True:
                 await self._shared.asked.wait()
                 self._shared.asked.clear()
-                with suppress(QuadctlError):  # logged; the next change tries again
+                try:
                     await self._refresh()
+                except QuadctlError:
+                    pass  # logged; the next change tries again
+                except Exception:
+                    self._shared.log.exception("a refresh failed")
 
     def _why_not(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the refusal of a connection, None to serve it."""
@@ -140,7 +155,8 @@ class FoxgloveServer:
             self._shared.log.warning("refused a page of %s: --origin allows it", origin)
             why = f"pages of {origin} may not connect to this bridge\n"
             return connection.respond(HTTPStatus.FORBIDDEN, why)
-        if len(self._clients) >= _MOST_CLIENTS:
+        acts = self._shared.is_right(token_of(request.path))
+        if len([each for each in self._clients if each.controls is acts]) >= _MOST_CLIENTS:
             why = f"{_MOST_CLIENTS} clients are connected already\n"
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, why)
         return None
@@ -175,7 +191,8 @@ class FoxgloveServer:
 
     def _flush(self) -> None:
         self._flushing = False
-        while self._outbox:
+        # Those that come meanwhile have their own turn, after the requests of clients.
+        for _ in range(len(self._outbox)):
             channel, data, at = self._outbox.popleft()
             for client, subscription in channel.subscribers.items():
                 client.send(message_frame(subscription, at, data))
@@ -184,10 +201,10 @@ class FoxgloveServer:
         shared = self._shared
         stale, shared.stale = shared.stale, set()
         if "graph" in stale and any(client.graph is not None for client in self._clients):
-            graph = await shared.in_pool(shared.backend.graph)
+            graph = await shared.in_pool(shared.backend.graph, reads=True)
             for client in self._clients:
                 client.show_graph(graph)
         if "parameters" in stale and any(client.watched for client in self._clients):
-            values = await shared.in_pool(shared.backend.parameters, ())
+            values = await shared.in_pool(shared.backend.parameters, (), reads=True)
             for client in self._clients:
                 client.show_parameters(values)

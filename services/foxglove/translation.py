@@ -11,20 +11,26 @@ from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
 _GOAL_HINT = 'publish {"x": 1, "y": 2, "z": 1.5}, m, or a PoseStamped or PointStamped of ROS'
+_WORLD = "world"
+"""Frame of the scene."""
 _FLOATS = (float, int)
 _BAD = (msgspec.MsgspecError, TypeError, ValueError, OverflowError, RecursionError)
 
 
-def goal_of(data: bytes, height: float) -> GotoRequest:
+def goal_of(data: bytes, height: float | None) -> GotoRequest:
     """Return the request to fly to a published goal, in place of the present one; raise Invalid.
 
-    The tool of the 3-D panel points at the ground: a goal of ROS of height 0 means `height` (m).
+    Tools of viewers point at the ground: a goal of ROS of height 0 means `height` (m), if that is
+    known yet.
     """
     try:
         plain = msgspec.json.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise Invalid(f"the goal is not JSON: {error}", _GOAL_HINT) from error
     place, of_ros = plain, False
+    frame = _frame_of(plain)
+    if frame not in {"", _WORLD}:
+        raise Invalid(f"the goal is in the frame {frame}", f"use {_WORLD}")
     for name in ("pose", "position", "point"):
         if isinstance(place, dict) and name in place:
             place, of_ros = place[name], True
@@ -33,7 +39,19 @@ def goal_of(data: bytes, height: float) -> GotoRequest:
     if not all(_is_finite(place.get(axis)) for axis in "xyz"):
         raise Invalid("the goal needs x, y and z, three finite numbers", _GOAL_HINT)
     x, y, z = (float(place[axis]) for axis in "xyz")
-    return GotoRequest(x, y, z or height if of_ros else z, replace=True)
+    if of_ros and not z:
+        if height is None:
+            raise Invalid(
+                "a goal on the ground, and the present height is not known yet", "try again"
+            )
+        z = height
+    return GotoRequest(x, y, z, replace=True)
+
+
+def _frame_of(plain: Any) -> Any:
+    """Return the frame that a message of ROS names, else an empty text."""
+    header = plain.get("header") if isinstance(plain, dict) else None
+    return header.get("frame_id", "") if isinstance(header, dict) else ""
 
 
 def _is_finite(number: Any) -> bool:

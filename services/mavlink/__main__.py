@@ -43,7 +43,7 @@ from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.remote import RemoteParams
-from quadctl.services.runtime.security import datagrams
+from quadctl.services.runtime.security import bridge_access
 
 NAME = "mavlink"
 _OURS = {0, mavlink.MAV_COMP_ID_AUTOPILOT1}
@@ -85,9 +85,9 @@ class MavlinkBridge:
     def open(self, node: Node) -> None:
         """Open the link; raise QuadctlError for a wrong address or key."""
         given = self._options
-        datagrams.check(given.to, signed=given.signing_key is not None)
-        key = datagrams.key_of(given.signing_key) if given.signing_key else None
-        self._link = MavlinkLink(datagrams.address_of(given.to), key, node.log)
+        bridge_access.check_peer(given.to, signed=given.signing_key is not None)
+        key = bridge_access.key_of(given.signing_key) if given.signing_key else None
+        self._link = MavlinkLink(bridge_access.address_of(given.to), key, node.log)
         self._node, self._origin = node, origin_of(given.origin)
         threading.Thread(target=self._receive, daemon=True).start()
         node.log.info("sending to %s", given.to)

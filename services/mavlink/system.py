@@ -57,8 +57,8 @@ _SHORTEST, _LONGEST = 0.02, 60.0
 """Least and greatest interval of messages, s."""
 _SAME = 1.0
 """Seconds within which the same text of safety's state and of a reply is one."""
-_TABLE_AGE = 1.0
-"""Age (s) of values that are read again: ground stations read parameters by the hundred."""
+_AGE = 1.0
+"""Seconds for which parameters need not be read again, unless they are set here."""
 _SLOW = 1 / POSE_SLOW.hz
 """Interval of the slow poses, s."""
 
@@ -80,8 +80,6 @@ class MavlinkSystem:
         self._due = dict.fromkeys(_RATES, 0.0)
         # A stop must not wait for reads: there may be hundreds, and of a node that is silent.
         self._orders, self._reads = Requests(self._failed), Requests(self._failed)
-        self._table: list[parameters.MavlinkParameter] = []
-        self._table_at = 0.0
         self._streaming: dict[int, Callable[[PlanItem], None]] = {
             mavlink.MAV_CMD_REQUEST_MESSAGE: lambda item: self._show(
                 _NUMBERS.get(number(item.params[0]), "")
@@ -240,16 +238,12 @@ class MavlinkSystem:
         self._reads.add("PARAM_REQUEST_LIST", self._send_parameters)
 
     def _send_parameters(self) -> None:
-        found = self._read_table()
+        found = self._table()
         for index, each in enumerate(found):
             self._send_parameter(each, len(found), index)
 
-    def _read_table(self, *, anew: bool = False) -> list[parameters.MavlinkParameter]:
-        now = time.monotonic()
-        if anew or not self._table or now - self._table_at > _TABLE_AGE:
-            self._table = parameters.table(self._services.parameters.read())
-            self._table_at = time.monotonic()
-        return self._table
+    def _table(self) -> list[parameters.MavlinkParameter]:
+        return parameters.table(self._services.parameters.read(_AGE))
 
     def _send_parameter(self, each: parameters.MavlinkParameter, count: int, index: int) -> None:
         name = each.name.encode()
@@ -259,8 +253,8 @@ class MavlinkSystem:
         name, index = m.param_id, m.param_index
         self._reads.add(("PARAM_READ", name, index), partial(self._read_parameter, name, index))
 
-    def _read_parameter(self, name: str, wanted: int, *, anew: bool = False) -> None:
-        found = self._read_table(anew=anew)
+    def _read_parameter(self, name: str, wanted: int) -> None:
+        found = self._table()
         for index, each in enumerate(found):
             if index == wanted or (wanted < 0 and each.name == name):
                 self._send_parameter(each, len(found), index)
@@ -270,7 +264,7 @@ class MavlinkSystem:
         self._reads.add(("PARAM_SET", *given), partial(self._set_parameter, *given))
 
     def _set_parameter(self, name: str, type_: int, value: float) -> None:
-        own = next((each.own for each in self._read_table() if each.name == name), "")
+        own = next((each.own for each in self._table() if each.name == name), "")
         if not own:
             raise Invalid(f"there is no parameter {name}")
         services = self._services.parameters
@@ -279,7 +273,8 @@ class MavlinkSystem:
         except QuadctlError as problem:
             self._show_text(f"{name}: {problem.message}")
         # The ground station compares the present value with its own.
-        self._read_parameter(name, -1, anew=True)
+        services.forget()
+        self._read_parameter(name, -1)
 
     def _take_file_request(self, m: Any, peer: Peer) -> None:
         self._send(no_file(m, peer))

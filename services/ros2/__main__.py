@@ -7,6 +7,7 @@ It holds no safety logic: a goal or a call goes the way of our own services, and
 
 import argparse
 import contextlib
+import itertools
 import os
 import sys
 import threading
@@ -77,6 +78,8 @@ _AGAIN = 1.0
 """Seconds between attempts to find the router."""
 _TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""
+_ids = itertools.count(1)
+"""Ids of nodes and endpoints, in the graph of ROS."""
 _MOST_WAITING = 64
 """Calls of ROS that may wait; beyond, they are refused."""
 
@@ -164,15 +167,18 @@ class Bridge:
         self._stamp = RosTime()
         self._zones: Zones = Zones(())
         self._shown: set[str] = set()
-        self._height = 0.0
-        self._requests: Queue[Callable[[], None]] = Queue(_MOST_WAITING)
+        self._height: float | None = None
+        # A call must not wait for reads, which may be those of a node that is silent.
+        self._calls: Queue[Callable[[], None]] = Queue(_MOST_WAITING)
+        self._reads: Queue[Callable[[], None]] = Queue(_MOST_WAITING)
         self._lock, self._fault = threading.Lock(), ""
-        self._goal: bytes | None = None
+        self._goal: list[bytes] | None = None
+        """Goal that waits behind all calls, so that a newer one may take its place."""
 
     def join(self, session: ForeignSession) -> None:
         """Declare all endpoints in the graph of ROS, and last the node."""
         vehicle = self._node.vehicle
-        self._session, self._entities = session, 1
+        self._session = session
         self._ros = graph.GraphNode(self._domain, session.zid, self._number(), vehicle, _ROS_NODE)
         for message, name, latched in (
             (PoseStamped, f"/{vehicle}/pose", False),
@@ -195,7 +201,9 @@ class Bridge:
         self._serve("reset", TRIGGER, partial(self._trigger, RESET, ResetRequest()))
         self._serve_parameters()
         session.announce(self._ros.token)
-        threading.Thread(target=self._work, daemon=True).start()
+        threading.Thread(target=self._work, args=(self._calls,), daemon=True).start()
+        threading.Thread(target=self._work, args=(self._reads,), daemon=True).start()
+        threading.Thread(target=self._read_latest, daemon=True).start()
         self._node.log.info("joined the graph of ROS, domain %d", self._domain)
 
     def on_pose(self, pose: Pose) -> None:
@@ -241,9 +249,8 @@ class Bridge:
             outlet.put(message)
 
     def _number(self) -> int:
-        """Return the next id; those of several vehicles share a session and must differ."""
-        self._entities += 1
-        return self._entities
+        """Return the next id; those of several vehicles share a session, and differ."""
+        return next(_ids)
 
     def _declare(self, kind: graph.Kind, name: str, type_: Any, qos: str) -> tuple[str, str]:
         """Announce an endpoint; return its key and its token."""
@@ -258,13 +265,22 @@ class Bridge:
         return Outlet(self._session, key, token, latched=latched)
 
     def _serve(
-        self, name: str, service: RosService[Any, Any], handler: Callable[[Any], Struct]
+        self,
+        name: str,
+        service: RosService[Any, Any],
+        handler: Callable[[Any], Struct],
+        *,
+        reads: bool = False,
     ) -> None:
         key, _ = self._declare("SS", f"/{self._node.vehicle}/{name}", service, graph.RELIABLE)
 
         def on_query(query: ForeignQuery) -> None:
             try:
-                self._requests.put_nowait(partial(self._answer, query, service, handler))
+                with self._lock:
+                    if not reads:
+                        self._goal = None
+                    queue = self._reads if reads else self._calls
+                    queue.put_nowait(partial(self._answer, query, service, handler))
             except Full:
                 query.refuse("too many calls wait: call again later")
 
@@ -285,16 +301,25 @@ class Bridge:
         except cdr.Malformed as problem:
             query.refuse(str(problem))
             return
+        except Exception as fault:
+            query.refuse(f"the bridge has a fault: {fault}")
+            raise
         query.reply(cdr.encode(response), attachment)
 
-    def _work(self) -> None:
-        """Execute calls and goals of ROS one after the other."""
-        # No zones, or no safety yet: those that it publishes from now on come by themselves.
+    def _read_latest(self) -> None:
+        """Take the state and the zones that were published before the bridge came."""
+        # No safety yet: what it publishes from now on comes by itself.
         with contextlib.suppress(QuadctlError):
             zones = self._node.latest(ZONES, _TIMEOUT)
             self._node.post(lambda: self.on_zones(zones))
+        with contextlib.suppress(QuadctlError):
+            state = self._node.latest(STATE, _TIMEOUT)
+            self._node.post(lambda: self.on_state(state))
+
+    def _work(self, requests: Queue[Callable[[], None]]) -> None:
+        """Execute calls and goals of ROS, or reads, one after the other."""
         while True:
-            request = self._requests.get()
+            request = requests.get()
             try:
                 request()
             except Exception:  # a fault in one call must not end all later ones
@@ -303,19 +328,21 @@ class Bridge:
     def _on_goal(self, payload: bytes) -> None:
         """Keep the newest goal only, on a thread of Zenoh: a flood must not queue up."""
         with self._lock:
-            waits, self._goal = self._goal is not None, payload
-        if not waits:
-            try:
-                self._requests.put_nowait(self._fly)
-            except Full:
-                self._goal = None
+            if self._goal is not None:
+                self._goal[0] = payload
+                return
+            goal = [payload]
+            with contextlib.suppress(Full):
+                self._calls.put_nowait(partial(self._fly, goal))
+                self._goal = goal
 
-    def _fly(self) -> None:
+    def _fly(self, newest: list[bytes]) -> None:
         """Request the newest goal from safety; its verdict shows in the state."""
         with self._lock:
-            payload, self._goal = self._goal, None
+            if self._goal is newest:
+                self._goal = None
         try:
-            goal = cdr.decode(PoseStamped, payload or b"")
+            goal = cdr.decode(PoseStamped, newest[0])
             reply = self._call(GOTO, translation.goal_of(goal, self._height))
         except (cdr.Malformed, QuadctlError) as problem:
             self._complain(f"ignored a goal: {problem}")
@@ -358,7 +385,7 @@ class Bridge:
             ("set_parameters", SET_PARAMETERS, store.set),
             ("set_parameters_atomically", SET_PARAMETERS_ATOMICALLY, store.set_atomically),
         ):
-            self._serve(f"{_ROS_NODE}/{name}", service, handler)
+            self._serve(f"{_ROS_NODE}/{name}", service, handler, reads=True)
 
     def _outcome(self, service: Service[Any, Any], request: Struct) -> TriggerResponse:
         """Call our service; return its success, or the reason that it gives."""

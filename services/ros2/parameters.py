@@ -47,6 +47,8 @@ _FIELDS = {
 """Fields of ParameterValue by its `type`, which is 0 for no value."""
 _SCALARS = {bool: 1, int: 2, float: 3, str: 4}
 _ARRAYS = {bool: 6, int: 7, float: 8, str: 9}
+_MOST = 200
+"""Parameters that one request may set: more than we have."""
 _MOST_INTEGER = 2**63 - 1
 
 
@@ -85,7 +87,10 @@ class ParameterStore:
         )
 
     def set(self, request: Parameters) -> Results:
-        """Set each value by itself, as ROS does."""
+        """Set each value by itself, as ROS does; refuse more of them than we have."""
+        if len(request.parameters) > _MOST:
+            refused = SetParametersResult(successful=False, reason=f"at most {_MOST} at a time")
+            return Results((refused,) * len(request.parameters))
         return Results(tuple(self._set((each,)) for each in request.parameters))
 
     def set_atomically(self, request: Parameters) -> Result:

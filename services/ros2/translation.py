@@ -108,17 +108,20 @@ def _in_body(velocity: Velocity, pose: Pose) -> Vector:
     )
 
 
-def goal_of(goal: PoseStamped, height: float) -> GotoRequest:
+def goal_of(goal: PoseStamped, height: float | None) -> GotoRequest:
     """Return the request to fly to a goal, in place of the present one; raise Malformed.
 
-    The tool of RViz points at the ground: a goal of height 0 means `height` (m).
+    The tool of RViz points at the ground: a goal of height 0 means `height` (m), if that is known
+    yet.
     """
     frame, at = goal.header.frame_id, goal.pose.position
     if frame not in {"", WORLD}:
         raise Malformed(f"its frame is {frame[:_MOST_SHOWN]}, not {WORLD}")
     if not all(map(math.isfinite, (at.x, at.y, at.z))):
         raise Malformed("it is not finite")
-    return GotoRequest(at.x, at.y, at.z or height, replace=True)
+    if not at.z and height is None:
+        raise Malformed("it is on the ground, and the present height is not known yet")
+    return GotoRequest(at.x, at.y, at.z or height or 0.0, replace=True)
 
 
 def fluid_pressure(reading: Pressure, stamp: RosTime, vehicle: str) -> FluidPressure:

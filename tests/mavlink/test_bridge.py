@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 import quadctl
-from quadctl.services.runtime.security.datagrams import key_of
+from quadctl.services.runtime.security.bridge_access import key_of
 from tests.support import missions
 from tests.support.lab import Lab, private_lab
 from tests.support.mavlink import ORIGIN, GroundStation, bridge, bridged, key_file, near

@@ -16,6 +16,8 @@ LAB_NODES = {
 _BOOLS = {"true": True, "false": False, "True": True, "False": False}
 
 
+_LONGEST = 400
+"""Characters of a number: Python refuses integers of more than 4300 digits."""
 MOST_PARTS = 50
 _ENDLESS_KEY = rf"""(?:\.[ \t]*+(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+){{{MOST_PARTS}}}"""
 
@@ -32,6 +34,8 @@ def has_endless_key(text: str) -> bool:
 
 def _number(text: str) -> int | float | None:
     """Parse a plain decimal number as TOML does; None for any other text."""
+    if len(text) > _LONGEST:
+        return None
     digits = text.removeprefix("-")
     whole, dot, rest = digits.partition(".")
     if not (digits.isascii() and whole.isdecimal() and (whole == "0" or whole[0] != "0")):

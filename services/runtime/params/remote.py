@@ -1,7 +1,9 @@
 """Parameters of a vehicle's nodes, read and set by a bridge to another network."""
 
 import contextlib
+import time
 from collections.abc import Callable, Mapping
+from math import inf
 from typing import Any
 
 from msgspec import Struct
@@ -18,15 +20,27 @@ class RemoteParams:
 
     def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
         self._call = call
+        self._last: dict[str, Any] = {}
+        self._read_at = -inf
 
-    def read(self) -> dict[str, Any]:
-        """Return the parameters of the nodes that answer, by dotted name."""
+    def read(self, age: float = 0.0) -> dict[str, Any]:
+        """Return the parameters of the nodes that answer, by dotted name.
+
+        Those read within the last `age` s are not read again: programs ask for them by the hundred.
+        """
+        if time.monotonic() - self._read_at < age:
+            return self._last
         values: dict[str, Any] = {}
         for node in _NODES:
             # A node that is down has no parameters now; the others' stay within reach.
             with contextlib.suppress(QuadctlError):
                 values |= self._call(get_params(node), GetParamsRequest([])).values
+        self._last, self._read_at = values, time.monotonic()
         return values
+
+    def forget(self) -> None:
+        """Read all anew at the next time: somebody has set one."""
+        self._read_at = -inf
 
     def get(self, name: str) -> Any:
         """Return one parameter; raise QuadctlError if its node does not answer."""
@@ -44,6 +58,7 @@ class RemoteParams:
         # The node itself refuses an unknown name, with the nearest one.
         node = nodes.pop() if nodes and nodes <= set(_NODES) else _NODES[-1]
         reply = self._call(set_params(node), SetParamsRequest(dict(changes)))
+        self.forget()
         if not reply.success:
             raise Refused(reply.reason, "see `quadctl param describe`")
         reason: str = reply.reason

@@ -1,4 +1,4 @@
-"""Addresses of datagrams that fly a vehicle, and the key that signs them."""
+"""Addresses, certificates and keys of the bridges to other networks."""
 
 import hashlib
 import socket
@@ -19,7 +19,7 @@ def address_of(text: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
-def check(text: str, *, signed: bool) -> None:
+def check_peer(text: str, *, signed: bool) -> None:
     """Raise UsageError for an unknown host, or one on the network without a signature."""
     host, port = address_of(text)
     try:
@@ -32,6 +32,21 @@ def check(text: str, *, signed: bool) -> None:
         raise UsageError(
             f"--to {text} is on the network, where anybody could fly the vehicle",
             "add --signing-key FILE, and give the ground station the same key",
+        )
+
+
+def check_listener(host: str, *, encrypted: bool) -> None:
+    """Raise UsageError for an address that is none, or one on the network without encryption."""
+    try:
+        address = ip_address(host)
+    except ValueError as error:
+        raise UsageError(
+            f"--host {host}: not an IP address", "127.0.0.1, ::1 or 0.0.0.0"
+        ) from error
+    if not address.is_loopback and not encrypted:
+        raise UsageError(
+            f"--host {host} lets other machines watch, and their traffic is not encrypted",
+            "add --cert FILE, or use a tunnel: ssh -L 8765:127.0.0.1:8765 HOST",
         )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import cos, radians, sin, sqrt
 from typing import Annotated
 
-from msgspec import Meta, Struct, convert
+from msgspec import Meta, Struct, ValidationError, convert
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 _SQUARE = _FLATTENING * (2 - _FLATTENING)
@@ -54,8 +54,13 @@ class Origin(Struct, frozen=True):
 
 def origin_of(numbers: Sequence[float]) -> Origin:
     """Return the origin of latitude, longitude and height; raise ValueError for no place on earth."""
-    names = Origin.__struct_fields__[: len(numbers)]
-    return convert(dict(zip(names, numbers, strict=True)), Origin)
+    given = dict(zip(Origin.__struct_fields__[: len(numbers)], numbers, strict=True))
+    for name, number in given.items():
+        try:
+            convert({name: number}, Origin)
+        except ValidationError as error:
+            raise ValueError(f"{name} {number:g}") from error
+    return Origin(**given)
 
 
 def _wrapped(degrees: float) -> float:

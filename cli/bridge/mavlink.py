@@ -40,7 +40,9 @@ def mavlink(
     try:
         origin_of(origin or ())
     except ValueError as error:
-        raise UsageError(f"--origin: {error}", "-89 to 89, -180 to 180 degrees, and m") from error
+        raise UsageError(
+            f"--origin: {error}", "-89 to 89 degrees, -180 to 180 degrees, -1000 to 10 000 m"
+        ) from error
     bridge_access.check_peer(to, signed=signing_key is not None)
     if signing_key:
         bridge_access.key_of(signing_key)

@@ -27,6 +27,17 @@ def test_a_goal_on_the_ground_as_the_3d_panel_points_there_keeps_the_height(plai
     assert goal(plain) == GotoRequest(1.0, 2.0, 1.5, replace=True)
 
 
+def test_a_goal_on_the_ground_needs_the_height():
+    with pytest.raises(Invalid, match="not known yet"):
+        goal_of(json.dumps({"point": POINT}).encode(), None)
+
+
+def test_a_goal_of_another_frame_is_refused():
+    with pytest.raises(Invalid, match="in the frame uav"):
+        goal({"header": {"frame_id": "uav"}, "point": POINT})
+    assert goal({"header": {"frame_id": "world"}, "point": POINT | {"z": 1}}).z == 1
+
+
 @pytest.mark.parametrize(
     "plain", [None, 3, [], {}, {"x": 1}, {"pose": 3}, POINT | {"x": True}, POINT | {"x": "1"}]
 )

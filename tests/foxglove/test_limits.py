@@ -4,6 +4,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 
 import pytest
 from msgspec import structs
@@ -42,7 +43,11 @@ def test_a_goal_does_not_overtake_a_call_before_it(port: int, run: quadctl.Run):
             hold = client.request("uav/hold", b"{}")
             publish(b'{"x": %g, "y": 0, "z": 1}' % x)
             client.answer(hold)
-            eventually(lambda x=x: run.vehicle.state().goal.x == x)
+            eventually(partial(goes_to, run, x))
+
+
+def goes_to(run: quadctl.Run, x: float) -> bool:
+    return run.vehicle.state().goal.x == x
 
 
 def test_reads_that_wait_for_a_silent_node_hold_up_no_call(lab: Lab):

@@ -411,14 +411,18 @@ def prove_start(proof: Proof) -> Iterator[Failure]:
 
 
 def prove_cage(proof: Proof) -> Iterator[Failure]:
-    """Check that `why_outside` gives a reason exactly for the points that are not inside."""
+    """Check that `why_outside` gives a reason exactly for the points that are not inside.
+
+    It is that of its users, for whom `summarized` replaces it.
+    """
     point, size = next(unknown(Position)), next(unknown(CageSize))
-    yield from proof.check(
-        {},
-        lambda: cage.why_outside(point, size),
-        lambda reason: {"a reason is given outside alone": z3.Xor(bool(reason), inside(point, size))},
-        point, size,
-    )  # fmt: skip
+    for user in (automaton, monitor):
+        yield from proof.check(
+            {},
+            partial(user.why_outside, point, size),
+            lambda reason: {"a reason is given outside alone": z3.Xor(bool(reason), inside(point, size))},
+            point, size,
+        )  # fmt: skip
 
 
 def prove_step(proof: Proof, share: int = 0, shares: int = 1) -> Iterator[Failure]:

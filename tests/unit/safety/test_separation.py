@@ -192,6 +192,7 @@ FLIGHTS, PROCESSES = 10_000, 2
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(7200)
 def test_10_000_flights_of_ten_in_a_small_box_keep_apart(proofs: Proofs):
     with ProcessPoolExecutor(PROCESSES) as pool:

@@ -196,6 +196,7 @@ EVALUATIONS, ISLANDS = 100_000, 2
 
 
 @pytest.mark.prove
+@pytest.mark.alone
 @pytest.mark.timeout(10_800)
 def test_a_search_of_100_000_flights_enters_no_zone(proofs: Proofs):
     with ProcessPoolExecutor(ISLANDS) as pool:

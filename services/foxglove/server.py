@@ -131,11 +131,9 @@ class FoxgloveServer:
                 ping_timeout=_GRACE,
                 logger=quiet,
             )
-        except BaseException as error:
+        except Exception as error:  # noqa: BLE001 - raised where the server is opened
             bound.set_exception(error)
-            if isinstance(error, OSError | OverflowError):
-                return
-            raise
+            return
         async with listening:
             bound.set_result(None)
             while True:

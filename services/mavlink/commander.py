@@ -235,7 +235,7 @@ class Commander:
 
         QGroundControl sets the mode first, and then arms.
         """
-        if self.armed and self._pose is not None:
+        if self.armed:
             self._pilot.begin(errand)
         else:
             self._prepared = errand.mode, lambda: self._pilot.begin(errand)

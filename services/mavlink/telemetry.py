@@ -40,7 +40,7 @@ _SENSORS = (
 )
 _OPEN, _NAK = 4, 129
 """Commands of MAVLink's file transfer."""
-_UNKNOWN = {"u16": 0xFFFF, "u8": 0xFF}
+_UNKNOWN = 0xFFFF
 IN_AIR = 0.1
 """Height (m) above which a vehicle flies."""
 
@@ -85,7 +85,7 @@ class View(Struct, frozen=True):
         """Return the health of the sensors; the battery is unknown."""
         healthy = _SENSORS if self.healthy else _SENSORS & ~mavlink.MAV_SYS_STATUS_PREARM_CHECK
         return mavlink.MAVLink_sys_status_message(
-            _SENSORS, _SENSORS, healthy, 0, _UNKNOWN["u16"], -1, -1, 0, 0, 0, 0, 0, 0
+            _SENSORS, _SENSORS, healthy, 0, _UNKNOWN, -1, -1, 0, 0, 0, 0, 0, 0
         )
 
     def global_position_int(self) -> Any:

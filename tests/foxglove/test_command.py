@@ -1,9 +1,8 @@
 """`bridge foxglove` with wrong options, and without its extra."""
 
 import socket
-import subprocess
-import sys
 
+from tests.support import bridges
 from tests.support.lab import Lab
 
 
@@ -35,13 +34,7 @@ def test_a_wrong_or_taken_port_is_refused_before_the_bridge_starts(lab: Lab):
 
 
 def test_without_the_extra_the_command_says_what_to_install():
-    hide = "import importlib.util as u; f = u.find_spec;"
-    hide += " u.find_spec = lambda name, *a: None if name == 'websockets' else f(name, *a);"
-    line = "import sys; sys.argv[1:] = ['bridge', 'foxglove'];"
-    line += "from quadctl.cli.main import main; sys.exit(main())"
-    found = subprocess.run(
-        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
-    )
+    found = bridges.without("websockets", "foxglove")
     assert found.returncode == 1
     assert "needs the package websockets" in found.stderr
     assert "pip install 'quadctl[foxglove]'" in found.stderr

@@ -2,9 +2,8 @@
 
 import json
 import signal
-import subprocess
-import sys
 
+from tests.support import bridges
 from tests.support.lab import Lab
 from tests.support.running import eventually
 
@@ -44,13 +43,7 @@ def test_its_address_is_printed(lab: Lab):
 
 
 def test_without_the_extra_the_command_says_what_to_install():
-    hide = "import importlib.util as u; f = u.find_spec;"
-    hide += " u.find_spec = lambda name, *a: None if name == 'pymavlink' else f(name, *a);"
-    line = "import sys; sys.argv[1:] = ['bridge', 'mavlink'];"
-    line += "from quadctl.cli.main import main; sys.exit(main())"
-    found = subprocess.run(
-        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
-    )
+    found = bridges.without("pymavlink", "mavlink")
     assert found.returncode == 1
     assert "needs the package pymavlink" in found.stderr
     assert "pip install 'quadctl[mavlink]'" in found.stderr

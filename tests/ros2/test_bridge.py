@@ -31,7 +31,7 @@ from quadctl.services.ros2.messages import (
     type_of,
 )
 from quadctl.services.runtime.bus.session import free_port
-from tests.support import missions
+from tests.support import bridges, missions
 from tests.support.lab import Lab, private_lab
 from tests.support.ros import RosClient, bridge, bridged, call, raw_client, readers, router
 
@@ -307,12 +307,7 @@ def test_up_supervises_a_bridge(network: str):
 
 
 def test_without_the_extra_the_command_says_what_to_install():
-    hide = "import sys; sys.modules['xxhash'] = None; import importlib.util as u; f = u.find_spec;"
-    hide += " u.find_spec = lambda name, *a: None if name == 'xxhash' else f(name, *a);"
-    line = "sys.argv[1:] = ['bridge', 'ros2']; from quadctl.cli.main import main; sys.exit(main())"
-    found = subprocess.run(
-        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
-    )
+    found = bridges.without("xxhash", "ros2")
     assert found.returncode == 1
     assert "needs the package xxhash" in found.stderr
     assert "pip install 'quadctl[ros2]'" in found.stderr

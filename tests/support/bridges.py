@@ -24,6 +24,17 @@ def bridge(
         process.wait(10)
 
 
+def without(package: str, bridge: str) -> subprocess.CompletedProcess[str]:
+    """Start a bridge where a package is not installed."""
+    hide = "import importlib.util as u; f = u.find_spec;"
+    hide += f" u.find_spec = lambda name, *a: None if name == '{package}' else f(name, *a);"
+    line = f"import sys; sys.modules['{package}'] = None; sys.argv[1:] = ['bridge', '{bridge}'];"
+    line += "from quadctl.cli.main import main; sys.exit(main())"
+    return subprocess.run(
+        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
+    )
+
+
 @contextmanager
 def bridged(lab: Lab, name: str, *options: str) -> Iterator[Foreground]:
     """Bridge the run of a lab from when the bridge's node is up until the end of the block."""

@@ -95,7 +95,7 @@ class FoxgloveClient:
         """Return the first true result of a condition, checked after each message."""
         with self._came:
             found = self._came.wait_for(condition, timeout)
-            assert found, self.documents[-5:]
+            assert found, [str(document)[:200] for document in self.documents[-5:]]
             return found
 
     def message(

@@ -10,12 +10,11 @@ from itertools import pairwise, product
 from math import ceil, dist
 
 from msgspec import Struct
-from msgspec.structs import astuple
 
 from quadctl.schemas.messages import Position
 from quadctl.services.runtime.errors import Refused
 from quadctl.services.safety.separation import WIDER, Piece, distance
-from quadctl.services.safety.way import HOP, flown
+from quadctl.services.safety.way import LOW, legs
 
 Point = tuple[float, float, float]
 """East, north and up, m."""
@@ -105,8 +104,8 @@ def _point_to_way(p: Point, a: Point, b: Point, space: Space) -> float:
 
 
 def _parts(a: Point, b: Point) -> list[tuple[Point, Point]]:
-    """Return the straight parts of a flight, which near the floor has a hop."""
-    return [(astuple(p), astuple(q)) for p, q in flown((Position(*a), Position(*b)))]
+    """Return the straight parts of a flight: from near the floor it climbs, see `_Plan._ways`."""
+    return [(start, end) for start, end, _ in legs((Position(*a), Position(*b)))]
 
 
 class _Plan:
@@ -151,7 +150,7 @@ class _Plan:
         """Yield the ways past the places of the others: straight, and by each height."""
         start = self._at[name]
         # A flight from the floor is straight only if it is a climb.
-        if (start[2] >= HOP or start[:2] == end[:2]) and self._is_free(name, start, end):
+        if (start[2] >= LOW or start[:2] == end[:2]) and self._is_free(name, start, end):
             yield start, end
         for z in self._heights():
             points = (start, (*start[:2], z), (*end[:2], z), end)

@@ -40,9 +40,10 @@ from quadctl.services.safety.model import (
 )
 from quadctl.services.safety.separation import why_near
 from quadctl.services.safety.way import (
-    HOP,
+    LOW,
     is_there,
     motion,
+    rise,
     too_near,
     way_to,
     why_barred,
@@ -80,7 +81,7 @@ def turn(s: Situation, e: Event, w: World) -> Situation:
     if not is_there(s, w):
         return follow(s, e, w)
     goal, *corners = s.corners
-    s = replace(s, origin=s.goal, reach=None, commanded=w.pose.stamp)
+    s = replace(s, origin=s.goal, reach=rise(s.goal, goal), commanded=w.pose.stamp)
     return replace(s, goal=goal, corners=tuple(corners), leg=s.leg + 1)
 
 
@@ -116,7 +117,7 @@ def _why_zoned(s: Situation, e: Event, w: World) -> str:
     outside = (why_outside(corner, w.cage) for corner in way.points[:-1])
     why = next(filter(None, outside), "") or why_barred(way, w.region)
     if why and way.reach and not way.begun:
-        if way.origin.z < HOP:
+        if way.origin.z < LOW:
             return f"{why}: from the floor a way bends; rise first"
         return f"{why}: in flight a way bends, from rest it may be free; hold first"
     searched = isinstance(e, Check) and e.searched

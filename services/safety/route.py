@@ -14,6 +14,7 @@ from msgspec.structs import astuple
 
 from quadctl.schemas.messages import CageSize, Position
 from quadctl.schemas.zones import Edge, edges_of
+from quadctl.services.safety.way import LOW
 from quadctl.services.safety.zones import Column, Point, Region, side, touched
 
 CLEARANCE = 0.05
@@ -98,8 +99,7 @@ class _Search:
         heights.update(z for zone in self._region.inclusions for z in (zone.high, zone.low))
         bounds = sorted(
             (hypot(across, abs(start[2] - z) + abs(goal[2] - z)), z)
-            for z in heights
-            if 0 <= z <= self._cage.z
+            for z in {max(z, LOW) for z in heights if 0 <= z <= self._cage.z}
         )
         for least, z in bounds:
             if least < best[0]:
@@ -112,7 +112,10 @@ class _Search:
         """Return length (m) and points of the shortest way past the corners at one height: A*."""
         over = [(start[0], start[1], z), (goal[0], goal[1], z)]
         nodes = [goal, *over, *((x, y, z) for x, y in corners)]
-        waiting: list[tuple[float, float, tuple[Point, ...]]] = [(0.0, 0.0, (start,))]
+        # From near the floor a leg bends, unless it is a climb.
+        begin = (start, over[0]) if start[2] < LOW else (start,)
+        length = dist(start, begin[-1])
+        waiting: list[tuple[float, float, tuple[Point, ...]]] = [(0.0, length, begin)]
         done: set[Point] = set()
         while waiting:
             _, length, way = heappop(waiting)

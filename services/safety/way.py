@@ -1,8 +1,8 @@
 """Ways among zones: where a flight leads, from its start to its goal, and which zone bars it.
 
-A way from rest is a straight line, leg by leg. A goal that comes in flight bends the way: it is
-somewhere in the box around the vehicle, its stopping point and the goal, because each axis moves
-between these.
+A way from rest is a straight line, leg by leg, unless a leg begins near the floor. A goal that comes
+in flight bends the way: it is somewhere in the box around the vehicle, its stopping point and the
+goal, because each axis moves between these.
 """
 
 from collections.abc import Iterable, Iterator
@@ -27,6 +27,8 @@ HIDDEN = 0.3
 """Seconds for which a vehicle's lags hide from its poses that it begins to move."""
 HOP = 0.1
 """Height (m) to which a vehicle rises first on its way along the floor, and from which it lands."""
+LOW = HOP + _NEAR
+"""Height (m) below which a vehicle rises first, from rest: it may be that far below its place."""
 
 
 class Way(NamedTuple):
@@ -70,12 +72,9 @@ def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World
     place = w.pose.position
     if rests(s, w):
         origin, points = place if s.brake else s.goal, (*corners, goal)
-        # From the floor it rises first, and turns before it has stopped there.
-        floor = origin.z < HOP
-        over = replace(origin, z=HOP)
-        return Way(origin, around(origin, over, points[0]) if floor else None, points)
+        return Way(origin, rise(origin, points[0]), points)
     low, high = stops_in(s, w, motion(s))
-    reach = around(Position(*low), Position(*high), goal)
+    reach = bend(Position(*low), Position(*high), goal)
     comes_to_rest = not s.brake and (s.back is State.HOVERING or s.takeoff)
     curve = Way(place, reach, (goal,))
     barred = s.cage_on and w.region.why_overlaps(reach)
@@ -88,11 +87,11 @@ def space_of(way: Way, s: Situation, w: World) -> Space:
     """Return the space that a way needs."""
     place = w.pose.position
     if way.begun:
-        return (*_begun(s, place, way.points[0]), *_lines(way.points))
+        return (*_begun(s, place, way.points[0]), *legs(way.points))
     if way.reach:
-        return (_box(way.reach, place), *_lines(way.points))
+        return (_box(way.reach, place), *legs(way.points))
     # A vehicle at rest may be some way off its goal, from which it starts.
-    return _lines((place, way.origin, *way.points))
+    return (*_straight(place, way.origin), *legs((way.origin, *way.points)))
 
 
 def too_near(
@@ -109,16 +108,16 @@ def reserved(s: Situation, w: World) -> Space:
     """Return the space that a vehicle reserves: its place, and its way until that has been flown."""
     place = w.pose.position
     if rests(s, w):
-        return _lines((place, place if s.brake else s.goal))
+        return tuple(_straight(place, place if s.brake else s.goal))
     if s.brake and s.paused is None:
         return (Piece(*stops_in(s, w, motion(s)), is_box=True),)
     goal = s.paused.goal if s.paused else s.goal
-    return (*_begun(s, place, goal), *_lines((goal, *s.corners)))
+    return (*_begun(s, place, goal), *legs((goal, *s.corners)))
 
 
 def space_after(s: Situation, goal: Position, corners: tuple[Position, ...], w: World) -> Space:
     """Return the space of a way that begins where the present motion ends."""
-    return _lines((_end_of(s, w), *corners, goal))
+    return tuple(legs((_end_of(s, w), *corners, goal)))
 
 
 def _end_of(s: Situation, w: World) -> Position:
@@ -137,7 +136,7 @@ def off_course(s: Situation, pose: Pose) -> float:
 
 def _begun(s: Situation, place: Position, goal: Position) -> Space:
     """Return the rest of the present motion, from the vehicle's place: a curve, or straight."""
-    return (_box(s.reach, place),) if s.reach else _lines((place, goal))
+    return (_box(s.reach, place),) if s.reach else tuple(_straight(place, goal))
 
 
 def _box(box: Box, place: Position) -> Piece:
@@ -145,8 +144,22 @@ def _box(box: Box, place: Position) -> Piece:
     return Piece(low, high, is_box=True)
 
 
-def _lines(points: Iterable[Position]) -> Space:
-    return tuple(Piece(astuple(a), astuple(b)) for a, b in flown(points))
+def legs(points: Iterable[Position]) -> Iterator[Piece]:
+    """Yield the space of a way that begins at rest, leg by leg."""
+    for a, b in pairwise(points):
+        if box := rise(a, b):
+            yield Piece(*box, is_box=True)
+        else:
+            yield from _straight(a, b)
+
+
+def _straight(a: Position, b: Position) -> Iterator[Piece]:
+    """Yield a straight line; to a place near the floor also the one to above it, and the landing."""
+    yield Piece(astuple(a), astuple(b))
+    if b.z < HOP:
+        over = replace(b, z=HOP)
+        yield Piece(astuple(a), astuple(over))
+        yield Piece(astuple(over), astuple(b))
 
 
 def why_barred(way: Way, region: Region) -> str:
@@ -177,16 +190,28 @@ def why_stopped(s: Situation, w: World) -> str:
 
 
 def _why_crossed(points: Iterable[Position], region: Region) -> str:
-    return next(filter(None, (region.why_crosses(a, b) for a, b in flown(points))), "")
+    for a, b, is_box in legs(points):
+        why = (
+            region.why_overlaps((a, b))
+            if is_box
+            else region.why_crosses(Position(*a), Position(*b))
+        )
+        if why:
+            return why
+    return ""
 
 
-def flown(points: Iterable[Position]) -> Iterator[tuple[Position, Position]]:
-    """Yield the straight parts of a way between points (m), with those of a hop near the floor."""
-    for a, b in pairwise(points):
-        yield a, b
-        if min(a.z, b.z) < HOP:
-            over_a, over_b = (replace(p, z=max(p.z, HOP)) for p in (a, b))
-            yield from ((a, over_a), (over_a, over_b), (over_b, b))
+def rise(start: Position, end: Position) -> Box | None:
+    """Return the box (m) of a leg from rest near the floor; None for any other one, which is straight.
+
+    The vehicle rises first, and turns before it has stopped above its start.
+    """
+    return bend(start, end) if start.z < LOW else None
+
+
+def bend(*points: Position) -> Box:
+    """Return the box (m) of a bent way between points, with its hops near the floor."""
+    return around(*points, *(replace(p, z=max(p.z, HOP)) for p in points))
 
 
 def motion(s: Situation) -> Box:

@@ -10,7 +10,7 @@ from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.services.safety.model import State
 from quadctl.services.safety.traffic import Traffic
-from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods
+from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods, random_height
 
 SIZE, HEIGHT = 1.5, 2.5
 ACROSS, TALL = 0.6, 0.9
@@ -94,9 +94,8 @@ def apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 
 
 def _somewhere(draws: random.Random) -> Position:
-    return Position(
-        draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE), draws.uniform(0.0, HEIGHT)
-    )
+    x, y = draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE)
+    return Position(x, y, random_height(draws, HEIGHT))
 
 
 def random_starts(draws: random.Random, count: int) -> list[Position]:

@@ -1,6 +1,7 @@
 """The real vehicle model in step with the real monitor, without a bus."""
 
 import math
+import random
 from collections.abc import Callable
 from functools import cache
 
@@ -73,6 +74,11 @@ class MonitoredVehicle:
     def advance(self) -> None:
         """Fly on until the next look."""
         self.vehicle.advance(_LOOK_MS)
+
+
+def random_height(draws: random.Random, most: float) -> float:
+    """Return a height (m); many are near the floor, where ways bend."""
+    return draws.uniform(0.0, 0.2 if draws.random() < 0.3 else most)
 
 
 def periods(seconds: float) -> range:

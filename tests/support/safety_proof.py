@@ -229,10 +229,11 @@ def abstracted() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for owner in (automaton, way):
             patch.setattr(owner, "motion", lambda s: box_around(s.origin, s.goal))
-        patch.setattr(way, "around", box_around)
+        for name in ("around", "bend"):
+            patch.setattr(way, name, box_around)
         patch.setattr(way, "stops_in", any_stops)
         # The words of a refusal alone depend on it there.
-        patch.setattr(automaton, "HOP", -inf)
+        patch.setattr(automaton, "LOW", -inf)
         for owner in (automaton, monitor):
             patch.setattr(owner, "too_near", found_by("near"))
         patch.setattr(way, "conflicts", found_by("bent"))

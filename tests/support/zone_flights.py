@@ -9,9 +9,9 @@ from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.safety.zones import Region
-from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods
+from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods, random_height
 
-SIZE = 6.0
+SIZE, HEIGHT = 6.0, 4.0
 
 
 class ZoneFlight(MonitoredVehicle):
@@ -21,7 +21,7 @@ class ZoneFlight(MonitoredVehicle):
 
     def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
         self.params = SafetyParams(
-            virtual_cage=CageParams(SIZE, SIZE, 4.0), zones=list(zones), takeoff=0.0
+            virtual_cage=CageParams(SIZE, SIZE, HEIGHT), zones=list(zones), takeoff=0.0
         )
         super().__init__(self.params, start or Position(0.0, 0.0, 1.0))
         self.deepest, self.verdicts = 0.0, {True: 0, False: 0}
@@ -117,9 +117,8 @@ def drawn_flight(draws: random.Random, make: type[ZoneFlight] = ZoneFlight) -> Z
     region = Region(zones)
 
     def somewhere() -> Position:
-        return Position(
-            draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE), draws.uniform(0.2, 4)
-        )
+        x, y = draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE)
+        return Position(x, y, random_height(draws, HEIGHT))
 
     start = next(p for p in iter(somewhere, None) if not region.why_inside(p))
     flight = make(*zones, start=start)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position
+from quadctl.services.safety.model import State
 from quadctl.services.safety.separation import How, Neighbour, Piece, conflicts, distance, why_near
 from tests.support.fleet_flights import FleetFlight, worst
 from tests.support.proofs import Proofs
@@ -95,6 +96,17 @@ def test_a_goal_past_another_vehicle_is_refused_with_its_name():
     assert fleet.goto(0, Position(1, 0, 1)) == "separation: uav1 is too near the way"
     assert fleet.goto(0, Position(0, 1.4, 1)) == ""
     assert fleet.land().nearest > 1
+
+
+def test_a_way_that_begins_near_the_floor_bends():
+    flight = FleetFlight(Position(0.63, -0.05, 0.73), Position(0.06, 0.38, 1.6))
+    assert flight.goto(0, Position(0.46, 0.96, 0.08)) == ""
+    while flight.members[0].monitor.situation.state is not State.HOVERING:
+        flight.period()
+    past = Position(-0.32, -1.21, 1.52)
+    assert flight.goto(0, past) == "separation: uav1 is too near the way"
+    assert flight.land().goto(0, past) == "separation: uav1 is too near the way"
+    assert flight.nearest >= 1
 
 
 def test_a_way_is_reserved_until_it_has_been_flown():
@@ -183,7 +195,7 @@ def test_a_reset_onto_the_way_of_another_stops_that_one():
 
 
 def test_random_flights_in_a_small_box_keep_apart():
-    nearest, verdicts, seed = worst(range(8))
+    nearest, verdicts, seed = worst(range(12))
     assert nearest >= 1, f"seed {seed}: {nearest}"
     assert min(verdicts.values()) > 5
 

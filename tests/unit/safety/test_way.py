@@ -52,6 +52,29 @@ def test_a_low_zone_is_flown_over_where_that_is_shorter():
     assert flight.land().deepest == 0.0
 
 
+def test_a_way_around_from_the_floor_begins_with_a_climb():
+    flight = ZoneFlight(ROUND, start=Position(0.0, 0.0, 0.0))
+    bent = "the way crosses the zone round: from the floor a way bends; rise first"
+    assert flight.goto(BEHIND, direct=True) == bent
+    assert flight.goto(BEHIND) == ""
+    climb = legs_of(flight)[0]
+    assert (climb.x, climb.y) == (0.0, 0.0)
+    assert flight.land().deepest == 0.0
+    assert flight.place.x == pytest.approx(3.0, abs=0.01)
+
+
+@pytest.mark.parametrize("periods", range(10))
+def test_a_leg_that_begins_near_the_floor_bends(periods: int):
+    beside = ZoneParams("beside", circle=CircleParams(0.35, 0.6, 0.2), floor=0.9)
+    flight = ZoneFlight(beside, start=Position(0.63, -0.05, 0.73))
+    assert flight.goto(Position(0.46, 0.96, 0.08)) == ""
+    while flight.monitor.situation.state is not State.HOVERING:
+        flight.fly(0.05)
+    flight.fly(0.05 * periods)
+    assert flight.goto(Position(-0.32, -1.21, 1.52)) == ""
+    assert flight.land().deepest == 0.0
+
+
 def test_a_direct_way_is_refused_and_changes_nothing():
     flight = ZoneFlight(TOWER)
     before = flight.monitor.setpoint()

@@ -45,7 +45,7 @@ from quadctl.services.safety.model import (
 from quadctl.services.safety.route import way_around
 from quadctl.services.safety.separation import Neighbour, conflicts, why_near
 from quadctl.services.safety.traffic import Held, Post, Traffic
-from quadctl.services.safety.way import reserved, rests, space_after, too_near, way_to, why_barred
+from quadctl.services.safety.way import reserved, space_after, too_near, way_to, why_barred
 from quadctl.services.safety.zones import Region
 
 PATIENCE = 1.0
@@ -272,8 +272,7 @@ class Monitor:
         if not (s.cage_on and world.region) or why_outside(goal, world.cage):
             return Check()
         way = way_to(s, goal, (), world)
-        is_curve = not (way.begun or rests(s, world))
-        if is_curve or world.region.why_inside(goal) or not why_barred(way, world.region):
+        if way.turns or world.region.why_inside(goal) or not why_barred(way, world.region):
             return Check()
         start = way.points[0] if way.begun else way.origin
         return Check(way_around(world.region, world.cage, start, goal), searched=True)
@@ -348,7 +347,7 @@ class Monitor:
         self._traffic.moved(self.name)
         start = self.pose.position
         if self._params.takeoff > 0 and not stays and start.z < ON_THE_GROUND:
-            self.goto(replace(start, z=start.z + self._params.takeoff), takeoff=True)
+            self.goto(replace(start, z=start.z + self._params.takeoff), takeoff=True, direct=True)
 
     def _greeting(self, *, first: bool) -> str:
         if not first:

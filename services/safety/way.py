@@ -35,13 +35,14 @@ class Way(NamedTuple):
     """Points (m) that a vehicle flies to, one by one, each from rest.
 
     It begins straight from `origin`, or with a curve in the box `reach`. With `begun`, the vehicle
-    flies to the first point already.
+    flies to the first point already; if it `turns`, it flies somewhere else.
     """
 
     origin: Position
     reach: Box | None
     points: tuple[Position, ...]
     begun: bool = False
+    turns: bool = False
 
 
 def rests(s: Situation, w: World) -> bool:
@@ -76,7 +77,7 @@ def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World
     low, high = stops_in(s, w, motion(s))
     reach = bend(Position(*low), Position(*high), goal)
     comes_to_rest = not s.brake and (s.back is State.HOVERING or s.takeoff)
-    curve = Way(place, reach, (goal,))
+    curve = Way(place, reach, (goal,), turns=True)
     barred = s.cage_on and w.region.why_overlaps(reach)
     if comes_to_rest and (barred or conflicts(astuple(place), space_of(curve, s, w), w.others)):
         return Way(s.origin, s.reach, (s.goal, *corners, goal), begun=True)

@@ -64,7 +64,8 @@ def allowed(ours: SeparationParams, theirs: SeparationParams) -> tuple[float, fl
 def conflicts(place: Point, space: Space, others: Iterable[Neighbour]) -> list[Neighbour]:
     """Return the vehicles that a way from a place (m) comes too near, in their order.
 
-    A vehicle that is too near already may leave: its way must not bring it nearer.
+    A vehicle that is too near already may leave: its way must not bring it nearer. One inside a space
+    in which another moves may not: the other may be anywhere in it.
     """
     here = (Piece(place, place),)
     return [other for other in others if _comes_near(here, space, other)]
@@ -78,6 +79,8 @@ def _comes_near(here: Space, space: Space, other: Neighbour) -> bool:
     if distance(here, other.space, *wide) >= 1:
         return True
     least = min(distance(here, other.space, across, tall), 1.0)
+    if least < _ROUNDING:
+        return other.how is not How.IS
     return distance(space, other.space, across, tall) < least - _ROUNDING
 
 

@@ -132,6 +132,18 @@ def test_a_goal_waits_until_its_way_is_free():
     assert fleet.members[1].monitor.state().reason == ""
 
 
+def test_a_vehicle_inside_the_space_of_one_that_stops_waits_until_it_rests():
+    fleet = flight((0.95, -0.09, 2.23), (-0.03, 1.35, 1.14))
+    assert fleet.goto(0, Position(-1.4, 1.42, 0.75)) == ""
+    fleet.fly(0.3)
+    assert fleet.goto(1, Position(-0.43, 0.16, 0.51), wait=True).startswith("waits")
+    fleet.fly(0.3)
+    fleet.members[0].monitor.hold()
+    assert fleet.goto(1, Position(-0.43, 0.16, 0.51)) == "separation: uav0 flies too near the way"
+    assert fleet.goto(1, Position(-0.43, 0.16, 0.51), wait=True).startswith("waits")
+    assert fleet.land().nearest >= 1
+
+
 def test_two_that_would_wait_for_each_other_are_told_so():
     fleet = flight((-1, 0, 1), (1, 0, 1))
     # Each stands on the other's goal: the first is refused, as nobody is about to leave.

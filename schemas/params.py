@@ -144,6 +144,16 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
             "a flight too fast to stop in the cage at this rate is stopped", "m/s^2", gt=0, le=1000
         ),
     ] = 10.0
+    reaction: Annotated[
+        float,
+        described(
+            "time until a vehicle brakes, counted in its way to a stop: of an autopilot that is"
+            " not ours",
+            "s",
+            ge=0,
+            le=5,
+        ),
+    ] = 0.0
     margin: Annotated[
         float,
         described("tolerance of max_speed and max_deceleration; more in wind", "m", ge=0, le=10),

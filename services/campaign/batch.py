@@ -18,7 +18,8 @@ from quadctl.services.campaign.mission import Mission, faults_of
 from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
-from quadctl.services.dynamics.simulation import GoalLatch, still_in_force
+from quadctl.services.dynamics.simulation import still_in_force
+from quadctl.services.runtime.goal_latch import GoalLatch
 from quadctl.services.safety.model import State
 from quadctl.services.safety.separation import allowed
 from quadctl.services.safety.traffic import Traffic
@@ -167,7 +168,7 @@ class Batch:
         self._notes[:, number] = (
             lane.wanted, lane.seen, s.state is State.MOVING, s.settling, lane.due,
             self._notes[MOVED, number], lane.returning, 0,
-            params.acceptance_range + SLACK, params.max_deceleration,
+            params.acceptance_range + SLACK, params.max_deceleration, params.reaction,
             params.max_speed / SETPOINT.hz,
             s.beyond if s.cage_on else inf, params.margin - SLACK,
             goal.x, goal.y, goal.z, size.x, size.y, size.z,

@@ -428,9 +428,9 @@ class Departure:
     def is_due(self, pose: Pose, size: Point) -> bool:
         """Return whether the vehicle can no longer stop within the limit and the margin."""
         x, y, z, vx, vy, vz = _motion(pose)
-        k = 0.5 / self._params.max_deceleration
-        place = x + k * vx * abs(vx), y + k * vy * abs(vy), z + k * vz * abs(vz)
-        return watch.outside(*place, *size) > self.allowed + self._params.margin + ROUNDING
+        k, t = 0.5 / self._params.max_deceleration, self._params.reaction
+        x, y, z = (p + t * v + k * v * abs(v) for p, v in ((x, vx), (y, vy), (z, vz)))
+        return watch.outside(x, y, z, *size) > self.allowed + self._params.margin + ROUNDING
 
     def confine(self, last: Pose, pose: Pose, size: Point) -> None:
         """Set the limit when the cage changes, from safety's last two poses."""

@@ -24,7 +24,7 @@ PATIENT = PATIENCE * SETPOINT.hz
 
 ROWS = (
     "WANTED", "SEEN", "MOVING", "SETTLING", "DUE", "MOVED", "RETURNING", "NEAREST",
-    "REACH", "BRAKING", "FASTEST", "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE", "SIZE_Y",
+    "REACH", "BRAKING", "REACTS", "FASTEST", "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE", "SIZE_Y",
     "SIZE_Z",
 )  # fmt: skip
 """Notes on each monitor, one in a row.
@@ -32,12 +32,12 @@ ROWS = (
 Periods: in which it is wanted, in which it saw the last pose, in which its present standstill is at
 fault, of the last pose in motion, and of the missed pose on a way back from outside that is nearest to
 the cage. Flags: moving, settling. The time (s) from which it follows such a way; its acceptance range
-(m), deceleration (m/s^2) and way in a period (m); how far outside (m) it may stop, and the margin
+(m), deceleration (m/s^2), reaction (s) and way in a period (m); how far outside (m) it may stop, and the margin
 (m); the goal and the cage's bounds, m.
 """
 (
-    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, RETURNING, NEAREST, REACH, BRAKING, FASTEST, BEYOND,
-    MARGIN, GOAL, GOAL_Y, GOAL_Z, SIZE, SIZE_Y, SIZE_Z,
+    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, RETURNING, NEAREST, REACH, BRAKING, REACTS, FASTEST,
+    BEYOND, MARGIN, GOAL, GOAL_Y, GOAL_Z, SIZE, SIZE_Y, SIZE_Z,
 ) = range(len(ROWS))  # fmt: skip
 
 
@@ -94,9 +94,9 @@ def awaits(notes: Floats, n: int, motion: Floats, last: Floats, period: int) -> 
             return True
     if speed < AT_REST + SLACK and (notes[SETTLING, n] > 0.0 or speed > AT_REST - SLACK):
         return True
-    k = 0.5 / notes[BRAKING, n]
+    k, t = 0.5 / notes[BRAKING, n], notes[REACTS, n]
     stop = outside(
-        x + k * vx * abs(vx), y + k * vy * abs(vy), z + k * vz * abs(vz),
+        x + t * vx + k * vx * abs(vx), y + t * vy + k * vy * abs(vy), z + t * vz + k * vz * abs(vz),
         notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n],
     )  # fmt: skip
     if stop > notes[BEYOND, n] + notes[MARGIN, n]:

@@ -78,16 +78,20 @@ def at_rest(pose: Pose) -> bool:
     return dist(astuple(pose.velocity), (0, 0, 0)) < AT_REST
 
 
-def soonest_stop(pose: Pose, deceleration: float) -> Position:
-    """Return the stopping point (m) if each axis brakes at this deceleration (m/s^2) now."""
+def soonest_stop(pose: Pose, deceleration: float, reaction: float = 0.0) -> Position:
+    """Return the stopping point (m) if each axis brakes at this deceleration (m/s^2) after a time, s."""
     p, v = pose.position, pose.velocity
     k = 0.5 / deceleration
-    return Position(p.x + k * v.x * abs(v.x), p.y + k * v.y * abs(v.y), p.z + k * v.z * abs(v.z))
+    return Position(
+        p.x + reaction * v.x + k * v.x * abs(v.x),
+        p.y + reaction * v.y + k * v.y * abs(v.y),
+        p.z + reaction * v.z + k * v.z * abs(v.z),
+    )
 
 
 def stopping_excess(w: World) -> float:
     """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
-    return _excess(w, soonest_stop(w.pose, w.envelope.deceleration))
+    return _excess(w, soonest_stop(w.pose, w.envelope.deceleration, w.envelope.reaction))
 
 
 def _excess(w: World, place: Position) -> float:

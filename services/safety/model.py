@@ -94,11 +94,15 @@ Event = Goto | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | To
 
 
 class Envelope(Struct, frozen=True):
-    """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable."""
+    """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable.
+
+    It flies on for the time `reaction` (s) before it brakes.
+    """
 
     speed: float
     deceleration: float
     margin: float
+    reaction: float = 0.0
 
 
 class World(Struct, frozen=True):

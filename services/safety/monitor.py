@@ -372,7 +372,9 @@ class Monitor:
         params = self._params
         if params.zones is not self._zones:
             self._zones, self._region = params.zones, Region(params.zones)
-        envelope = Envelope(params.max_speed, params.max_deceleration, params.margin)
+        envelope = Envelope(
+            params.max_speed, params.max_deceleration, params.margin, params.reaction
+        )
         reach = params.acceptance_range
         return World(
             self.pose, self._last, self.fresh, self._cage(), reach, envelope,

@@ -125,7 +125,9 @@ BROKEN: dict[str, Breaks] = {
     ),
     "straying is always false": condition("straying", lambda _s, _e, _w: False),
     "half the stopping distance": function(
-        cage, "soonest_stop", lambda pose, limit, of=cage.soonest_stop: of(pose, 2 * limit)
+        cage,
+        "soonest_stop",
+        lambda pose, limit, *more, of=cage.soonest_stop: of(pose, 2 * limit, *more),
     ),
     "no ratchet on the way back": action("follow", automaton.keep),
     "toggling forgets beyond": action("toggle", toggle_only),

@@ -10,8 +10,9 @@ from msgspec import structs
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import DynamicsParams, FlightFaultParams, Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT
-from quadctl.services.dynamics.simulation import FaultyPose, GoalLatch, Simulation
+from quadctl.services.dynamics.simulation import FaultyPose, Simulation
 from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.runtime.goal_latch import GoalLatch
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.testing import FakeNode, FakePublisher
 

@@ -194,6 +194,11 @@ def test_the_stopping_distance_is_v_squared_over_2_a(x: float, vx: float, decele
     assert soonest_stop(replace(pose, velocity=STILL), deceleration) == along(x)
 
 
+def test_a_declared_reaction_is_a_part_of_the_way_to_a_stop():
+    pose = replace(POSE, position=along(1.0), velocity=going(2.0))
+    assert soonest_stop(pose, 4.0, 0.25).x == 1.0 + 0.5 + 0.5
+
+
 def test_a_flight_inside_the_cage_is_not_disturbed():
     rig = Rig().moving()
     published = len(rig.published)

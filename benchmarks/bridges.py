@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator
+from itertools import cycle
 
 import msgspec
 import zenoh
@@ -17,12 +18,14 @@ from quadctl.schemas.messages import Pose
 from quadctl.services.ros2 import cdr
 from quadctl.services.ros2.messages import PoseStamped
 from quadctl.services.runtime.bus.session import free_port
+from tests.support.autopilot import rig
 from tests.support.foxglove import FoxgloveClient, serves
 from tests.support.mavlink import GroundStation
 from tests.support.ros import router
 
 _WITHIN, _SETTLED = 20.0, 5.0
 Place = tuple[float, float, float]
+PLACES = cycle(((2.0, 0.0, 1.0), (0.0, 2.0, 2.0)))
 
 
 class Arrivals:
@@ -97,6 +100,18 @@ def measure_mavlink(results: Results, effort: Effort) -> None:
             results.notes["mavlink_processor"] = found
             results.add("mavlink_processor", "ours", [found[f"pid {bridge.pid}"]])
             results.add("mavlink_memory", "ours", [proc.pss(bridge.pid)])
+
+
+def measure_autopilot(results: Results, effort: Effort) -> None:
+    """Measure the adapter of an autopilot in flight: our own vehicle, behind its bridge."""
+    with rig() as made:
+        made.give()
+        pid, vehicle = made.pid("dynamics"), made.ours.vehicle
+        began, before = time.perf_counter(), proc.busy(pid)
+        while (seconds := time.perf_counter() - began) < effort.seconds:
+            vehicle.goto(*next(PLACES), settle=True)
+        results.add("autopilot_processor", "ours", [100 * (proc.busy(pid) - before) / seconds])
+        results.add("autopilot_memory", "ours", [proc.pss(pid)])
 
 
 Arrived = tuple[float, Place]

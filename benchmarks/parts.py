@@ -61,6 +61,7 @@ PARTS = (
         bridges.measure_foxglove,
     ),
     Part("bridges", ("mavlink_processor", "mavlink_memory"), bridges.measure_mavlink),
+    Part("bridges", ("autopilot_processor", "autopilot_memory"), bridges.measure_autopilot),
     Part("lab", ("grade_30",), lab.measure_class),
     Part("lab", ("import",), lab.measure_import),
 )  # fmt: skip

@@ -145,6 +145,9 @@ ROWS = (
     Row("bridges", "mavlink_processor",
         "`bridge mavlink` of a vehicle in flight, with a ground station, of one core", "%", (AtMost(5),)),
     Row("bridges", "mavlink_memory", "memory of `bridge mavlink` (PSS)", "MB", (AtMost(50),)),
+    Row("bridges", "autopilot_processor",
+        "`autopilot` of a vehicle in flight, poses at 50 Hz, of one core", "%", (AtMost(5),)),
+    Row("bridges", "autopilot_memory", "memory of `autopilot` (PSS)", "MB", (AtMost(50),)),
     Row("lab", "grade_30", "`lab grade` of 30 hand-ins that hold in every row", "s", (AtMost(120),)),
     Row("lab", "import", "`import quadctl`, beyond bare Python", "ms", (AtMost(5),)),
 )  # fmt: skip

@@ -38,6 +38,7 @@ COMMANDS = {
     "fleet goto": "quadctl.cli.fleet.goto:goto",
     "fleet hold": "quadctl.cli.fleet.land:hold",
     "fleet land-all": "quadctl.cli.fleet.land:land_all",
+    "autopilot": "quadctl.cli.autopilot.autopilot:autopilot",
     "bridge foxglove": "quadctl.cli.bridge.foxglove:foxglove",
     "bridge mavlink": "quadctl.cli.bridge.mavlink:mavlink",
     "bridge ros2": "quadctl.cli.bridge.ros2:ros2",

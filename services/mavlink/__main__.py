@@ -85,9 +85,10 @@ class MavlinkBridge:
     def open(self, node: Node) -> None:
         """Open the link; raise QuadctlError for a wrong address or key."""
         given = self._options
-        bridge_access.check_peer(given.to, signed=given.signing_key is not None)
+        address = bridge_access.address_of(given.to)
+        bridge_access.check_peer(address, f"--to {given.to}", signed=given.signing_key is not None)
         key = bridge_access.key_of(given.signing_key) if given.signing_key else None
-        self._link = MavlinkLink(bridge_access.address_of(given.to), key, node.log)
+        self._link = MavlinkLink(address, key, node.log)
         self._node, self._origin = node, origin_of(given.origin)
         threading.Thread(target=self._receive, daemon=True).start()
         node.log.info("sending to %s", given.to)

@@ -4,15 +4,16 @@ All methods but `see`, `view` and the properties may call services, and block.
 """
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from msgspec import convert, to_builtins
+from msgspec import Struct, convert, to_builtins
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
-from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest, GotoResponse
 from quadctl.schemas.zones import ZoneParams
 from quadctl.services.mavlink.pilot import Errand, Pilot
@@ -27,12 +28,23 @@ from quadctl.services.mavlink.plan import (
     takeoff_of,
     zones_of,
 )
-from quadctl.services.mavlink.telemetry import HOLD, IN_AIR, LAND, MISSION, RETURN, TAKEOFF, View
+from quadctl.services.mavlink.telemetry import (
+    HOLD,
+    IN_AIR,
+    LAND,
+    MISSION,
+    OFFBOARD,
+    RETURN,
+    TAKEOFF,
+    View,
+)
 from quadctl.services.mavlink.transfers import PlanKind
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, Unreachable
 from quadctl.services.runtime.params.remote import RemoteParams
 
 Send = Callable[[Any], None]
+_TARGET_AGE = 1.0
+"""Seconds after the last target of a program at which the vehicle leaves its mode, like a PX4."""
 _NO_MISSION: int = mavlink.MISSION_STATE_NO_MISSION
 _ACTIVE: int = mavlink.MISSION_STATE_ACTIVE
 _PAUSED: int = mavlink.MISSION_STATE_PAUSED
@@ -65,6 +77,18 @@ class Unsupported(Exception):
     """Command, or part of one, that the vehicle does not have."""
 
 
+class Target(Struct, frozen=True):
+    """Place (m) that a program sends the vehicle to, None to stop, and when it did, monotonic s."""
+
+    place: Position | None
+    at: float
+
+    @property
+    def is_fresh(self) -> bool:
+        """Return whether the program still sends targets."""
+        return time.monotonic() - self.at < _TARGET_AGE
+
+
 class Commander:
     """Vehicle that is flown by commands. `send` sends messages, `show` a text to all ground stations.
 
@@ -83,11 +107,14 @@ class Commander:
         self._pose: Pose | None = None
         self._start = (0.0, 0.0)
         self._told = (0, "")
-        self._plan = threading.RLock()
+        self._plan, self._turn = threading.RLock(), threading.Lock()
         self._mission: list[PlanItem] = []
         self._next, self._is_complete = 0, False
         self._pilot = Pilot(services.goto, services.hold, self._on_reached, self._on_end)
         self._prepared: tuple[int, Callable[[], None]] | None = None
+        self._target: Target | None = None
+        self._follows: Target | None = None
+        """Target that is flown to, in the mode OFFBOARD only."""
         self.armed = False
         self._commands: dict[int, Callable[[PlanItem], object]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
@@ -118,7 +145,8 @@ class Commander:
             self._told = told
         elif self._pose is None or message.boot != self._pose.boot:
             self._start = message.position.x, message.position.y
-            self.armed, self._prepared = False, None
+            with self._turn:
+                self.armed, self._prepared, self._follows = False, None, None
             self._pilot.drop()
         self._pilot.see(message)
         if isinstance(message, Pose):
@@ -150,6 +178,7 @@ class Commander:
             RETURN: self._return,
             MISSION: self._fly_mission,
             TAKEOFF: lambda: self._take_off(PlanItem(0, mavlink.MAV_CMD_NAV_TAKEOFF, (0.0,) * 4)),
+            OFFBOARD: self._begin_offboard,
         }
         if (mode := main << 16 | sub << 24) not in modes:
             raise Unsupported
@@ -174,6 +203,8 @@ class Commander:
         """Return the mode, in PX4's numbers."""
         if errand := self._pilot.errand:
             return errand.mode
+        if self._follows:
+            return OFFBOARD
         return self._prepared[0] if self._prepared else HOLD
 
     @property
@@ -186,14 +217,58 @@ class Commander:
     def _flies(self) -> bool:
         return self._known_pose.position.z > IN_AIR
 
+    # Targets of a program
+
+    def aim(self, place: Position | None) -> None:
+        """Keep a place (m) to fly to, None to stop; in the mode OFFBOARD `follow` flies there."""
+        self._target = Target(place, time.monotonic())
+
+    @property
+    def is_due_to_follow(self) -> bool:
+        """Return whether there is another target than the one that is flown to, or none any more."""
+        follows, target = self._follows, self._target
+        if follows is None or target is None:
+            return False
+        return target.place != follows.place or not target.is_fresh
+
+    def follow(self) -> None:
+        """Fly to the newest target; leave the mode if the program sends none any more."""
+        before, target = self._follows, self._target
+        if before is None or target is None:
+            return
+        if not target.is_fresh:
+            self._hold()
+            raise Refused(f"offboard has ended: no setpoint for {_TARGET_AGE:g} s")
+        with self._turn:
+            # A new boot, or another mode, may have ended it meanwhile.
+            if self._follows is not before:
+                return
+            self._follows = target
+        if target.place is None:
+            self._services.hold()
+            return
+        reply = self._services.goto(
+            GotoRequest(target.place.x, target.place.y, target.place.z, replace=True)
+        )
+        if not reply.accepted:
+            raise Refused(reply.reason)
+
+    def _begin_offboard(self) -> None:
+        if not self.armed:
+            raise Refused("not armed: arm first")
+        if self._target is None or not self._target.is_fresh:
+            raise Refused("no setpoints: a program has to send some before the mode is changed")
+        self._hold()
+        self._follows = Target(None, self._target.at)
+
     # Arming and modes
 
     def _arm(self, item: PlanItem) -> None:
         on = number(item.params[0], most=1) == 1
         if not on and self._flies:
             raise Refused("not disarmed: the vehicle flies; land first")
-        if not on and self._pilot.errand:
-            self._pilot.stop()
+        if not on and (self._pilot.errand or self._follows):
+            self._hold()
         prepared, self._prepared = self._prepared, None
         if on and not self.armed and prepared:
             self.armed = True
@@ -237,11 +312,12 @@ class Commander:
         """
         if self.armed:
             self._pilot.begin(errand)
+            self._follows = None
         else:
             self._prepared = errand.mode, lambda: self._pilot.begin(errand)
 
     def _hold(self) -> None:
-        self._prepared = None
+        self._prepared = self._follows = None
         self._pilot.stop()
 
     def _land_here(self, item: PlanItem) -> None:
@@ -317,6 +393,7 @@ class Commander:
             self._check_item(self._next)
             steps = steps_of(self._mission, self._origin, self._flyer())
             self._pilot.begin(Errand(MISSION, steps, self._next))
+            self._follows = None
             self._is_complete = False
 
     def _check_item(self, wanted: int) -> None:

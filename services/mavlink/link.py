@@ -1,4 +1,4 @@
-"""Link: datagrams of MAVLink to and from ground stations, signed if there is a key."""
+"""Link: datagrams of MAVLink to and from one address, signed if there is a key."""
 
 import hashlib
 import hmac
@@ -12,41 +12,60 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from quadctl.services.runtime.security.bridge_access import PeerAddress
+
 Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 _MOST_BYTES = 65_536
 _SINCE = 1_420_070_400
 """1 January 2015 as Unix time (s), from which signatures count time, in units of 10 us."""
 _TICK = 0.02
+_FORGOTTEN = 2.0
+"""Seconds of silence after which an awaited peer may come from another address."""
 
 
 class MavlinkLink:
-    """Socket that sends to one address, and takes the answers from there."""
+    """Socket that sends to one address, and takes the answers from there.
 
-    def __init__(self, to: tuple[str, int], key: bytes | None, log: Log) -> None:
-        """Open the socket; raise OSError for an unknown host."""
+    If the peer is awaited, its address is that of the first valid packet.
+    """
+
+    def __init__(self, peer: PeerAddress, key: bytes | None, log: Log) -> None:
+        """Open the socket; raise OSError for an unknown host, or a port that is taken."""
         self._log = log
-        family, kind, proto, _, address = socket.getaddrinfo(*to, type=socket.SOCK_DGRAM)[0]
+        family, kind, proto, _, address = socket.getaddrinfo(
+            peer.host, peer.port, type=socket.SOCK_DGRAM
+        )[0]
         self._socket = socket.socket(family, kind, proto)
-        # No packet of another program or machine is taken.
-        self._socket.connect(address)
+        self._seen, self._is_awaited = 0.0, peer.is_awaited
+        self._peer = None if peer.is_awaited else address
+        if peer.is_awaited:
+            self._socket.bind(address)
+        else:
+            # The system then drops what another program or machine sends.
+            self._socket.connect(address)
         self._key, self._lock = key, threading.Lock()
-        self._codecs: dict[int, Any] = {}
-        self._parser = self._codec(0)
+        self._codecs: dict[tuple[int, int], Any] = {}
+        self._parser = self._codec(0, 0)
 
-    def _codec(self, system: int) -> Any:
-        codec = _Codec(None, system, mavlink.MAV_COMP_ID_AUTOPILOT1)
+    def _codec(self, system: int, component: int) -> Any:
+        codec = _Codec(None, system, component)
         if self._key is not None:
             codec.signing.secret_key = self._key
             codec.signing.timestamp = _now()
             codec.signing.sign_outgoing = True
         return codec
 
-    def sender(self, system: int) -> Callable[[Any], None]:
-        """Return a function that sends messages of a system; from any thread."""
-        codec = self._codecs.setdefault(system, self._codec(system))
+    def sender(
+        self, system: int, component: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+    ) -> Callable[[Any], None]:
+        """Return a function that sends messages of a system's component; from any thread."""
+        name = system, component
+        codec = self._codecs.setdefault(name, self._codec(*name))
 
         def send(message: Any) -> None:
             with self._lock:
+                if self._peer is None:
+                    return
                 if self._key is not None:
                     # A ground station refuses time that is a minute behind its own.
                     signing, seen = codec.signing, self._parser.signing.timestamp
@@ -58,7 +77,10 @@ class MavlinkLink:
                     return
                 codec.seq = (codec.seq + 1) % 256
                 try:
-                    self._socket.send(data)
+                    if self._is_awaited:
+                        self._socket.sendto(data, self._peer)
+                    else:
+                        self._socket.send(data)
                 except OSError:
                     # Nobody listens there now: a ground station may come later.
                     return
@@ -76,18 +98,28 @@ class MavlinkLink:
                 continue
             self._socket.settimeout(left)
             try:
-                data = self._socket.recv(_MOST_BYTES)
+                data, address = self._socket.recvfrom(_MOST_BYTES)
             except TimeoutError:
                 continue
             except OSError:  # nobody listens there now
+                continue
+            if not self._is_from_peer(address):
                 continue
             if self._key is not None:
                 # A packet that is older than a minute is a repeated one.
                 signing = self._parser.signing
                 signing.timestamp = max(signing.timestamp, _now())
             for message in self._parser.parse_datagram(data):
-                if message.get_type() != "BAD_DATA":
+                # A message of an unknown number is returned without any check.
+                if not message.get_type().startswith(("BAD_DATA", "UNKNOWN_")):
+                    if self._is_awaited:
+                        self._peer, self._seen = address, time.monotonic()
                     handle(message)
+
+    def _is_from_peer(self, address: Any) -> bool:
+        if not self._is_awaited or self._peer in {None, address}:
+            return True
+        return time.monotonic() - self._seen > _FORGOTTEN
 
 
 class _Codec(mavlink.MAVLink):  # type: ignore[misc]

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
-from quadctl.schemas.messages import Pose, SafetyState
+from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.topics import POSE_SLOW
 from quadctl.services.mavlink import parameters
 from quadctl.services.mavlink.commander import (
@@ -27,7 +27,7 @@ from quadctl.services.mavlink.commander import (
     number,
 )
 from quadctl.services.mavlink.plan import NOWHERE, PlanItem
-from quadctl.services.mavlink.telemetry import View, no_file, texts
+from quadctl.services.mavlink.telemetry import NO_PLACE, NO_VELOCITY, View, no_file, texts
 from quadctl.services.mavlink.transfers import Peer, Transfer, Transfers
 from quadctl.services.runtime.errors import Invalid, NotAllowed, QuadctlError, Refused
 
@@ -51,7 +51,7 @@ _RATES = {
 """Messages a second; a ground station changes them by MAV_CMD_SET_MESSAGE_INTERVAL."""
 _NUMBERS = {
     getattr(mavlink, f"MAVLINK_MSG_ID_{name.upper()}"): name
-    for name in (*_RATES, "autopilot_version")
+    for name in (*_RATES, "autopilot_version", "gps_global_origin")
 }
 _SHORTEST, _LONGEST = 0.02, 60.0
 """Least and greatest interval of messages, s."""
@@ -113,6 +113,8 @@ class MavlinkSystem:
             for name in due:
                 self._due[name] = max(self._due[name] + self._intervals[name], now)
                 self._send(getattr(view, name)())
+        if self._commander.is_due_to_follow:
+            self._orders.add("OFFBOARD", self._commander.follow)
         if self._transfers.uploading:
             self._reads.add("again", lambda: self._reply(self._transfers.tick(now)))
 
@@ -177,6 +179,15 @@ class MavlinkSystem:
 
     def _take_set_current(self, m: Any, _peer: Peer) -> None:
         self._orders.add(("SET_CURRENT", m.seq), partial(self._commander.fly_from, m.seq))
+
+    def _take_target(self, m: Any, _peer: Peer) -> None:
+        if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+            return
+        if not m.type_mask & NO_PLACE:
+            if all(map(isfinite, (m.x, m.y, m.z))):
+                self._commander.aim(Position(m.y, m.x, -m.z))
+        elif not (m.type_mask & NO_VELOCITY or m.vx or m.vy or m.vz):
+            self._commander.aim(None)
 
     def _command(self, peer: Peer, item: PlanItem) -> None:
         """Execute a command; one that is repeated meanwhile is executed once."""
@@ -283,6 +294,7 @@ class MavlinkSystem:
         "COMMAND_LONG": _take_command_long,
         "COMMAND_INT": _take_command_int,
         "SET_MODE": _take_set_mode,
+        "SET_POSITION_TARGET_LOCAL_NED": _take_target,
         "MISSION_SET_CURRENT": _take_set_current,
         "PARAM_REQUEST_LIST": _take_list,
         "PARAM_REQUEST_READ": _take_read,

@@ -4,7 +4,7 @@ Our world is ENU with bodies FLU; MAVLink has NED with bodies FRD.
 """
 
 import struct
-from math import asin, atan2, degrees, hypot, sqrt
+from math import asin, atan2, cos, degrees, hypot, sin, sqrt
 from typing import Any
 
 from msgspec import Struct
@@ -15,6 +15,19 @@ from quadctl.schemas.messages import Pose, Quaternion
 
 HOLD, MISSION, RETURN, LAND, TAKEOFF = (4 << 16 | sub << 24 for sub in (3, 4, 5, 6, 2))
 """Modes of PX4 in its `custom_mode`: all are sub-modes of AUTO."""
+OFFBOARD = 6 << 16
+"""Mode of PX4 in which it flies to the setpoints of a program."""
+NO_PLACE = (
+    mavlink.POSITION_TARGET_TYPEMASK_X_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Y_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Z_IGNORE
+)
+NO_VELOCITY = (
+    mavlink.POSITION_TARGET_TYPEMASK_VX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VZ_IGNORE
+)
+"""Bits of a setpoint that has no place, or no velocity."""
 _ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 _MODE = (
     mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -161,6 +174,12 @@ class View(Struct, frozen=True):
             latitude, longitude, altitude, y, x, 0.0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
         )
 
+    def gps_global_origin(self) -> Any:
+        """Return the place on the earth of the world's origin."""
+        latitude, longitude = self.origin.to_earth(0.0, 0.0)
+        altitude = round(self.origin.altitude * 1000)
+        return mavlink.MAVLink_gps_global_origin_message(latitude, longitude, altitude)
+
     def mission_current(self) -> Any:
         """Return the progress of the mission."""
         return mavlink.MAVLink_mission_current_message(*self.mission)
@@ -205,6 +224,14 @@ def _angles(q: Quaternion) -> tuple[float, float, float]:
     pitch = asin(min(max(2 * (q.w * q.y - q.z * q.x), -1.0), 1.0))
     yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
     return roll, pitch, yaw
+
+
+def turned(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return the rotation of roll, pitch and yaw, rad."""
+    (a, b), (c, d), (e, f) = ((cos(x / 2), sin(x / 2)) for x in (roll, pitch, yaw))
+    return Quaternion(
+        a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e
+    )
 
 
 def _short(number: float) -> int:

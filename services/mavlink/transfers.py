@@ -34,7 +34,7 @@ class PlanStore(Protocol):
         """Take a plan in the place of the present one."""
 
 
-class PlanUpload(Struct):
+class IncomingPlan(Struct):
     """Upload under way. `asked` is when the next item was requested (s), for the `attempts`-th time."""
 
     kind: PlanKind
@@ -67,8 +67,8 @@ class Transfers:
 
     def __init__(self, store: PlanStore) -> None:
         self._store = store
-        self._upload: PlanUpload | None = None
-        self._ended: tuple[PlanUpload, Transfer] | None = None
+        self._upload: IncomingPlan | None = None
+        self._ended: tuple[IncomingPlan, Transfer] | None = None
         self._listed: dict[PlanKind, Sequence[PlanItem]] = {}
 
     @property
@@ -110,7 +110,7 @@ class Transfers:
         items = self._listed.get(kind, [])
         if not 0 <= message.seq < len(items):
             return Transfer([_ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)])
-        return Transfer([_sent(peer, kind, message.seq, items[message.seq])])
+        return Transfer([item_message(peer, kind, message.seq, items[message.seq])])
 
     def tick(self, now: float) -> Transfer:
         """Return a request that has to be sent again, or the end of an upload that nobody continues."""
@@ -142,7 +142,7 @@ class Transfers:
             return self._save(peer, kind, [])
         if kind == PlanKind.RALLY:
             return _refused(peer, kind, Invalid("the vehicle has no rally points"))
-        self._upload = PlanUpload(kind, peer, count, [], now)
+        self._upload = IncomingPlan(kind, peer, count, [], now)
         return Transfer([self._upload.wanted()])
 
     def _on_item(self, peer: Peer, kind: PlanKind, m: Any, now: float) -> Transfer:
@@ -186,7 +186,8 @@ def _refused(peer: Peer, kind: PlanKind, problem: QuadctlError) -> Transfer:
     return Transfer([_ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)], problem.message)
 
 
-def _sent(peer: Peer, kind: PlanKind, number: int, item: PlanItem) -> Any:
+def item_message(peer: Peer, kind: PlanKind, number: int, item: PlanItem) -> Any:
+    """Return the message of an item of a plan, with its number."""
     return mavlink.MAVLink_mission_item_int_message(
         *peer, number, item.frame, item.command, 0, 1, *item.params, item.x, item.y, item.z, kind
     )

@@ -1,7 +1,8 @@
-"""`bridge mavlink` with wrong options, and without its extra."""
+"""`bridge mavlink` and `autopilot` with wrong options, and without their extra."""
 
 import json
 import signal
+import sys
 
 from tests.support import bridges
 from tests.support.lab import Lab
@@ -47,3 +48,28 @@ def test_without_the_extra_the_command_says_what_to_install():
     assert found.returncode == 1
     assert "needs the package pymavlink" in found.stderr
     assert "pip install 'quadctl[mavlink]'" in found.stderr
+
+
+def test_wrong_options_of_an_autopilot_are_refused(lab: Lab):
+    origin = "--origin 47 8 400"
+    for words, code, what in (
+        ("", 2, "--origin is missing"),
+        ("fly", 2, "autopilot fly: no such word"),
+        ("--origin 91 0 0", 2, "--origin: latitude 91"),
+        (f"--connect tcp:127.0.0.1:1 {origin}", 2, "--connect tcp:127.0.0.1:1: not an address"),
+        (f"--connect udpin:0.0.0.0:14540 {origin}", 2, "--connect udpin:0.0.0.0:14540 is on the"),
+        (f"--signing-key none.key {origin}", 6, "--signing-key none.key: No such file"),
+        ("calibrate --distance 0", 6, "--distance 0: not a distance"),
+        ("calibrate", 3, "nothing is running in the realm"),
+    ):
+        done = lab.quadctl("autopilot", *words.split())
+        assert (done.code, done.out) == (code, ""), done
+        assert done.err.startswith(f"error: {what}"), done.err
+
+
+def test_an_autopilot_flies_in_real_time_alone(lab: Lab):
+    command = f"{sys.executable} -m quadctl autopilot --origin 47 8 400"
+    file = lab.file(f"[processes]\ndynamics = {json.dumps(command)}\n[dynamics]\nspeed = 0\n")
+    done = lab.quadctl("up", "-d", file)
+    assert done.code != 0
+    assert "an autopilot flies in real time" in lab.taken_logs()["dynamics.log"]

@@ -4,34 +4,52 @@ import hashlib
 import socket
 from ipaddress import ip_address
 from pathlib import Path
+from typing import NamedTuple
 
 from quadctl.services.runtime.errors import Invalid, UsageError
 
 _KEY_BYTES = 32
 
 
-def address_of(text: str) -> tuple[str, int]:
-    """Return host and port of e.g. udpout:127.0.0.1:14550; raise UsageError for anything else."""
+class PeerAddress(NamedTuple):
+    """Address that datagrams are sent to, or one of ours at which the peer `is_awaited`."""
+
+    host: str
+    port: int
+    is_awaited: bool = False
+
+
+def address_of(text: str) -> PeerAddress:
+    """Return the address of e.g. udpout:127.0.0.1:14550; raise UsageError for anything else."""
+    return _address(f"--to {text}", text, {"udpout"}, "udpout:127.0.0.1:14550")
+
+
+def autopilot_address_of(text: str) -> PeerAddress:
+    """Return the address of e.g. udpin:127.0.0.1:14540; raise UsageError for anything else."""
+    return _address(f"--connect {text}", text, {"udpin", "udpout"}, "udpin:127.0.0.1:14540")
+
+
+def _address(option: str, text: str, kinds: set[str], example: str) -> PeerAddress:
     kind, _, rest = text.partition(":")
     host, _, port = rest.rpartition(":")
-    if kind != "udpout" or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
-        raise UsageError(f"--to {text}: not an address", "e.g. udpout:127.0.0.1:14550")
-    return host.strip("[]"), int(port)
+    if kind not in kinds or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise UsageError(f"{option}: not an address", f"e.g. {example}")
+    return PeerAddress(host.strip("[]"), int(port), is_awaited=kind == "udpin")
 
 
-def check_peer(text: str, *, signed: bool) -> None:
-    """Raise UsageError for an unknown host, or one on the network without a signature."""
-    host, port = address_of(text)
+def check_peer(address: PeerAddress, text: str, *, signed: bool) -> None:
+    """Raise UsageError for an unknown host, or one on the network without a signature.
+
+    `text` is the option with its value.
+    """
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][4][0]
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0][4][0]
     except OSError as error:
-        raise UsageError(
-            f"--to {text}: {error.strerror}", "an IP address or a known host"
-        ) from error
+        raise UsageError(f"{text}: {error.strerror}", "an IP address or a known host") from error
     if not signed and not ip_address(str(found).partition("%")[0]).is_loopback:
         raise UsageError(
-            f"--to {text} is on the network, where anybody could fly the vehicle",
-            "add --signing-key FILE, and give the ground station the same key",
+            f"{text} is on the network, where anybody could fly the vehicle",
+            "add --signing-key FILE, and give the other side the same key",
         )
 
 

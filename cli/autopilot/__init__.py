@@ -1,0 +1,1 @@
+"""`autopilot`: an autopilot that is not ours, in the place of the simulated vehicle."""

@@ -1,0 +1,238 @@
+"""`autopilot calibrate`: flights to and fro, and the parameters that they show."""
+
+import math
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, Self
+
+from msgspec import Struct
+from msgspec.structs import astuple
+
+from quadctl.cli import context, output
+from quadctl.cli.context import Options
+from quadctl.schemas.messages import Pose, Position
+from quadctl.schemas.services import GotoRequest
+from quadctl.schemas.topics import POSE
+from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.errors import Invalid, Refused, TimedOut
+from quadctl.vehicle import Flight, Vehicle, restless, slowed, speed
+
+_LEAST, _MOST = 0.5, 100.0
+"""Bounds of the flights' length, m."""
+_ROOM = 1.5
+"""Factor of a declared value over the measured one."""
+_LEAST_MARGIN = 0.05
+"""Least margin that is declared, m."""
+_FAST, _HOVERS = 0.8, 0.3
+"""Share of the top speed at which a flight is stopped, and speed (m/s) of a vehicle that hovers."""
+_REACTION = 0.5
+"""Seconds that safety counts on from a command to stop until the vehicle brakes."""
+_WAIT = 30.0
+"""Seconds of one flight."""
+
+
+Approach = tuple[float, float]
+"""Speed (m/s) on the way to a goal, and the distance that is left, m."""
+
+
+class Measured(Struct):
+    """Flights of a calibration: m, s, m/s and Hz.
+
+    `reaction` is from the command to stop until the speed falls, `stop` the distance from the command
+    to the farthest place, `overshoot` how far a goal is passed, and `stray` how far a straight way is left.
+    """
+
+    rate: float = 0.0
+    gap: float = 0.0
+    speed: float = 0.0
+    reaction: float = 0.0
+    stop: float = 0.0
+    overshoot: float = 0.0
+    stray: float = 0.0
+    approach: float = 0.0
+    """Deceleration (m/s^2) that a flight to a goal needs to stop there, at most."""
+
+    def declared(self, approaches: Sequence[Approach]) -> dict[str, float]:
+        """Return the parameters that declare it, with room.
+
+        The margin is wide enough that none of the flights to a goal would have been stopped, had the
+        goal been on a wall.
+        """
+        braking, reaction = _rounded(_ROOM * self.approach), _rounded(self.reaction)
+        passed = max(v * reaction + v * v / (2 * braking) - left for v, left in approaches)
+        return {
+            "safety.max_speed": _rounded(_ROOM * self.speed),
+            "safety.max_deceleration": braking,
+            "safety.reaction": reaction,
+            "safety.margin": _rounded(
+                max(_ROOM * max(self.overshoot, self.stray, passed), _LEAST_MARGIN)
+            ),
+            "safety.pose_timeout": _rounded(max(2 * _ROOM * self.gap, 0.2)),
+            "dynamics.control.max_speed": _rounded(self.speed),
+        }
+
+    @property
+    def beyond(self) -> float:
+        """Return how far (m) the vehicle may fly from where it was commanded to stop."""
+        return _ROOM * self.stop
+
+
+def calibrate(options: Options, distance: float) -> None:
+    """Fly to and fro along each axis, and print what was measured and the parameters for it."""
+    if not _LEAST <= distance <= _MOST:
+        raise Invalid(f"--distance {distance:g}: not a distance", f"from {_LEAST:g} to {_MOST:g} m")
+    with context.connect(options) as client:
+        measured, approaches = _fly(client, distance, quiet=options.json)
+    declared = measured.declared(approaches)
+    if options.json:
+        output.document({"measured": measured, "stops_within": measured.beyond, "params": declared})
+        return
+    for line in (
+        f"poses          {measured.rate:.1f} Hz, longest gap {measured.gap:.3f} s",
+        f"top speed      {measured.speed:.2f} m/s",
+        f"reaction       {measured.reaction:.2f} s from a stop's command to the braking",
+        f"stop           {measured.stop:.2f} m from the command to rest",
+        f"overshoot      {measured.overshoot:.3f} m past a goal, {measured.stray:.3f} m off its way",
+        f"stops within   {measured.beyond:.2f} m, with room",
+        *(f"quadctl param set {name} {value:g}" for name, value in declared.items()),
+    ):
+        output.line(line)
+    if measured.reaction > _REACTION:
+        output.note(
+            f"warning: safety counts on a reaction within {_REACTION:g} s; this vehicle needs longer"
+        )
+
+
+def _fly(client: Client, distance: float, *, quiet: bool) -> tuple[Measured, list[Approach]]:
+    vehicle, measured, approaches = Vehicle(client), Measured(), list[Approach]()
+    home = _rest(client)
+    for axis, way in (("x", distance), ("y", distance), ("z", distance)):
+        there = _beside(home, axis, way)
+        for start, end in ((home, there), (there, home)):
+            if not quiet:
+                output.note(f"flying {distance:g} m along {axis}")
+            approaches += _measure_flight(measured, start, end, _flown(client, end))
+        if axis != "z":
+            _measure_stop(measured, client, there)
+            _rest(client)
+            vehicle.goto(*astuple(home))
+            _rest(client)
+    return measured, approaches
+
+
+def _beside(place: Position, axis: str, way: float) -> Position:
+    x, y, z = astuple(place)
+    return Position(x + way * (axis == "x"), y + way * (axis == "y"), z + way * (axis == "z"))
+
+
+def _rest(client: Client) -> Position:
+    """Wait until the vehicle hovers; return its place. Outdoors none is ever quite still."""
+    pose = slowed(client, _HOVERS, _WAIT, 1.0)
+    if pose is None:
+        raise restless(_WAIT)
+    return pose.position
+
+
+class FlownPoses:
+    """Poses as they come, in a thread of their own, with the times (monotonic s) of their arrival."""
+
+    def __init__(self, client: Client) -> None:
+        self.poses: list[Pose] = []
+        self.times: list[float] = []
+        self._client, self._poses = client, client.subscribe(POSE)
+        self._thread = threading.Thread(target=self._read)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._poses.close()
+        self._thread.join()
+
+    def _read(self) -> None:
+        while (pose := self._poses.next(self._client.timeout)) is not None:
+            self.poses.append(pose)
+            self.times.append(time.monotonic())
+
+
+def _flown(client: Client, goal: Position) -> FlownPoses:
+    """Fly to a goal; return the track until the vehicle rests."""
+    with FlownPoses(client) as track:
+        _begun(client, goal).wait(_WAIT)
+        _rest(client)
+    return track
+
+
+def _begun(client: Client, goal: Position) -> Flight:
+    flight = Flight(client, GotoRequest(*astuple(goal)))
+    if not flight.accepted:
+        raise flight.refusal()
+    return flight
+
+
+def _measure_flight(
+    m: Measured, start: Position, end: Position, track: FlownPoses
+) -> list[Approach]:
+    poses, gaps = track.poses, [b - a for a, b in pairwise(track.times)]
+    if not gaps:
+        raise Refused("no poses came during a flight")
+    m.rate, m.gap = len(gaps) / max(sum(gaps), 1e-9), max(m.gap, *gaps)
+    m.speed = max(m.speed, *map(speed, poses))
+    way = [b - a for a, b in zip(astuple(start), astuple(end), strict=True)]
+    length = math.hypot(*way)
+    along = [each / length for each in way]
+    places = [
+        [p - a for p, a in zip(astuple(pose.position), astuple(start), strict=True)]
+        for pose in poses
+    ]
+    done = [sum(p * u for p, u in zip(place, along, strict=True)) for place in places]
+    m.overshoot = max(m.overshoot, *(each - length for each in done))
+    m.stray = max(
+        m.stray,
+        *(
+            math.dist(place, [each * u for u in along])
+            for place, each in zip(places, done, strict=True)
+        ),
+    )
+    room = max(_ROOM * max(m.overshoot, m.stray), _LEAST_MARGIN)
+    approaches = [(speed(pose), length - each) for pose, each in zip(poses, done, strict=True)]
+    m.approach = max(
+        m.approach, *(v * v / (2 * (left + room)) for v, left in approaches if left > 0)
+    )
+    return approaches
+
+
+def _measure_stop(m: Measured, client: Client, goal: Position) -> None:
+    """Stop a flight near its top speed, and measure how."""
+    poses = client.subscribe(POSE)
+    try:
+        _begun(client, goal)
+        before = next(pose for pose in _each(client, poses) if speed(pose) > _FAST * m.speed)
+        Vehicle(client).hold()
+        fastest, farthest = before, 0.0
+        for pose in _each(client, poses):
+            farthest = max(farthest, math.dist(astuple(pose.position), astuple(before.position)))
+            fastest = max(fastest, pose, key=speed)
+            if speed(pose) < _HOVERS:
+                break
+        m.reaction = max(m.reaction, fastest.stamp - before.stamp)
+        m.stop = max(m.stop, farthest)
+    finally:
+        poses.close()
+
+
+def _each(client: Client, poses: Any) -> Iterator[Pose]:
+    ends = time.monotonic() + _WAIT
+    while time.monotonic() < ends:
+        pose = poses.next(client.timeout)
+        if pose is None:
+            raise client.silent(POSE.key(client.vehicle), poses.problem)
+        yield pose
+    raise TimedOut(f"the flight does not end within {_WAIT:g} s", "is the pilot flying?")
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.2g}")

@@ -1,0 +1,86 @@
+"""Sockets of a link: who is taken for the peer."""
+
+import logging
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from quadctl.services.mavlink.link import MavlinkLink
+from quadctl.services.runtime.security.bridge_access import autopilot_address_of
+from tests.support.autopilot import free_udp_port
+from tests.support.running import eventually
+
+KEY = bytes(range(32))
+
+
+@contextmanager
+def linked(key: bytes | None = None) -> Iterator[tuple[MavlinkLink, int, list[Any]]]:
+    """A link that awaits its peer, its port, and what it takes."""
+    port, taken = free_udp_port(), list[Any]()
+    address = autopilot_address_of(f"udpin:127.0.0.1:{port}")
+    link = MavlinkLink(address, key, logging.getLogger("link"))
+    threading.Thread(target=link.receive, args=(taken.append, lambda: None), daemon=True).start()
+    yield link, port, taken
+
+
+def sender() -> socket.socket:
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.bind(("127.0.0.1", 0))
+    made.settimeout(0.2)
+    return made
+
+
+def heartbeat(key: bytes | None = None) -> bytes:
+    codec = mavlink.MAVLink(None, 1, 1)
+    if key is not None:
+        codec.signing.secret_key, codec.signing.sign_outgoing = key, True
+        codec.signing.timestamp = 1 << 46
+    return bytes(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(codec))
+
+
+def unknown() -> bytes:
+    """Return a packet of a number that the dialect has not, without a valid checksum."""
+    return struct.pack("<BBBBBBB", 0xFD, 1, 0, 0, 0, 1, 1) + (54_321).to_bytes(3, "little") + b"abc"
+
+
+def hears(by: socket.socket, say: Callable[[], None]) -> bool:
+    say()
+    try:
+        by.recv(1000)
+    except TimeoutError:
+        return False
+    return True
+
+
+def test_the_first_valid_packet_names_the_peer_and_no_other_is_heard():
+    with linked() as (link, port, taken), sender() as theirs, sender() as other:
+        send = link.sender(245, 191)
+
+        def say() -> None:
+            send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+
+        for packet in (b"", b"noise", unknown()):
+            other.sendto(packet, ("127.0.0.1", port))
+        assert not hears(other, say)
+        theirs.sendto(heartbeat(), ("127.0.0.1", port))
+        eventually(lambda: len(taken) == 1)
+        other.sendto(heartbeat(), ("127.0.0.1", port))
+        assert hears(theirs, say)
+        assert not hears(other, say)
+        assert len(taken) == 1
+
+
+def test_with_a_key_only_a_signed_packet_names_the_peer():
+    with linked(KEY) as (link, port, taken), sender() as theirs, sender() as other:
+        send = link.sender(245, 191)
+        for packet in (heartbeat(), unknown(), heartbeat(bytes(32))):
+            other.sendto(packet, ("127.0.0.1", port))
+        assert not hears(other, lambda: send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))
+        theirs.sendto(heartbeat(KEY), ("127.0.0.1", port))
+        eventually(lambda: len(taken) == 1)
+        assert hears(theirs, lambda: send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))

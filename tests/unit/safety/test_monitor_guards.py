@@ -65,6 +65,14 @@ def test_a_vehicle_that_can_no_longer_stop_inside_is_stopped():
     assert state.reason == "stopped, the path led out of the cage by 0.11 m"
 
 
+def test_a_vehicle_that_is_declared_to_react_late_is_stopped_earlier():
+    rig = Rig(reaction=0.5).moving()
+    # At 4 m/s it flies on for 2 m, and brakes for 0.8 m.
+    assert rig.at(along(2.1), going(4.0)).state == "MOVING"
+    state = rig.at(along(2.3), going(4.0))
+    assert state.reason == "stopped, the path led out of the cage by 0.1 m"
+
+
 def test_with_the_cage_off_a_vehicle_is_not_stopped():
     rig = Rig(cage_on=False).moving()
     assert rig.at(along(4.5), going(6.0)).state == "MOVING"

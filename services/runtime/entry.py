@@ -37,11 +37,6 @@ class ReopenSession(Exception):
 
 
 _HUB_WAIT = 5.0
-_FEW = 10
-"""Vehicles of a process that needs one thread for its session. Each declares some ten keys, at once
-with the others. When these fill the link's queue, the thread that declares them holds Zenoh's tables
-until there is room; a single reading and writing thread, which waits for the tables to store what
-it has read, then makes none. On a busy machine one start of 200 vehicles in eight stood still so."""
 _FORGOTTEN = 5.0
 """Seconds after the end of our session in which hubs may still list its name as taken."""
 _REST = 0.3
@@ -84,7 +79,7 @@ def _run(
             held.enter_context(FileLock(path, f"the node {name}"))
         address = session.address_of(realm, options.connect)
         _check_role(address.endpoint, name, list(fleet))
-        opening = opening or (_open_client if len(fleet) <= _FEW else _open_for_many)
+        opening = opening or _open_client
         ending, again, patience = ShutdownEvent(), True, 0.0
         while again:
             with opening(address, next(iter(fleet.values())), realm) as opened:
@@ -183,10 +178,6 @@ def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
 
 def _open_client(address: session.Address, _params: Params, _realm: Realm) -> zenoh.Session:
     return session.open_client(address, wait=_HUB_WAIT)
-
-
-def _open_for_many(address: session.Address, _params: Params, _realm: Realm) -> zenoh.Session:
-    return session.open_client(address, wait=_HUB_WAIT, threads=session.TWO_THREADS)
 
 
 def _serve_params(node: Node, params: Params, realm: Realm) -> None:

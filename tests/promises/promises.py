@@ -142,6 +142,7 @@ a zone that the straight way crosses
   - unit/safety/way: a_zone_in_the_way_is_flown_around_as_one_request
     a_direct_way_is_refused_and_changes_nothing in_flight_a_change_of_course_near_a_zone_is_refused
     a_zone_added_in_flight_holds_at_once random_flights_never_enter_a_zone
+    a_leg_that_begins_near_the_floor_bends
     10_000_random_flights_among_random_zones_enter_none a_search_of_100_000_flights_enters_no_zone
   - unit/safety/zones: a_million_decisions_about_zones_agree_with_shapely
     a_boundary_belongs_to_the_allowed_side
@@ -155,11 +156,22 @@ another vehicle on the way, or one that flies there
     a_way_is_reserved_until_it_has_been_flown a_goal_waits_until_its_way_is_free
     two_that_would_wait_for_each_other_are_told_so a_vehicle_pushed_towards_another_stops_both
     a_reset_onto_the_way_of_another_stops_that_one random_flights_in_a_small_box_keep_apart
+    a_way_that_begins_near_the_floor_bends
+    a_vehicle_inside_the_space_of_one_that_stops_waits_until_it_rests
     10_000_flights_of_ten_in_a_small_box_keep_apart
   - unit/cli/fleet/plan: without_room_the_refusal_names_who_is_in_whose_way the_real_vehicles_fly_a_plan
   - flight/separation: three_change_places_by_one_command fifty_change_places_by_one_command
     goals_too_near_each_other_move_nobody hold_drops_a_goal_that_waits
   = least distance
+an autopilot that is not ours in the place of the vehicle, over a bad radio
+  flown only while its pilot has armed it and selected the mode of programs; what is lost in flight stops
+  it, and what safety wanted before is dropped; it stays within what its calibration declares
+  - mavlink/autopilot: the_pilot_takes_over_and_gives_back a_node_that_is_lost_in_flight_stops_it
+    a_link_that_is_lost_stops_it through_a_bad_radio_it_stays_within_what_is_declared
+    100_flights_through_a_bad_radio_stay_within_what_is_declared
+  - unit/mavlink/adapter: poses_come_only_while_it_is_armed_and_follows_programs
+    it_flies_only_with_the_fence without_positions_no_place_is_sent
+  = 100 flights of an autopilot
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
   - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit

@@ -1,7 +1,5 @@
 """`autopilot`: the process in the place of dynamics, in the place of the command."""
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +8,7 @@ from quadctl.cli import output
 from quadctl.cli.autopilot import calibration
 from quadctl.cli.bridge.extras import require
 from quadctl.cli.bridge.mavlink import check_origin, plainly
+from quadctl.cli.bridge.process import run_instead
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime.errors import UsageError
@@ -64,7 +63,4 @@ def autopilot(
     command += ["--no-fence"] if no_fence else []
     command += ["--vehicle", options.named] if options.named else []
     output.note("the pilot arms, and changes the mode to OFFBOARD or GUIDED; safety then flies")
-    sys.stdout.flush()
-    if os.name == "nt":  # where execv would return at once, and leave the process in the background
-        sys.exit(subprocess.call(command))
-    os.execv(sys.executable, command)  # noqa: S606 - our own interpreter, no shell
+    run_instead(command)

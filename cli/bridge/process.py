@@ -30,8 +30,13 @@ def become(
     else:
         for remark in (*remarks, "Ctrl-C ends the bridge; the vehicle keeps flying"):
             output.note(remark)
+    run_instead(command)
+
+
+def run_instead(command: list[str]) -> NoReturn:
+    """Run a module by our own interpreter, in the place of this command."""
     sys.stdout.flush()
-    if os.name == "nt":  # where execv would return at once, and leave the bridge in the background
+    if os.name == "nt":  # where execv would return at once, and leave it in the background
         sys.exit(subprocess.call(command))
-    # One process: whoever ends the command ends the bridge.
+    # One process: whoever ends the command ends it.
     os.execv(sys.executable, command)  # noqa: S606 - our own interpreter, no shell

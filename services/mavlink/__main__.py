@@ -8,7 +8,6 @@ It holds no safety logic: a goal goes the way of our own services, and is refuse
 
 import argparse
 import sys
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -89,8 +88,8 @@ class MavlinkBridge:
         bridge_access.check_peer(address, f"--to {given.to}", signed=given.signing_key is not None)
         key = bridge_access.key_of(given.signing_key) if given.signing_key else None
         self._link = MavlinkLink(address, key, node.log)
-        self._node, self._origin = node, origin_of(given.origin)
-        threading.Thread(target=self._receive, daemon=True).start()
+        self._origin = origin_of(given.origin)
+        self._link.start(self._take, self._tick, node.post)
         node.log.info("sending to %s", given.to)
 
     def add(self, node: Node) -> MavlinkSystem:
@@ -103,14 +102,6 @@ class MavlinkBridge:
         system = MavlinkSystem(services, self._origin, send, node.log)
         self._systems[number] = services.system = system
         return system
-
-    def _receive(self) -> None:
-        try:
-            self._link.receive(self._take, self._tick)
-        except BaseException as fault:
-            # A bridge that sends nothing any more has to end, so that it is started anew.
-            self._node.post(partial(_fail, fault))
-            raise
 
     def _take(self, message: Any) -> None:
         # A message without a target is for all.
@@ -125,10 +116,6 @@ class MavlinkBridge:
         now = time.monotonic()
         for system in tuple(self._systems.values()):
             system.tick(now)
-
-
-def _fail(fault: BaseException) -> None:
-    raise fault
 
 
 class NodeServices:

@@ -92,22 +92,13 @@ class AutopilotProcess:
             raise Refused(f"{text}: {error.strerror}", "is another program there?") from error
         self.origin, self.fenced = origin_of(given.origin), not given.no_fence
         self.send = self._link.sender(*US)
-        self._node = node
-        threading.Thread(target=self._receive, daemon=True).start()
+        self._link.start(self._take, self._tick, node.post)
         node.log.info("waiting for an autopilot: %s", text)
 
     def add(self, vehicle: "AutopilotNode", *, single: bool) -> None:
         """Add a vehicle; a single one takes the first system that comes."""
         self._is_single = single
         self._vehicles.append(vehicle)
-
-    def _receive(self) -> None:
-        try:
-            self._link.receive(self._take, self._tick)
-        except BaseException as fault:
-            # An adapter that is deaf has to end, so that it is started anew.
-            self._node.post(partial(_fail, fault))
-            raise
 
     def _take(self, message: Any) -> None:
         number = message.get_srcSystem()
@@ -204,10 +195,6 @@ class AutopilotNode:
 
 def _new_name() -> str:
     return os.urandom(4).hex()
-
-
-def _fail(fault: BaseException) -> None:
-    raise fault
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -87,6 +88,26 @@ class MavlinkLink:
 
         return send
 
+    def start(
+        self,
+        handle: Callable[[Any], None],
+        tick: Callable[[], None],
+        post: Callable[[Callable[[], None]], None],
+    ) -> None:
+        """Receive on a thread of its own; raise a fault of it on the loop that runs what is posted.
+
+        A process that receives nothing any more has to end, so that it is started anew.
+        """
+
+        def run() -> None:
+            try:
+                self.receive(handle, tick)
+            except BaseException as fault:
+                post(partial(_fail, fault))
+                raise
+
+        threading.Thread(target=run, daemon=True).start()
+
     def receive(self, handle: Callable[[Any], None], tick: Callable[[], None]) -> None:
         """Call `handle` with each valid message, and `tick` fifty times a second; for ever."""
         due = time.monotonic()
@@ -142,6 +163,10 @@ class _Codec(mavlink.MAVLink):  # type: ignore[misc]
         if not hmac.compare_digest(expected, packet[-6:]):
             return False
         return bool(super().check_signature(packet, system, component))
+
+
+def _fail(fault: BaseException) -> None:
+    raise fault
 
 
 def _now() -> int:

@@ -1,6 +1,6 @@
 """Files that a run keeps for commands: run.json and parameter values. Imports nothing heavy."""
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 from msgspec import Struct
@@ -8,14 +8,36 @@ from msgspec import Struct
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.realm import LOCK, RECORD, Realm, default_name, write_atomically
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 UNSERVED = ("supervise", "processes")
 """Tables of the supervisor, which is not a node: nothing on the bus reads or sets them."""
 
 
 def tables(realm: Realm, vehicle: str) -> dict[str, Any]:
-    """Return a vehicle's tables by name; none without such a vehicle or without a run."""
-    files = sorted((realm.params / vehicle).glob("[!.]*.json"))
-    return {file.stem: msgspec.json.decode(file.read_bytes()) for file in files}
+    """Return a vehicle's tables by name; none without such a vehicle or without a run.
+
+    One file has all tables of the launch, and each table that a node changed has its own: a run
+    of many vehicles begins with few files.
+    """
+    try:
+        found: dict[str, Any] = msgspec.json.decode(launched(realm, vehicle).read_bytes())
+    except FileNotFoundError:
+        return {}
+    for file in changed(realm, vehicle).glob("[!.]*.json"):
+        found[file.stem] = msgspec.json.decode(file.read_bytes())
+    return found
+
+
+def launched(realm: Realm, vehicle: str) -> "Path":
+    """Return the file of a vehicle's tables at the launch."""
+    return realm.params / f"{vehicle}.json"
+
+
+def changed(realm: Realm, vehicle: str) -> "Path":
+    """Return the folder of the tables that a vehicle's nodes changed, one file for each node."""
+    return realm.params / vehicle
 
 
 State = Literal["starting", "ready", "restarting", "down"]

@@ -1,7 +1,6 @@
 """Parameters of a running node: get, set, and the file of its values, which only it writes."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -24,29 +23,26 @@ from quadctl.services.runtime.realm import Realm, write_atomically
 
 def save_all_values(realm: Realm, fleet: Mapping[str, Params]) -> None:
     """Write every vehicle's tables, once before any node starts; raises OSError."""
+    realm.params.mkdir(parents=True, exist_ok=True)
     for vehicle, params in fleet.items():
-        folder = realm.params / vehicle
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, table in msgspec.to_builtins(params).items():
-            _write(folder, name, table)
+        for file in run_files.changed(realm, vehicle).glob("*"):
+            file.unlink()
+        write_atomically(run_files.launched(realm, vehicle), msgspec.json.encode(params))
 
 
 def save_values(realm: Realm, vehicle: str, name: str, table: Any) -> None:
     """Write one table of a live run; raises QuadctlError if the disk is full or read-only."""
-    folder = realm.params / vehicle
-    if not folder.is_dir():
+    if not run_files.launched(realm, vehicle).is_file():
         return
+    folder = run_files.changed(realm, vehicle)
     try:
-        _write(folder, name, table)
+        folder.mkdir(exist_ok=True)
+        write_atomically(folder / f"{name}.json", msgspec.json.encode(table))
     except OSError as error:
         raise QuadctlError(
             f"the parameters of {name} cannot be kept in {folder}: {error.strerror}",
             "make room on its disk",
         ) from error
-
-
-def _write(folder: Path, name: str, table: Any) -> None:
-    write_atomically(folder / f"{name}.json", msgspec.json.encode(table))
 
 
 def read_values(realm: Realm, vehicle: str) -> Params | None:

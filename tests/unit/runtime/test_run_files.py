@@ -53,8 +53,16 @@ def test_a_change_of_one_node_keeps_the_others(realm: Realm):
     assert live.read_values(realm, "uav") == Params(pressure=PressureParams(rate=20.0))
 
 
+def test_a_run_that_writes_its_parameters_again_has_those_of_the_launch(realm: Realm):
+    live.save_all_values(realm, {"uav": Params()})
+    live.save_values(realm, "uav", "pressure", msgspec.to_builtins(PressureParams(rate=20.0)))
+    live.save_all_values(realm, {"uav": Params()})
+    assert live.read_values(realm, "uav") == Params()
+
+
 def test_a_partly_written_file_is_not_read(realm: Realm):
     live.save_all_values(realm, {"uav": Params()})
+    run_files.changed(realm, "uav").mkdir()
     (realm.params / "uav" / ".safety.json.4711").write_text('{"takeo')
     (realm.params / "uav" / ".safety.json").write_text('{"takeo')
     assert live.read_values(realm, "uav") == Params()

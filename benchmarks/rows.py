@@ -42,6 +42,12 @@ _IMPORTS = KnownMiss(
     "half of the time beyond bare Zenoh is the import of msgspec, which imports typing; the other half"
     " is some forty small modules of our own. A command stays a process, and checks its message.",
 )
+_CALLS = KnownMiss(
+    AtMostTimes(1.1, "raw"),
+    AtMostTimes(1.25, "raw"),
+    "Python encodes, checks and logs a call at its two ends, where bare Zenoh does nothing: 0.95 x on a"
+    " fast processor, 1.03 to 1.12 x on one of two thirds of its speed.",
+)
 _EXCHANGES = KnownMiss(
     AtMostTimes(1.3, "raw"),
     AtMostTimes(3.5, "raw"),
@@ -72,7 +78,7 @@ _HUNDRED = KnownMiss(
     AtMost(40),
     "2000 poses, 2000 setpoints and 1000 readings a second pass through the hub, and each wakes code"
     " whose data has left the processor's cache meanwhile: what takes 23 us in a loop takes 45. It was"
-    " 30 % on one machine, and 33 to 36 % on one of two thirds of its speed.",
+    " 30 % on one machine, and 32 to 35 % on one of two thirds of its speed.",
 )
 _HUNDRED_LAUNCHED = KnownMiss(
     AtMost(0.8),
@@ -91,7 +97,7 @@ ROWS = (
     Row("commands", "type_show", "`type show`", "ms", (AtMost(50),)),
     Row("commands", "param_get", "`param get`", "ms", (AtMost(65),)),
     Row("commands", "topic_pub", "`topic pub`, once", "ms", _COMMAND, _IMPORTS),
-    Row("calls", "call", "call, warm, typed, through the hub", "us", _CLOSE),
+    Row("calls", "call", "call, warm, typed, through the hub", "us", _CLOSE, _CALLS),
     Row("calls", "call_persistent", "the same beside ROS with a persistent connection", "us"),
     Row("topics", "topic_100", "topic, one way, 1 to 1, 100 Hz", "us", _RAW, _IDLE),
     Row("topics", "topic_1000", "topic, one way, 1 to 1, 1 kHz", "us", _RAW),

@@ -16,10 +16,13 @@ from quadctl.schemas.vehicle import ControlParams, VehicleParams
 
 CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
-LEAST_LAG = 0.05
+_LEAST_LAG = 0.05
 """Shortest lag of the setpoint, s: with 0.03, short diagonal climbs, and goals replaced back and
 forth in a descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm
 off."""
+_SWINGS, _SLOWER = 0.4, 1.5
+"""Damping ratio below which the setpoint's lag is longer than the motors' delay, and how many times:
+otherwise a climb that turns to the side swings; a search found flights up to 2 cm off."""
 LEAST_DAMPING = 0.2
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
 _STIFF = 2.0
@@ -154,11 +157,24 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         for _ in range(_HALVINGS):
             speed += step if left(speed + step) >= _AT_SPEED * most else 0.0
             step *= 0.5
-    lag = max(vehicle.motor_lag + 0.5 * CONTROL_PERIOD, LEAST_LAG)
+    lag = setpoint_lag(vehicle, control)
     # Drag's second rate goes with the jerk, and adds to the snap.
     rate = _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
     jerk = _STEADY * snap / (_SNAP / lag + rate)
     return FlownLimits(speed, most, min(most, left(speed)), min(control.max_jerk, jerk))
+
+
+def delay(vehicle: VehicleParams) -> float:
+    """Return the time (s) from a motor command to its effect: the motors' lag and half a period."""
+    return vehicle.motor_lag + 0.5 * CONTROL_PERIOD
+
+
+def setpoint_lag(vehicle: VehicleParams, control: ControlParams) -> float:
+    """Return the time constant (s) of each of the three lags that round the setpoint."""
+    slow = _SLOWER * delay(vehicle)
+    if slow <= _LEAST_LAG:  # for fast motors without the roots of the loop, which take time
+        return _LEAST_LAG
+    return slow if damping(vehicle, control) < _SWINGS else max(delay(vehicle), _LEAST_LAG)
 
 
 def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> list[str]:
@@ -253,8 +269,7 @@ def damping(vehicle: VehicleParams, control: ControlParams) -> float:
     """Return the least damping of the closed loop's modes: 1 does not swing, 0 and less grows."""
     kp, kv = control.position_gain, control.velocity_gain
     ka, kr = control.attitude_gain, control.rate_gain
-    delay = vehicle.motor_lag + 0.5 * CONTROL_PERIOD
-    loop = (delay, 1.0, kr, kr * ka, kr * ka * kv, kr * ka * kv * kp)
+    loop = (delay(vehicle), 1.0, kr, kr * ka, kr * ka * kv, kr * ka * kv * kp)
     return min(-root.real / abs(root) for root in _roots(loop))
 
 

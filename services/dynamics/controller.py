@@ -10,6 +10,7 @@ World frame ENU, body frame FLU, SI units. Straight-line code, as in rigidbody.p
 
 from math import sqrt, tan
 
+from quadctl.schemas.airworthy import delay
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics.rigidbody import STEP, State
 
@@ -31,11 +32,6 @@ Setpoint = tuple[float, ...]
 """18 floats: position, velocity, acceleration, jerk, snap and crackle, each x, y, z, world frame."""
 
 
-def lead(params: DynamicsParams) -> float:
-    """Return the delay (s) from a command to its effect: the motors' lag and half a period."""
-    return params.vehicle.motor_lag + 0.5 * PERIOD
-
-
 def control_constants(params: DynamicsParams) -> Gains:
     """Return the parameters that `control` uses, in the order of use."""
     vehicle = params.vehicle
@@ -54,7 +50,7 @@ def control_constants(params: DynamicsParams) -> Gains:
         LEAST_LIFT * vehicle.gravity + TINY,
         max(MOST_LIFT * full / vehicle.mass, LEAST_LIFT * vehicle.gravity + TINY),
         tan(gains.max_tilt),
-        lead(params),
+        delay(vehicle),
         vehicle.mass,
         gains.attitude_gain,
         gains.rate_gain,

@@ -18,9 +18,9 @@ Over 500 lines: axes, shares and lags are one computation, and each can only be 
 
 from math import exp, sqrt
 
-from quadctl.schemas.airworthy import LEAST_LAG, flown
+from quadctl.schemas.airworthy import flown, setpoint_lag
 from quadctl.schemas.params import DynamicsParams
-from quadctl.services.dynamics.controller import PERIOD, Setpoint, lead
+from quadctl.services.dynamics.controller import PERIOD, Setpoint
 
 SWITCH_HALVINGS = 40
 """Bisection steps for the moment to brake: to 4e-15 s."""
@@ -386,7 +386,7 @@ BRAKES; periods since the limits were shared, up to REDIVIDE; periods at rest.""
 def limits_of(params: DynamicsParams) -> Limits:
     """Return the parameters that the setpoint uses, in the order of use: what the body can fly."""
     limits = flown(params.vehicle, params.control, params.wind)
-    lag = max(lead(params), LEAST_LAG)
+    lag = setpoint_lag(params.vehicle, params.control)
     ratio = PERIOD / lag
     return (
         limits.max_speed,

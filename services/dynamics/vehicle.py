@@ -114,8 +114,9 @@ class Vehicle:
         self._wanted = None
         x, y, z = (axis[3] for axis in self._plan[:3])
         self._plan = trajectory.resting(x, y, z, self._constants[3])
-        if not self.standing and before > 0:
-            # A body that changes in the air stays at rest: its motors turn as its weight requires.
+        if before > 0:
+            # A body that changes in the air stays at rest: its motors turn as its weight requires. After
+            # a landing they still turn, and must not lift a lighter body, or one with better rotors.
             factor = hover_speed(wanted.vehicle) / before
             m0, m1, m2, m3 = self.motors
             c0, c1, c2, c3 = self._command

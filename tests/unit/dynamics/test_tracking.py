@@ -108,3 +108,24 @@ def test_turns_on_all_axes_are_tracked_within_millimetres(body: dict[str, Any], 
         vehicle.advance(STEPS)
         off = max(off, dist(vehicle.position, vehicle.setpoint))
     assert off < within
+
+
+TURN = {
+    1500: (-0.03575, -0.25, 0.20743), 1750: (0.17414, -0.25, 0.0), 3250: (-0.1062, 0.01613, 0.5),
+    4300: (-0.25, 0.25, 0.5), 5800: (-0.18261, 0.25, 0.29933),
+}  # fmt: skip
+"""Goals by the time (ms), found by a search: a climb that turns to the side before it has stopped."""
+
+
+@pytest.mark.parametrize("lag", [0.02, 0.03, 0.042, 0.044, 0.046, 0.048])
+def test_slow_motors_do_not_swing_after_a_turn(lag: float):
+    """Behind a setpoint that turns as fast as its motors, it is up to 17 mm off."""
+    body = VehicleParams(motor_lag=lag)
+    vehicle = Vehicle(DynamicsParams(start=StartParams(0.00714, -0.25, 0.0), vehicle=body))
+    off = 0.0
+    for now in range(0, 6000, 50):
+        if now in TURN:
+            vehicle.goto(*TURN[now])
+        vehicle.advance(50)
+        off = max(off, dist(vehicle.position, vehicle.setpoint))
+    assert off < 0.004

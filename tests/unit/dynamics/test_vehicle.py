@@ -271,6 +271,23 @@ def test_at_a_standstill_new_parameters_apply_without_a_movement():
         assert dist(vehicle.position, (0.0, 0.0, 10.0)) < 1e-6
 
 
+def test_a_body_that_changes_at_a_landing_stays_on_the_floor():
+    """Its motors still turn: at the speed of the old body they lift the new one off the floor."""
+    vehicle = Vehicle(DynamicsParams(vehicle=VehicleParams(motor_lag=0.048)))
+    vehicle.goto(0.0, 0.0, 0.5)
+    vehicle.advance(4000)
+    vehicle.goto(0.0, 0.0, 0.0)
+    vehicle.advance(100)
+    better = VehicleParams(motor_lag=0.048, thrust_coefficient=8 * 1.91e-6)
+    vehicle.configure(DynamicsParams(vehicle=better))
+    while vehicle.in_force.vehicle != better:
+        vehicle.advance(10)
+    assert vehicle.standing
+    for _ in range(100):
+        vehicle.advance(10)
+        assert vehicle.position[2] < 1e-6
+
+
 def test_wind_and_faults_apply_at_once_even_in_flight():
     vehicle = at(z=10.0)
     vehicle.goto(20.0, 0.0, 10.0)

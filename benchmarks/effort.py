@@ -23,6 +23,6 @@ class Effort:
 
 
 QUICK = Effort(
-    commands=7, ros_commands=2, runs=1, blocks=2, call_runs=1, launches=3, large_launches=1, ros_launches=1, cycles=3, kills=2,
-    seconds=3.0, flights=1, hand_ins=2,
+    commands=7, ros_commands=2, runs=1, blocks=2, call_runs=1, launches=3, large_launches=1,
+    ros_launches=1, cycles=3, kills=2, seconds=3.0, flights=1, hand_ins=2,
 )  # fmt: skip

@@ -171,10 +171,11 @@ def delay(vehicle: VehicleParams) -> float:
 
 def setpoint_lag(vehicle: VehicleParams, control: ControlParams) -> float:
     """Return the time constant (s) of each of the three lags that round the setpoint."""
-    slow = _SLOWER * delay(vehicle)
-    if slow <= _LEAST_LAG:  # for fast motors without the roots of the loop, which take time
-        return _LEAST_LAG
-    return slow if damping(vehicle, control) < _SWINGS else max(delay(vehicle), _LEAST_LAG)
+    lag = delay(vehicle)
+    # The roots of the loop take time: fast motors do without them.
+    if _SLOWER * lag > _LEAST_LAG and damping(vehicle, control) < _SWINGS:
+        lag *= _SLOWER
+    return max(lag, _LEAST_LAG)
 
 
 def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> list[str]:

@@ -2,8 +2,8 @@
 
 Every error is taken against a setpoint that is smooth up to its snap. The setpoint's demand is fed
 forward at each level: acceleration and drag as force, jerk as body rates, snap and crackle as
-torque. Feedback only corrects gusts and other disturbances. The mean wind counts as known, as if
-estimated: otherwise the vehicle would hover downwind of its setpoint.
+torque. Feedback only corrects other disturbances. The wind counts as known, as wind.py describes:
+otherwise the vehicle would hover downwind of its setpoint.
 
 World frame ENU, body frame FLU, SI units. Straight-line code, as in rigidbody.py.
 """

@@ -192,6 +192,7 @@ def control_period(
     if mode[2] < PERIODS_TO_REST:
         if weather[4] > 0.0:
             air = wind.blow(air, weather)
+            gains = wind.known(air, gains)
         mode, kind = select_mode(state, plan, mode, limits)
         wanted = trajectory.setpoint_of(plan, limits)
         command = motor_commands(state, wanted, kind, weight, gains, mixer)

@@ -5,6 +5,10 @@ through a first-order lag. The mean wind and its own turbulence carry a gust pas
 its time constant is the length scale over the speed of both. Dryden's gusts have no bound; these end
 at four times their RMS, as those that schemas/airworthy.py counts with.
 
+The controller knows a steady wind. It knows gusts with a lag, as if it computed them from the difference
+between measured and expected acceleration, as incremental controllers do (Smeur, de Croon and Chu,
+Control Engineering Practice 2018).
+
 The noise must be bit-identical in plain Python and compiled. Three multiplicative generators with
 different moduli use whole numbers below 2^53, which floats hold exactly. A draw is the sum of their
 three uniform numbers (Irwin and Hall's distribution); the lag turns it into a normal one. Their
@@ -16,10 +20,11 @@ World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 from math import exp, sqrt
 
 from quadctl.schemas.params import DynamicsParams
-from quadctl.services.dynamics.controller import PERIOD
+from quadctl.services.dynamics.controller import PERIOD, Gains
 
-Air = tuple[float, float, float, float, float, float]
-"""The air's velocity (m/s, world) and the three generators' states, whole numbers."""
+Air = tuple[float, float, float, float, float, float, float, float, float]
+"""The air's velocity (m/s, world), the three generators' states, whole numbers, and the velocity that
+the controller estimates."""
 
 Weather = tuple[float, float, float, float, float, float]
 """Mean wind (m/s, world), share of a gust that is left after a control period, RMS of the noise added
@@ -36,6 +41,11 @@ A3, M3 = 40692.0, 2147483399.0
 
 WHOLE = 6755399441055744.0
 """1.5 * 2^52: adding and subtracting it rounds to the nearest whole number."""
+
+ESTIMATE_LAG = 0.1
+"""Lag of the estimated air behind the true one, s."""
+LEARNT = 1.0 - exp(-PERIOD / ESTIMATE_LAG)
+"""Share of the difference between them that a control period takes away."""
 
 _MASK = 2**64 - 1
 
@@ -60,14 +70,15 @@ def initial_air(params: DynamicsParams) -> Air:
     ny, s1, s2, s3 = noise(s1, s2, s3)
     nz, s1, s2, s3 = noise(s1, s2, s3)
     gx, gy, gz = bounded(gust * nx, gust * ny, gust * nz, _MOST * gust)
-    return (mean.x + gx, mean.y + gy, mean.z + gz, s1, s2, s3)
+    ux, uy, uz = mean.x + gx, mean.y + gy, mean.z + gz
+    return (ux, uy, uz, s1, s2, s3, ux, uy, uz)
 
 
 def changed(air: Air, weather: Weather) -> Air:
     """Return the air under new parameters: gusts continue, a steady wind changes at once."""
-    _, _, _, s1, s2, s3 = air
+    _, _, _, s1, s2, s3, _, _, _ = air
     wx, wy, wz, _, stir, _ = weather
-    return air if stir > 0.0 else (wx, wy, wz, s1, s2, s3)
+    return air if stir > 0.0 else (wx, wy, wz, s1, s2, s3, wx, wy, wz)
 
 
 def follower(s: float, a: float, m: float) -> float:
@@ -87,8 +98,12 @@ def noise(s1: float, s2: float, s3: float) -> tuple[float, float, float, float]:
 
 def blow(air: Air, weather: Weather) -> Air:
     """Return the air one control period later."""
-    ux, uy, uz, s1, s2, s3 = air
+    ux, uy, uz, s1, s2, s3, ex, ey, ez = air
     wx, wy, wz, keep, stir, most = weather
+    # The acceleration tells of the air until now, not of the next period.
+    ex = ex + LEARNT * (ux - ex)
+    ey = ey + LEARNT * (uy - ey)
+    ez = ez + LEARNT * (uz - ez)
     nx, s1, s2, s3 = noise(s1, s2, s3)
     ny, s1, s2, s3 = noise(s1, s2, s3)
     nz, s1, s2, s3 = noise(s1, s2, s3)
@@ -98,7 +113,12 @@ def blow(air: Air, weather: Weather) -> Air:
         keep * (uz - wz) + stir * nz,
         most,
     )
-    return wx + gx, wy + gy, wz + gz, s1, s2, s3
+    return wx + gx, wy + gy, wz + gz, s1, s2, s3, ex, ey, ez
+
+
+def known(air: Air, gains: Gains) -> Gains:
+    """Return the controller's gains with the air that it estimates in place of the mean wind."""
+    return gains[0:21] + air[6:9]
 
 
 def bounded(gx: float, gy: float, gz: float, most: float) -> tuple[float, float, float]:

@@ -41,7 +41,7 @@ WIDTH = 64
 """Vehicles in a block."""
 
 LAYOUT = {
-    "state": 17, "command": 4, "plan": 31, "mode": 8, "air": 6, "wanted": 18, "kind": 1, "rare": 1,
+    "state": 17, "command": 4, "plan": 31, "mode": 8, "air": 9, "wanted": 18, "kind": 1, "rare": 1,
 }  # fmt: skip
 """Rows of a block; the last three pass values from one loop to the next."""
 
@@ -57,7 +57,7 @@ STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode", "air"
 ROWS = sum(LAYOUT.values())
 
 _TOGETHER = (
-    "wind__blow", "flight_modes__select_mode", "trajectory__setpoint_of",
+    "wind__blow", "wind__known", "flight_modes__select_mode", "trajectory__setpoint_of",
     "flight_modes__motor_commands", "branchless__glide", "flight_modes__rest", "rigidbody__step",
 )  # fmt: skip
 """Functions without loops, which run side by side for all vehicles of a block."""
@@ -86,7 +86,8 @@ def kernel_source() -> str:
         inline = "forceinline=True" if function.name in inlined else "inline='never'"
         parts += [f"@njit(error_model='numpy', {inline})", ast.unparse(function)]
     moves = [_move(weather, steps) for weather in _FLOW for steps in (1, 2)]
-    return "\n".join([*parts, *_rows(), *moves, _KERNEL, COMMANDS, ""])
+    acts = [_ACT.format(name=f"_act_{air}", known=known) for air, known in _KNOWN.items()]
+    return "\n".join([*parts, *_rows(), *moves, *acts, _KERNEL, COMMANDS, ""])
 
 
 def _move(weather: str, steps: int) -> str:
@@ -158,6 +159,25 @@ def {{name}}(q, c):
 _FLOW = {"calm": "(0.0, 0.0, 0.0)", "wind": "_air(q, n)[0:3]"}
 """Still air is common, and needs no row."""
 
+_ACT = f"""
+@njit(error_model='numpy', inline='never')
+def {{name}}(q, c):
+    _align()
+    gains = _get_gains(c)
+    mixer = _get_mixer(c)
+    weight = _get_weight(c)[0]
+    for n in range(np.uint64({WIDTH})):
+        m0, m1, m2, m3 = flight_modes__motor_commands(
+            _state(q, n), _wanted(q, n), _kind(q, n)[0], weight, {{known}}, mixer)
+        live = q[_mode2 + n] < {PERIODS_TO_REST}
+        c0, c1, c2, c3 = _command(q, n)
+        _put_command(q, n, (
+            m0 if live else c0, m1 if live else c1, m2 if live else c2, m3 if live else c3))
+"""
+
+_KNOWN = {"steady": "gains", "gusts": "wind__known(_air(q, n), gains)"}
+"""A steady wind is one constant for the block."""
+
 _PUT_PLAN = "\n".join(
     f"        q[_plan{i} + n] = after[{i}] if plain else before[{i}]" for i in range(LAYOUT["plan"])
 )
@@ -212,20 +232,6 @@ def _lead_on(q, n, limits):
     _put_mode(q, n, mode)
 
 @njit(error_model='numpy', inline='never')
-def _act(q, c):
-    _align()
-    gains = _get_gains(c)
-    mixer = _get_mixer(c)
-    weight = _get_weight(c)[0]
-    for n in range(np.uint64({WIDTH})):
-        m0, m1, m2, m3 = flight_modes__motor_commands(
-            _state(q, n), _wanted(q, n), _kind(q, n)[0], weight, gains, mixer)
-        live = q[_mode2 + n] < {PERIODS_TO_REST}
-        c0, c1, c2, c3 = _command(q, n)
-        _put_command(q, n, (
-            m0 if live else c0, m1 if live else c1, m2 if live else c2, m3 if live else c3))
-
-@njit(error_model='numpy', inline='never')
 def _blow(q, c):
     _align()
     weather = _get_weather(c)
@@ -233,7 +239,7 @@ def _blow(q, c):
         old = _air(q, n)
         new = wind__blow(old, weather)
         live = q[_mode2 + n] < {PERIODS_TO_REST}
-        _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(6))}))
+        _put_air(q, n, ({", ".join(f"new[{i}] if live else old[{i}]" for i in range(LAYOUT["air"]))}))
 
 @njit(error_model='numpy', inline='never')
 def _advance(q, c, start, steps):
@@ -243,10 +249,11 @@ def _advance(q, c, start, steps):
     count = start
     while count < start + steps:
         if count % {STEPS} == 0:
-            if weather[4] > 0.0:
+            gusts = weather[4] > 0.0
+            if gusts:
                 _blow(q, c)
             _decide(q, c)
-            _act(q, c)
+            _act_gusts(q, c) if gusts else _act_steady(q, c)
             _glide(q, c)
             for n in range(np.uint64({WIDTH})):
                 if q[_rare0 + n] > 0.0:

@@ -59,7 +59,7 @@ class Single:
 def lane_of(v: Any) -> Lane:
     """Return a vehicle from its changing numbers, a tuple in the order of a block's rows."""
     plan = (v[21:30], v[30:39], v[39:48], v[48], v[49], v[50], v[51])
-    return v[0:17], v[17:21], plan, v[52:60], v[60:66]
+    return v[0:17], v[17:21], plan, v[52:60], v[60:69]
 
 
 def single_source() -> str:
@@ -101,7 +101,7 @@ def fly(numbers, fixed, start, steps):
     state, command, plan, mode, air = flight_modes__fly(
         {_items("q", 0, 17, 4)},
         ({_items("q", 21, 9, 9, 9, 0, 0, 0, 0)}),
-        {_items("q", 52, 8, 6)},
+        {_items("q", 52, 8, 9)},
         ({_items("c", 0, *_CONSTANTS)}),
         start, steps)
     flown = (*state, *command, *plan[0], *plan[1], *plan[2], *plan[3:], *mode, *air)

@@ -1,6 +1,7 @@
 """Start of a bridge's process, in the place of its command."""
 
 import os
+import signal
 import subprocess
 import sys
 from typing import Any, NoReturn
@@ -38,5 +39,7 @@ def run_instead(command: list[str]) -> NoReturn:
     sys.stdout.flush()
     if os.name == "nt":  # where execv would return at once, and leave it in the background
         sys.exit(subprocess.call(command))
+    # A Ctrl-C would get lost as the command ends, or in the module's imports: it waits for its `start`.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     # One process: whoever ends the command ends it.
     os.execv(sys.executable, command)  # noqa: S606 - our own interpreter, no shell

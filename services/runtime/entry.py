@@ -27,7 +27,7 @@ from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import table_of
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
 from quadctl.services.runtime.security.endpoints import is_secure
-from quadctl.services.runtime.shutdown import ShutdownEvent
+from quadctl.services.runtime.shutdown import ShutdownEvent, interruptible
 
 Run = Callable[[Node, Params], None]
 
@@ -36,6 +36,7 @@ class ReopenSession(Exception):
     """Request of a service, raised in its `run`: open a new session and run again on it."""
 
 
+_CTRL_C = 130
 _HUB_WAIT = 5.0
 _FORGOTTEN = 5.0
 """Seconds after the end of our session in which hubs may still list its name as taken."""
@@ -58,10 +59,13 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
     for level in (logging.WARNING, logging.ERROR):
         logging.addLevelName(level, logging.getLevelName(level).lower())
     try:
+        interruptible()
         code = _run(name, run, options, opening)
     except QuadctlError as error:
         logging.getLogger(name).error("error: %s. %s", error.message, error.hint)
         code = error.exit_code
+    except KeyboardInterrupt:  # before there is a loop to stop
+        code = _CTRL_C
     sys.stderr.flush()
     # The session is closed; skipping the interpreter's own shutdown saves 5 ms.
     os._exit(code)

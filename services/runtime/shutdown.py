@@ -70,6 +70,12 @@ def uninterrupted() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def interruptible() -> None:
+    """Take a Ctrl-C from here on; the command that became this process delayed it, if any did."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def _watch_parent(stop: Callable[[], None]) -> None:
     # The supervisor holds the other end of our stdin, which closes when the supervisor ends, even
     # by kill -9, on every platform.

@@ -63,12 +63,16 @@ def run(lab: Lab, command: Command) -> None:
         start_new_session=True,
     ) as process:
         printed = ""
-        if interrupted:
-            assert process.stdout is not None
-            lines = [process.stdout.readline() for _ in before.splitlines()]
-            assert fits(before, "".join(lines)), f"$ {command.line}\n{''.join(lines)}"
-            os.killpg(process.pid, signal.SIGINT)
-        printed, _ = process.communicate(timeout=WITHIN)
+        try:
+            if interrupted:
+                assert process.stdout is not None
+                lines = [process.stdout.readline() for _ in before.splitlines()]
+                assert fits(before, "".join(lines)), f"$ {command.line}\n{''.join(lines)}"
+                os.killpg(process.pid, signal.SIGINT)
+            printed, _ = process.communicate(timeout=WITHIN)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)  # the failure must not wait for it
+            raise
     assert fits(after if interrupted else command.output, printed), f"$ {command.line}\n{printed}"
     if not interrupted:
         failure = any(line.startswith("error: ") for line in command.output.splitlines())

@@ -78,6 +78,25 @@ def test_ctrl_c_ends_a_waiting_goto_and_the_flight_goes_on(lab: Lab):
         poses.until(lambda pose: pose["position"]["x"] > min(left_at + 0.5, 4.4))
 
 
+LATE = """
+import os, signal, sys
+from quadctl.cli.bridge import process
+replace = os.execv
+def interrupted(*words):
+    os.kill(os.getpid(), signal.SIGINT)
+    replace(*words)
+os.execv = interrupted
+process.run_instead([sys.executable, "-P", "-m", "quadctl.services.ros2"])
+"""
+
+
+def test_ctrl_c_as_a_bridge_takes_the_place_of_its_command_ends_it(lab: Lab):
+    lab.start()
+    bridge = lab.spawn(sys.executable, "-P", "-c", LATE)
+    assert bridge.wait() == 130
+    assert not bridge.log
+
+
 def start_many_safeties(lab: Lab, count: int) -> None:
     """Start `count` safety nodes together: one stays and flies until it is ended; the others exit 7."""
     command = (sys.executable, "-P", "-m", "quadctl.services.safety")

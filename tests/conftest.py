@@ -25,6 +25,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # No deadline: the time of an example depends on the load of the machine.
     hypothesis.settings.register_profile("quadctl", deadline=None)
     hypothesis.settings.load_profile("quadctl")
+    if config.option.markexpr:
+        config.pluginmanager.register(FailuresAtOnce(config))
     config.addinivalue_line("markers", "prove: full counts, for `make prove`; otherwise left out")
     config.addinivalue_line(
         "markers", "alone: a count that measures times, or needs the whole machine"
@@ -32,6 +34,19 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "browser: drives a Chromium; without one left out, with a warning"
     )
+
+
+class FailuresAtOnce:
+    """Plugin that shows why a count failed when it did: those after it take hours."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        terminal = self._config.pluginmanager.get_plugin("terminalreporter")
+        if report.failed and terminal is not None:
+            terminal.section(report.nodeid, red=True)
+            terminal.write_line(report.longreprtext)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

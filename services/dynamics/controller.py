@@ -26,7 +26,10 @@ TINY = 1e-12
 """Added under a root that is a divisor: above 0, and far below any value that matters."""
 
 Gains = tuple[float, ...]
-"""24 floats made by `control_constants`."""
+"""21 floats made by `control_constants`."""
+
+Wind = tuple[float, float, float]
+"""Velocity of the air, m/s, world frame."""
 
 Setpoint = tuple[float, ...]
 """18 floats: position, velocity, acceleration, jerk, snap and crackle, each x, y, z, world frame."""
@@ -37,7 +40,6 @@ def control_constants(params: DynamicsParams) -> Gains:
     vehicle = params.vehicle
     gains = params.control
     inertia = vehicle.inertia
-    wind = params.wind.mean
     full = 4.0 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2
     # Of each torque about x and y, Euler's equations take a part of the product of two body rates;
     # the thrust's direction, which turns with the body, takes another.
@@ -63,15 +65,12 @@ def control_constants(params: DynamicsParams) -> Gains:
         vehicle.linear_drag / vehicle.mass,
         vehicle.rotor_drag.across / vehicle.mass,
         vehicle.rotor_drag.across - vehicle.rotor_drag.along,
-        wind.x,
-        wind.y,
-        wind.z,
     )
 
 
 # fmt: off
 def specific_force(
-    state: State, setpoint: Setpoint, gains: Gains
+    state: State, setpoint: Setpoint, gains: Gains, air: Wind
 ) -> tuple[float, float, float, float]:
     """Return the wanted thrust per mass (m/s^2, world), and 1, or 0 if its tilt is clamped.
 
@@ -81,7 +80,8 @@ def specific_force(
     px, py, pz, vx, vy, vz, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
     rx, ry, rz, sx, sy, sz, ax, ay, az, _, _, _, _, _, _, _, _, _ = setpoint
     (kp, fastest, kv, drag, g, least, most, tilt, _, _, _, _, _, _, _, _, _, _,
-     linear, across, _, ux, uy, uz) = gains
+     linear, across, _) = gains
+    ux, uy, uz = air
     # Only the correction is limited: the setpoint keeps its own speed limit.
     ex = kp * (rx - px)
     ey = kp * (ry - py)
@@ -103,7 +103,11 @@ def specific_force(
 
 
 def specific_force_rates(
-    state: State, setpoint: Setpoint, gains: Gains, force: tuple[float, float, float, float]
+    state: State,
+    setpoint: Setpoint,
+    gains: Gains,
+    air: Wind,
+    force: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float, float, float]:
     """Return the first and second rate of the setpoint's specific force, with those of drag.
 
@@ -114,7 +118,8 @@ def specific_force_rates(
     _, _, _, _, _, _, _, _, _, _, _, _, _, m0, m1, m2, m3 = state
     _, _, _, sx, sy, sz, ax, ay, az, jx, jy, jz, nx, ny, nz, _, _, _ = setpoint
     (_, _, _, drag, _, _, _, _, _, _, _, _, _, _, _, _, _, _,
-     linear, across, _, ux, uy, uz) = gains
+     linear, across, _) = gains
+    ux, uy, uz = air
     ux = sx - ux
     uy = sy - uy
     uz = sz - uz
@@ -181,9 +186,11 @@ def direction_rates(
 
 
 def control(
-    state: State, setpoint: Setpoint, gains: Gains
+    state: State, setpoint: Setpoint, gains: Gains, air: Wind
 ) -> tuple[float, float, float, float]:
     """Return thrust (N, along body z) and torques (N m, body frame) to follow the setpoint.
+
+    `air` is the air's velocity as it is known, m/s, world.
 
     The attitude error is that of the thrust's direction, z_b x z_d (Brescianini, Hehn and D'Andrea,
     2013), and of the yaw; so a vehicle that yaws flies on. Body rates and angular acceleration from
@@ -193,9 +200,10 @@ def control(
     _, _, _, _, _, _, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
     _, _, _, sx, sy, sz, ax, ay, az, _, _, _, _, _, _, _, _, _ = setpoint
     (_, _, _, _, _, _, _, _, ahead, mass, ka, kr, ix, iy, iz, gx, gy, gz,
-     _, _, axial, ux, uy, uz) = gains
-    force = specific_force(state, setpoint, gains)
-    rates = specific_force_rates(state, setpoint, gains, force)
+     _, _, axial) = gains
+    ux, uy, uz = air
+    force = specific_force(state, setpoint, gains, air)
+    rates = specific_force_rates(state, setpoint, gains, air, force)
     ox, oy, oz, nx, ny, nz = direction_rates(force, rates, setpoint, ahead)
     fx, fy, fz, _ = force
     jx, jy, jz, _, _, _ = rates

@@ -10,7 +10,7 @@ World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 from math import nan
 
 from quadctl.services.dynamics import trajectory, wind
-from quadctl.services.dynamics.controller import STEPS, Gains, Setpoint, control
+from quadctl.services.dynamics.controller import STEPS, Gains, Setpoint, Wind, control
 from quadctl.services.dynamics.rigidbody import Body, Motors, State, step
 from quadctl.services.dynamics.rotor import Mixer, mix
 from quadctl.services.dynamics.trajectory import Limits, Plan
@@ -129,10 +129,19 @@ def select_mode(
 
 
 def motor_commands(
-    state: State, wanted: Setpoint, kind: float, weight: float, gains: Gains, mixer: Mixer
+    state: State,
+    wanted: Setpoint,
+    kind: float,
+    weight: float,
+    gains: Gains,
+    mixer: Mixer,
+    air: Wind,
 ) -> Motors:
-    """Return this period's motor commands, rad/s; `weight` is the spin-up thrust, N."""
-    thrust, tx, ty, tz = control(state, wanted, gains)
+    """Return this period's motor commands, rad/s.
+
+    `weight` is the spin-up thrust, N, and `air` the air's velocity as the controller knows it, m/s.
+    """
+    thrust, tx, ty, tz = control(state, wanted, gains, air)
     flies = kind == 2.0
     c0, c1, c2, c3 = mix(
         thrust if flies else weight,
@@ -192,10 +201,9 @@ def control_period(
     if mode[2] < PERIODS_TO_REST:
         if weather[4] > 0.0:
             air = wind.blow(air, weather)
-            gains = wind.known(air, gains)
         mode, kind = select_mode(state, plan, mode, limits)
         wanted = trajectory.setpoint_of(plan, limits)
-        command = motor_commands(state, wanted, kind, weight, gains, mixer)
+        command = motor_commands(state, wanted, kind, weight, gains, mixer, air[6:9])
         plan, mode = next_leg(plan, mode, kind, limits)
         mode = rest(state, command, plan, mode, limits)
     return command, plan, mode, air

@@ -20,7 +20,7 @@ World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 from math import exp, sqrt
 
 from quadctl.schemas.params import DynamicsParams
-from quadctl.services.dynamics.controller import PERIOD, Gains
+from quadctl.services.dynamics.controller import PERIOD
 
 Air = tuple[float, float, float, float, float, float, float, float, float]
 """The air's velocity (m/s, world), the three generators' states, whole numbers, and the velocity that
@@ -114,11 +114,6 @@ def blow(air: Air, weather: Weather) -> Air:
         most,
     )
     return wx + gx, wy + gy, wz + gz, s1, s2, s3, ex, ey, ez
-
-
-def known(air: Air, gains: Gains) -> Gains:
-    """Return the controller's gains with the air that it estimates in place of the mean wind."""
-    return gains[0:21] + air[6:9]
 
 
 def bounded(gx: float, gy: float, gz: float, most: float) -> tuple[float, float, float]:

@@ -73,7 +73,9 @@ def test_fleet_list_shows_position_goal_and_state_of_each(fleet: tuple[Lab, Lab]
         assert (row["cage_on"], row["error"]) == (True, None)
         assert set(row["position"]) == set(row["goal"]) == set("xyz")
         assert 0 <= row["age"] < 10
-    shown = two.quadctl("fleet", "list").out.splitlines()
+    done = two.quadctl("fleet", "list")
+    assert done.code == 0, done
+    shown = done.out.splitlines()
     assert shown[0].split() == [
         "VEHICLE", "HUB", "STATE", "GOAL", "POSITION", "CAGE", "AGE", "PROBLEM",
     ]  # fmt: skip

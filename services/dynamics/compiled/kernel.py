@@ -46,7 +46,7 @@ LAYOUT = {
 """Rows of a block; the last three pass values from one loop to the next."""
 
 CONSTANTS = {
-    "body": 18, "gains": 24, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 6,
+    "body": 18, "gains": 21, "mixer": 6, "limits": 8, "weight": 1, "spin_up": 1, "weather": 6,
 }  # fmt: skip
 """A block's constants, in one row."""
 
@@ -57,7 +57,7 @@ STORED = sum(LAYOUT[name] for name in ("state", "command", "plan", "mode", "air"
 ROWS = sum(LAYOUT.values())
 
 _TOGETHER = (
-    "wind__blow", "wind__known", "flight_modes__select_mode", "trajectory__setpoint_of",
+    "wind__blow", "flight_modes__select_mode", "trajectory__setpoint_of",
     "flight_modes__motor_commands", "branchless__glide", "flight_modes__rest", "rigidbody__step",
 )  # fmt: skip
 """Functions without loops, which run side by side for all vehicles of a block."""
@@ -86,8 +86,7 @@ def kernel_source() -> str:
         inline = "forceinline=True" if function.name in inlined else "inline='never'"
         parts += [f"@njit(error_model='numpy', {inline})", ast.unparse(function)]
     moves = [_move(weather, steps) for weather in _FLOW for steps in (1, 2)]
-    acts = [_ACT.format(name=f"_act_{air}", known=known) for air, known in _KNOWN.items()]
-    return "\n".join([*parts, *_rows(), *moves, *acts, _KERNEL, COMMANDS, ""])
+    return "\n".join([*parts, *_rows(), *moves, _KERNEL, COMMANDS, ""])
 
 
 def _move(weather: str, steps: int) -> str:
@@ -159,25 +158,6 @@ def {{name}}(q, c):
 _FLOW = {"calm": "(0.0, 0.0, 0.0)", "wind": "_air(q, n)[0:3]"}
 """Still air is common, and needs no row."""
 
-_ACT = f"""
-@njit(error_model='numpy', inline='never')
-def {{name}}(q, c):
-    _align()
-    gains = _get_gains(c)
-    mixer = _get_mixer(c)
-    weight = _get_weight(c)[0]
-    for n in range(np.uint64({WIDTH})):
-        m0, m1, m2, m3 = flight_modes__motor_commands(
-            _state(q, n), _wanted(q, n), _kind(q, n)[0], weight, {{known}}, mixer)
-        live = q[_mode2 + n] < {PERIODS_TO_REST}
-        c0, c1, c2, c3 = _command(q, n)
-        _put_command(q, n, (
-            m0 if live else c0, m1 if live else c1, m2 if live else c2, m3 if live else c3))
-"""
-
-_KNOWN = {"steady": "gains", "gusts": "wind__known(_air(q, n), gains)"}
-"""A steady wind is one constant for the block."""
-
 _PUT_PLAN = "\n".join(
     f"        q[_plan{i} + n] = after[{i}] if plain else before[{i}]" for i in range(LAYOUT["plan"])
 )
@@ -232,6 +212,20 @@ def _lead_on(q, n, limits):
     _put_mode(q, n, mode)
 
 @njit(error_model='numpy', inline='never')
+def _act(q, c):
+    _align()
+    gains = _get_gains(c)
+    mixer = _get_mixer(c)
+    weight = _get_weight(c)[0]
+    for n in range(np.uint64({WIDTH})):
+        m0, m1, m2, m3 = flight_modes__motor_commands(
+            _state(q, n), _wanted(q, n), _kind(q, n)[0], weight, gains, mixer, _air(q, n)[6:9])
+        live = q[_mode2 + n] < {PERIODS_TO_REST}
+        c0, c1, c2, c3 = _command(q, n)
+        _put_command(q, n, (
+            m0 if live else c0, m1 if live else c1, m2 if live else c2, m3 if live else c3))
+
+@njit(error_model='numpy', inline='never')
 def _blow(q, c):
     _align()
     weather = _get_weather(c)
@@ -249,11 +243,10 @@ def _advance(q, c, start, steps):
     count = start
     while count < start + steps:
         if count % {STEPS} == 0:
-            gusts = weather[4] > 0.0
-            if gusts:
+            if weather[4] > 0.0:
                 _blow(q, c)
             _decide(q, c)
-            _act_gusts(q, c) if gusts else _act_steady(q, c)
+            _act(q, c)
             _glide(q, c)
             for n in range(np.uint64({WIDTH})):
                 if q[_rare0 + n] > 0.0:

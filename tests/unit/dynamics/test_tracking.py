@@ -42,7 +42,7 @@ def test_circle_at_4_m_per_s_is_tracked_within_3_cm(jerk, within):
         errors.append(dist(state[:3], wanted[:3]))
         if not jerk:
             wanted = (*wanted[:9], *(0.0,) * 9)
-        command = motor_commands(state, wanted, 2.0, weight, gains, mixer)
+        command = motor_commands(state, wanted, 2.0, weight, gains, mixer, (0.0, 0.0, 0.0))
         for _ in range(STEPS):
             state = step(state, command, CALM, body)
     settled = max(errors[1500:])

@@ -20,6 +20,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # A shell's background jobs ignore SIGINT and `nohup` ignores SIGHUP; so would every command
     # that a test starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    # SIGTERM ends the tests as Ctrl-C does, which ends the realms that they started.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
     # No deadline: the time of an example depends on the load of the machine.

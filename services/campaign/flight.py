@@ -376,10 +376,12 @@ class SimulatedFlight:
                 self.diary.violated(f"MOVING after {self._grace:g} s without a pose")
             if self._missed > self._timeout + PERIOD and not s.reason:
                 self.diary.violated("a pause was not reported")
+        # A vehicle without setpoints has to stand still: its time starts anew then.
+        stopped = self._awoke or self._missed > self._timeout
         self._missed, self._was_moving = 0.0, False
         # In periods with a fault this sees every pose.
         still = moving and self.wanted == 0 and cage.at_rest(self.monitor.pose)
-        goal = s.goal if still and not self._awoke else None
+        goal = s.goal if still and not stopped else None
         if goal is None or goal != self._still_goal:
             self._still_since, self._still_goal = now, goal
         elif now - self._still_since > STANDSTILL:

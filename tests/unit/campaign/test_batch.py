@@ -18,6 +18,7 @@ from quadctl.services.campaign.mission import (
     Mission,
     Mute,
     Resize,
+    Stuck,
 )
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Compiled, Plain
@@ -118,6 +119,13 @@ def test_a_flight_survives_missing_poses_only_within_the_grace(seconds, stops, a
     assert flight.violations == []
     assert flight.stops == stops
     assert len(flight.arrivals) == arrivals
+
+
+def test_a_pause_of_the_setpoints_starts_the_time_at_a_standstill_anew():
+    rows = (Stuck(0.5, 3.0), GotoEvent(1.0, 4.0, 0.0, 1.0, False), Deaf(1.2, 0.22))
+    (flight,) = Batch([Mission(0, 4.0, SafetyParams(), STILL, rows)], Plain).fly()
+    assert flight.violations == []
+    assert flight.stops == {"stopped, the vehicle stood still": 1}
 
 
 @pytest.mark.parametrize(("seconds", "stops", "arrivals"), [(0.9, {}, 1), (1.5, {"no pose": 1}, 0)])

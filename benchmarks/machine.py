@@ -3,9 +3,13 @@
 import os
 import platform
 import subprocess
+import time
+import timeit
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks import ros
 from quadctl.cli.doctor.installation import build
@@ -30,6 +34,25 @@ def described() -> dict[str, Any]:
         "packages": packages,
         # Other load on the machine increases every figure; ratios change less.
         "load": round(os.getloadavg()[0], 1),
+    }
+
+
+def speeds() -> dict[str, float]:
+    """Return the time (ns) of a turn of a Python loop, of a random read, and of a wake-up from sleep.
+
+    Machines differ in each: a figure in seconds or in shares of a core compares only with figures of
+    machines like this. A wake-up counts as processor time, after 50 ms of sleep.
+    """
+    turns, reads, sleeps = 1_000_000, 1_000_000, 20
+    memory = np.ones(2**25)
+    places = np.random.default_rng(0).integers(0, memory.size, reads)
+    before = time.process_time_ns()
+    for _ in range(sleeps):
+        time.sleep(0.05)
+    return {
+        "wake": (time.process_time_ns() - before) / sleeps,
+        "loop": 1e9 * min(timeit.repeat("x += 1", "x = 0", number=turns, repeat=5)) / turns,
+        "read": 1e9 * min(timeit.repeat(lambda: memory[places], number=1, repeat=5)) / reads,
     }
 
 

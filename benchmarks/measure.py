@@ -59,7 +59,8 @@ def run(groups: Iterable[str], effort: Effort) -> dict[str, Any]:
     from benchmarks import machine
     from benchmarks.parts import PARTS
 
-    results, described, groups = Results(), machine.described(), set(groups)
+    results, groups = Results(), set(groups)
+    described = machine.described() | {"speeds": machine.speeds()}
     for part in PARTS:
         if part.group not in groups:
             continue

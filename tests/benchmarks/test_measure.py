@@ -64,6 +64,7 @@ def test_the_file_describes_the_machine(pretended, tmp_path):
     machine = json.loads(file.read_bytes())["machine"]
     assert {"commit", "date", "processor", "python", "packages"} <= machine.keys()
     assert {"eclipse-zenoh", "msgspec"} <= machine["packages"].keys()
+    assert all(machine["speeds"][name] > 0 for name in ("loop", "read", "wake"))
 
 
 def test_a_partial_run_never_overwrites_the_file(capsys):

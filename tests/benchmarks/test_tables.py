@@ -13,6 +13,7 @@ MACHINE = {
     "date": "2026-11-21",
     "commit": "0a1b2c3",
     "load": 0.2,
+    "speeds": {"loop": 20.0, "read": 4.0, "wake": 60_000.0},
 }
 
 
@@ -46,6 +47,9 @@ def test_a_row_has_ours_the_peers_the_bar_and_the_verdict():
     ]
     assert (
         "2 x Abacus, Python 3.11.2, eclipse-zenoh 1.10.0, 2026-11-21, commit 0a1b2c3" in lines[-1]
+    )
+    assert lines[-1].endswith(
+        "20 ns there, a random read of memory 4 ns, a wake-up from sleep 60 us."
     )
 
 

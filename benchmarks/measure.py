@@ -57,20 +57,22 @@ def main(arguments: list[str] | None = None) -> int:
 def run(groups: Iterable[str], effort: Effort) -> dict[str, Any]:
     """Measure the groups, print each row when it is done, and return the document."""
     from benchmarks import machine
+    from benchmarks.awake import awake
     from benchmarks.parts import PARTS
 
     results, groups = Results(), set(groups)
     described = machine.described() | {"speeds": machine.speeds()}
-    for part in PARTS:
-        if part.group not in groups:
-            continue
-        try:
-            part.measure(results, effort)
-        except Exception as error:  # noqa: BLE001 - a part that fails is reported, the others continue
-            traceback.print_exc()
-            results.fail(part.keys, f"{type(error).__name__}: {error}")
-        for key in part.keys:
-            print(report.line(BY_KEY[key], results.figure(key)), flush=True)
+    with awake():
+        for part in PARTS:
+            if part.group not in groups:
+                continue
+            try:
+                part.measure(results, effort)
+            except Exception as error:  # noqa: BLE001 - a part that fails is reported, the others continue
+                traceback.print_exc()
+                results.fail(part.keys, f"{type(error).__name__}: {error}")
+            for key in part.keys:
+                print(report.line(BY_KEY[key], results.figure(key)), flush=True)
     figures = [document.entry(row, results.figure(row.key)) for row in ROWS if row.group in groups]
     return {"machine": described, "figures": figures, "notes": results.notes}
 

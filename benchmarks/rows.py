@@ -42,12 +42,6 @@ _IMPORTS = KnownMiss(
     "half of the time beyond bare Zenoh is the import of msgspec, which imports typing; the other half"
     " is some forty small modules of our own. A command stays a process, and checks its message.",
 )
-_CALLS = KnownMiss(
-    AtMostTimes(1.1, "raw"),
-    AtMostTimes(1.25, "raw"),
-    "Python encodes, checks and logs a call at its two ends, where bare Zenoh does nothing: 0.95 x on a"
-    " fast processor, 1.03 to 1.12 x on one of two thirds of its speed.",
-)
 _EXCHANGES = KnownMiss(
     AtMostTimes(1.3, "raw"),
     AtMostTimes(3.5, "raw"),
@@ -60,18 +54,6 @@ _FLOOD = KnownMiss(
     AtLeastTimes(0.4, "raw"),
     "each message is copied, checked, decoded and passed to a handler, one after the other on one"
     " interpreter; bare Zenoh counts it in a callback.",
-)
-_IDLE = KnownMiss(
-    AtMostTimes(1.2, "raw"),
-    AtMostTimes(1.4, "raw"),
-    "between two messages both sleep. Encoding, checks and decoding are some 75 us of Python that then"
-    " run with cold caches: 1.1 x on a fast processor, 1.2 x on one of half its speed.",
-)
-_HOVER = KnownMiss(
-    AtMostTimes(0.75, "raw"),
-    AtMostTimes(1, "raw"),
-    "our share was 2.8 to 2.9 % on each machine so far; that of bare Zenoh with the same traffic was 3.3 %"
-    " on one and 4.4 % on another.",
 )
 _HUNDRED = KnownMiss(
     AtMost(20),
@@ -97,9 +79,9 @@ ROWS = (
     Row("commands", "type_show", "`type show`", "ms", (AtMost(50),)),
     Row("commands", "param_get", "`param get`", "ms", (AtMost(65),)),
     Row("commands", "topic_pub", "`topic pub`, once", "ms", _COMMAND, _IMPORTS),
-    Row("calls", "call", "call, warm, typed, through the hub", "us", _CLOSE, _CALLS),
+    Row("calls", "call", "call, warm, typed, through the hub", "us", _CLOSE),
     Row("calls", "call_persistent", "the same beside ROS with a persistent connection", "us"),
-    Row("topics", "topic_100", "topic, one way, 1 to 1, 100 Hz", "us", _RAW, _IDLE),
+    Row("topics", "topic_100", "topic, one way, 1 to 1, 100 Hz", "us", _RAW),
     Row("topics", "topic_1000", "topic, one way, 1 to 1, 1 kHz", "us", _RAW),
     Row("topics", "topic_fan", "topic, one way, 1 to 8, 1 kHz", "us", _CLOSE),
     Row("topics", "throughput", "throughput, 1 to 1, typed, received", "/s",
@@ -114,7 +96,7 @@ ROWS = (
     Row("footprint", "lone_memory", "memory of a node started alone (PSS)", "MB", (AtMost(25),)),
     Row("footprint", "system_memory", "memory of the whole system (PSS)", "MB", (AtMost(100),)),
     Row("footprint", "hover_processor", "processor, whole system in hover, of one core", "%",
-        (AtMostTimes(0.75, "raw"),), _HOVER),
+        (AtMostTimes(0.75, "raw"),)),
     Row("footprint", "flight_processor", "processor, whole system in flight, of one core", "%",
         (AtMost(5.5),)),
     Row("footprint", "gone", "`kill -9` of a node until it is in no listing", "ms", (AtMost(50),)),

@@ -18,6 +18,8 @@ from quadctl.services.safety.zones import Point
 WIDER = 0.02
 """Metres by which ways keep farther away than vehicles must: each of two may stray by 10 mm."""
 _ROUNDING = 1e-9
+_PARALLEL = 1e-14
+"""Square of the sine of an angle below which two lines count as parallel."""
 
 
 class Piece(NamedTuple):
@@ -157,7 +159,7 @@ def _from_line(a: Piece, b: Piece) -> float:
     uv = ux * vx + uy * vy + uz * vz
     uw, vw = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
     across = uu * vv - uv * uv
-    s = _part(uv * vw - uw * vv, across) if across > _ROUNDING * uu * vv else 0.0
+    s = _part(uv * vw - uw * vv, across) if across > _PARALLEL * uu * vv else 0.0
     t = _part(uv * s + vw, vv)
     s = _part(uv * t - uw, uu)
     dx, dy, dz = wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz

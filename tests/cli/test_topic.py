@@ -95,7 +95,7 @@ def test_pub_suggests_the_nearest_name_without_a_listener(shared_lab: Lab, bare:
         "topic pub uav/input/position_reqest x=1 y=2 z=1": "did you mean uav/input/position_request?",
         "topic pub zzz x=1": "is it spelled right?",
     }
-    done = shared_lab.each(hints, "--timeout", "0.2", "--json")
+    done = shared_lab.each(hints, "--timeout", "1", "--json")
     assert {line: ended.error["hint"] for line, ended in done.items()} == {
         line: f"{hint} --no-wait sends anyway" for line, hint in hints.items()
     }

@@ -8,7 +8,7 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -40,6 +40,12 @@ def samples(piece: Piece, steps: int) -> np.ndarray:
     return start + np.array(list(product(shares, repeat=3))) * way
 
 
+@example(
+    Piece((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), False),
+    Piece((0.0, 0.0, 0.0), (0.0, 1.0, 1.91e-06), False),
+    1.0,
+    1.0,
+)
 @given(LINES | boxes(), LINES | boxes(), st.floats(0.2, 2), st.floats(0.2, 2))
 def test_the_distance_is_that_of_the_nearest_points(a: Piece, b: Piece, across: float, tall: float):
     found = distance((a,), (b,), across, tall)

@@ -13,8 +13,8 @@ endif
 
 READY := $(VENV)/.ready
 RUN := $(VENV)/bin/python
-# The tests mostly wait, so five workers for two processors.
-WORKERS = $(shell $(RUN) -c 'import os; print(min(5 * os.cpu_count() // 2, 6))')
+# Most tests wait for processes; with more than two workers for a processor these starve on a slow machine.
+WORKERS = $(shell $(RUN) -c 'import os; print(min(2 * os.cpu_count(), 6))')
 LOCK := .cache/lock/bin/uv pip compile pyproject.toml --quiet --universal --generate-hashes \
 	--no-config --no-header --no-annotate
 

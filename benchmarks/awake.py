@@ -9,15 +9,17 @@ from contextlib import contextmanager
 # It ends with its parent, even by kill -9. Where each session is a group of the scheduler, the priority
 # counts within the group only; the group itself gets the least that there is.
 _LOOP = """
-import os, sys
+import os, sys, time
 core, parent = map(int, sys.argv[1:])
 os.sched_setaffinity(0, {core})
 os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-try:
-    with open("/proc/self/autogroup", "w") as file:
-        file.write("19")
-except FileNotFoundError:
-    pass
+while os.path.exists("/proc/self/autogroup"):
+    try:
+        with open("/proc/self/autogroup", "w") as file:
+            file.write("19")
+        break
+    except BlockingIOError:  # of users other than root Linux takes one in 0.1 s
+        time.sleep(0.1)
 while os.getppid() == parent:
     for _ in range(1_000_000):
         pass

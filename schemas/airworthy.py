@@ -40,6 +40,9 @@ _FLOWN = 0.9
 """Share of the spare acceleration that the setpoint may ask for; the rest corrects errors."""
 _AT_SPEED = 0.5
 """Least share of the highest acceleration that is left to speed up at the highest speed."""
+_BEYOND = 0.1
+"""Least share of it that is left at the highest speed and what the end of the highest acceleration
+adds: goals replaced back and forth lead there, and a vehicle that can only just hold it drifts on."""
 _STEADY = 0.73
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
@@ -50,6 +53,9 @@ _UPRIGHT = 0.17
 """Attitude error (rad, ten degrees) that the torque must be able to correct."""
 _AHEAD = 0.01
 """Yaw error (rad) that the rotors' drag must be able to correct, or the vehicle spins in its turns."""
+_SPINNING = 1000.0
+"""The same error (rad) above which motors that are late in a turn spin the vehicle: with 3000 bodies
+fly as with 1, with 10 000 some leave the cage."""
 _LEAST_SPARE, _LEAST_SPEED = 0.12, 0.1
 """Least spare acceleration, m/s^2, and speed, m/s: with less, safety takes a flight for a standstill."""
 _LEAST_ACCELERATION = 0.2
@@ -109,6 +115,12 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
             f"its rotors' drag corrects a yaw error of {error:.2g} rad, less than {_AHEAD:g}:"
             " too much inertia, or too small a torque_coefficient"
         )
+    if error > _SPINNING:
+        return (
+            f"its rotors' drag corrects a yaw error of {error:.2g} rad, more than {_SPINNING:g}: the"
+            " smallest difference of its motors spins it; too large a torque_coefficient, or too"
+            " small a thrust_coefficient"
+        )
     return ""
 
 
@@ -151,17 +163,28 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         airs = ((across + speed * cos(a), up + speed * sin(a)) for a in _CLIMBS)
         return _FLOWN * min(_spare(vehicle, control, *air)[0] for air in airs)
 
+    lag = setpoint_lag(vehicle, control)
+
+    def jerk(speed: float) -> float:
+        """Return the highest jerk at this speed (m/s), m/s^3."""
+        # Drag's second rate goes with the jerk, and adds to the snap.
+        rate = _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
+        return min(control.max_jerk, _STEADY * snap / (_SNAP / lag + rate))
+
+    def flies(speed: float) -> bool:
+        """Return whether the vehicle can speed up at this speed (m/s), and fly what exceeds it."""
+        # An axis that gives up half its share ends its acceleration with half the jerk. At most the
+        # speed itself: a higher acceleration is not reached within it.
+        more = min(most * most / jerk(speed), speed)
+        return left(speed) >= _AT_SPEED * most and left(speed + more) >= _BEYOND * most
+
     speed, step = control.max_speed, 0.5 * control.max_speed
-    if left(speed) < _AT_SPEED * most:
+    if not flies(speed):
         speed = 0.0
         for _ in range(_HALVINGS):
-            speed += step if left(speed + step) >= _AT_SPEED * most else 0.0
+            speed += step if flies(speed + step) else 0.0
             step *= 0.5
-    lag = setpoint_lag(vehicle, control)
-    # Drag's second rate goes with the jerk, and adds to the snap.
-    rate = _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
-    jerk = _STEADY * snap / (_SNAP / lag + rate)
-    return FlownLimits(speed, most, min(most, left(speed)), min(control.max_jerk, jerk))
+    return FlownLimits(speed, most, min(most, left(speed)), jerk(speed))
 
 
 def delay(vehicle: VehicleParams) -> float:

@@ -78,6 +78,12 @@ def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
         ({"inertia": InertiaParams(0.02, 0.02)}, {}, 0.0, "an attitude error of 0.078 rad"),
         ({}, {"velocity_gain": 0.2, "position_gain": 0.05}, 0.0, "too soft"),
         ({"torque_coefficient": 3e-9}, {}, 0.0, "a yaw error of 0.0089 rad"),
+        (
+            {"torque_coefficient": 1e-4, "thrust_coefficient": 4e-8, "max_motor_speed": 2e4},
+            {},
+            0.0,
+            "more than 1000: the smallest difference of its motors spins it",
+        ),
         ({"mass": 0.3}, {}, 0.0, "an attitude error of 0.095 rad"),
         ({"arm": 0.02}, {}, 0.0, "an attitude error of 0.079 rad"),
         ({}, {}, 9.2, "wind of 9.2 m/s pushes by 8.46 m/s^2, max_tilt holds 8.26"),

@@ -41,8 +41,8 @@ _FLOWN = 0.9
 _AT_SPEED = 0.5
 """Least share of the highest acceleration that is left to speed up at the highest speed."""
 _BEYOND = 0.1
-"""Least share of it that is left at the highest speed and what the end of the highest acceleration
-adds: goals replaced back and forth lead there, and a vehicle that can only just hold it drifts on."""
+"""Least share of the highest acceleration that is left at the highest speed and what the end of an
+acceleration adds: goals replaced back and forth lead there, and what only just holds it drifts on."""
 _STEADY = 0.73
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
@@ -175,7 +175,8 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         """Return whether the vehicle can speed up at this speed (m/s), and fly what exceeds it."""
         # An axis that gives up half its share ends its acceleration with half the jerk. At most the
         # speed itself: a higher acceleration is not reached within it.
-        more = min(most * most / jerk(speed), speed)
+        square, ends = most * most, jerk(speed)
+        more = speed if square >= speed * ends else square / ends
         return left(speed) >= _AT_SPEED * most and left(speed + more) >= _BEYOND * most
 
     speed, step = control.max_speed, 0.5 * control.max_speed

@@ -107,7 +107,7 @@ def test_every_call_of_the_monitor_keeps_the_invariants(proofs: Proofs):
 
 
 @pytest.mark.prove
-@pytest.mark.timeout(900)  # The solver computes for a minute or two beside two other counts.
+@pytest.mark.timeout(900)  # The solver computes for a minute beside two other counts.
 @pytest.mark.parametrize("name", STEP)
 def test_the_proof_fails_on_a_broken_automaton(monkeypatch: pytest.MonkeyPatch, name: str):
     BROKEN[name](monkeypatch)

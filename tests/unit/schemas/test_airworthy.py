@@ -94,6 +94,11 @@ def test_a_vehicle_that_cannot_hover_is_refused(vehicle, control, wind, reason):
     assert reason in found
 
 
+def test_a_body_without_gravity_has_no_limits_to_fly():
+    limits = airworthy.flown(VehicleParams(gravity=0.0), ControlParams(), WindParams())
+    assert limits == (0.0, 0.0, 0.0, 0.0)
+
+
 def test_gusts_of_four_times_their_strength_count_as_wind():
     wind = WindParams(MeanWindParams(5.0), gust=1.05)
     assert "wind of 9.2 m/s" in reason_against(wind=wind)

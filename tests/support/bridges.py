@@ -39,10 +39,12 @@ def without(package: str, bridge: str) -> subprocess.CompletedProcess[str]:
 def bridged(lab: Lab, name: str, *options: str) -> Iterator[Foreground]:
     """Bridge the run of a lab from when the bridge's node is up until the end of the block."""
     process = lab.spawn(*lab.command("bridge", name, *options))
-    eventually(
-        lambda: name in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
-    )
-    yield process
-    if not process.ended:
-        process.send(signal.SIGTERM)
-        assert process.wait() == 0
+    try:
+        eventually(
+            lambda: name in {node["name"] for node in lab.quadctl("node", "list", "--json").json}
+        )
+        yield process
+    finally:
+        if not process.ended:
+            process.send(signal.SIGTERM)
+            assert process.wait() == 0

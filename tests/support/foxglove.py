@@ -2,7 +2,6 @@
 
 import json
 import os
-import ssl
 import struct
 import subprocess
 import threading
@@ -52,18 +51,16 @@ class FoxgloveClient:
         everything: bool = False,
         reading: bool = True,
         token: str = TOKEN,
-        tls: ssl.SSLContext | None = None,
         subprotocol: Subprotocol = SUBPROTOCOL,
     ) -> None:
         self._open = ExitStack()
-        address = f"{'wss' if tls else 'ws'}://127.0.0.1:{port}/"
+        address = f"ws://127.0.0.1:{port}/"
         self._socket = self._open.enter_context(
             connect(
                 f"{address}?token={token}" if token else address,
                 subprotocols=[subprotocol],
                 max_size=None,
                 compression=None,
-                ssl=tls,
             )
         )
         assert self._socket.subprotocol == subprotocol
@@ -139,8 +136,7 @@ class FoxgloveClient:
     def request(self, service: str, payload: bytes) -> int:
         """Send a call without waiting for its answer; return its id."""
         self._calls += 1
-        head = struct.pack("<BIII", _REQUEST, self.services[service]["id"], self._calls, 4)
-        self._socket.send(head + b"json" + payload)
+        self._socket.send(request(self.services[service]["id"], self._calls, payload))
         return self._calls
 
     def call(self, service: str, **request: Any) -> Any:
@@ -194,9 +190,8 @@ class FoxgloveClient:
             number, at = struct.unpack_from("<IQ", data, 1)
             topic, came = self._subscriptions[number], time.perf_counter()
             self.messages.append(Message(topic, at, data[13:], came))
-        elif data[0] == _RESPONSE:
-            _, call, length = struct.unpack_from("<III", data, 1)
-            self.answers.append((call, json.loads(data[13 + length :])))
+        elif answer := response(data):
+            self.answers.append(answer)
 
     def _take_document(self, document: dict[str, Any]) -> None:
         match document["op"]:
@@ -209,6 +204,19 @@ class FoxgloveClient:
                 self.services |= {each["name"]: each for each in document["services"]}
             case "serviceCallFailure":
                 self.answers.append((document["callId"], ServiceFailed(document["message"])))
+
+
+def request(service: int, call: int, payload: bytes) -> bytes:
+    """Return the frame of a call to the service with this id, in JSON."""
+    return struct.pack("<BIII", _REQUEST, service, call, 4) + b"json" + payload
+
+
+def response(data: bytes) -> tuple[int, Any] | None:
+    """Return the id and the answer of a call, None for a frame of another kind."""
+    if data[0] != _RESPONSE:
+        return None
+    _, call, length = struct.unpack_from("<III", data, 1)
+    return call, json.loads(data[13 + length :])
 
 
 def bridged(lab: Lab, port: int, *options: str) -> AbstractContextManager[Foreground]:

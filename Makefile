@@ -37,7 +37,7 @@ test: $(READY)
 prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md.
 	$(RUN) -m benchmarks.measure --write --check
 	$(RUN) -m pytest -m "prove and alone" --durations 0
-	$(RUN) -m pytest -m "prove and not alone" --durations 0 --numprocesses 3 --dist worksteal
+	$(RUN) -m pytest -m "prove and not alone" --durations 0 --numprocesses 3 --dist load --maxschedchunk 1
 
 docs: $(READY)  ## The book, in build/book.
 	$(RUN) -m docs.book

@@ -54,8 +54,16 @@ class FailuresAtOnce:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if not chromium.wanted():
         _leave_out("browser", config, items)
-    if not config.option.markexpr:
+    if config.option.markexpr:
+        # A worker that begins a long count as the last ends long after the others.
+        items.sort(key=_time_limit, reverse=True)
+    else:
         _leave_out("prove", config, items)
+
+
+def _time_limit(item: pytest.Item) -> float:
+    marker = item.get_closest_marker("timeout")
+    return marker.args[0] if marker else 0.0
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -39,6 +39,8 @@ _ZERO = 0.01
 """hPa by which a zeroed reading may differ from 0, beside the height flown since."""
 _GRADIENT = 0.12
 """Change of the pressure with height, hPa/m, rounded up."""
+_GENTLE = 0.05
+"""Share of its acceleration with which a vehicle brakes at least that must stop."""
 _TIME_TO_ARRIVE = 10.0
 """Simulated seconds after which a random flight's last goal must be reached."""
 
@@ -296,7 +298,7 @@ def excursion(flown: FlownMission) -> tuple[float, float]:
             if size != before:
                 sx, sy, sz = (x + 0.5 / braking * u * abs(u) for x, u in zip(p, v, strict=True))
                 room = max(outside(*p, *size), outside(sx, sy, sz, *size))
-                allowed = max(room, gently(*p, *v, braking, *size)) if room > 0 else 0.0
+                allowed = max(room, gently(*p, *v, _GENTLE * braking, *size)) if room > 0 else 0.0
             out = outside(*p, *size)
             if out - allowed > worst:
                 worst, at = out - allowed, pose.stamp

@@ -20,6 +20,7 @@ from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
 from quadctl.services.dynamics.simulation import still_in_force
 from quadctl.services.runtime.goal_latch import GoalLatch
+from quadctl.services.safety.cage import gentle
 from quadctl.services.safety.model import State
 from quadctl.services.safety.separation import allowed
 from quadctl.services.safety.traffic import Traffic
@@ -72,9 +73,13 @@ class Batch:
         self.lanes[number].served["dynamics"] = serve(
             "dynamics",
             Params(dynamics=params),
-            partial(fleet.configure, number, params),
+            partial(self._configure, number, params),
             lambda: still_in_force(fleet.in_force(number), params),
         )
+
+    def _configure(self, number: int, params: DynamicsParams) -> None:
+        self._fleet.configure(number, params)
+        self.lanes[number].fly_with(params)
 
     def fly_near(self) -> list[Flown]:
         """Fly all to their end; a flight that stays inside has its distance from a wall, negative."""
@@ -168,8 +173,8 @@ class Batch:
         self._notes[:, number] = (
             lane.wanted, lane.seen, s.state is State.MOVING, s.settling, lane.due,
             self._notes[MOVED, number], lane.returning, 0,
-            params.acceptance_range + SLACK, params.max_deceleration, params.reaction,
-            params.max_speed / SETPOINT.hz,
+            params.acceptance_range + SLACK, params.max_deceleration, gentle(lane.monitor.envelope),
+            params.reaction, params.max_speed / SETPOINT.hz,
             s.beyond if s.cage_on else inf, params.margin - SLACK,
             goal.x, goal.y, goal.z, size.x, size.y, size.z,
         )  # fmt: skip

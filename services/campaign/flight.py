@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import astuple, replace
 
+from quadctl.schemas import airworthy
 from quadctl.schemas.messages import (
     BodyRates,
     Pose,
@@ -19,7 +20,7 @@ from quadctl.schemas.messages import (
     Setpoint,
     Velocity,
 )
-from quadctl.schemas.params import Params, SafetyParams
+from quadctl.schemas.params import DynamicsParams, Params, SafetyParams
 from quadctl.schemas.services import SetParamsRequest
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.campaign import watch
@@ -118,7 +119,8 @@ class SimulatedFlight:
         """True if nothing fails in this flight."""
         self.healthy = self.sound and not disturbed
         """True if nothing fails, and the air is still."""
-        self._departure = Departure(self.params) if "Runaway" in faults else None
+        self._departure = Departure(self.params, self.monitor) if "Runaway" in faults else None
+        self.fly_with(mission.dynamics)
         self._rows, self._next = mission.rows, 0
         self._boot = "campaign"
         self._error: Point | None = None
@@ -134,6 +136,11 @@ class SimulatedFlight:
         """The period of the last pose that was shown."""
         self.moved_at = 0.0
         """The time of the last pose in motion, s."""
+
+    def fly_with(self, params: DynamicsParams) -> None:
+        """Tell safety with which parameters the vehicle flies."""
+        limits = airworthy.flown(params.vehicle, params.control, params.wind)
+        self.monitor.flies_with(limits.max_acceleration)
 
     @property
     def is_astray(self) -> bool:
@@ -422,10 +429,10 @@ def serve(
 class Departure:
     """How far outside the cage (m) a vehicle may come to a stop before safety has to stop it."""
 
-    def __init__(self, params: SafetyParams) -> None:
-        """Start without a limit."""
+    def __init__(self, params: SafetyParams, monitor: Monitor) -> None:
+        """Start without a limit; the vehicle brakes as gently as the monitor allows for."""
         self.allowed = inf
-        self._params, self._since = params, 0.0
+        self._params, self._monitor, self._since = params, monitor, 0.0
 
     def is_due(self, pose: Pose, size: Point) -> bool:
         """Return whether the vehicle can no longer stop within the limit and the margin."""
@@ -447,8 +454,8 @@ class Departure:
         # The first pose of a boot is its own predecessor.
         seconds = pose.stamp - last.stamp or PERIOD
         notes = np.zeros((len(watch.ROWS), 1))
-        braking = self._params.max_deceleration
-        notes[[watch.BRAKING, watch.SIZE, watch.SIZE_Y, watch.SIZE_Z], 0] = (braking, *size)
+        braking = cage.gentle(self._monitor.envelope)
+        notes[[watch.GENTLE, watch.SIZE, watch.SIZE_Y, watch.SIZE_Z], 0] = (braking, *size)
         before, now = (np.array([_motion(each)]).T for each in (last, pose))
         return watch.leeway(notes, 0, now, before, seconds)
 

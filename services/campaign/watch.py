@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.safety.cage import AT_REST, GENTLE, REACTION, RISE
+from quadctl.services.safety.cage import AT_REST, REACTION, RISE
 from quadctl.services.safety.monitor import PATIENCE
 
 Floats = npt.NDArray[np.float64]
@@ -24,19 +24,19 @@ PATIENT = PATIENCE * SETPOINT.hz
 
 ROWS = (
     "WANTED", "SEEN", "MOVING", "SETTLING", "DUE", "MOVED", "RETURNING", "NEAREST",
-    "REACH", "BRAKING", "REACTS", "FASTEST", "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE", "SIZE_Y",
-    "SIZE_Z",
+    "REACH", "BRAKING", "GENTLE", "REACTS", "FASTEST", "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE",
+    "SIZE_Y", "SIZE_Z",
 )  # fmt: skip
 """Notes on each monitor, one in a row.
 
 Periods: in which it is wanted, in which it saw the last pose, in which its present standstill is at
 fault, of the last pose in motion, and of the missed pose on a way back from outside that is nearest to
 the cage. Flags: moving, settling. The time (s) from which it follows such a way; its acceptance range
-(m), deceleration (m/s^2), reaction (s) and way in a period (m); how far outside (m) it may stop, and the margin
-(m); the goal and the cage's bounds, m.
+(m), highest and least deceleration (m/s^2), reaction (s) and way in a period (m); how far outside (m) it
+may stop, and the margin (m); the goal and the cage's bounds, m.
 """
 (
-    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, RETURNING, NEAREST, REACH, BRAKING, REACTS, FASTEST,
+    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, RETURNING, NEAREST, REACH, BRAKING, GENTLE, REACTS, FASTEST,
     BEYOND, MARGIN, GOAL, GOAL_Y, GOAL_Z, SIZE, SIZE_Y, SIZE_Z,
 ) = range(len(ROWS))  # fmt: skip
 
@@ -53,8 +53,8 @@ def gently(
     x: float, y: float, z: float, vx: float, vy: float, vz: float,
     braking: float, sx: float, sy: float, sz: float,
 ) -> float:  # fmt: skip
-    """Return how far outside (m) a vehicle stops that brakes late and gently, as safety does."""
-    seconds = REACTION + 0.5 * sqrt(vx * vx + vy * vy + vz * vz) / (GENTLE * braking)
+    """Return how far outside (m) a vehicle stops that brakes late, at this deceleration, m/s^2."""
+    seconds = REACTION + 0.5 * sqrt(vx * vx + vy * vy + vz * vz) / braking
     return outside(x + seconds * vx, y + seconds * vy, z + seconds * vz, sx, sy, sz)
 
 
@@ -66,7 +66,7 @@ def leeway(notes: Floats, n: int, motion: Floats, last: Floats, seconds: float) 
     ux = vx + rises * (vx - last[3, n])
     uy = vy + rises * (vy - last[4, n])
     uz = vz + rises * (vz - last[5, n])
-    braking, sx, sy, sz = notes[BRAKING, n], notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n]
+    braking, sx, sy, sz = notes[GENTLE, n], notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n]
     now = gently(x, y, z, vx, vy, vz, braking, sx, sy, sz)
     later = gently(x, y, z, ux, uy, uz, braking, sx, sy, sz)
     return max(now, later, outside(x, y, z, sx, sy, sz))
@@ -169,7 +169,7 @@ def separate(motions: Floats, times: Floats, vehicles: int, least: Floats, at: F
 
 def compiled_source() -> str:
     """Return the source of the loops for numba, to go after a kernel's source."""
-    names = ("AT_REST", "GENTLE", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
+    names = ("AT_REST", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
     lines = ["", "Floats = Ints = None", *(f"{name} = {globals()[name]!r}" for name in names)]
     # Each after those that it calls.
     for function in (outside, gently, leeway, awaits, look, score, approach, separate):

@@ -80,9 +80,9 @@ class Safety:
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, inline=True)
         node.on_params = self._on_params
-        self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_wind)
+        self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_vehicle)
         node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
-        self._judge_wind()
+        self._judge_vehicle()
         self._zones.put(self.monitor.zones)
         self._near = NearestWall()
         self.publish()
@@ -92,13 +92,15 @@ class Safety:
         self.monitor.resize()
 
     def _on_vehicle_params(self, call: Called) -> None:
-        """Follow the parameters of dynamics: its wind, and its patience for setpoints."""
+        """Follow the parameters of dynamics: body, limits, wind, and patience for setpoints."""
         if call.response.get("success"):
             self._vehicle.set(convert(call.request, SetParamsRequest))
 
-    def _judge_wind(self) -> None:
-        flown = self._params.dynamics
-        self.monitor.lands(airworthy.why_not_held(flown.vehicle, flown.control, flown.wind))
+    def _judge_vehicle(self) -> None:
+        params = self._params.dynamics
+        vehicle = params.vehicle, params.control, params.wind
+        self.monitor.flies_with(airworthy.flown(*vehicle).max_acceleration)
+        self.monitor.lands(airworthy.why_not_held(*vehicle))
         self._send_setpoint()
 
     def listen_to_all_poses(self) -> None:

@@ -10,7 +10,7 @@ from math import dist, sqrt
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Pose, Position
-from quadctl.services.safety.model import Situation, World
+from quadctl.services.safety.model import Envelope, Situation, World
 from quadctl.services.safety.zones import Box, Nearest
 
 Interval = tuple[float, float]
@@ -64,8 +64,9 @@ REACTION = 0.5
 """Seconds from the command to stop until the vehicle brakes: a setpoint, the jerk and the lags."""
 RISE = 0.4
 """Seconds of these in which its speed may still change as before."""
-GENTLE = 0.05
-"""Share of the deceleration that a sound vehicle brakes with at least."""
+GENTLE, OWN = 0.05, 0.5
+"""A sound vehicle brakes at least with this share of the deceleration that safety allows for, or with
+this share of the acceleration that it flies with, if that is less."""
 SLACK = 0.5
 """Metres that a vehicle needs which speeds up as hard as it can (5 m/s^2, 40 m/s^3) for the 0.25 s that
 its lags hide from its poses, and then brakes as hard."""
@@ -149,8 +150,13 @@ def caged(s: Situation, w: World) -> Situation:
     return replace(s, beyond=leeway(w) + SLACK, since=w.pose.stamp)
 
 
+def gentle(envelope: Envelope) -> float:
+    """Return the least deceleration (m/s^2) of a sound vehicle."""
+    return min(GENTLE * envelope.deceleration, OWN * envelope.acceleration)
+
+
 def _gently(w: World, velocity: tuple[float, ...]) -> Position:
     x, y, z = velocity
     p = w.pose.position
-    seconds = REACTION + 0.5 * sqrt(x * x + y * y + z * z) / (GENTLE * w.envelope.deceleration)
+    seconds = REACTION + 0.5 * sqrt(x * x + y * y + z * z) / gentle(w.envelope)
     return Position(p.x + seconds * x, p.y + seconds * y, p.z + seconds * z)

@@ -96,13 +96,15 @@ Event = Goto | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | To
 class Envelope(Struct, frozen=True):
     """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable.
 
-    It flies on for the time `reaction` (s) before it brakes.
+    It flies on for the time `reaction` (s) before it brakes. It speeds up with `acceleration` (m/s^2)
+    at most; infinite if that is unknown.
     """
 
     speed: float
     deceleration: float
     margin: float
     reaction: float = 0.0
+    acceleration: float = inf
 
 
 class World(Struct, frozen=True):

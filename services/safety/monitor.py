@@ -127,6 +127,7 @@ class Monitor:
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
+        self._acceleration = self._least_acceleration = inf
         self._void: set[str] = set()
         self._zones, self._region = params.zones, Region(params.zones)
         self.situation = Situation(
@@ -304,6 +305,14 @@ class Monitor:
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
 
+    def flies_with(self, acceleration: float) -> None:
+        """Take the acceleration (m/s^2) that the vehicle flies with: how gently it may brake.
+
+        A higher one counts from the next boot: the vehicle takes it at some later standstill.
+        """
+        self._acceleration = acceleration
+        self._least_acceleration = min(self._least_acceleration, acceleration)
+
     def toggle(self, *, cage_on: bool) -> None:
         """Turn the cage on or off."""
         self._feed(Toggle(cage_on))
@@ -341,6 +350,7 @@ class Monitor:
 
     def _boot(self) -> None:
         first, self.held = not self.situation.boot, None
+        self._least_acceleration = self._acceleration
         stays = first and self._restarted
         self._void.add(self.situation.boot)
         self._feed(Booted(self._greeting(first=first)))
@@ -367,17 +377,23 @@ class Monitor:
         if not same or isinstance(event, Resized):
             self._on_state(self.state(), _line(before, after, event))
 
+    @property
+    def envelope(self) -> Envelope:
+        """Return the limits of the vehicle's motion."""
+        params = self._params
+        return Envelope(
+            params.max_speed, params.max_deceleration, params.margin, params.reaction,
+            self._least_acceleration,
+        )  # fmt: skip
+
     def world(self, others: tuple[Neighbour, ...] = ()) -> World:
         """Return the automaton's input, with the newest pose."""
         params = self._params
         if params.zones is not self._zones:
             self._zones, self._region = params.zones, Region(params.zones)
-        envelope = Envelope(
-            params.max_speed, params.max_deceleration, params.margin, params.reaction
-        )
         reach = params.acceptance_range
         return World(
-            self.pose, self._last, self.fresh, self._cage(), reach, envelope,
+            self.pose, self._last, self.fresh, self._cage(), reach, self.envelope,
             region=self._region, others=others,
         )  # fmt: skip
 

@@ -17,6 +17,7 @@ from tests.support.compiled import compiled_kernel
 
 SIZE = (2.0, 3.0, 1.5)
 BRAKING = 10.0
+ENVELOPE = Envelope(10.0, BRAKING, 0.01)
 
 
 @cache
@@ -39,6 +40,7 @@ def notes(**rows: float) -> watch.Floats:
     made = np.zeros((len(watch.ROWS), 1))
     never = ("WANTED", "DUE", "RETURNING", "BEYOND", "FASTEST")
     values = dict.fromkeys(never, np.inf) | {"BRAKING": BRAKING, "REACH": 0.5}
+    values["GENTLE"] = cage.gentle(ENVELOPE)
     values |= dict(zip(("SIZE", "SIZE_Y", "SIZE_Z"), SIZE, strict=True)) | rows
     for name, value in values.items():
         made[watch.ROWS.index(name)] = value
@@ -50,7 +52,7 @@ def test_the_leeway_is_that_of_safety_to_the_bit(now: Any, last: Any, period: in
     stamps = (period - 1) / 20, period / 20
     world = World(
         pose(now, stamps[1]), pose(last, stamps[0]), True, CageSize(*SIZE), 0.5,
-        Envelope(10.0, BRAKING, 0.01),
+        ENVELOPE,
     )  # fmt: skip
     columns = np.array([now]).T, np.array([last]).T
     found = watch.leeway(notes(), 0, *columns, stamps[1] - stamps[0])

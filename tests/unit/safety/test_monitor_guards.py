@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
-from quadctl.services.safety.cage import beyond, soonest_stop, why_outside
+from quadctl.services.safety.cage import beyond, gentle, soonest_stop, why_outside
 from tests.support.monitor_rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
 from tests.support.worlds import POSE
 
@@ -205,6 +205,18 @@ def test_the_stopping_distance_is_v_squared_over_2_a(x: float, vx: float, decele
 def test_a_declared_reaction_is_a_part_of_the_way_to_a_stop():
     pose = replace(POSE, position=along(1.0), velocity=going(2.0))
     assert soonest_stop(pose, 4.0, 0.25).x == 1.0 + 0.5 + 0.5
+
+
+def test_the_least_acceleration_since_the_boot_is_how_gently_a_vehicle_may_brake():
+    rig = Rig().hovering()
+    assert gentle(rig.monitor.envelope) == 0.5
+    rig.monitor.flies_with(0.2)
+    assert gentle(rig.monitor.envelope) == 0.1
+    # Until its next standstill the vehicle flies by the old value.
+    rig.monitor.flies_with(5.0)
+    assert gentle(rig.monitor.envelope) == 0.1
+    rig.at(ONE_UP, boot="b2")
+    assert gentle(rig.monitor.envelope) == 0.5
 
 
 def test_a_flight_inside_the_cage_is_not_disturbed():

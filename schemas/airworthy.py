@@ -43,6 +43,14 @@ _AT_SPEED = 0.5
 _BEYOND = 0.1
 """Least share of the highest acceleration that is left at the highest speed and what the end of an
 acceleration adds: goals replaced back and forth lead there, and what only just holds it drifts on."""
+_HELD = 3.0
+"""How hard the air may hold the vehicle, in velocity gains: an error of its place lasts as many times
+longer. With 11, those of several turns added up to 24 mm."""
+_ASKED = 0.58
+"""Share of gravity that the setpoint may accelerate with: in a fall, little thrust turns little."""
+_TIPPED = 3.0
+"""Most tilt, in attitude errors that the torque corrects at once: tipped by more, at little gravity and
+in thick air, motors at their limits rocked a vehicle up and away."""
 _STEADY = 0.73
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
@@ -101,8 +109,7 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
             f"it speeds up with {limits.max_acceleration:.2g} m/s^2 at most, below"
             f" {_LEAST_ACCELERATION:g}"
         )
-    # Beyond this error the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
-    error = _turning(vehicle) / (control.rate_gain * control.attitude_gain)
+    error = _corrected(vehicle, control)
     if error < _UPRIGHT:
         return (
             f"its torque corrects an attitude error of {error:.2g} rad, less than {_UPRIGHT:g}:"
@@ -141,6 +148,8 @@ class FlownLimits(NamedTuple):
     """Acceleration (m/s^2) to speed up with at the highest speed; drag takes the rest."""
     max_jerk: float
     """m/s^3"""
+    max_tilt: float
+    """rad"""
 
 
 def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> FlownLimits:
@@ -155,6 +164,7 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
     most = min(
         control.max_acceleration,
         _FLOWN * _spare(vehicle, control, across, up)[0],
+        _ASKED * vehicle.gravity,
         sqrt(_KINK * snap * vehicle.mass / (4 * vehicle.drag)) if vehicle.drag else inf,
     )
 
@@ -165,11 +175,14 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
 
     lag = setpoint_lag(vehicle, control)
 
+    def held(speed: float) -> float:
+        """Return how hard the air holds the vehicle at this speed (m/s), 1/s."""
+        return _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
+
     def jerk(speed: float) -> float:
         """Return the highest jerk at this speed (m/s), m/s^3."""
         # Drag's second rate goes with the jerk, and adds to the snap.
-        rate = _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
-        return min(control.max_jerk, _STEADY * snap / (_SNAP / lag + rate))
+        return min(control.max_jerk, _STEADY * snap / (_SNAP / lag + held(speed)))
 
     def flies(speed: float) -> bool:
         """Return whether the vehicle can speed up at this speed (m/s), and fly what exceeds it."""
@@ -177,7 +190,11 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         # speed itself: a higher acceleration is not reached within it.
         square, ends = most * most, jerk(speed)
         more = speed if square >= speed * ends else square / ends
-        return left(speed) >= _AT_SPEED * most and left(speed + more) >= _BEYOND * most
+        return (
+            left(speed) >= _AT_SPEED * most
+            and left(speed + more) >= _BEYOND * most
+            and held(speed) <= _HELD * control.velocity_gain
+        )
 
     speed, step = control.max_speed, 0.5 * control.max_speed
     if not flies(speed):
@@ -185,7 +202,21 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         for _ in range(_HALVINGS):
             speed += step if flies(speed + step) else 0.0
             step *= 0.5
-    return FlownLimits(speed, most, min(most, left(speed)), jerk(speed))
+    tilt = held_tilt(vehicle, control)
+    return FlownLimits(speed, most, min(most, left(speed)), jerk(speed), tilt)
+
+
+def held_tilt(vehicle: VehicleParams, control: ControlParams) -> float:
+    """Return the tilt (rad) that the controller asks for at most: no more than the torque rights."""
+    return min(control.max_tilt, max(_TIPPED * _corrected(vehicle, control), 0.0))
+
+
+def _corrected(vehicle: VehicleParams, control: ControlParams) -> float:
+    """Return the attitude error (rad) that the torque corrects at once.
+
+    Beyond it the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
+    """
+    return _turning(vehicle) / (control.rate_gain * control.attitude_gain)
 
 
 def delay(vehicle: VehicleParams) -> float:
@@ -208,12 +239,13 @@ def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         return [why]
     less = flown(vehicle, control, wind)
     spare, _ = _spare(vehicle, control, *_air(wind))
-    is_dragged = less.max_acceleration < _FLOWN * spare
+    is_dragged = less.max_acceleration < min(_FLOWN * spare, _ASKED * vehicle.gravity)
     reasons = {
         "max_acceleration": f"{'for its drag' if is_dragged else f'the body can do {spare:.2g} m/s^2,'}"
         " flown with",
         "max_speed": "against the air flown with",
         "max_jerk": "for its torque flown with",
+        "max_tilt": "for its torque flown with",
     }
     return [
         f"{name} {getattr(control, name):g}: {reason} {getattr(less, name):.2g}"
@@ -256,7 +288,7 @@ def _spare(
     With gravity g, drag d and lift w: A cos f + d <= tan(tilt) (g - w + A sin f) for all f, in
     closed form.
     """
-    g, tilt = vehicle.gravity, control.max_tilt
+    g, tilt = vehicle.gravity, held_tilt(vehicle, control)
     full = 4 * vehicle.thrust_coefficient * vehicle.max_motor_speed**2 / vehicle.mass
     rotation = _rotation(vehicle)
     speed = hypot(across, up)

@@ -10,7 +10,7 @@ World frame ENU, body frame FLU, SI units. Straight-line code, as in rigidbody.p
 
 from math import sqrt, tan
 
-from quadctl.schemas.airworthy import delay
+from quadctl.schemas.airworthy import delay, held_tilt
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics.rigidbody import STEP, State
 
@@ -51,7 +51,7 @@ def control_constants(params: DynamicsParams) -> Gains:
         vehicle.gravity,
         LEAST_LIFT * vehicle.gravity + TINY,
         max(MOST_LIFT * full / vehicle.mass, LEAST_LIFT * vehicle.gravity + TINY),
-        tan(gains.max_tilt),
+        tan(held_tilt(vehicle, gains)),
         delay(vehicle),
         vehicle.mass,
         gains.attitude_gain,

@@ -96,7 +96,7 @@ def test_a_vehicle_that_cannot_hover_is_refused(vehicle, control, wind, reason):
 
 def test_a_body_without_gravity_has_no_limits_to_fly():
     limits = airworthy.flown(VehicleParams(gravity=0.0), ControlParams(), WindParams())
-    assert limits == (0.0, 0.0, 0.0, 0.0)
+    assert limits == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def test_gusts_of_four_times_their_strength_count_as_wind():
@@ -128,6 +128,7 @@ def test_wind_upwards_counts_as_lift():
             ["can do 1.3 m/s^2, flown with 1", "max_speed", "max_jerk 40: for"],
         ),
         ({}, {"max_jerk": 200.0}, 0.0, ["max_jerk 200: for its torque flown with 42"]),
+        ({}, {"max_tilt": 1.4}, 0.0, ["max_tilt 1.4: for its torque flown with 0.95"]),
         (
             {},
             {},

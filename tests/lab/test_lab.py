@@ -157,7 +157,9 @@ def test_the_rubric_tells_the_mistakes_apart_in_20_runs_of_20(lab: Lab, proofs: 
     assert len(set(expected.values())) == 1 + len(MISTAKES)
     for _ in range(20):
         found = graded(lab, *folders, timeout=300)
-        assert {name: frozenset(rows) for name, rows in found.items()} == expected, found
+        assert found.keys() == expected.keys()
+        wrong = {name: rows for name, rows in found.items() if rows.keys() != expected[name]}
+        assert not wrong, str(wrong)  # pytest shortens what is no text
     proofs.add(
         f"The rubric tells {len(GOOD)} good hand-ins and {len(MISTAKES)} mistakes apart",
         "20 runs of 20",

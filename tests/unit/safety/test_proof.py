@@ -150,6 +150,7 @@ def test_the_proof_fails_on_a_broken_monitor(monkeypatch: pytest.MonkeyPatch, na
 
 
 @pytest.mark.prove
+@pytest.mark.timeout(900)  # as above
 @pytest.mark.parametrize("name", UNSEEN)
 def test_the_proof_does_not_depend_on_the_guards_of_motion(
     monkeypatch: pytest.MonkeyPatch, name: str

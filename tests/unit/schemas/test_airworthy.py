@@ -76,7 +76,8 @@ def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
         ({"gravity": 0.0}, {}, 0.0, "without gravity"),
         ({"inertia": InertiaParams(z=0.02)}, {}, 0.0, "no body has this inertia"),
         ({"inertia": InertiaParams(0.02, 0.02)}, {}, 0.0, "an attitude error of 0.078 rad"),
-        ({}, {"velocity_gain": 0.2, "position_gain": 0.05}, 0.0, "too soft"),
+        ({}, {"velocity_gain": 0.2, "position_gain": 0.05}, 0.0, "too soft: velocity_gain times"),
+        ({}, {"position_gain": 0.1}, 0.0, "too soft: position_gain is 0.1 /s, below 0.2"),
         ({"torque_coefficient": 3e-9}, {}, 0.0, "a yaw error of 0.0089 rad"),
         (
             {"torque_coefficient": 1e-4, "thrust_coefficient": 4e-8, "max_motor_speed": 2e4},
@@ -129,6 +130,12 @@ def test_wind_upwards_counts_as_lift():
         ),
         ({}, {"max_jerk": 200.0}, 0.0, ["max_jerk 200: for its torque flown with 42"]),
         ({}, {"max_tilt": 1.4}, 0.0, ["max_tilt 1.4: for its torque flown with 0.95"]),
+        (
+            {},
+            {"position_gain": 0.4, "velocity_gain": 0.25},
+            0.0,
+            ["max_speed 5: against the air flown with 1.2"],
+        ),
         (
             {},
             {},

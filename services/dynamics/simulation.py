@@ -236,8 +236,8 @@ class Simulation:
         """Publish the current pose.
 
         At full speed, poses that need no answer go out with the next one that does: together they
-        wake each process on their way once, not five times. Safety's pose goes first, since the
-        clock waits for its answer.
+        wake each process on their way once, not five times. Safety's pose goes last: nobody may
+        receive a decision before the pose that it is about.
         """
         state = self._vehicle.state
         pose = Pose(
@@ -246,14 +246,14 @@ class Simulation:
         )  # fmt: skip
         reported = self._reported.through(pose)
         self._unsent.append(reported)
-        if self._answer_is_due:
-            self._due_poses.put(reported)
         if self._params.speed != 0 or self._answer_is_due:
             # To encode and route a pose for nobody would take half as long as its flight.
             if self._in_lockstep or self.poses.has_subscribers:
                 for pose in self._unsent:
                     self.poses.put(pose)
             self._unsent.clear()
+        if self._answer_is_due:
+            self._due_poses.put(reported)
 
     def _brake(self) -> None:
         """Come to a hover at the stopping point."""

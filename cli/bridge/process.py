@@ -41,5 +41,7 @@ def run_instead(command: list[str]) -> NoReturn:
         sys.exit(subprocess.call(command))
     # A Ctrl-C would get lost as the command ends, or in the module's imports: it waits for its `start`.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # Threads of Zenoh still take one, and Python's handler would note it for an interpreter that goes.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     # One process: whoever ends the command ends it.
     os.execv(sys.executable, command)  # noqa: S606 - our own interpreter, no shell

@@ -90,10 +90,19 @@ process.run_instead([sys.executable, "-P", "-m", "quadctl.services.ros2"])
 """
 
 
-def test_ctrl_c_as_a_bridge_takes_the_place_of_its_command_ends_it(lab: Lab):
+THREAD = "import threading\nthreading.Thread(target=threading.Event().wait, daemon=True).start()"
+"""Another thread, like those of Zenoh: it takes the signal that the first one delays."""
+
+
+@pytest.mark.parametrize(
+    ("before", "code"), [("", 130), (THREAD, -signal.SIGINT)], ids=["alone", "beside a thread"]
+)
+def test_ctrl_c_as_a_bridge_takes_the_place_of_its_command_ends_it(
+    lab: Lab, before: str, code: int
+):
     lab.start()
-    bridge = lab.spawn(sys.executable, "-P", "-c", LATE)
-    assert bridge.wait() == 130
+    bridge = lab.spawn(sys.executable, "-P", "-c", before + LATE)
+    assert bridge.wait() == code
     assert not bridge.log
 
 

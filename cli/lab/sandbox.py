@@ -31,6 +31,8 @@ _PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
 REFUSED = "no sandbox: "
 """Beginning of the message if there can be none."""
 _NOBODY = 65534
+_STRANGERS = 0x70000000
+"""First of the users that no system hands out (systemd, "Users, Groups, UIDs and GIDs")."""
 _MEGABYTE = 1 << 20
 _LOOK = 0.1
 """Seconds between two looks at the memory of all its processes."""
@@ -49,15 +51,29 @@ def main(spec: dict[str, Any], command: list[str]) -> int:
     """
     os.nice(5)
     as_root = os.getuid() == 0
+    user = _stranger() if as_root else os.getuid()
     proc = os.open("/proc", os.O_RDONLY)
     _separate(as_root=as_root)
-    _build(Path(spec["root"]), spec, _NOBODY if as_root else os.getuid())
+    _build(Path(spec["root"]), spec, user)
     child = os.fork()
     if child == 0:
-        _become(spec, command, as_root=as_root)
+        _become(spec, command, user)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, _frame: os.kill(child, number))
     return _watch(child, proc, spec["memory"] * _MEGABYTE)
+
+
+def _stranger() -> int:
+    """Return a user for this sandbox alone: the kernel counts processes by user, not by sandbox.
+
+    A container with too few users has only nobody: its sandboxes share one limit.
+    """
+    user = _STRANGERS + os.getpid()
+    for line in Path("/proc/self/uid_map").read_text("ascii").splitlines():
+        first, _outside, count = map(int, line.split())
+        if first <= user < first + count:
+            return user
+    return _NOBODY
 
 
 def _separate(*, as_root: bool) -> None:
@@ -147,8 +163,8 @@ def _copy_realm(realm: Path, own: Path) -> None:
             (realm / "hub.sock").chmod(0o666)  # its folder lets nobody else in
 
 
-def _become(spec: dict[str, Any], command: list[str], *, as_root: bool) -> NoReturn:
-    """Be the command, as nobody, within the limits."""
+def _become(spec: dict[str, Any], command: list[str], user: int) -> NoReturn:
+    """Be the command, as this user, within the limits."""
     try:
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         os.setsid()
@@ -156,10 +172,10 @@ def _become(spec: dict[str, Any], command: list[str], *, as_root: bool) -> NoRet
         _LIBC.mount(b"proc", b"/proc", b"proc", _NOSUID | _NODEV, None)
         environment = {k: v for k, v in os.environ.items() if k.startswith(_VARIABLES)}
         environment |= {"HOME": "/handin", "TMPDIR": "/tmp", "XDG_RUNTIME_DIR": "/run"}  # noqa: S108
-        if as_root:
+        if user != os.getuid():
             os.setgroups([])
             os.setresgid(_NOBODY, _NOBODY, _NOBODY)
-            os.setresuid(_NOBODY, _NOBODY, _NOBODY)
+            os.setresuid(user, user, user)
             _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # a new user has cleared it
         for limit, most in (
             (resource.RLIMIT_CPU, spec["seconds"]),

@@ -1,7 +1,9 @@
 """`lab new`, `lab check` and `lab grade`, as a student and a teacher use them."""
 
 import shutil
+import subprocess
 import sys
+import tempfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -183,6 +185,49 @@ def test_no_cheat_gains_a_point_or_disturbs_the_next(lab: Lab, proofs: Proofs):
         assert after["ok"], cheat["submission"]
     assert not lab.processes()
     proofs.add("Cheats that gain a point or disturb the next hand-in", "0 of 10", "0")
+
+
+FILLS = """
+import os, time
+while True:
+    try:
+        if os.fork() == 0:
+            time.sleep(1000)
+    except OSError:
+        break
+print("full", flush=True)
+time.sleep(1000)
+"""
+STARTS = """
+import threading
+threads = [threading.Thread(target=threading.Event().wait, daemon=True) for _ in range(20)]
+for each in threads:
+    each.start()
+print("started", flush=True)
+"""
+
+
+def test_a_hand_in_with_all_its_processes_leaves_a_neighbour_his(lab: Lab):
+    """The kernel counts the processes of a user: hand-ins that shared one took them from each other."""
+
+    def sandboxed(code: str) -> list[str]:
+        root = Path(tempfile.mkdtemp(dir=lab.folder))
+        spec = grading._spec(
+            root / "handin", str(root / "realm"), root / "root", grading.Limits(processes=32)
+        )
+        (root / "handin").mkdir()
+        return grading._sandboxed(spec, [sys.executable, "-c", code])
+
+    with subprocess.Popen(sandboxed(FILLS), stdout=subprocess.PIPE, text=True) as first:
+        try:
+            assert first.stdout is not None
+            assert first.stdout.readline() == "full\n"
+            second = subprocess.run(
+                sandboxed(STARTS), capture_output=True, text=True, timeout=20, check=False
+            )
+            assert (second.stdout, second.stderr) == ("started\n", "")
+        finally:
+            first.kill()  # its command is the first process of its namespace, which SIGTERM does not end
 
 
 def test_a_judge_that_fails_is_reported_as_that(lab: Lab, monkeypatch: pytest.MonkeyPatch):

@@ -422,6 +422,7 @@ a grade that depends on the load of the machine, or on luck
 a hand-in that cheats
   gains no point, and disturbs no other hand-in; it sees neither rubric nor solution
   - lab/lab: a_hand_in_sees_neither_rubric_nor_solution no_cheat_gains_a_point_or_disturbs_the_next
+    a_hand_in_with_all_its_processes_leaves_a_neighbour_his
   = Cheats that gain
 a thousand vehicles on one hub
   no message is lost

@@ -1,7 +1,6 @@
 """`lab new`, `lab check` and `lab grade`, as a student and a teacher use them."""
 
 import shutil
-import subprocess
 import sys
 import tempfile
 import tomllib
@@ -17,6 +16,7 @@ from quadctl.services.runtime.errors import Invalid
 from tests.support.handins import CHEATS, GOOD, MISTAKES, promised, write
 from tests.support.lab import Lab
 from tests.support.proofs import Proofs
+from tests.support.running import eventually
 
 ROWS = [
     "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "3.1", "3.2", "3.3", "4.1",
@@ -218,16 +218,13 @@ def test_a_hand_in_with_all_its_processes_leaves_a_neighbour_his(lab: Lab):
         (root / "handin").mkdir()
         return grading._sandboxed(spec, [sys.executable, "-c", code])
 
-    with subprocess.Popen(sandboxed(FILLS), stdout=subprocess.PIPE, text=True) as first:
-        try:
-            assert first.stdout is not None
-            assert first.stdout.readline() == "full\n"
-            second = subprocess.run(
-                sandboxed(STARTS), capture_output=True, text=True, timeout=20, check=False
-            )
-            assert (second.stdout, second.stderr) == ("started\n", "")
-        finally:
-            first.kill()  # its command is the first process of its namespace, which SIGTERM does not end
+    first = lab.spawn(*sandboxed(FILLS))
+    try:
+        eventually(lambda: first.log == "full\n")
+        second = lab.run(sandboxed(STARTS), timeout=20)
+        assert (second.out, second.err) == ("started\n", "")
+    finally:
+        first.end()  # by SIGKILL: SIGTERM does not end the first process of a namespace
 
 
 def test_a_judge_that_fails_is_reported_as_that(lab: Lab, monkeypatch: pytest.MonkeyPatch):

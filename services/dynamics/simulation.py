@@ -109,9 +109,8 @@ class Simulation:
         """Reason why a vehicle with the parameters judged last cannot hold itself, or empty."""
         self._unsent: list[Pose] = []
         self.boot()
-        waits = params.dynamics.speed != 1
-        self.poses = node.publisher(POSE, lambda: params.dynamics.rate, waits=waits, together=True)
-        self._due_poses = node.publisher(POSE_SLOW, waits=waits, together=True)
+        self.poses = node.publisher(POSE, lambda: params.dynamics.rate, together=True)
+        self._due_poses = node.publisher(POSE_SLOW, together=True)
         self._poses_per_tick, self._last_tick = 1, 0.0
         # Setpoints take effect at the next pose, so they need not wake the node before it.
         self._setpoints = node.listen(SETPOINT, self._on_setpoint, wakes=False)

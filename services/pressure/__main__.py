@@ -71,7 +71,6 @@ class Output:
         self._readings = node.publisher(
             PRESSURE,
             lambda: params.pressure.rate,
-            waits=params.dynamics.speed != 1,
             together=True,
         )
         self._begun = time.monotonic()

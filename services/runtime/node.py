@@ -42,6 +42,7 @@ class Node:
 
     `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
     process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
+    `lockstep`: the clock of the simulation waits, and no message is lost to a slow subscriber.
     `present`: what else is there, if it has been asked for the process's vehicles together.
     `connect`: the hub's endpoint if it is not the realm's own.
     Raises AlreadyServed when another process is this node.
@@ -58,11 +59,13 @@ class Node:
         restarted: bool = False,
         reference_params: Params | None = None,
         single: bool = True,
+        lockstep: bool = False,
         connect: str = "",
     ) -> None:
         self._connect = connect
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
+        self._lockstep = lockstep
         present = present or liveliness.present(session, [vehicle])
         self._servers = present.servers
         if (vehicle, name) in present.nodes:
@@ -86,19 +89,17 @@ class Node:
         topic: Topic[M],
         hz: Callable[[], float] | None = None,
         *,
-        waits: bool = False,
         together: bool = False,
     ) -> Publisher[M]:
         """Declare a topic, at its own rate or at `hz()` now and after each change of parameters.
 
-        In lock-step, a publisher that `waits` loses no message to a slow subscriber. With
-        `together`, messages of several vehicles go out when all that are due have run: an answer
-        to the first would else interrupt the others.
+        With `together`, messages of several vehicles go out when all that are due have run: an
+        answer to the first would else interrupt the others.
         """
         key = topic.key(self.vehicle)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
         defer = self.executor.defer if together and not self.single else None
-        publisher = Publisher(self._session, key, topic, waits=waits, defer=defer)
+        publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         return publisher

@@ -66,7 +66,7 @@ class Safety:
 
     def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
         self._node, self._params = node, params
-        self._states = node.publisher(STATE, waits=params.dynamics.speed != 1)
+        self._states = node.publisher(STATE)
         self._setpoints = node.publisher(SETPOINT)
         self._zones = node.publisher(ZONES)
         self.monitor = Monitor(

@@ -1,7 +1,8 @@
-"""Beside a stalled viewer of all keys, safety answers every pose that is due, and no later."""
+"""Slow readers: the vehicle does not wait for one at speed 1; in lock-step one loses no message."""
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -110,6 +111,48 @@ def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(flying_lab: Lab):
     steps = [b - a for a, b in pairwise(answered)]
     assert len(steps) > 50
     assert set(steps) <= set(range(1, 2 * PERIOD + 1)), "a period was skipped"
+
+
+COUNTER = """
+from msgspec import Struct
+from quadctl import start
+from quadctl.schemas.topics import Topic
+
+class Number(Struct):
+    number: int
+    padding: str
+
+def run(node, params):
+    numbers = node.publisher(Topic("own/number", Number, node=node.name, hz=20, doc="A number."))
+    for _ in node.ticks(20):
+        if numbers.has_subscribers:
+            break
+    for number in range(20_000):
+        numbers.put(Number(number, 1000 * "x"))
+    for _ in node.ticks(1):
+        pass
+
+start("counter", run)
+"""
+
+
+def test_in_lockstep_no_message_of_a_node_of_ones_own_is_lost_to_a_slow_reader(lab: Lab):
+    """One state lost on a busy machine cost a hand-in the points of a row."""
+    (lab.folder / "counter.py").write_text(COUNTER, encoding="utf-8")
+    lab.start(lab.file('[processes]\ncounter = "python counter.py"\n'), "--set", "dynamics.speed=0")
+    numbers: list[int] = []
+
+    def slowly(sample: zenoh.Sample) -> None:
+        if not numbers:
+            threading.Event().wait(0.5)  # more comes than the links have room for
+        numbers.append(unpack(sample.payload.to_bytes())["number"])
+
+    with lab.bare() as bare:
+        callback = zenoh.handlers.Callback(slowly, indirect=False)
+        subscriber = bare.session.declare_subscriber("uav/own/number", callback)
+        eventually(lambda: numbers and numbers[-1] == 19_999, 20.0)
+        subscriber.undeclare()
+    assert numbers == list(range(20_000))
 
 
 @pytest.mark.prove

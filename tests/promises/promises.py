@@ -417,6 +417,7 @@ a grade that depends on the load of the machine, or on luck
   waits for a process that stands still
   - lab/lab: a_class_is_graded_each_for_itself a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only
   - flight/fly: a_run_of_its_own_waits_for_a_frozen_process
+  - bus/slow_readers: in_lockstep_no_message_of_a_node_of_ones_own_is_lost_to_a_slow_reader
   - lab/lab: the_rubric_tells_the_mistakes_apart_in_20_runs_of_20
   = The rubric tells
 a hand-in that cheats

@@ -68,11 +68,7 @@ class Output:
         self._params, self._log, self._clock = params, node.log, clock
         self._barometer, self._logged = Barometer(params.pressure), "none"
         self.begin()
-        self._readings = node.publisher(
-            PRESSURE,
-            lambda: params.pressure.rate,
-            together=True,
-        )
+        self._readings = node.publisher(PRESSURE, lambda: params.pressure.rate, together=True)
         self._begun = time.monotonic()
         node.serve(CALIBRATE, self._calibrate, inline=True)
 

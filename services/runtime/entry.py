@@ -143,7 +143,7 @@ def _executor_of(
         own = executor.new_executor()
         node = Node(
             name, vehicle, opened, own, present=present, restarted=restarted,
-            reference_params=like, single=single, lockstep=params.dynamics.speed != 1, connect=connect,
+            reference_params=like, single=single, waits=params.dynamics.speed != 1, connect=connect,
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))

@@ -42,7 +42,7 @@ class Node:
 
     `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
     process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
-    `lockstep`: the clock of the simulation waits, and no message is lost to a slow subscriber.
+    `waits`: a publisher waits for a slow subscriber and drops no message; not in real time.
     `present`: what else is there, if it has been asked for the process's vehicles together.
     `connect`: the hub's endpoint if it is not the realm's own.
     Raises AlreadyServed when another process is this node.
@@ -59,13 +59,13 @@ class Node:
         restarted: bool = False,
         reference_params: Params | None = None,
         single: bool = True,
-        lockstep: bool = False,
+        waits: bool = False,
         connect: str = "",
     ) -> None:
         self._connect = connect
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
-        self._lockstep = lockstep
+        self._waits = waits
         present = present or liveliness.present(session, [vehicle])
         self._servers = present.servers
         if (vehicle, name) in present.nodes:
@@ -99,7 +99,7 @@ class Node:
         key = topic.key(self.vehicle)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
         defer = self.executor.defer if together and not self.single else None
-        publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
+        publisher = Publisher(self._session, key, topic, waits=self._waits, defer=defer)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         return publisher

@@ -137,7 +137,7 @@ start("counter", run)
 
 
 def test_in_lockstep_no_message_of_a_node_of_ones_own_is_lost_to_a_slow_reader(lab: Lab):
-    """One state lost on a busy machine cost a hand-in the points of a row."""
+    """One lost state can cost a hand-in the points of a row."""
     (lab.folder / "counter.py").write_text(COUNTER, encoding="utf-8")
     lab.start(lab.file('[processes]\ncounter = "python counter.py"\n'), "--set", "dynamics.speed=0")
     numbers: list[int] = []

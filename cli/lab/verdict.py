@@ -244,8 +244,13 @@ def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _state_seen(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    if not flown.states:
+        return RowVerdict(False, "safety/state showed nothing")
     seen = sorted({state.state for state in flown.states})
-    return RowVerdict(row.state in seen, f"safety/state showed {', '.join(seen) or 'nothing'}")
+    # A state that is missing inside the flight and states that end early have different causes.
+    count, last = len(flown.states), flown.states[-1].stamp
+    why = f"safety/state showed {', '.join(seen)}: {count} states, the last at {last:.2f} s"
+    return RowVerdict(row.state in seen, why)
 
 
 def random_flight(flown: FlownMission) -> RowVerdict:

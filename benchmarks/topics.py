@@ -20,7 +20,7 @@ _CONNECTED_WITHIN = 10.0
 def measure_one(results: Results, effort: Effort) -> None:
     """Measure 1 to 1, at two rates and at the highest rate."""
     _absent(results, ["topic_100", "topic_1000", "throughput", "throughput_lost"])
-    for run in range(effort.runs):
+    for run in range(effort.topic_runs):
         with ends("publish", "listen", 1, _POSE_BYTES) as sides:
             _settle(sides.values())
             for _ in range(effort.blocks):
@@ -37,7 +37,7 @@ def measure_one(results: Results, effort: Effort) -> None:
 def measure_fan(results: Results, effort: Effort) -> None:
     """Measure 1 to 8."""
     _absent(results, ["topic_fan"])
-    for run in range(effort.runs):
+    for run in range(effort.topic_runs):
         with ends("publish", "listen", _FAN, _POSE_BYTES) as sides:
             _settle(sides.values())
             for _ in range(effort.blocks):

@@ -1,8 +1,9 @@
 """Modes of a flight: standing, spin-up, flying, hopping, landing, at rest; the room for a stop.
 
-Over the floor the vehicle hops, and it lands from straight above: a path along the floor, or
-diagonally down to it, would scrape it, and contact removes all speed. A vehicle at rest does not
-change a bit until its next command: further steps would only change the last digits.
+Over the floor the vehicle hops, it leaves the floor straight up, and it lands from straight above: a
+path along the floor, or diagonally from or to it, would scrape it, and contact removes all speed. A
+vehicle at rest does not change a bit until its next command: further steps would only change the
+last digits.
 
 World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 """
@@ -24,8 +25,10 @@ FLAT = 0.05
 """Slope (height over way) below which a climb begins with a hop."""
 CLOSE, ABOVE = 0.05, 0.002
 """Distances (m) to the end of a leg at which the next one begins, and to a landing's place."""
-TOUCHDOWN = 0.01
-"""Height (m) under which a vehicle with its setpoint on the floor may drop."""
+LIFT = 1e-6
+"""Height (m) of the setpoint at which a climb from the floor may turn to the side."""
+TOUCHDOWN, CONTACT = 0.01, 0.0003
+"""Heights (m) under which a vehicle may drop: with its setpoint on the floor, and anyway."""
 REST = 1e-9
 """Tolerance of a vehicle at rest in place, attitude and motion: m, rad, m/s and rad/s."""
 MOTORS_AT_REST = 1e-6
@@ -78,11 +81,14 @@ def goto(
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
             # A hop begun in motion starts where that motion can end, not at the place of request.
             hops = ((sz < HOP) | (ez < HOP)) & (low | moves | flat)
+            # A steep climb from standing begins straight up, too: contact takes the speed to the
+            # side, and a soft velocity_gain takes long to make up for it.
+            rises = hops | ((standing > 0.0) & (here == 0.0))
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
-            hop = (1.0 if hops else 0.0) + (1.0 if low else 0.0)
+            hop = (1.0 if rises else 0.0) + (1.0 if low else 0.0)
             plan = trajectory.goto(
-                plan, ex if hops else x, ey if hops else y, HOP if hops | low else z, limits
+                plan, ex if rises else x, ey if rises else y, HOP if hops | low else z, limits
             )
     return plan, (standing, spin, calm, braking, hop, x, y, z)
 
@@ -155,15 +161,32 @@ def motor_commands(
     return (0.0 if idle else c0, 0.0 if idle else c1, 0.0 if idle else c2, 0.0 if idle else c3)
 
 
-def next_leg(plan: Plan, mode: FlightMode, kind: float, limits: Limits) -> tuple[Plan, FlightMode]:
-    """Return the plan one period later if the vehicle flies, with its next leg if one is due."""
+def touches(height: float, plan: Plan, mode: FlightMode) -> bool:
+    """Return whether a vehicle at this height (m) is about to touch the floor where its leg ends."""
+    return (height < CONTACT) & (plan[2][3] <= 0.0) & (mode[4] == 0.0)
+
+
+def next_leg(
+    height: float, plan: Plan, mode: FlightMode, kind: float, limits: Limits
+) -> tuple[Plan, FlightMode]:
+    """Return the plan one period later if the vehicle flies, with its next leg if one is due.
+
+    A landing ends when the vehicle, at this height (m), touches the floor: braking the rest of the
+    way would push it off again, with a speed that a soft velocity_gain takes long to end.
+    """
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     if kind == 2.0:
         plan = trajectory.advance(plan, limits)
+        if touches(height, plan, mode):
+            x, y, _ = place(plan, limits)
+            standing = 1.0
+            plan = trajectory.resting(x, y, 0.0, limits)
         if hop > 0.0:
             lands = (hop == 1.0) & (tz < HOP)
-            near = ends_leg(plan, ABOVE if lands else CLOSE, limits)
-            if near:
+            _, _, z = place(plan, limits)
+            # Only the first leg of a steep climb ends higher than a hop.
+            lifts = (plan[2][3] > HOP) & (z > LIFT)
+            if lifts | ends_leg(plan, ABOVE if lands else CLOSE, limits):
                 hop = hop - 1.0
                 plan = trajectory.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
     return plan, (standing, spin, calm, braking, hop, tx, ty, tz)
@@ -204,7 +227,7 @@ def control_period(
         mode, kind = select_mode(state, plan, mode, limits)
         wanted = trajectory.setpoint_of(plan, limits)
         command = motor_commands(state, wanted, kind, weight, gains, mixer, air[6:9])
-        plan, mode = next_leg(plan, mode, kind, limits)
+        plan, mode = next_leg(state[2], plan, mode, kind, limits)
         mode = rest(state, command, plan, mode, limits)
     return command, plan, mode, air
 

@@ -58,7 +58,8 @@ ROWS = sum(LAYOUT.values())
 
 _TOGETHER = (
     "wind__blow", "flight_modes__select_mode", "trajectory__setpoint_of",
-    "flight_modes__motor_commands", "branchless__glide", "flight_modes__rest", "rigidbody__step",
+    "flight_modes__motor_commands", "branchless__glide", "flight_modes__touches",
+    "flight_modes__rest", "rigidbody__step",
 )  # fmt: skip
 """Functions without loops, which run side by side for all vehicles of a block."""
 _ALONE = tuple(f"flight_modes__{name}" for name in ("next_leg", "goto", "brake", "room"))
@@ -195,8 +196,9 @@ def _glide(q, c):
         live = mode[2] < {PERIODS_TO_REST}
         flies = live & (_kind(q, n)[0] == 2.0)
         plan, due = branchless__glide(_plan_of(before), limits)
-        rare = flies & ((due == {RARE}) | (mode[4] > 0.0))
-        plain = flies & (due == {PLAIN}) & (mode[4] == 0.0)
+        leads = (mode[4] > 0.0) | flight_modes__touches(_state(q, n)[2], _plan_of(before), mode)
+        rare = flies & ((due == {RARE}) | leads)
+        plain = flies & (due == {PLAIN}) & (leads == False)
         after = _flat(plan)
 {_PUT_PLAN}
         rests = live & (rare == False)
@@ -206,7 +208,8 @@ def _glide(q, c):
 
 @njit(error_model='numpy', inline='never')
 def _lead_on(q, n, limits):
-    plan, mode = flight_modes__next_leg(_plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
+    plan, mode = flight_modes__next_leg(
+        _state(q, n)[2], _plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
     mode = flight_modes__rest(_state(q, n), _command(q, n), plan, mode, limits)
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)

@@ -234,6 +234,19 @@ FOUND = {
             HoldEvent(4.45),
         ),
     ),
+    # The floor ended its landing before its setpoint had braked. So it left with that speed upwards,
+    # and flew through the ceiling by 19.8 mm.
+    "sent on as it touched the floor": Found(
+        {"control.velocity_gain": 0.586}, (0.25, 0.25, 0.5), (0.25, 0.25, 0.044199),
+        (
+            GotoEvent(1.5, -0.25, -0.25, 0.5, replace=True),
+            GotoEvent(3.0, -0.25, -0.25, 0.0, replace=True),
+            GotoEvent(5.45, -0.25, 0.25, 0.0, replace=True),
+            GotoEvent(6.45, 0.25, -0.047845, 0.168644, replace=True),
+            GotoEvent(7.4, 0.25, -0.25, 0.0, replace=True),
+            GotoEvent(8.9, -0.25, 0.25, 0.5, replace=True),
+        ),
+    ),
 }  # fmt: skip
 
 

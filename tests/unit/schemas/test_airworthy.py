@@ -50,6 +50,7 @@ def test_the_damping_equals_that_of_numpys_roots(kp, kv, ka, kr, lag):
         ),
         ({}, {"position_gain": 4.0}, 0.0),
         ({}, {"velocity_gain": 10.0}, 0.0),
+        ({}, {"velocity_gain": 1.0}, 0.0),
         ({"mass": 3.0}, {}, 0.0),
         ({}, {"max_tilt": 0.05}, 0.0),
         ({}, {}, 8.5),
@@ -77,6 +78,7 @@ def test_an_airworthy_vehicle_is_accepted(vehicle, control, wind):
         ({"inertia": InertiaParams(z=0.02)}, {}, 0.0, "no body has this inertia"),
         ({"inertia": InertiaParams(0.02, 0.02)}, {}, 0.0, "an attitude error of 0.078 rad"),
         ({}, {"velocity_gain": 0.2, "position_gain": 0.05}, 0.0, "too soft: velocity_gain times"),
+        ({}, {"velocity_gain": 0.99}, 0.0, "too soft: velocity_gain is 0.99 /s, below 1"),
         ({}, {"position_gain": 0.1}, 0.0, "too soft: position_gain is 0.1 /s, below 0.2"),
         ({"torque_coefficient": 3e-9}, {}, 0.0, "a yaw error of 0.0089 rad"),
         (

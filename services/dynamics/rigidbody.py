@@ -103,8 +103,8 @@ def step(
 
     The motors follow `command` by the exact first-order lag, m = c + (m - c) exp(-t / lag), which
     gives their speeds at the midpoint and the end. `wind` is the air's velocity, m/s, world. The
-    quaternion is normalised. A vehicle below the floor, z = 0, is put on it, with no body rates and
-    no velocity but upwards.
+    quaternion is normalised. A vehicle below the floor, z = 0, is put on it: level, with no body
+    rates and no velocity but upwards.
     """
     px, py, pz, vx, vy, vz, qw, qx, qy, qz, wx, wy, wz, m0, m1, m2, m3 = state
     c0, c1, c2, c3 = command
@@ -159,14 +159,15 @@ def step(
     wx = wx + k * ((aa + ga) + 2.0 * (ba + fa))
     wy = wy + k * ((ab + gb) + 2.0 * (bb + fb))
     wz = wz + k * ((ac + gc) + 2.0 * (bc + fc))
-    unit = 1.0 / sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-    # Contact is one factor for five components; adding 0.0 turns -0.0 into 0.0.
+    # Contact is one factor for five components; adding 0.0 turns -0.0 into 0.0. The legs stand level,
+    # unless the vehicle lies on its back.
     free = 0.0 if pz < 0.0 else 1.0
-    least = 0.0 if pz < 0.0 else vz
+    tilts = 0.0 if (pz < 0.0) & (qw * qw + qz * qz > 0.25) else 1.0
+    unit = 1.0 / sqrt(qw * qw + tilts * qx * qx + tilts * qy * qy + qz * qz)
     return (
         px, py, pz if pz > 0.0 else 0.0,
-        vx * free + 0.0, vy * free + 0.0, vz if vz > least else least,
-        qw * unit, qx * unit, qy * unit, qz * unit,
+        vx * free + 0.0, vy * free + 0.0, 0.0 if (pz < 0.0) & (vz <= 0.0) else vz,
+        qw * unit, tilts * qx * unit + 0.0, tilts * qy * unit + 0.0, qz * unit,
         wx * free + 0.0, wy * free + 0.0, wz * free + 0.0, e0, e1, e2, e3,
     )
 # fmt: on

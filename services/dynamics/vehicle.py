@@ -6,7 +6,7 @@ of integration steps, so equal calls give equal bits.
 
 from collections.abc import Callable
 from copy import deepcopy
-from math import ceil, hypot
+from math import ceil
 
 from msgspec.structs import replace
 
@@ -187,18 +187,8 @@ class Vehicle:
         return self._mode[0] > 0.0
 
     def stand(self) -> None:
-        """Let the motors idle, with the setpoint on the floor below; on the floor, stand level.
-
-        A vehicle that dropped in a wind lies tilted. Contact takes all body rates, so its motors,
-        busy with turning it, could not lift it.
-        """
-        x, y, z = self.position
-        if z <= 0.0:
-            w, _, _, turned = self.orientation
-            length = hypot(w, turned)
-            heading = (w / length, 0.0, 0.0, turned / length) if length else (1.0, 0.0, 0.0, 0.0)
-            still = (0.0, 0.0, 0.0)
-            self._state = (x, y, 0.0, *still, *heading, *still, *self.motors)
+        """Let the motors idle, with the setpoint on the floor below."""
+        x, y, _ = self.position
         self._plan = trajectory.resting(x, y, 0.0, self._constants[3])
         self._mode = fresh(standing=True)
 

@@ -163,3 +163,18 @@ def test_the_height_is_never_negative_and_the_quaternion_stays_normal(height, mo
         state = step(state, OFF, STILL, body)
         assert state[2] >= 0.0
         assert abs(dist(state[6:10], (0.0, 0.0, 0.0, 0.0)) - 1) < 1e-15
+
+
+def test_contact_levels_a_vehicle_and_keeps_its_heading():
+    tilted = (0.5, 0.5, -0.5, 0.5)
+    *_, w, x, y, z = run(
+        (0.0, 0.0, 0.0, *STILL, *tilted, *STILL, *OFF), 1, body_constants(VehicleParams())
+    )[:10]
+    assert (x, y) == (0.0, 0.0)
+    assert (w, z) == pytest.approx((sqrt(0.5), sqrt(0.5)))
+
+
+def test_a_vehicle_on_its_back_stays_there():
+    over = (0.0, 0.6, 0.8, 0.0)
+    after = run((0.0, 0.0, 0.0, *STILL, *over, *STILL, *OFF), 1, body_constants(VehicleParams()))
+    assert after[6:10] == pytest.approx(over)

@@ -247,6 +247,20 @@ FOUND = {
             GotoEvent(8.9, -0.25, 0.25, 0.5, replace=True),
         ),
     ),
+    # It landed in motion and lay tilted. So its next take-off led aside, and out by 23.5 mm.
+    "tilted by a landing": Found(
+        {"control.velocity_gain": 1.0}, (0.2, 0.2, 0.2), (-0.2, 0.151104, 0.0),
+        (
+            GotoEvent(0.95, -0.121548, -0.051155, 0.0, replace=True),
+            GotoEvent(1.4, 0.2, -0.2, 0.0, replace=True),
+            GotoEvent(2.15, -0.070144, 0.132799, 0.2, replace=True),
+            GotoEvent(2.6, -0.079022, 0.2, 0.11788, replace=True),
+            GotoEvent(3.4, -0.2, -0.0386, 0.19356, replace=True),
+            GotoEvent(4.5, -0.2, 0.101195, 0.0, replace=True),
+            GotoEvent(5.9, -0.2, 0.091762, 0.0, replace=True),
+            GotoEvent(7.4, 0.07704, -0.2, 0.2, replace=True),
+        ),
+    ),
 }  # fmt: skip
 
 

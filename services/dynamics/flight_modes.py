@@ -28,7 +28,7 @@ CLOSE, ABOVE = 0.05, 0.002
 LIFT = 1e-6
 """Height (m) of the setpoint at which a climb from the floor may turn to the side."""
 TOUCHDOWN, CONTACT = 0.01, 0.0003
-"""Heights (m) under which a vehicle may drop: with its setpoint on the floor, and anyway."""
+"""Heights (m) under which a vehicle may drop: with its setpoint at rest, and before."""
 REST = 1e-9
 """Tolerance of a vehicle at rest in place, attitude and motion: m, rad, m/s and rad/s."""
 MOTORS_AT_REST = 1e-6
@@ -161,9 +161,10 @@ def motor_commands(
     return (0.0 if idle else c0, 0.0 if idle else c1, 0.0 if idle else c2, 0.0 if idle else c3)
 
 
-def touches(height: float, plan: Plan, mode: FlightMode) -> bool:
-    """Return whether a vehicle at this height (m) is about to touch the floor where its leg ends."""
-    return (height < CONTACT) & (plan[2][3] <= 0.0) & (mode[4] == 0.0)
+def touches(height: float, plan: Plan, limits: Limits) -> bool:
+    """Return whether a vehicle at this height (m) touches the floor before its setpoint has braked."""
+    _, sinks, _, _, _, _ = trajectory.filtered(plan[2], limits)
+    return (height < CONTACT) & (sinks < 0.0)
 
 
 def next_leg(
@@ -171,16 +172,21 @@ def next_leg(
 ) -> tuple[Plan, FlightMode]:
     """Return the plan one period later if the vehicle flies, with its next leg if one is due.
 
-    A landing ends when the vehicle, at this height (m), touches the floor: braking the rest of the
-    way would push it off again, with a speed that a soft velocity_gain takes long to end.
+    A landing ends when the vehicle, at this height (m), touches the floor, and a climb that follows
+    on it begins anew. Braking the rest of the way would push the vehicle off, with a speed that a
+    soft velocity_gain takes long to end.
     """
     standing, spin, calm, braking, hop, tx, ty, tz = mode
     if kind == 2.0:
         plan = trajectory.advance(plan, limits)
-        if touches(height, plan, mode):
+        if touches(height, plan, limits):
             x, y, _ = place(plan, limits)
-            standing = 1.0
+            ex, ey, ez = plan[0][3], plan[1][3], plan[2][3]
             plan = trajectory.resting(x, y, 0.0, limits)
+            if ez > 0.0:
+                plan = trajectory.goto(plan, ex, ey, ez, limits)
+            else:
+                standing = 1.0
         if hop > 0.0:
             lands = (hop == 1.0) & (tz < HOP)
             _, _, z = place(plan, limits)

@@ -162,12 +162,14 @@ def step(
     # Contact is one factor for five components; adding 0.0 turns -0.0 into 0.0. The legs stand level,
     # unless the vehicle lies on its back.
     free = 0.0 if pz < 0.0 else 1.0
-    tilts = 0.0 if (pz < 0.0) & (qw * qw + qz * qz > 0.25) else 1.0
-    unit = 1.0 / sqrt(qw * qw + tilts * qx * qx + tilts * qy * qy + qz * qz)
+    stands = (pz < 0.0) & (qw * qw + qz * qz > 0.25)
+    unit = 1.0 / sqrt(
+        qw * qw + (0.0 if stands else qx * qx) + (0.0 if stands else qy * qy) + qz * qz
+    )
     return (
         px, py, pz if pz > 0.0 else 0.0,
         vx * free + 0.0, vy * free + 0.0, 0.0 if (pz < 0.0) & (vz <= 0.0) else vz,
-        qw * unit, tilts * qx * unit + 0.0, tilts * qy * unit + 0.0, qz * unit,
+        qw * unit, 0.0 if stands else qx * unit, 0.0 if stands else qy * unit, qz * unit,
         wx * free + 0.0, wy * free + 0.0, wz * free + 0.0, e0, e1, e2, e3,
     )
 # fmt: on

@@ -196,7 +196,7 @@ def _glide(q, c):
         live = mode[2] < {PERIODS_TO_REST}
         flies = live & (_kind(q, n)[0] == 2.0)
         plan, due = branchless__glide(_plan_of(before), limits)
-        leads = (mode[4] > 0.0) | flight_modes__touches(_state(q, n)[2], _plan_of(before), mode)
+        leads = (mode[4] > 0.0) | flight_modes__touches(_state(q, n)[2], plan, limits)
         rare = flies & ((due == {RARE}) | leads)
         plain = flies & (due == {PLAIN}) & (leads == False)
         after = _flat(plan)

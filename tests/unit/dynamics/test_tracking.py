@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.schemas.params import DynamicsParams, FlightFaultParams, StartParams
 from quadctl.schemas.vehicle import ControlParams, RotorDragParams, VehicleParams
 from quadctl.services.dynamics.controller import PERIOD, STEPS
 from quadctl.services.dynamics.flight_modes import motor_commands
@@ -153,3 +153,25 @@ def test_a_slanted_take_off_loses_no_speed_to_the_floor(
         vehicle.advance(4)
         off = max(off, dist(vehicle.position[:2], vehicle.setpoint[:2]))
     assert off < 0.007
+
+
+@pytest.mark.parametrize("height", [0.001, 0.002, 0.003, 0.005])
+def test_a_climb_from_the_touch_of_the_floor_does_not_jump_off(height: float):
+    # Its motors are a little weak, so it touches the floor before its setpoint turns up.
+    vehicle = Vehicle(
+        DynamicsParams(
+            start=StartParams(0.0, 0.0, 0.5),
+            control=ControlParams(position_gain=0.4, velocity_gain=1.0),
+            fault=FlightFaultParams(motors=0.99995),
+        )
+    )
+    vehicle.advance(20_000)
+    vehicle.goto(0.0, 0.0, 0.0)
+    while vehicle.setpoint[2] > height:
+        vehicle.advance(4)
+    vehicle.goto(0.0, 0.0, 0.5)
+    off = 0.0
+    while not vehicle.setpoint_rests:
+        vehicle.advance(4)
+        off = max(off, dist(vehicle.position, vehicle.setpoint))
+    assert off < 0.003

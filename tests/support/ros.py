@@ -13,7 +13,13 @@ from typing import Any
 import zenoh
 from msgspec import Struct
 from rosbags.typesys import Stores, get_typestore
-from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber, get_registry
+from zenoh_ros2_sdk import (
+    ROS2Publisher,
+    ROS2ServiceClient,
+    ROS2Subscriber,
+    get_registry,
+    message_registry,
+)
 from zenoh_ros2_sdk.session import ZenohSession
 
 from quadctl.services.ros2 import cdr, graph
@@ -128,8 +134,12 @@ class RosClient:
         self._goals = ROS2Publisher(f"/{vehicle}/goal_pose", POSE, **self._router)
 
     def close(self) -> None:
-        """Close the SDK's one session of a process."""
+        """Close the SDK's one session of a process, and forget which types it knew.
+
+        Two modules of tests may run in one process, and each has a client.
+        """
         instance, ZenohSession._instance = ZenohSession._instance, None
+        message_registry._registry = None
         instance.session.close()
 
     def wait(

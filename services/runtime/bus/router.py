@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 Session = zenoh.Session
 LOOKS = 2.0
 """Rate (Hz) of a router's search for new links; none is given up within a second."""
-_PATIENCE = 0.6
-"""Part of the lease for which a router waits for a receiver without room."""
 _OFF = struct.pack("ii", 0, 0)
 
 
@@ -103,9 +101,9 @@ def _opened(config: dict[str, Any], what: str) -> zenoh.Session:
 def _router(address: Address) -> dict[str, Any]:
     config = session.common_config(address)
     config["mode"] = "router"
-    # A receiver without room for a message that must not be dropped is waited for. The router reads
-    # nothing meanwhile: after a whole lease, all others would count as gone together with that one.
-    block = {"wait_before_close": int(_PATIENCE * 1000 * address.lease_ms)}
+    # A receiver without room for a message that must not be dropped is waited for as long as for a
+    # silent one. By default that is less than the 2 s after which a process counts as frozen.
+    block = {"wait_before_close": 1000 * address.lease_ms}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
     # Another hub may start at any time.
     retry = session.retry(session.JOIN_MS)

@@ -101,9 +101,9 @@ def _opened(config: dict[str, Any], what: str) -> zenoh.Session:
 def _router(address: Address) -> dict[str, Any]:
     config = session.common_config(address)
     config["mode"] = "router"
-    # A receiver without room for a message that must not be dropped is waited for as long as for a
-    # silent one. By default that is less than the 2 s after which a process counts as frozen.
-    block = {"wait_before_close": 1000 * address.lease_ms}
+    # A receiver without room for a message that must not be dropped is waited for. The router reads
+    # nothing meanwhile: after a whole lease, all others would count as silent together with that one.
+    block = {"wait_before_close": 1000 * address.lease_ms // 2}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
     # Another hub may start at any time.
     retry = session.retry(session.JOIN_MS)

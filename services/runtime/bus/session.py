@@ -58,7 +58,7 @@ class Address(Struct, frozen=True):
     endpoint: str
     user: str = ""
     password: str = ""
-    lease_ms: int = 1000
+    lease_ms: int = 2000
 
 
 def free_port() -> int:

@@ -134,8 +134,7 @@ def test_a_users_own_topic_and_the_calls_are_shown_too(client: FoxgloveClient, r
             client.document("advertise", partial(advertises, key))
             client.parameters("none")  # answered after the subscription is made
             bus.put(key, payload, encoding=encoding)
-            shown = client.wait(partial(with_data, client, key))
-            assert shown == [{"data": data}]
+            assert client.wait(partial(with_data, client, key)) == [{"data": data}]
     client.call("uav/hold")
     called = client.wait(lambda: "uav/@call/hold" in client.channels)
     assert called

@@ -111,15 +111,6 @@ def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
     return x, y, z
 
 
-def ends_leg(plan: Plan, close: float, limits: Limits) -> bool:
-    """Return whether the setpoint is at most `close` (m) from the end of its leg."""
-    x, y, z = place(plan, limits)
-    dx = x - plan[0][3]
-    dy = y - plan[1][3]
-    dz = z - plan[2][3]
-    return dx * dx + dy * dy + dz * dz < close * close
-
-
 def select_mode(
     state: State, plan: Plan, mode: FlightMode, limits: Limits
 ) -> tuple[FlightMode, float]:
@@ -188,11 +179,13 @@ def next_leg(
             else:
                 standing = 1.0
         if hop > 0.0:
-            lands = (hop == 1.0) & (tz < HOP)
-            _, _, z = place(plan, limits)
+            x, y, z = place(plan, limits)
+            ex, ey, ez = plan[0][3], plan[1][3], plan[2][3]
             # Only the first leg of a steep climb ends higher than a hop.
-            lifts = (plan[2][3] > HOP) & (z > LIFT)
-            if lifts | ends_leg(plan, ABOVE if lands else CLOSE, limits):
+            lifts = (ez > HOP) & (z > LIFT)
+            close = ABOVE if (hop == 1.0) & (tz < HOP) else CLOSE
+            far = (x - ex) * (x - ex) + (y - ey) * (y - ey) + (z - ez) * (z - ez)
+            if lifts | (far < close * close):
                 hop = hop - 1.0
                 plan = trajectory.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
     return plan, (standing, spin, calm, braking, hop, tx, ty, tz)

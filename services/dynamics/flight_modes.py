@@ -20,13 +20,13 @@ from quadctl.services.dynamics.wind import Air, Weather
 HOP = 0.1
 """Height of a hop, m: less than the height of any cage."""
 NEAR = 0.01
-"""Distance (m) of a place on the floor that needs no hop: the vehicle is there."""
+"""Distance (m) of a place on the floor that needs no hop: the vehicle is there, or lands there."""
 FLAT = 0.05
 """Slope (height over way) below which a climb begins with a hop."""
 CLOSE, ABOVE = 0.05, 0.002
 """Distances (m) to the end of a leg at which the next one begins, and to a landing's place."""
 LIFT = 1e-6
-"""Height (m) of the setpoint at which a climb from the floor may turn to the side."""
+"""Height (m) at which the setpoint of a climb from the floor may turn to the side, once it rises."""
 TOUCHDOWN, CONTACT = 0.01, 0.0003
 """Heights (m) under which a vehicle may drop: with its setpoint at rest, and before."""
 REST = 1e-9
@@ -79,14 +79,14 @@ def goto(
             # A flat climb, or one begun in motion over the floor, would scrape it, too.
             moves = (here == 0.0) & (plan[6] < limits[6])
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
-            # A hop begun in motion starts where that motion can end, not at the place of request.
-            hops = ((sz < HOP) | (ez < HOP)) & (low | moves | flat)
-            # A steep climb from standing begins straight up, too: contact takes the speed to the
-            # side, and a soft velocity_gain takes long to make up for it.
-            rises = hops | ((standing > 0.0) & (here == 0.0))
+            # Contact takes the speed to the side, and a soft velocity_gain takes long to make up for
+            # it: near the floor a flight begins where the present motion can end, straight up.
+            rises = (sz < HOP) | (ez < HOP)
+            hops = rises & (low | moves | flat)
+            lands = rises & (here > 0.0) & (z <= 0.0)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
-            hop = (1.0 if rises else 0.0) + (1.0 if low else 0.0)
+            hop = (1.0 if rises & (lands == 0.0) else 0.0) + (1.0 if low else 0.0)
             plan = trajectory.goto(
                 plan, ex if rises else x, ey if rises else y, HOP if hops | low else z, limits
             )
@@ -181,8 +181,9 @@ def next_leg(
         if hop > 0.0:
             x, y, z = place(plan, limits)
             ex, ey, ez = plan[0][3], plan[1][3], plan[2][3]
+            _, climb, _, _, _, _ = trajectory.filtered(plan[2], limits)
             # Only the first leg of a steep climb ends higher than a hop.
-            lifts = (ez > HOP) & (z > LIFT)
+            lifts = (ez > HOP) & (z > LIFT) & (climb > 0.0)
             close = ABOVE if (hop == 1.0) & (tz < HOP) else CLOSE
             far = (x - ex) * (x - ex) + (y - ey) * (y - ey) + (z - ez) * (z - ez)
             if lifts | (far < close * close):

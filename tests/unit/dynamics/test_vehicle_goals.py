@@ -45,8 +45,8 @@ def test_a_braking_axis_keeps_enough_jerk_to_end_its_braking():
 
 
 def test_a_hop_requested_in_motion_does_not_turn_back():
-    vehicle = standing_at(0.0, 0.0, 0.01)
-    vehicle.goto(6.0, 0.0, 0.35)
+    vehicle = standing_at(0.0, 0.0, 0.001)
+    vehicle.goto(6.0, 0.0, 0.31)
     while vehicle.position[0] < 0.6:
         vehicle.advance(10)
     assert vehicle.position[2] < 0.05

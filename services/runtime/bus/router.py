@@ -102,8 +102,8 @@ def _router(address: Address) -> dict[str, Any]:
     config = session.common_config(address)
     config["mode"] = "router"
     # A receiver without room for a message that must not be dropped is waited for. The router reads
-    # nothing meanwhile: after a whole lease, all others would count as silent together with that one.
-    block = {"wait_before_close": 1000 * address.lease_ms // 2}
+    # nothing meanwhile, but the lease of its clients is twice as long.
+    block = {"wait_before_close": 1000 * address.lease_ms}
     config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
     # Another hub may start at any time.
     retry = session.retry(session.JOIN_MS)

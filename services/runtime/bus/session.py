@@ -52,13 +52,13 @@ LEASE_PATIENT_MS = 20_000
 class Address(Struct, frozen=True):
     """Endpoint of a realm's hub; user and password only if it listens on a port.
 
-    `lease_ms`: milliseconds of silence after which a peer counts as gone.
+    `lease_ms`: milliseconds of silence after which a hub counts as gone, and half of a client's.
     """
 
     endpoint: str
     user: str = ""
     password: str = ""
-    lease_ms: int = 2000
+    lease_ms: int = 1000
 
 
 def free_port() -> int:
@@ -93,17 +93,19 @@ def open_client(
     """
     config, began = common_config(address), time.monotonic()
     secure = endpoints.is_secure(address.endpoint)
+    link = config["transport"]["link"]
+    # A hub that waits for another client, for as long as its own lease, reads nothing meanwhile.
+    link["tx"]["lease"] = 2 * address.lease_ms
     if secure:
         from quadctl.services.runtime.security import identity
 
-        link = config["transport"]["link"]
         link["tls"] = identity.needed(address.endpoint).tls()
         link["tx"]["lease"] = LEASE_AFAR_MS
     open_timeout = max(int(timeout * 1000), 1)
     config["transport"]["unicast"] = {"open_timeout": open_timeout}
     config["mode"] = "client"
     config["connect"] = {"endpoints": [address.endpoint]}
-    config["transport"]["link"]["tx"]["queue"] = {"size": {"control": _DECLARATIONS}}
+    link["tx"]["queue"] = {"size": {"control": _DECLARATIONS}}
     if wait:
         step = JOIN_MS if secure else _RETRY_MS
         config["connect"] |= {"timeout_ms": int(wait * 1000), "retry": retry(step)}

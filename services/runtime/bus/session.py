@@ -159,8 +159,8 @@ def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
             del os.environ["ZENOH_RUNTIME"]
 
 
-_REOPENING = 1.0
-"""Seconds until a gate that reopens lets clients in again; it takes half of them."""
+_REOPENING = 2.0
+"""Seconds until a gate that reopens lets clients in again; it takes a quarter of them, more under load."""
 _POLL = 0.05
 
 

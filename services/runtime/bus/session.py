@@ -95,12 +95,11 @@ def open_client(
     secure = endpoints.is_secure(address.endpoint)
     link = config["transport"]["link"]
     # A hub that waits for another client, for as long as its own lease, reads nothing meanwhile.
-    link["tx"]["lease"] = 2 * address.lease_ms
+    link["tx"]["lease"] = LEASE_AFAR_MS if secure else 2 * address.lease_ms
     if secure:
         from quadctl.services.runtime.security import identity
 
         link["tls"] = identity.needed(address.endpoint).tls()
-        link["tx"]["lease"] = LEASE_AFAR_MS
     open_timeout = max(int(timeout * 1000), 1)
     config["transport"]["unicast"] = {"open_timeout": open_timeout}
     config["mode"] = "client"

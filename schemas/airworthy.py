@@ -8,8 +8,12 @@ SI units.
 Not covered: weak motors as a fault.
 """
 
+from collections.abc import Callable
+from functools import wraps
 from math import cos, hypot, inf, pi, sin, sqrt, tan
-from typing import NamedTuple
+from typing import NamedTuple, ParamSpec, TypeVar
+
+import msgspec
 
 from quadctl.schemas.params import WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
@@ -81,6 +85,32 @@ _HALVINGS = 30
 """Bisection steps for a speed: to 1e-9 of the limit."""
 _CLOSE = 1e-12
 """Relative precision of roots; it takes some ten rounds."""
+_KEPT = 64
+"""Results that are kept of each function."""
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _by_value(judge: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Keep a function's latest results, by the values of its tables.
+
+    Each node judges each vehicle of a run several times, and most vehicles have the same values. The
+    tables are changed in place, so the same table may have other values later.
+    """
+    kept: dict[bytes, _T] = {}
+
+    @wraps(judge)
+    def judged(*tables: _P.args, **named: _P.kwargs) -> _T:
+        values = msgspec.msgpack.encode((tables, named))
+        found = kept.get(values)
+        if found is None:
+            if len(kept) >= _KEPT:
+                kept.clear()
+            found = kept[values] = judge(*tables, **named)
+        return found
+
+    return judged
 
 
 def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
@@ -162,6 +192,7 @@ class FlownLimits(NamedTuple):
     """rad"""
 
 
+@_by_value
 def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> FlownLimits:
     """Return the limits that the vehicle can fly in its wind.
 
@@ -333,6 +364,7 @@ def _spare(
     )
 
 
+@_by_value
 def damping(vehicle: VehicleParams, control: ControlParams) -> float:
     """Return the least damping of the closed loop's modes: 1 does not swing, 0 and less grows."""
     kp, kv = control.position_gain, control.velocity_gain

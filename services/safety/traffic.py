@@ -134,9 +134,9 @@ class Traffic:
         found: list[Neighbour] = []
         waiting: list[Neighbour] = []
         own = self._members[name][0].separation
-        for other in self._others(name):
+        for other in self._others(name, only=only):
             across, tall = allowed(own, other.separation)
-            if not across or (only and other.name != only):
+            if not across:
                 continue
             held, world = other.held, other.world()
             found += _neighbours(other, world, across, tall)
@@ -194,12 +194,9 @@ class Traffic:
                     reason = f"stopped, separation: {another.name} came too near"
                     self._members[one.name][1](partial(one.part, reason))
 
-    def _others(self, name: str) -> list[Participant]:
-        return [
-            one
-            for one, _ in tuple(self._members.values())
-            if one.name != name and one.situation.boot
-        ]
+    def _others(self, name: str, *, only: str = "") -> list[Participant]:
+        members = (self._members[only],) if only else tuple(self._members.values())
+        return [one for one, _ in members if one.name != name and one.situation.boot]
 
 
 def _neighbours(other: Participant, world: World, across: float, tall: float) -> list[Neighbour]:

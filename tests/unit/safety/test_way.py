@@ -215,7 +215,7 @@ def test_10_000_random_flights_among_random_zones_enter_none(proofs: Proofs):
     assert deepest <= 0.01, f"seed {at}"
 
 
-EVALUATIONS, ISLANDS = 100_000, 2
+EVALUATIONS, ISLANDS = 100_000, 4
 
 
 @pytest.mark.prove

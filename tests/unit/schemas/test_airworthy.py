@@ -97,6 +97,17 @@ def test_a_vehicle_that_cannot_hover_is_refused(vehicle, control, wind, reason):
     assert reason in found
 
 
+def test_a_table_changed_in_place_is_judged_by_its_new_values():
+    vehicle = VehicleParams()
+    body = vehicle, ControlParams(), WindParams()
+    before, damped = airworthy.flown(*body), airworthy.damping(*body[:2])
+    vehicle.drag, vehicle.motor_lag = 0.5, 0.09
+    assert airworthy.flown(*body).max_speed < before.max_speed
+    assert airworthy.damping(*body[:2]) < damped
+    vehicle.drag, vehicle.motor_lag = VehicleParams().drag, VehicleParams().motor_lag
+    assert airworthy.flown(*body) == before
+
+
 def test_a_body_without_gravity_has_no_limits_to_fly():
     limits = airworthy.flown(VehicleParams(gravity=0.0), ControlParams(), WindParams())
     assert limits == (0.0, 0.0, 0.0, 0.0, 0.0)

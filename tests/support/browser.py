@@ -70,7 +70,10 @@ class Tab:
         self.errors: list[str] = []
         self._numbers = itertools.count(1)
         self._open = contextlib.ExitStack()
-        self._socket = self._open.enter_context(connect(browser.address, max_size=None))
+        # Nobody reads between two commands, so nobody would see the browser's answer to a ping.
+        self._socket = self._open.enter_context(
+            connect(browser.address, max_size=None, ping_interval=None)
+        )
         self._session = ""
         target = self._ask("Target.createTarget", url="about:blank")["targetId"]
         attached = self._ask("Target.attachToTarget", targetId=target, flatten=True)

@@ -250,13 +250,20 @@ def within(
     )
 
 
+SLOW = 0.05
+"""Speed (m/s) below which an axis is in no hurry to turn round: at the end of its stop it would take
+the limits of all others, and start before them. Safety takes a vehicle so slow for one at rest, from
+which a way is straight."""
+
+
 def urgent(axis: Axis, way: float, part: float) -> float:
     """Return the square of the share that a stop would add to an axis that has to turn round.
 
     Such an axis stops beyond its goal, possibly outside the cage, and must get no farther than if
     it were braking. `way` is from its stop's end to the goal, m.
     """
-    return part * axis[1] * axis[1] if axis[1] * way < 0.0 else 0.0
+    v = axis[1]
+    return part * v * v if (v * way < 0.0) & (abs(v) >= SLOW) else 0.0
 
 
 EASED = 0.5

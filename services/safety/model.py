@@ -111,7 +111,8 @@ class World(Struct, frozen=True):
     """Input of the automaton. `fresh` means that the pose may be relied on, else `unready` tells why.
 
     `last` is the previous pose of the same boot, or for the first one of a boot the same pose.
-    `others` are the vehicles to keep apart from; they count where a goal is verified.
+    `others` are the vehicles to keep apart from; they count where a goal is verified. `rested` is the
+    time (s) for which the vehicle has been at rest, infinite for all its boot.
     """
 
     pose: Pose
@@ -123,6 +124,7 @@ class World(Struct, frozen=True):
     unready: str = "no pose: dynamics is silent"
     region: Region = _NO_ZONES
     others: tuple[Neighbour, ...] = ()
+    rested: float = inf
 
 
 class Situation(Struct, frozen=True):

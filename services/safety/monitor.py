@@ -127,6 +127,8 @@ class Monitor:
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
+        self._moved = -inf
+        """Stamp (s) of the last pose of this boot in motion."""
         self._acceleration = self._least_acceleration = inf
         self._void: set[str] = set()
         self._zones, self._region = params.zones, Region(params.zones)
@@ -152,6 +154,10 @@ class Monitor:
             return
         same = pose.boot == self.situation.boot
         self._last, self.pose, self.fresh = self.pose if same else pose, pose, True
+        if not at_rest(pose):
+            self._moved = pose.stamp
+        elif not same:
+            self._moved = -inf
         if not same:
             self._boot()
         self._feed(Seen())
@@ -394,7 +400,7 @@ class Monitor:
         reach = params.acceptance_range
         return World(
             self.pose, self._last, self.fresh, self._cage(), reach, self.envelope,
-            region=self._region, others=others,
+            region=self._region, others=others, rested=self.pose.stamp - self._moved,
         )  # fmt: skip
 
     def _cage(self) -> CageSize:

@@ -21,6 +21,9 @@ from quadctl.services.safety.zones import Box, Region
 _NEAR, _PART = 0.03, 0.25
 """Distance (m) from the end of a leg within which a vehicle at rest has reached it, and the part of a
 short leg: before that leg, it rests at no more than this distance from it, too."""
+_THERE, _STILL = 0.01, 0.25
+"""Distance (m) from its goal, and time (s) at rest there, from which the next way is straight: a slow
+vehicle may be about to turn round, or its setpoint may not have stopped, and from there the way bends."""
 
 
 HIDDEN = 0.3
@@ -50,14 +53,24 @@ def rests(s: Situation, w: World) -> bool:
     state = s.back if s.state is State.VERIFYING else s.state
     if state is State.MOVING or s.settling or not _stands_still(s, w):
         return False
-    return s.brake or is_there(s, w)
+    return s.brake or _is_within(_NEAR, s, w)
+
+
+def has_settled(s: Situation, w: World) -> bool:
+    """Return whether the vehicle stands still for good, so that a way from here is straight."""
+    return rests(s, w) and w.rested >= _STILL and (s.brake or is_there(s, w))
 
 
 def is_there(s: Situation, w: World) -> bool:
-    """Return whether a vehicle at rest has reached its goal; wind may keep it off by the margin."""
+    """Return whether a vehicle has come to rest at its goal, and the next way from there is straight."""
+    return _stands_still(s, w) and w.rested >= _STILL and _is_within(_THERE, s, w)
+
+
+def _is_within(most: float, s: Situation, w: World) -> bool:
+    """Return whether the vehicle is so near (m) its goal; wind may keep it off by the margin."""
     goal = astuple(s.goal)
-    near = min(_NEAR, _PART * dist(astuple(s.origin), goal)) + w.envelope.margin
-    return _stands_still(s, w) and dist(astuple(w.pose.position), goal) < near
+    near = min(most, _PART * dist(astuple(s.origin), goal)) + w.envelope.margin
+    return dist(astuple(w.pose.position), goal) < near
 
 
 def _stands_still(s: Situation, w: World) -> bool:
@@ -71,7 +84,7 @@ def way_to(s: Situation, goal: Position, corners: tuple[Position, ...], w: World
     of other vehicles.
     """
     place = w.pose.position
-    if rests(s, w):
+    if has_settled(s, w):
         origin, points = place if s.brake else s.goal, (*corners, goal)
         return Way(origin, rise(origin, points[0]), points)
     low, high = stops_in(s, w, motion(s))

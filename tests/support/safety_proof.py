@@ -246,6 +246,11 @@ def abstracted() -> Iterator[None]:
             )
         patch.setattr(
             way,
+            "_is_within",
+            lambda most, s, w: related(f"within {most}", *flat(s.goal, w.pose.position)),
+        )
+        patch.setattr(
+            way,
             "_stands_still",
             lambda s, w: related("still", *astuple(w.pose.velocity), s.commanded),
         )

@@ -49,9 +49,11 @@ AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0))
 
 AT_CORNER = replace(
     AT_REST,
-    pose=replace(AT_REST.pose, position=Position(2.98, 0.0, 1.0)),
+    pose=replace(AT_REST.pose, position=Position(2.99, 0.0, 1.0)),
     last=replace(AT_REST.last, position=GOAL),
 )
+PASSING_CORNER = replace(AT_CORNER, rested=0.2)
+BESIDE_CORNER = replace(AT_CORNER, pose=replace(AT_CORNER.pose, position=Position(2.975, 0.0, 1.0)))
 TOWER = ZoneParams("tower", "exclusion", polygon=((0.5, -1.0), (2.0, -1.0), (2.0, 2.5), (0.5, 2.5)))
 AMONG = replace(AT_REST, region=Region((TOWER,)))
 """A tower is between HERE and GOAL; INSIDE is in it."""

@@ -10,9 +10,11 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.dynamics import trajectory as generator
 from quadctl.services.dynamics.controller import PERIOD
-from quadctl.services.dynamics.trajectory import Motion, advance_axis, decelerate, stop
+from quadctl.services.dynamics.trajectory import SLOW, Motion, advance_axis, decelerate, stop
 from quadctl.services.dynamics.vehicle import Vehicle
+from quadctl.services.safety.cage import AT_REST
 from tests.support.setpoint_path import Path
 
 SIZE = (5.0, 5.0, 2.0)
@@ -222,6 +224,20 @@ def test_from_rest_the_path_is_straight_and_within_limits(start, goal):
         assert hypot(*s[9:12]) <= JERK * (1 + LAG)
         assert dist(s[:3], start) <= dist(goal, start) + MICROMETRE
     assert trajectory.setpoint == (*goal, *(0.0,) * 15)
+
+
+def test_an_axis_at_the_end_of_a_slow_stop_leaves_the_limits_to_the_others():
+    start, goal = (1.078, -3.417, 0.1412), (3.944, 4.0, 2.55)
+    x, y = map(generator.standing_at, start[:2])
+    sinking = (0.14131, -0.00316, 0.0737, start[2], 0.0, 0.0215, 0.0, 0.0, 0.0)
+    limits = generator.limits_of(DynamicsParams())
+    *axes, _, _, _, _ = generator.goto((x, y, sinking, 1.0, 1.0, 0.0, 0.0), *goal, limits)
+    along = [(g - s) / dist(start, goal) for s, g in zip(start, goal, strict=True)]
+    assert [axis[5] for axis in axes] == pytest.approx(along, rel=0.01)
+
+
+def test_what_safety_takes_for_rest_is_in_no_hurry_to_turn_round():
+    assert SLOW == AT_REST
 
 
 @settings(max_examples=20)

@@ -5,7 +5,7 @@ autopilots limit the approach speed in the same way: at each distance from a wal
 from which the vehicle still stops before the wall.
 """
 
-from math import dist, sqrt
+from math import dist, hypot, sqrt
 
 from msgspec.structs import astuple, replace
 
@@ -90,9 +90,28 @@ def soonest_stop(pose: Pose, deceleration: float, reaction: float = 0.0) -> Posi
     )
 
 
+def straight_stop(pose: Pose, deceleration: float, reaction: float = 0.0) -> Position:
+    """Return the stopping point (m) on the line of flight, at this deceleration (m/s^2) after a time, s."""
+    p, v = pose.position, pose.velocity
+    seconds = reaction + 0.5 * hypot(v.x, v.y, v.z) / deceleration
+    return Position(p.x + seconds * v.x, p.y + seconds * v.y, p.z + seconds * v.z)
+
+
 def stopping_excess(w: World) -> float:
-    """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
-    return _excess(w, soonest_stop(w.pose, w.envelope.deceleration, w.envelope.reaction))
+    """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest.
+
+    Each axis may stop as soon as it can, or all together on the line that the vehicle flies: beside
+    a zone, only one of the two may be clear.
+    """
+    limits = w.envelope.deceleration, w.envelope.reaction
+    place = soonest_stop(w.pose, *limits)
+    out = beyond(place, w.cage)
+    if not w.region:
+        return out
+    return max(
+        out,
+        min(w.region.excess(w.pose.position, p) for p in (place, straight_stop(w.pose, *limits))),
+    )
 
 
 def _excess(w: World, place: Position) -> float:

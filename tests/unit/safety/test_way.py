@@ -1,17 +1,20 @@
 """Ways among zones: around them in legs, in flight and from rest, and the depth of random flights."""
 
 import itertools
+import random
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 
 from quadctl.schemas.messages import Position
+from quadctl.schemas.topics import SETPOINT
 from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.safety import automaton
 from quadctl.services.safety.model import State
 from quadctl.services.safety.zones import Region
+from tests.support.monitored_vehicle import periods
 from tests.support.proofs import Proofs
-from tests.support.zone_flights import ZoneFlight, search, worst
+from tests.support.zone_flights import ZoneFlight, drawn_flight, search, worst
 
 TOWER = ZoneParams("tower", polygon=((1.0, -1.0), (2.0, -1.0), (2.0, 1.0), (1.0, 1.0)))
 LOW = ZoneParams("low", polygon=TOWER.polygon, ceiling=1.2)
@@ -198,6 +201,26 @@ def test_a_guard_stops_a_vehicle_that_leaves_its_way():
     flight.fly(1.5)
     assert "into a zone by" in flight.monitor.state().reason
     assert flight.monitor.setpoint().brake
+
+
+class _Guarded(ZoneFlight):
+    """Flight that counts the stops of the guard where no zone came upon the vehicle."""
+
+    stops = 0
+
+    def fly(self, seconds: float) -> "_Guarded":
+        before = self.monitor.situation.reason
+        for _ in periods(seconds):
+            super().fly(1 / SETPOINT.hz)
+            reason = self.monitor.situation.reason
+            self.stops += reason != before and "path led" in reason
+            before = reason
+        return self
+
+
+@pytest.mark.parametrize("seed", [35, 142, 235, 279, 307, 365])
+def test_no_guard_stops_a_vehicle_that_passes_a_zone_on_its_way(seed: int):
+    assert drawn_flight(random.Random(seed), _Guarded).stops == 0
 
 
 FLIGHTS = 10_000

@@ -220,7 +220,9 @@ class _Guarded(ZoneFlight):
 
 @pytest.mark.parametrize("seed", [35, 142, 235, 279, 307, 365])
 def test_no_guard_stops_a_vehicle_that_passes_a_zone_on_its_way(seed: int):
-    assert drawn_flight(random.Random(seed), _Guarded).stops == 0
+    flight = drawn_flight(random.Random(seed), _Guarded)
+    assert isinstance(flight, _Guarded)
+    assert flight.stops == 0
 
 
 FLIGHTS = 10_000

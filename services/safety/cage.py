@@ -103,15 +103,12 @@ def stopping_excess(w: World) -> float:
     Each axis may stop as soon as it can, or all together on the line that the vehicle flies: beside
     a zone, only one of the two may be clear.
     """
-    limits = w.envelope.deceleration, w.envelope.reaction
+    here, limits = w.pose.position, (w.envelope.deceleration, w.envelope.reaction)
     place = soonest_stop(w.pose, *limits)
-    out = beyond(place, w.cage)
-    if not w.region:
-        return out
-    return max(
-        out,
-        min(w.region.excess(w.pose.position, p) for p in (place, straight_stop(w.pose, *limits))),
-    )
+    inside = w.region.excess(here, place) if w.region else 0.0
+    if inside > 0:
+        inside = min(inside, w.region.excess(here, straight_stop(w.pose, *limits)))
+    return max(beyond(place, w.cage), inside)
 
 
 def _excess(w: World, place: Position) -> float:

@@ -58,7 +58,7 @@ def rests(s: Situation, w: World) -> bool:
 
 def has_settled(s: Situation, w: World) -> bool:
     """Return whether the vehicle stands still for good, so that a way from here is straight."""
-    return rests(s, w) and w.rested >= _STILL and (s.brake or is_there(s, w))
+    return rests(s, w) and w.rested >= _STILL and (s.brake or _is_within(_THERE, s, w))
 
 
 def is_there(s: Situation, w: World) -> bool:

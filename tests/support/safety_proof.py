@@ -242,7 +242,9 @@ def abstracted() -> Iterator[None]:
             patch.setattr(
                 owner,
                 "is_there",
-                lambda s, w: related("there", *flat(s.goal, w.pose.position), s.commanded),
+                lambda s, w: related(
+                    "there", *flat(s.goal, w.pose.position), s.commanded, w.rested
+                ),
             )
         patch.setattr(
             way,

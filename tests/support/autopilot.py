@@ -42,9 +42,13 @@ class Rig(NamedTuple):
 
     def is_ours(self) -> bool:
         """Return whether our safety flies, by the last line about it in the adapter's log."""
+        return "safety flies" in "".join(self.told[-1:])
+
+    @property
+    def told(self) -> list[str]:
+        """Return the lines of the adapter's log about who flies."""
         lines = self.ours.logs()["dynamics"]
-        told = [each for each in lines if "safety flies" in each or "no poses" in each]
-        return bool(told) and "safety flies" in told[-1]
+        return [each for each in lines if "safety flies" in each or "no poses" in each]
 
     def refusal(self) -> str:
         """Return why our safety refuses a goal, empty if it accepts it."""

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.exceptions import ConnectionClosed
 
 from quadctl.services.foxglove.protocol import (
@@ -200,6 +200,11 @@ class FoxgloveClient:
 
     def send(self, frame: bytes) -> None:
         """Send a message; a client that is too slow loses its oldest ones."""
+        if not (self._answers or self._messages or self._unsent):
+            # Nothing waits: to wake the writer would cost as much as the whole message.
+            broadcast((self._connection,), frame)
+            self._written += 1
+            return
         self._messages.append(frame)
         self._bytes += len(frame)
         while self._bytes > _BACKLOG and len(self._messages) > 1:
@@ -275,9 +280,13 @@ class FoxgloveClient:
             waits = self._answers or self._messages
             idle = idle + 1 if waits and written == self._written else 0
             written = self._written
-            unsent = self._connection.transport.get_write_buffer_size()
-            if idle > _PATIENCE or unsent > _MOST_UNSENT:
+            if idle > _PATIENCE or self._unsent > _MOST_UNSENT:
                 self._connection.transport.abort()
+
+    @property
+    def _unsent(self) -> int:
+        """Return the bytes that the socket has not taken yet."""
+        return self._connection.transport.get_write_buffer_size()
 
     async def _work(self, jobs: asyncio.Queue[Job]) -> None:
         while True:

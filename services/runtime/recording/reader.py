@@ -60,7 +60,8 @@ _INDEX: dict[int, Any] = {
     Opcode.METADATA_INDEX: MetadataIndex,
 }
 """Records of the index, and those that it names."""
-_HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+_HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<BQHIQQ")
+"""Head of a record, and of one that is a message."""
 _FOOTER = 9 + 20 + len(MCAP0_MAGIC)
 """Bytes of the end of a complete recording, from its footer on."""
 _TORN = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, RuntimeError)
@@ -189,24 +190,29 @@ class Bag:
     def _contents(self, data: bytes, wanted: Wanted) -> Iterator[Any]:
         """Yield the records in a chunk's data: an hour has a million, so without further calls."""
         begin, size, known = 0, len(data), self._known
+        unpack, message, new = _MESSAGE.unpack_from, Opcode.MESSAGE.value, tuple.__new__
         while begin < size:
-            opcode, length = _HEAD.unpack_from(data, begin)
-            start = begin + _HEAD.size
-            begin = end = start + length
-            if end > size:
-                raise ValueError("it ends in the middle")
-            if opcode == Opcode.MESSAGE:
-                number, sequence, at, published = _MESSAGE.unpack_from(data, start)
-                if (start := start + _MESSAGE.size) > end:
+            if data[begin] == message:
+                _, length, number, sequence, at, published = unpack(data, begin)
+                start, begin = begin + _MESSAGE.size, begin + _HEAD.size + length
+                if begin > size:
+                    raise ValueError("it ends in the middle")
+                if start > begin:
                     raise ValueError("a message is too short")
                 if number not in known:
                     channel = self._channels[number]  # a KeyError counts as torn
                     described = channel, self._schemas.get(channel.schema_id)
                     known[number] = described if wanted(channel) else None
                 if (source := known[number]) is not None:
-                    yield Recorded(*source, at, published, data[start:end], sequence)
-            elif kind := _CONTENT.get(opcode):
-                record = _read(kind, data[start:end])
+                    # Its own constructor would take a tenth of the whole time.
+                    yield new(Recorded, (*source, at, published, data[start:begin], sequence))
+                continue
+            opcode, length = _HEAD.unpack_from(data, begin)
+            start, begin = begin + _HEAD.size, begin + _HEAD.size + length
+            if begin > size:
+                raise ValueError("it ends in the middle")
+            if kind := _CONTENT.get(opcode):
+                record = _read(kind, data[start:begin])
                 self._learn(record)
                 yield record
 

@@ -32,56 +32,58 @@ class Checked(NamedTuple):
 
 def check(path: Path) -> Checked:
     """Check every message against its schema; raises Invalid if the file is not a recording."""
-    bag, count, last = Bag(path), 0, 0
-    faults: list[str] = []
-    gaps = _Gaps()
+    bag, count, seen = Bag(path), 0, _Seen()
     for message in bag.messages():
         count += 1
-        faults += _faults(message, last, gaps)
-        last = max(last, message.at)
-    faults += gaps.faults()
+        seen.add(message)
+    faults = [*seen.faults, *seen.gaps()]
     if bag.cut:
         faults.insert(0, f"it is cut: {bag.cut}")
     more = [f"and {len(faults) - _MOST} more faults"] if len(faults) > _MOST else []
     return Checked(count, faults[:_MOST] + more)
 
 
-def _faults(message: Recorded, last: int, gaps: "_Gaps") -> Iterator[str]:
-    if message.at < last:
-        older = (last - message.at) / 1e9
-        yield f"{message.key}: a message is {older:g} s older than the previous one"
-    if message.channel.message_encoding != mcap_format.JSON:
-        return
-    if message.schema is None and message.channel.schema_id:
-        yield f"{message.key}: its schema is missing"
-    name = message.schema.name if message.schema else ""
-    try:
-        found = _DECODERS.get(name, _TABLE).decode(message.data)
-    except (msgspec.MsgspecError, RecursionError) as error:
-        yield f"{message.key}: a message is not a valid {name or 'table'}: {error}"
-    else:
-        if isinstance(found, Pose):
-            gaps.see(message.key, found)
-
-
-class _Gaps:
-    """Count of lost poses, from gaps in their publisher's sequence numbers."""
+class _Seen:
+    """Messages seen so far: their faults, and the poses lost by their publisher's numbers."""
 
     def __init__(self) -> None:
-        self._last: dict[str, tuple[str, int]] = {}
+        self.faults: list[str] = []
+        self._at = 0
+        self._poses: dict[str, Pose] = {}
         self._lost: Counter[str] = Counter()
 
-    def see(self, key: str, pose: Pose) -> None:
-        if key.endswith(f"/{POSE_SLOW.name}"):
-            return  # their numbers have gaps
-        boot, seq = self._last.get(key, ("", -1))
-        if pose.boot == boot and pose.seq > seq + 1:
-            self._lost[key] += pose.seq - seq - 1
-        self._last[key] = (pose.boot, pose.seq)
+    def add(self, message: Recorded) -> None:
+        """Check one more message: an hour has a million, so without further calls."""
+        channel, schema, at, _, data, _ = message
+        if at < self._at:
+            older = (self._at - at) / 1e9
+            self.faults.append(
+                f"{channel.topic}: a message is {older:g} s older than the previous one"
+            )
+        else:
+            self._at = at
+        if channel.message_encoding != mcap_format.JSON:
+            return
+        if schema is None and channel.schema_id:
+            self.faults.append(f"{channel.topic}: its schema is missing")
+        name = schema.name if schema else ""
+        try:
+            found = _DECODERS.get(name, _TABLE).decode(data)
+        except (msgspec.MsgspecError, RecursionError) as error:
+            problem = f"a message is not a valid {name or 'table'}: {error}"
+            self.faults.append(f"{channel.topic}: {problem}")
+            return
+        if type(found) is Pose:
+            key = channel.topic
+            last, self._poses[key] = self._poses.get(key), found
+            if last and found.seq > last.seq + 1 and found.boot == last.boot:
+                self._lost[key] += found.seq - last.seq - 1
 
-    def faults(self) -> Iterator[str]:
+    def gaps(self) -> Iterator[str]:
+        """Yield where poses were lost; the numbers of slow ones have gaps anyway."""
         for key, lost in self._lost.items():
-            yield f"{key}: {lost} messages are missing"
+            if not key.endswith(f"/{POSE_SLOW.name}"):
+                yield f"{key}: {lost} messages are missing"
 
 
 class Repaired(NamedTuple):

@@ -60,7 +60,14 @@ _HUNDRED = KnownMiss(
     AtMost(40),
     "2000 poses, 2000 setpoints and 1000 readings a second pass through the hub, and each wakes code"
     " whose data has left the processor's cache meanwhile: what takes 23 us in a loop takes 45. It was"
-    " 30 % on one machine, and 32 to 35 % on one of two thirds of its speed.",
+    " 30 % on one machine, and 32 to 39 % on one of two thirds of its speed.",
+)
+_FOXGLOVE = KnownMiss(
+    AtMost(5),
+    AtMost(6),
+    "each message wakes two threads, whose code and data have left the processor's cache since the one"
+    " before. It is 3.8 to 5.4 % on one machine, of two thirds of the speed of another, from minute to"
+    " minute: there is no room where its neighbours are busy.",
 )
 _HUNDRED_LAUNCHED = KnownMiss(
     AtMost(0.8),
@@ -133,7 +140,8 @@ ROWS = (
     Row("bridges", "ros2_age", "a pose at a client of ROS 2, later than at a Zenoh subscriber", "ms",
         (AtMost(2),)),
     Row("bridges", "foxglove_processor",
-        "`bridge foxglove` with a client of all topics, poses at 100 Hz, of one core", "%", (AtMost(5),)),
+        "`bridge foxglove` with a client of all topics, poses at 100 Hz, of one core", "%", (AtMost(5),),
+        _FOXGLOVE),
     Row("bridges", "foxglove_memory", "memory of `bridge foxglove` with that client (PSS)", "MB",
         (AtMost(50),)),
     Row("bridges", "foxglove_age", "a pose at a client of Foxglove, later than at a Zenoh subscriber",

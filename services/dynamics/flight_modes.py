@@ -80,15 +80,16 @@ def goto(
             moves = (here == 0.0) & (plan[6] < limits[6])
             flat = (z - sz) * (z - sz) < FLAT * FLAT * way
             # Contact takes the speed to the side, and a soft velocity_gain takes long to make up for
-            # it: near the floor a flight begins where the present motion can end, straight up.
-            rises = (sz < HOP) | (ez < HOP)
+            # it: near the floor a flight begins where the vehicle soonest stops, straight up.
+            rises = (sz < HOP - REST) | (ez < HOP - REST)
             hops = rises & (low | moves | flat)
             lands = rises & (here > 0.0) & (z <= 0.0)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
             hop = (1.0 if rises & (lands == 0.0) else 0.0) + (1.0 if low else 0.0)
+            bx, by, _ = trajectory.braking_place(plan, limits)
             plan = trajectory.goto(
-                plan, ex if rises else x, ey if rises else y, HOP if hops | low else z, limits
+                plan, bx if rises else x, by if rises else y, HOP if hops | low else z, limits
             )
     return plan, (standing, spin, calm, braking, hop, x, y, z)
 

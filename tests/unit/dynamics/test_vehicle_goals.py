@@ -2,12 +2,15 @@
 
 import random
 from collections.abc import Callable
+from math import inf
 from types import ModuleType
 
 import numpy as np
 import pytest
 
 from quadctl.schemas.params import DynamicsParams, StartParams
+from quadctl.services.campaign.vehicles import Plain
+from quadctl.services.dynamics import flight_modes
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet
 from quadctl.services.dynamics.vehicle import Vehicle
 from tests.support.compiled import compiled_kernel
@@ -42,6 +45,28 @@ def test_a_braking_axis_keeps_enough_jerk_to_end_its_braking():
     assert 6.0 < vehicle.goal[0] <= 7.13
     _, most = extremes(vehicle, 4.0)
     assert most[0] < vehicle.goal[0] + 0.001
+
+
+@pytest.mark.parametrize("seed", [570, 985, *range(30)])
+def test_a_goal_in_flight_leads_no_farther_than_braking_or_the_goal(seed: int):
+    draw = random.Random(seed)
+
+    def goal() -> Point:
+        low, high = draw.choice([(0, 0), (0, 0.1), (0.1, 0.3), (0.3, 1.5)])
+        return draw.uniform(-3, 3), draw.uniform(-3, 3), draw.uniform(low, high)
+
+    flown = Plain([DynamicsParams(start=StartParams(0.0, 0.0, draw.choice([0.0, 1.0])))])
+    for _ in range(draw.randrange(1, 5)):
+        flown.goto(0, *goal())
+        here = flown.fly(4 * draw.randrange(5, 500), 1)[0, :3, 0]
+    new = goal()
+    box = np.array([here, new, *flown.room(0)])
+    flown.goto(0, *new)
+    flight = flown.fly(12, 100)[:, :3, 0]
+    # A flight from the floor climbs to a hop first.
+    most = np.maximum(box.max(axis=0), (-inf, -inf, flight_modes.HOP))
+    assert (flight > box.min(axis=0) - 0.001).all()
+    assert (flight < most + 0.001).all()
 
 
 def test_a_hop_requested_in_motion_does_not_turn_back():

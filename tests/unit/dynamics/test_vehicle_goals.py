@@ -56,6 +56,7 @@ def test_a_goal_in_flight_leads_no_farther_than_braking_or_the_goal(seed: int):
         return draw.uniform(-3, 3), draw.uniform(-3, 3), draw.uniform(low, high)
 
     flown = Plain([DynamicsParams(start=StartParams(0.0, 0.0, draw.choice([0.0, 1.0])))])
+    here = np.zeros(3)
     for _ in range(draw.randrange(1, 5)):
         flown.goto(0, *goal())
         here = flown.fly(4 * draw.randrange(5, 500), 1)[0, :3, 0]

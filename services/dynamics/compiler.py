@@ -165,10 +165,14 @@ def _watch_stdin() -> None:
 
 def is_due() -> bool:
     """Return whether the vehicle is not compiled yet; never, without the extra `fleet`."""
+    return _has_numba() and stored() is None
+
+
+def _has_numba() -> bool:
     # Imported here: one vehicle in real time does not need it.
     from importlib.util import find_spec
 
-    return find_spec("numba") is not None and stored() is None
+    return find_spec("numba") is not None
 
 
 def have_made() -> None:
@@ -210,7 +214,7 @@ class BackgroundCompiler:
         if code is None:
             _log.info("compiling the vehicle, once for this machine; until then it flies slower")
             have_made()
-        code = stored()
+            code = stored()
         if code is None:
             _log.warning("the vehicle could not be compiled: it keeps flying as plain Python")
             return

@@ -60,8 +60,7 @@ _INDEX: dict[int, Any] = {
     Opcode.METADATA_INDEX: MetadataIndex,
 }
 """Records of the index, and those that it names."""
-_HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<BQHIQQ")
-"""Head of a record, and of one that is a message."""
+_HEAD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _FOOTER = 9 + 20 + len(MCAP0_MAGIC)
 """Bytes of the end of a complete recording, from its footer on."""
 _TORN = (McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, RuntimeError)
@@ -190,14 +189,16 @@ class Bag:
     def _contents(self, data: bytes, wanted: Wanted) -> Iterator[Any]:
         """Yield the records in a chunk's data: an hour has a million, so without further calls."""
         begin, size, known = 0, len(data), self._known
-        unpack, message, new = _MESSAGE.unpack_from, Opcode.MESSAGE.value, tuple.__new__
+        message, new = Opcode.MESSAGE.value, tuple.__new__
         while begin < size:
-            if data[begin] == message:
-                _, length, number, sequence, at, published = unpack(data, begin)
-                start, begin = begin + _MESSAGE.size, begin + _HEAD.size + length
-                if begin > size:
-                    raise ValueError("it ends in the middle")
-                if start > begin:
+            opcode, length = _HEAD.unpack_from(data, begin)
+            start = begin + _HEAD.size
+            begin = end = start + length
+            if end > size:
+                raise ValueError("it ends in the middle")
+            if opcode == message:
+                number, sequence, at, published = _MESSAGE.unpack_from(data, start)
+                if (start := start + _MESSAGE.size) > end:
                     raise ValueError("a message is too short")
                 if number not in known:
                     channel = self._channels[number]  # a KeyError counts as torn
@@ -205,14 +206,9 @@ class Bag:
                     known[number] = described if wanted(channel) else None
                 if (source := known[number]) is not None:
                     # Its own constructor would take a tenth of the whole time.
-                    yield new(Recorded, (*source, at, published, data[start:begin], sequence))
-                continue
-            opcode, length = _HEAD.unpack_from(data, begin)
-            start, begin = begin + _HEAD.size, begin + _HEAD.size + length
-            if begin > size:
-                raise ValueError("it ends in the middle")
-            if kind := _CONTENT.get(opcode):
-                record = _read(kind, data[start:begin])
+                    yield new(Recorded, (*source, at, published, data[start:end], sequence))
+            elif kind := _CONTENT.get(opcode):
+                record = _read(kind, data[start:end])
                 self._learn(record)
                 yield record
 

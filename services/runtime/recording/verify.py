@@ -53,7 +53,7 @@ class _Seen:
         self._lost: Counter[str] = Counter()
 
     def add(self, message: Recorded) -> None:
-        """Check one more message: an hour has a million, so without further calls."""
+        """Check one more message: an hour has a million, so in one function."""
         channel, schema, at, _, data, _ = message
         if at < self._at:
             older = (self._at - at) / 1e9

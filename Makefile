@@ -33,7 +33,7 @@ demo: $(READY)
 test: $(READY)
 	$(RUN) -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 20
 
-# A figure that misses its bar ends it at once: the counts after it take two hours.
+# A figure that misses its bar ends it at once: the counts after it take more than two hours.
 prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md.
 	$(RUN) -m benchmarks.measure --write --check
 	$(RUN) -m pytest -m "prove and alone" --durations 0

@@ -97,6 +97,7 @@ def test_every_event_keeps_the_invariants(share: int):
 
 
 @pytest.mark.prove
+@pytest.mark.alone  # The solver computes for fifteen minutes with a processor of its own.
 @pytest.mark.timeout(1800)
 def test_every_call_of_the_monitor_keeps_the_invariants(proofs: Proofs):
     proof, started = Proof(), process_time()

@@ -204,12 +204,8 @@ class BackgroundCompiler:
         return self._machine.single() if self._machine else None
 
     def _fetch(self) -> None:
-        # Imported here, in the background: one vehicle in real time does not need it.
-        from importlib.util import find_spec
-
-        if find_spec("numba") is None:
+        if not _has_numba():
             return
-
         code = stored()
         if code is None:
             _log.info("compiling the vehicle, once for this machine; until then it flies slower")

@@ -614,14 +614,17 @@ class Reports:
         return Number(), Truth()
 
 
-def prove_monitor(proof: Proof) -> Iterator[Failure]:
-    """Check every call of a monitor, between two calls of which nothing is being verified."""
+def prove_monitor(proof: Proof, share: int = 0, shares: int = 1) -> Iterator[Failure]:
+    """Check every call of a monitor, or one of several shares of its situations.
+
+    Between two calls nothing is being verified.
+    """
     with summarized():
-        yield from _prove_monitor(proof)
+        yield from _prove_monitor(proof, share, shares)
 
 
-def _prove_monitor(proof: Proof) -> Iterator[Failure]:
-    for s, boot in product(list(situations()), (NOW, "")):
+def _prove_monitor(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
+    for s, boot in islice(product(list(situations()), (NOW, "")), share, None, shares):
         if (
             s.state is VERIFYING
             or s.back is VERIFYING
@@ -666,6 +669,3 @@ def _prove_monitor(proof: Proof) -> Iterator[Failure]:
             given = invariant(before, size, fresh.term)
             given |= {"before the first boot": z3.Or(bool(boot), z3.Not(fresh.term))}
             yield from proof.check(given, run, clauses, before, name, params)
-
-
-PARTS = (prove_start, prove_cage, prove_step, prove_monitor)

@@ -97,7 +97,7 @@ def test_every_event_keeps_the_invariants(share: int):
 
 
 @pytest.mark.prove
-@pytest.mark.alone  # The solver computes for fifteen minutes, on all processors.
+@pytest.mark.alone  # The solver takes all processors: two of them for ten minutes.
 @pytest.mark.timeout(1800)
 def test_every_call_of_the_monitor_keeps_the_invariants(proofs: Proofs):
     with get_context("spawn").Pool() as pool:

@@ -24,18 +24,29 @@ export MPLCONFIGDIR := $(CURDIR)/.cache/matplotlib
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # A shell with ROS sourced would add its packages and pytest plugins.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
+# Without bytecode each process of the tests would compile everything anew.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test prove check docs lock clean
+.PHONY: demo test test-rest test-all prove check docs lock clean
 
 demo: $(READY)
 	$(VENV)/bin/quadctl demo
 
-test: $(READY)
-	$(RUN) -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 20
+# TESTS has more options of pytest, e.g. `make test TESTS=--complete`.
+PYTEST = $(RUN) -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 20 $(TESTS)
+
+test: $(READY)  ## The promises on real processes, and the unit tests: minutes.
+	$(PYTEST)
+
+test-rest: $(READY)  ## The tests that `make test` leaves out, without the long counts.
+	$(PYTEST) -m "thorough and not prove"
+
+test-all: test test-rest
 
 # A figure that misses its bar ends it at once: the counts after it take more than two hours.
 prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md.
 	$(RUN) -m benchmarks.measure --write --check
+	$(RUN) -m pytest -m "hypothesis and not prove" --hypothesis-profile explore --numprocesses $(WORKERS)
 	$(RUN) -m pytest -m "prove and alone" --durations 0
 	$(RUN) -m pytest -m "prove and not alone" --durations 0 --numprocesses 3 --dist load --maxschedchunk 1
 

@@ -9,7 +9,7 @@ from benchmarks.children import Failed
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, running
-from tests.support import chromium
+from tests.support import abilities
 from tests.support.browser import Browser, Tab, browser
 
 _LIVE = "document.body?.dataset.link === 'live'"
@@ -19,8 +19,8 @@ _SETTLED = 3.0
 
 def measure(results: Results, effort: Effort) -> None:
     """Measure the time until a page shows the vehicle; then one page at 10 Hz in hover."""
-    if chromium.found() is None:
-        raise Failed(chromium.MISSING)
+    if abilities.browser() is None:
+        raise Failed(abilities.ABILITIES["browser"].remedy)
     with running() as where, browser() as shown:
         words = [QUADCTL, "console", "--port", "0", "--json"]
         console = subprocess.Popen(words, env=where.environment, stdout=subprocess.PIPE, text=True)

@@ -1,22 +1,34 @@
 """Fixtures that start real systems, each in its own realm and folder."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import hypothesis
 import pytest
 
-from tests.support import chromium
+from tests.support import abilities
 from tests.support.bare import Bare
 from tests.support.lab import PATIENT, Lab, private_lab
 from tests.support.proofs import Proofs
 
 PROOFS = pytest.StashKey[Proofs]()
+MISSING = pytest.StashKey[list[str]]()
+LEFT_OUT = pytest.StashKey[list[tuple[str, str]]]()
+"""Tests that this machine cannot run, each after the ability that it lacks for it."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--complete", action="store_true", help="fail if this machine cannot run some of the tests"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[PROOFS] = Proofs()
+    config.stash[LEFT_OUT] = []
+    worker = getattr(config, "workerinput", None)  # of a worker of pytest-xdist
+    config.stash[MISSING] = abilities.missing() if worker is None else worker["missing"]
     # A shell's background jobs ignore SIGINT and `nohup` ignores SIGHUP; so would every command
     # that a test starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -24,18 +36,23 @@ def pytest_configure(config: pytest.Config) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    # No deadline: the time of an example depends on the load of the machine.
-    hypothesis.settings.register_profile("quadctl", deadline=None)
-    hypothesis.settings.load_profile("quadctl")
+    # No deadline: the time of an example depends on the load of the machine. The examples are the
+    # same in each run, and independent of the variable CI; `make prove` looks for others.
+    same = hypothesis.settings(
+        hypothesis.settings.get_profile("default"), deadline=None, derandomize=True, database=None
+    )
+    hypothesis.settings.register_profile("quadctl", same)
+    hypothesis.settings.register_profile("explore", same, derandomize=False, max_examples=1000)
+    hypothesis.settings.load_profile(config.option.hypothesis_profile or "quadctl")
     if config.option.markexpr:
         config.pluginmanager.register(FailuresAtOnce(config))
-    config.addinivalue_line("markers", "prove: full counts, for `make prove`; otherwise left out")
-    config.addinivalue_line(
-        "markers", "alone: a count that measures times, or needs the whole machine"
-    )
-    config.addinivalue_line(
-        "markers", "browser: drives a Chromium; without one left out, with a warning"
-    )
+    for marker in (
+        "thorough: for `make test-all`, left out of `make test`",
+        "prove: full counts, for `make prove`; otherwise left out",
+        "alone: a count that measures times, or needs the whole machine",
+        "needs(ability, ...): left out on a machine without it, and listed at the end",
+    ):
+        config.addinivalue_line("markers", marker)
 
 
 class FailuresAtOnce:
@@ -52,13 +69,26 @@ class FailuresAtOnce:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if not chromium.wanted():
-        _leave_out("browser", config, items)
     if config.option.markexpr:
         # A worker that begins a long count as the last ends long after the others.
         items.sort(key=_time_limit, reverse=True)
     else:
-        _leave_out("prove", config, items)
+        _leave_out(
+            config, items, lambda item: any(map(item.get_closest_marker, ("prove", "thorough")))
+        )
+    if config.option.collectonly:
+        return
+    lacks = {item: found for item in items if (found := _lacks(item, config.stash[MISSING]))}
+    config.stash[LEFT_OUT] = [(ability, item.nodeid) for item, ability in lacks.items()]
+    _leave_out(config, items, lacks.__contains__)
+
+
+def _lacks(item: pytest.Item, missing: list[str]) -> str | None:
+    """Return the first ability that this machine lacks for a test, or None."""
+    needed = {name for marker in item.iter_markers("needs") for name in marker.args}
+    unknown = needed - abilities.ABILITIES.keys()
+    assert not unknown, f"{item.nodeid} needs {unknown}, which tests/support/abilities.py lacks"
+    return next((name for name in missing if name in needed), None)
 
 
 def _time_limit(item: pytest.Item) -> float:
@@ -66,32 +96,48 @@ def _time_limit(item: pytest.Item) -> float:
     return marker.args[0] if marker else 0.0
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    if not chromium.wanted():
-        terminalreporter.section("NOT TESTED", yellow=True, bold=True)
-        terminalreporter.write_line(chromium.MISSING)
-
-
-def _leave_out(marker: str, config: pytest.Config, items: list[pytest.Item]) -> None:
-    left_out = [item for item in items if item.get_closest_marker(marker)]
+def _leave_out(
+    config: pytest.Config, items: list[pytest.Item], unwanted: Callable[[pytest.Item], object]
+) -> None:
+    left_out = [item for item in items if unwanted(item)]
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    proofs = session.config.stash[PROOFS]
-    output = getattr(session.config, "workeroutput", None)  # of a worker of pytest-xdist
-    if output is None:
-        proofs.write()
-    else:
-        output["proofs"] = proofs.found
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    if left_out := config.stash[LEFT_OUT]:
+        terminalreporter.section("NOT TESTED", yellow=True, bold=True)
+        for line in abilities.report(left_out):
+            terminalreporter.write_line(line)
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    stash = session.config.stash
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output["proofs"], output["left_out"] = stash[PROOFS].found, stash[LEFT_OUT]
+        return
+    stash[PROOFS].write()
+    if session.config.option.complete and stash[LEFT_OUT] and exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Give a worker the result of the probes."""
+    node.workerinput["missing"] = node.config.stash[MISSING]
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
     """Take a worker's results: one process writes the file."""
-    node.config.stash[PROOFS].found += getattr(node, "workeroutput", {}).get("proofs", [])
+    output = getattr(node, "workeroutput", {})
+    node.config.stash[PROOFS].found += output.get("proofs", [])
+    # Each worker collects all tests.
+    node.config.stash[LEFT_OUT] = output.get("left_out", node.config.stash[LEFT_OUT])
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 TESTS = """
 import pytest
 import quadctl
@@ -25,6 +27,7 @@ def test_cannot_start(quad):
 """
 
 
+@pytest.mark.thorough
 def test_fixtures_start_a_system_for_each_test_and_show_its_logs_on_failure(tmp_path: Path):
     (tmp_path / "test_mine.py").write_text(TESTS)
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--strict-markers", "-q"]

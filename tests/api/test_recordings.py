@@ -18,6 +18,7 @@ def recording(tmp_path_factory) -> Path:
     return file
 
 
+@pytest.mark.thorough
 def test_a_recording_is_read_into_arrays_by_key_and_field(recording):
     flight = quadctl.read(recording)
     pose = flight["uav/pose"]

@@ -44,6 +44,7 @@ def test_a_run_that_is_not_used_any_more_ends():
     assert gone(processes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ["os.kill(os.getpid(), 9)", "sys.exit(3)", "raise RuntimeError"])
 def test_a_run_ends_with_its_program_however_that_ends(tmp_path: Path, ending: str):
     program = tmp_path / "program.py"
@@ -69,6 +70,7 @@ def test_a_run_ends_with_its_program_however_that_ends(tmp_path: Path, ending: s
     assert eventually(lambda: gone(processes), 10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arguments", "error", "said"),
     [
@@ -109,6 +111,7 @@ def test_a_realm_is_launched_once_and_connected_to_by_any_number(monkeypatch):
         assert run.vehicle.pose().boot
 
 
+@pytest.mark.thorough
 def test_a_file_and_a_nodes_command_are_found_beside_the_file(tmp_path: Path):
     (tmp_path / "quad.toml").write_text(
         "[safety]\ntakeoff = 2.0\n[dynamics]\nspeed = 0.0\n[processes]\nidle = './idle.sh'\n"

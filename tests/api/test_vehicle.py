@@ -54,6 +54,7 @@ def test_a_flight_is_followed_replaced_and_stopped(quad):
     assert quad.state().reason == "hold: stopped on request"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [0, 1])
 def test_a_program_waits_for_the_end_of_the_take_off(speed):
     with quadctl.launch(params=CALM | {"dynamics.speed": speed}) as run:
@@ -68,6 +69,7 @@ def test_a_program_waits_for_the_end_of_the_take_off(speed):
         assert abs(quad.settle().position.z - 1) < 0.02
 
 
+@pytest.mark.thorough
 @pytest.mark.quad(params=CALM)
 def test_a_vehicle_that_does_not_settle_in_time_is_reported_with_the_cause(quad):
     with pytest.raises(quadctl.TimedOut, match=r"not hover after 0.1 s: safety is MOVING"):
@@ -91,6 +93,7 @@ def test_the_barometer_is_calibrated_and_the_vehicle_put_back(quad):
     assert quad.pose().boot != boot
 
 
+@pytest.mark.thorough
 @LOCKSTEP
 def test_a_watch_yields_messages_until_its_end_and_counts_the_lost(quad):
     stamps = [pose.stamp for pose in quad.watch("pose", seconds=1)]
@@ -107,6 +110,7 @@ def test_a_watch_yields_messages_until_its_end_and_counts_the_lost(quad):
     assert unknown.value.hint == "did you mean sensors/pressure?"
 
 
+@pytest.mark.thorough
 @LOCKSTEP
 def test_parameters_change_all_or_none_across_nodes(quad, quad_run):
     quad.params["safety.acceptance_range"] = 0.25
@@ -147,6 +151,7 @@ def test_bad_coordinates_are_refused_before_anything_is_sent(quad):
     assert quad.state().request <= 1  # the take-off alone
 
 
+@pytest.mark.thorough
 @LOCKSTEP
 def test_numbers_of_numpy_are_coordinates(quad):
     arrival = quad.goto(np.float64(1.0), np.int64(2), np.float32(1.0))
@@ -176,6 +181,7 @@ def test_several_vehicles_fly_at_the_same_time(quad_run):
     assert max(arrivals.values()) <= 0.5
 
 
+@pytest.mark.thorough
 def test_calls_leave_no_subscription_behind(quad):
     """A flight that nobody waits for ends its subscription, too, once it is not used any more."""
     flight = quad.goto(0, 0, 1.3, replace=True, wait=False)

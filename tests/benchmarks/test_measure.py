@@ -33,6 +33,7 @@ def only(found, *keys):
     return found | {"figures": [entry for entry in found["figures"] if entry["key"] in keys]}
 
 
+@pytest.mark.thorough
 def test_a_failed_row_is_reported_and_does_not_stop_the_others(pretended, capsys):
     pretended(param_get=RuntimeError("it broke"), type_show=HOLDS - 20)
     found = measure.run(["commands"], measure.QUICK)
@@ -43,6 +44,7 @@ def test_a_failed_row_is_reported_and_does_not_stop_the_others(pretended, capsys
     assert measure.verdict(only(found, "type_show")) == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("value", "code"), [(HOLDS, 0), (BAR, 0), (MISSES, 1)])
 def test_a_run_and_its_file_are_judged_by_the_same_bars(pretended, tmp_path, capsys, value, code):
     pretended(param_get=value)
@@ -56,6 +58,7 @@ def test_a_run_and_its_file_are_judged_by_the_same_bars(pretended, tmp_path, cap
     assert ("missed: `param get`" in capsys.readouterr().err) == bool(code)
 
 
+@pytest.mark.thorough
 def test_the_file_describes_the_machine(pretended, tmp_path):
     pretended(param_get=HOLDS)
     file = tmp_path / "figures.json"

@@ -14,6 +14,7 @@ import zenoh
 
 from tests.support.bare import Bare, pack
 from tests.support.lab import Lab
+from tests.support.running import eventually
 
 KEYS = ("pose", "sensors/pressure", "safety/state")
 JUNK = (b"junk", b"", b"\xc1" * 30, pack({"stamp": 1.0}))
@@ -44,6 +45,7 @@ def garbage(bare: Bare, vehicle: str) -> Iterator[None]:
         sender.join()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "line", ["goto 1 -1 1", "calibrate", "state", "state --json", "goto -1 0.5 1 --replace"]
 )
@@ -53,6 +55,7 @@ def test_a_command_skips_unreadable_messages(shared_lab: Lab, hover: Bare, line:
     assert done == (0, done.out, "")
 
 
+@pytest.mark.thorough
 def test_echo_reports_each_kind_of_bad_message_once_and_goes_on(shared_lab: Lab, bare: Bare):
     with garbage(bare, "uav"):
         done = shared_lab.quadctl("topic", "echo", "pose", "-n", 100, "--json", "--timeout", 10)
@@ -62,6 +65,19 @@ def test_echo_reports_each_kind_of_bad_message_once_and_goes_on(shared_lab: Lab,
     assert all(line.startswith("skipped a message on uav/pose: ") for line in said)
     assert len(said) == 2, "one line per kind: not a Pose, and a Pose of another version"
     assert any("schema mismatch" in line for line in said)
+
+
+def test_control_characters_of_a_message_are_printed_escaped(shared_lab: Lab, bare: Bare):
+    echo = shared_lab.spawn(*shared_lab.command("topic", "echo", "own/text", "-n", 1))
+
+    def is_shown() -> bool:
+        bare.put("uav/own/text", {"text": "\x1b[31mred\u202eder"})
+        return echo.ended
+
+    eventually(is_shown)
+    assert echo.wait() == 0, echo.log
+    assert "\\x1b[31mred\\u202eder" in echo.log
+    assert "\x1b" not in echo.log
 
 
 def test_a_timeout_error_names_the_unreadable_message(shared_lab: Lab, bare: Bare):
@@ -95,6 +111,7 @@ def test_an_invalid_third_party_reply_does_not_hide_the_state(shared_lab: Lab, b
     only_server.undeclare()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [

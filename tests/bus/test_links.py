@@ -59,6 +59,7 @@ def numbered_goal(number: int) -> dict[str, float]:
     return {"x": 1.0 + number / 1000, "y": 0.0, "z": 1.0}
 
 
+@pytest.mark.thorough
 def test_each_command_over_a_slow_link_is_executed_once(far_operator: tuple[Lab, Proxy]):
     lab, link = far_operator
     over = ("--connect", link.endpoint, "--timeout", 20)
@@ -84,6 +85,7 @@ def test_a_call_that_arrives_after_its_deadline_is_not_executed(
         assert here.state()["request"] == before
 
 
+@pytest.mark.thorough
 def test_answers_over_a_lossy_link_match_the_executed_calls(far_operator: tuple[Lab, Proxy]):
     lab, _ = far_operator
     lossy = Proxy(lab.home / "hub.sock", DELAY / 4, lost=0.2)

@@ -11,6 +11,7 @@ from tests.support.lab import NODES, Lab
 from tests.support.running import eventually
 
 
+@pytest.mark.thorough
 def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
     lab.start("--set", "dynamics.start.z=1")
     old = lab.nodes()["hub"]["pid"]
@@ -26,6 +27,7 @@ def test_messages_to_a_restarted_hub_are_not_reported_as_sent(lab: Lab):
     assert any(text in said.log for text in told), said.log
 
 
+@pytest.mark.thorough
 def test_messages_to_a_frozen_hub_are_not_reported_as_sent(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=20")
     with lab.bare() as bare:
@@ -43,6 +45,7 @@ def test_messages_to_a_frozen_hub_are_not_reported_as_sent(lab: Lab):
     assert lab.nodes()["hub"]["restarts"] == 0
 
 
+@pytest.mark.thorough
 def test_ctrl_c_reports_the_messages_that_may_be_lost(lab: Lab):
     lab.start("--set", "dynamics.start.z=1")
     old = lab.nodes()["hub"]["pid"]
@@ -59,6 +62,7 @@ def test_ctrl_c_reports_the_messages_that_may_be_lost(lab: Lab):
     assert "messages on uav/own/key some may be lost: " in said.log
 
 
+@pytest.mark.thorough
 def test_a_replay_checks_the_hub_and_not_its_own_session(lab: Lab, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(lab.runtime))
     lab.start(*(f"--without={node}" for node in NODES if node != "hub"))

@@ -105,6 +105,7 @@ def answers_of_flights(lab: Lab, legs: int) -> Answers:
         return answers
 
 
+@pytest.mark.thorough
 def test_no_answer_to_a_pose_is_missed_beside_a_stalled_viewer(flying_lab: Lab):
     with stalled_viewer(flying_lab):
         answered = answers_of_flights(flying_lab, 4).answered

@@ -27,6 +27,7 @@ def test_the_safety_state_is_latched(hover: Bare):
     assert got.value["boot"] == hover.watch("uav/pose").next()[0]["boot"]
 
 
+@pytest.mark.thorough
 def test_each_latched_topic_comes_at_once_beside_a_fast_one(
     shared_lab: Lab, monkeypatch: pytest.MonkeyPatch
 ):
@@ -80,6 +81,7 @@ def test_setpoints_answer_every_fifth_pose_in_every_state(hover: Bare):
     assert sum(steps) / len(steps) == pytest.approx(5, abs=0.5)
 
 
+@pytest.mark.thorough
 def test_an_idle_vehicle_publishes_pressure_at_10_hz_state_at_1_hz(hover: Bare):
     readings, states = hover.watch("uav/sensors/pressure"), hover.watch("uav/safety/state")
     quiet = states.next(3)

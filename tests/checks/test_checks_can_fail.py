@@ -90,6 +90,7 @@ def seen(root):
     return {name: check(root) for name, check in house.CHECKS.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("importer", "module"), IMPORTS)
 def test_a_forbidden_import_is_reported(seen, importer, module):
     assert f"{importer}.{fault_name(module)} -> {module} (l.1)" in seen["imports"]

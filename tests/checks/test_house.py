@@ -5,6 +5,7 @@ import pytest
 from tests.checks import house
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("check", [name for name in house.CHECKS if name != "types"])
 def test_the_tree_passes(check):
     if found := house.CHECKS[check](house.ROOT):

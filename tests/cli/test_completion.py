@@ -2,6 +2,8 @@
 
 import signal
 
+import pytest
+
 from tests.support.bare import Bare
 from tests.support.lab import Lab
 from tests.support.running import eventually
@@ -18,6 +20,7 @@ def wait_for_completion(lab: Lab, line: str, names: list[str]) -> None:
     eventually(lambda: complete(lab, f"quadctl {line}") == names)
 
 
+@pytest.mark.thorough
 def test_live_names_are_completed(shared_lab: Lab, bare: Bare):
     mine = "uav/@node/mine/@pub/Image/00000000/5/uav%camera%left"
     token = bare.session.liveliness().declare_token(mine)
@@ -40,6 +43,7 @@ def test_live_names_are_completed(shared_lab: Lab, bare: Bare):
     assert complete(shared_lab, "quadctl --realm nowhere topic echo ") == []
 
 
+@pytest.mark.thorough
 def test_completion_does_not_wait_for_a_frozen_hub_or_node(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60", "--set", "safety.takeoff=0")
     lab.signal("pressure", signal.SIGSTOP)

@@ -79,6 +79,7 @@ def test_console_refuses_an_unknown_vehicle(two_vehicles: Lab):
     assert "uav0, uav1" in done.error["hint"]
 
 
+@pytest.mark.thorough
 def test_console_exits_7_when_its_port_is_in_use(two_vehicles: Lab, console_of_two: Console):
     port = urlsplit(console_of_two.watch).port
     assert two_vehicles.quadctl("console", "--port", port).code == 7

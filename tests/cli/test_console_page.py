@@ -42,7 +42,7 @@ def chromium() -> Iterator[Browser]:
         yield made
 
 
-pytestmark = pytest.mark.browser
+pytestmark = pytest.mark.needs("browser")
 
 LIVE = "document.body?.dataset.link === 'live'"
 

@@ -9,6 +9,7 @@ from tests.support.lab import PATIENT
 from tests.support.lab import Lab as System
 
 
+@pytest.mark.thorough
 def test_the_zone_bars_its_inside_and_the_way_through_it_and_is_flown_around(
     lab: System, monkeypatch: pytest.MonkeyPatch
 ):

@@ -16,6 +16,7 @@ from tests.support.lab import NODES, Lab, private_lab
 from tests.support.running import Done, eventually
 
 
+@pytest.mark.thorough
 def test_doctor_measures_rates_in_simulated_time(lab: Lab):
     lab.start("--set", "dynamics.speed=5")
     found = ask(lab)
@@ -23,6 +24,7 @@ def test_doctor_measures_rates_in_simulated_time(lab: Lab):
     assert "(simulated time)" in found.checks["topic uav/pose"]["evidence"]
 
 
+@pytest.mark.thorough
 def test_doctor_reports_a_restarted_node_and_a_dead_one(lab: Lab):
     file = lab.file("[processes]\nextra = ['sh', '-c', 'echo no wings; exit 1']\n")
     run = lab.spawn(*lab.command("up", file))
@@ -39,6 +41,7 @@ def test_doctor_reports_a_restarted_node_and_a_dead_one(lab: Lab):
     assert run.wait() == 130
 
 
+@pytest.mark.thorough
 def test_doctor_reports_a_dead_run_and_its_leftover_folder(lab: Lab):
     lab.start("--without", "safety")
     os.kill(lab.status()["pid"], signal.SIGKILL)
@@ -54,6 +57,7 @@ def test_doctor_reports_a_dead_run_and_its_leftover_folder(lab: Lab):
     glance(lab).said("realm", "PASS")
 
 
+@pytest.mark.thorough
 def test_doctor_takes_a_subscription_for_no_topic(lab: Lab):
     """Safety subscribes to poses that nobody publishes here."""
     lab.start("--without", "dynamics")
@@ -62,6 +66,7 @@ def test_doctor_takes_a_subscription_for_no_topic(lab: Lab):
     assert not any("pose/slow" in check["name"] for check in found.json["checks"])
 
 
+@pytest.mark.thorough
 def test_doctor_reports_nodes_started_by_hand(lab: Lab):
     hub = lab.spawn(*lab.command()[:2], "-m", "quadctl.services.hub")
     bare = lab.first_bare()
@@ -113,6 +118,7 @@ def test_a_healthy_system_has_no_fault_and_stays_unchanged(shared_lab: Lab, hove
     assert after | {"stamp": 0.0} == before | {"stamp": 0.0}
 
 
+@pytest.mark.thorough
 def test_doctor_works_as_text_and_with_only_the_hubs_endpoint(shared_lab: Lab):
     said = shared_lab.quadctl("doctor", "--timeout", "10")
     assert (said.code, said.err) == (0, "")
@@ -124,6 +130,7 @@ def test_doctor_works_as_text_and_with_only_the_hubs_endpoint(shared_lab: Lab):
     assert "realm" not in found.checks
 
 
+@pytest.mark.thorough
 def test_doctor_finds_a_frozen_node(patient: Lab):
     pid = patient.nodes()["pressure"]["pid"]
     with patient.bare() as bare, frozen(patient, pid):
@@ -138,6 +145,7 @@ def test_doctor_finds_a_frozen_node(patient: Lab):
         eventually(lambda: "pressure" in bare.nodes())
 
 
+@pytest.mark.thorough
 def test_doctor_finds_an_announced_node_that_keeps_silent(patient: Lab):
     held: list[zenoh.Query] = []
     with patient.bare() as bare:
@@ -162,6 +170,7 @@ def test_doctor_finds_an_announced_node_that_keeps_silent(patient: Lab):
     assert "mute has GetParams#0" in found.said("schemas", "FAIL")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("timeout", [0.3, 1.0])
 def test_doctor_ends_with_a_frozen_hub_and_skips_its_checks(patient: Lab, timeout: float):
     with frozen(patient, patient.nodes()["hub"]["pid"]):
@@ -171,12 +180,14 @@ def test_doctor_ends_with_a_frozen_hub_and_skips_its_checks(patient: Lab, timeou
         assert found.said(name, "WARN") == "not checked: the hub does not answer"
 
 
+@pytest.mark.thorough
 def test_doctor_finds_a_frozen_supervisor(patient: Lab):
     with frozen(patient, patient.status()["pid"]):
         found = glance(patient)
     assert "frozen" in found.said("realm", "FAIL")
 
 
+@pytest.mark.thorough
 def test_doctor_finds_second_servers_publishers_and_other_schemas(patient: Lab):
     def answer(query: zenoh.Query) -> None:
         with query:
@@ -230,6 +241,7 @@ def test_doctor_finds_a_second_publisher_of_setpoints(patient: Lab):
     assert "`quadctl node list`" in found.checks["publishers"]["fix"]
 
 
+@pytest.mark.thorough
 def test_doctor_finds_a_readable_realm_and_a_missing_socket(patient: Lab):
     patient.home.chmod(0o755)
     assert "mode 0755" in glance(patient).said("realm", "FAIL")
@@ -242,6 +254,7 @@ def test_doctor_finds_a_readable_realm_and_a_missing_socket(patient: Lab):
     assert "hub.sock is gone" in found.said("realm", "FAIL")
 
 
+@pytest.mark.thorough
 def test_doctor_reports_a_vehicle_that_does_not_run(patient: Lab):
     found = ask(patient, "--vehicle", "cat")
     assert {"realm", "announced"} <= found.failed
@@ -258,6 +271,7 @@ def test_doctor_finds_an_unwritable_realm(patient: Lab):
     assert f"{patient.home} cannot be written to" in found.said("disk", "FAIL")
 
 
+@pytest.mark.thorough
 def test_doctor_reports_a_changed_parameter_and_a_faulty_file(patient: Lab):
     patient.file("[dynamics]\nstart = { z = 1.0 }\n", "quad.toml")
     assert patient.quadctl("param", "set", "safety.takeoff", "3").code == 0

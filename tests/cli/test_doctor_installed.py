@@ -21,6 +21,7 @@ def ask(lab: Lab, **environment: str) -> dict[str, Any]:
     return {check["name"]: check for check in done.json["checks"]}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("package", "files", "check", "said"),
     [

@@ -93,6 +93,7 @@ def patient_lab() -> Iterator[Lab]:
         yield made
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("node", "lines"),
     [

@@ -82,6 +82,7 @@ def test_fleet_list_shows_position_goal_and_state_of_each(fleet: tuple[Lab, Lab]
     assert [line.split()[0] for line in shown[1:]] == NAMES
 
 
+@pytest.mark.thorough
 def test_fleet_list_without_a_file_shows_all_vehicles_of_the_hub(fleet: tuple[Lab, Lab]):
     two, one = fleet
     assert list(listed(one)) == ["uav"]
@@ -93,6 +94,7 @@ def test_fleet_list_without_a_file_shows_all_vehicles_of_the_hub(fleet: tuple[La
     assert [row["vehicle"] for row in over.json] == ["uav0", "uav1"]
 
 
+@pytest.mark.thorough
 def test_fleet_goto_takes_a_formation_named_goals_or_a_centre(fleet: tuple[Lab, Lab]):
     two, _ = fleet
     done = two.quadctl("fleet", "goto", "line", 0, 1, 1, "--json")
@@ -118,6 +120,7 @@ def test_fleet_goto_takes_a_formation_named_goals_or_a_centre(fleet: tuple[Lab, 
     assert own.err.startswith("error: red: outside the cage: x = 9 is beyond [-5, 5]")
 
 
+@pytest.mark.thorough
 def test_fleet_commands_name_the_vehicles_they_leave_out(fleet: tuple[Lab, Lab]):
     two, one = fleet
     text = FILE.format(red=endpoint(one)).replace("uav1", "# uav1")
@@ -135,6 +138,7 @@ def test_fleet_commands_name_the_vehicles_they_leave_out(fleet: tuple[Lab, Lab])
     assert done == (0, "uav0: accepted\nuav1: accepted\n", "red has no place in line: it stays\n")
 
 
+@pytest.mark.thorough
 def test_refusals_are_reported_in_one_document(fleet: tuple[Lab, Lab]):
     two, _ = fleet
     assert two.quadctl("fleet", "hold").code == 0
@@ -154,6 +158,7 @@ def test_refusals_are_reported_in_one_document(fleet: tuple[Lab, Lab]):
     )  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_land_all_lands_all_and_can_be_repeated(fleet: tuple[Lab, Lab]):
     two, one = fleet
     assert two.quadctl("fleet", "goto", "line", 1, 1, 1, "--no-wait", "--replace").code == 0
@@ -167,6 +172,7 @@ def test_land_all_lands_all_and_can_be_repeated(fleet: tuple[Lab, Lab]):
     assert two.quadctl("fleet", "goto", "line", 0, 0, 1).code == 0, "the vehicles fly again"
 
 
+@pytest.mark.thorough
 def test_an_unreachable_hub_is_reported_and_the_others_obey(fleet: tuple[Lab, Lab]):
     two, one = fleet
     text = FILE.format(red=endpoint(one)).replace("[formations.line]", "%s[formations.line]")
@@ -198,6 +204,7 @@ def test_an_unreachable_hub_is_reported_and_the_others_obey(fleet: tuple[Lab, La
         }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("verb", ["hold", "land-all"])
 def test_a_silent_hub_does_not_delay_the_other_vehicles(fleet: tuple[Lab, Lab], verb: str):
     two, one = fleet
@@ -214,6 +221,7 @@ def test_a_silent_hub_does_not_delay_the_other_vehicles(fleet: tuple[Lab, Lab], 
         assert run.wait() == 130, run.log
 
 
+@pytest.mark.thorough
 def test_ctrl_c_reports_that_accepted_flights_go_on(fleet: tuple[Lab, Lab]):
     two, one = fleet
     with silent_hub() as silent, one.bare() as bare:
@@ -228,6 +236,7 @@ def test_ctrl_c_reports_that_accepted_flights_go_on(fleet: tuple[Lab, Lab]):
         assert run.log == f"red: accepted\n{went_on}"
 
 
+@pytest.mark.thorough
 def test_a_frozen_vehicle_is_listed_with_its_known_fields(fleet: tuple[Lab, Lab]):
     two, one = fleet
     with one.bare() as bare:
@@ -246,6 +255,7 @@ def test_a_frozen_vehicle_is_listed_with_its_known_fields(fleet: tuple[Lab, Lab]
         eventually(lambda: "dynamics" in bare.nodes())
 
 
+@pytest.mark.thorough
 def test_a_vehicle_lands_in_gusts_with_a_small_acceptance_range(lab: Lab):
     wind = ("dynamics.wind.gust=0.9", "dynamics.wind.mean.x=5", "dynamics.seed=3")
     safety = ("safety.acceptance_range=0.02", "safety.margin=1.3")

@@ -36,8 +36,8 @@ SLACK = 0.2
 """Seconds that a command may wait beyond its timeout, without the start of Python."""
 LONGEST_START = 0.6
 """Seconds of work that are not counted as waiting; most of it is the start of Python."""
-BUSY = 1.5
-"""Slack (s) while other tests run: they show that a command ends, not how promptly."""
+LONGEST = 20.0
+"""Seconds until a command hangs. The everyday test shows that it ends, not how promptly."""
 NAMES = {2: "usage", 3: "unreachable", 4: "timeout", 5: "refused", 7: "already_served"}
 RECORDING = Path(__file__).parents[1] / "recording" / "data" / "cage.mcap"
 
@@ -61,7 +61,7 @@ def test_commands_end_in_time_right_after_a_freeze(patient: Lab, who: str):
     with frozen(patient, who):
         for line in LINES:
             if line.words in FRESH[who]:
-                run_and_check(patient, line, who, BUSY)
+                run_and_check(patient, line, who)
 
 
 @pytest.mark.prove
@@ -75,13 +75,14 @@ def test_commands_end_in_time_after_the_hub_dropped_a_process(
         if who in {"dynamics", "pressure", "safety"}:
             with patient.bare() as bare:
                 eventually(lambda: who not in bare.nodes())
-        late = {line.words: run_and_check(patient, line, who, SLACK) for line in LINES}
+        late = {line.words: run_and_check(patient, line, who) - TIMEOUT for line in LINES}
     worst = max(late, key=lambda words: late[words])
     proofs.add(
         f"commands with {who or 'nobody'} frozen: end, after their timeout, at most",
         f"{1000 * max(late[worst], 0):.0f} ms (`{worst}`, n {len(LINES)})",
         f"{1000 * SLACK:.0f} ms",
     )
+    assert late[worst] <= SLACK, (who, worst)
 
 
 @pytest.mark.prove
@@ -98,10 +99,10 @@ def test_a_stream_ends_in_time_when_a_process_freezes(patient: Lab, line: Line, 
     with frozen(patient, who):
         began = clock(run.pid)
         if line.expected(who) == 130:
-            assert not ends(run.pid, STREAM_TIMEOUT + BUSY)
+            assert not ends(run.pid, 2 * STREAM_TIMEOUT)
             run.send(signal.SIGINT)
             began = clock(run.pid) - STREAM_TIMEOUT
-        assert ends(run.pid, 2 * STREAM_TIMEOUT + BUSY)
+        assert ends(run.pid, LONGEST)
         waited = clock(run.pid) - began
         assert run.wait() == line.expected(who), run.log
         assert line.expected(who) == 0 or waited < STREAM_TIMEOUT + SLACK, run.log
@@ -170,7 +171,7 @@ def timed(lab: Lab, words: str) -> tuple[Done, float]:
             env=lab.environment,
             cwd=lab.folder,
         )
-        assert ends(process.pid, 20.0), words
+        assert ends(process.pid, LONGEST), words
         waited = clock(process.pid) - began
         process.wait()
         out.seek(0)
@@ -192,13 +193,12 @@ def at_work(pid: int) -> float:
     return min(int(ran) / 1e9, LONGEST_START) + 2 * int(queued) / 1e9
 
 
-def run_and_check(lab: Lab, line: Line, who: str, allowed: float) -> float:
-    """Run a command, check it against the table, and return its wait beyond its timeout (s)."""
+def run_and_check(lab: Lab, line: Line, who: str) -> float:
+    """Run a command, check it against the table, and return the s it waited."""
     (lab.folder / "quad.toml").unlink(missing_ok=True)
     done, waited = timed(lab, line.words)
     code = line.expected(who)
     assert done.code == code, (who, line.words, done)
-    assert waited <= TIMEOUT + allowed, (who, line.words, waited)
     for row in done.out.splitlines():
         json.loads(row)
     if code in NAMES:
@@ -206,7 +206,7 @@ def run_and_check(lab: Lab, line: Line, who: str, allowed: float) -> float:
         assert "`quadctl up" not in done.err, (who, line.words, done)
     if code == 4:
         assert says_frozen(done.err), (who, line.words, done)
-    return waited - TIMEOUT
+    return waited
 
 
 def says_frozen(text: str) -> bool:

@@ -2,6 +2,7 @@
 
 import signal
 
+import pytest
 import zenoh
 
 from tests.support.bare import pack
@@ -20,6 +21,7 @@ def test_no_service_accepts_five_hundred_fuzzed_payloads(shared_lab: Lab):
     assert "none was accepted, no process ended, and each answers the next valid call" in told.out
 
 
+@pytest.mark.thorough
 def test_fuzz_reports_a_service_that_accepts_every_payload(lab: Lab):
     lab.start("--without", "pressure")
     with lab.bare() as bare:
@@ -40,6 +42,7 @@ def test_fuzz_reports_a_service_that_accepts_every_payload(lab: Lab):
     assert unanswered.endswith("calls were not answered")
 
 
+@pytest.mark.thorough
 def test_fuzz_reports_a_frozen_service_in_time(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60")
     lab.signal("pressure", signal.SIGSTOP)

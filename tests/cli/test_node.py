@@ -52,6 +52,7 @@ def test_node_ping_prints_each_pong_and_a_summary(patient: Lab):
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_a_frozen_node_is_exit_4_and_the_others_answer(patient: Lab):
     pid = patient.nodes()["pressure"]["pid"]
     done = patient.quadctl("node", "kill", "pressure", "--signal", "sigstop", "--json")

@@ -51,6 +51,7 @@ def parameters(lab: Lab) -> Any:
     return done.json
 
 
+@pytest.mark.thorough
 def test_a_dump_is_a_file_that_can_be_launched_and_loaded(tuned: Lab):
     assert tuned.quadctl("param", "set", "safety.takeoff", 2).code == 0
     done = tuned.quadctl("param", "dump", "-o", "dump.toml")
@@ -154,6 +155,7 @@ def test_param_describe_shows_the_current_value(tuned: Lab):
     }
 
 
+@pytest.mark.thorough
 def test_param_set_accepts_the_output_of_param_get(tuned: Lab):
     got = tuned.quadctl("param", "get", "safety").out.splitlines()
     assert "safety.cage_on: true" in got
@@ -167,6 +169,7 @@ def test_param_set_accepts_the_output_of_param_get(tuned: Lab):
     assert (refused.code, "fixed at launch" in refused.error["message"]) == (6, True)
 
 
+@pytest.mark.thorough
 def test_param_list_reports_a_node_that_does_not_answer(tuned: Lab):
     names = tuned.quadctl("param", "list").out.splitlines()
     assert {"safety.takeoff", "hub.transport", "supervise.answer_timeout"} <= set(names)
@@ -180,6 +183,7 @@ def test_param_list_reports_a_node_that_does_not_answer(tuned: Lab):
         token.undeclare()
 
 
+@pytest.mark.thorough
 def test_a_load_that_fails_halfway_reports_its_progress(lab: Lab):
     lab.start("--without", "safety")
     with lab.bare() as bare:

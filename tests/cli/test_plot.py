@@ -3,6 +3,8 @@
 import os
 import signal
 
+import pytest
+
 from tests.support.bare import Bare
 from tests.support.lab import Lab
 from tests.support.running import eventually
@@ -10,6 +12,7 @@ from tests.support.running import eventually
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.thorough
 def test_plot_live_draws_the_current_flight(shared_lab: Lab, hover: Bare):
     done = shared_lab.quadctl("plot", "--live", "--duration", 0.5, "-o", "now.png", "--json")
     assert (done.code, done.err) == (0, "")
@@ -21,6 +24,7 @@ def test_plot_live_draws_the_current_flight(shared_lab: Lab, hover: Bare):
     assert (shared_lab.folder / "now.png").read_bytes().startswith(PNG)
 
 
+@pytest.mark.thorough
 def test_ctrl_c_draws_the_poses_received_so_far(shared_lab: Lab, hover: Bare):
     run = shared_lab.spawn(
         *shared_lab.command("plot", "--live", "--duration", 600, "-o", "then.svg")

@@ -5,6 +5,8 @@ import re
 import signal
 from functools import partial
 
+import pytest
+
 from tests.support.bare import Bare, pack
 from tests.support.lab import Lab
 from tests.support.running import Foreground, eventually
@@ -12,6 +14,7 @@ from tests.support.running import Foreground, eventually
 LINE = re.compile(r"\d+\.\d\d s  ([A-Z]+)  goal (\S+ \S+ \S+)  cage (on|off)(?:  (.+))?")
 
 
+@pytest.mark.thorough
 def test_each_change_of_state_is_one_line(shared_lab: Lab, hover: Bare):
     text = shared_lab.spawn(*shared_lab.command("state", "--watch"))
     rows = shared_lab.spawn(*shared_lab.command("state", "--watch", "--json"))
@@ -57,6 +60,7 @@ def test_watch_ends_when_the_states_stop(shared_lab: Lab, bare: Bare):
     server.undeclare()
 
 
+@pytest.mark.thorough
 def test_watch_ends_soon_after_its_reader_without_a_change(shared_lab: Lab, hover: Bare):
     watch = " ".join(map(str, shared_lab.command("state", "--watch", "--json")))
     piped = shared_lab.spawn("sh", "-c", f"{watch} | head -1")

@@ -89,6 +89,7 @@ def test_pub_waits_for_a_listener(shared_lab: Lab, bare: Bare):
     assert (alone.code, alone.out) == (0, "sent 1 message on late/other\n")
 
 
+@pytest.mark.thorough
 def test_pub_suggests_the_nearest_name_without_a_listener(shared_lab: Lab, bare: Bare):
     hints = {
         "topic pub sensors/pressur x=1": "did you mean uav/sensors/pressure?",
@@ -111,6 +112,7 @@ def test_pub_on_the_topic_of_a_lab_node_warns(shared_lab: Lab, bare: Bare):
     assert readings.until(lambda reading: reading["pressure"] == -7)
 
 
+@pytest.mark.thorough
 def test_an_invalid_message_is_not_sent(shared_lab: Lab, bare: Bare):
     requests: list[bytes] = []
     kept = bare.session.declare_subscriber(
@@ -142,12 +144,14 @@ def test_an_invalid_message_is_not_sent(shared_lab: Lab, bare: Bare):
 SPREAD = ["min", "max", "std", "n"]
 
 
+@pytest.mark.thorough
 def test_an_unpublished_topic_is_reported_with_the_nearest_name(shared_lab: Lab, hover: Bare):
     done = shared_lab.quadctl("topic", "echo", "uav/sensor/pressure", "-n", 1, "--timeout", 2)
     assert done.code == 3
     assert "did you mean uav/sensors/pressure?" in done.err
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("verb", "shown"), [("echo", "---"), ("hz", "average rate")])
 def test_a_topic_that_falls_silent_suggests_no_other_name(
     shared_lab: Lab, bare: Bare, verb: str, shown: str
@@ -208,6 +212,7 @@ def test_topic_info_of_a_foreign_topic_and_of_an_unknown_one(shared_lab: Lab, ba
     assert kept
 
 
+@pytest.mark.thorough
 def test_hz_bw_and_delay_print_their_figures(shared_lab: Lab):
     lines = [f"topic {verb} sensors/pressure -n 5" for verb in ("hz", "bw", "delay")]
     as_json = shared_lab.each(lines, "--json")
@@ -224,6 +229,7 @@ def test_hz_bw_and_delay_print_their_figures(shared_lab: Lab):
     assert all(ended.out.endswith("window: 3\n") for ended in text.values())
 
 
+@pytest.mark.thorough
 def test_figures_are_printed_until_ctrl_c(shared_lab: Lab):
     watching = [
         shared_lab.spawn(*shared_lab.command("topic", *words.split()))
@@ -342,6 +348,7 @@ def test_echo_shows_any_payload_of_a_foreign_program(
     assert (listening.wait(), listening.log) == (0, shown)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("words", ["topic echo pose", "state --watch --json", "topic hz pose"])
 def test_a_closed_pipe_ends_a_command_quietly(shared_lab: Lab, words: str):
     process = subprocess.Popen(

@@ -87,6 +87,7 @@ def test_status_shows_uptime_and_memory(module_lab: Lab):
         assert unit == "MB"
 
 
+@pytest.mark.thorough
 def test_errors_of_a_frozen_node_point_to_status(module_lab: Lab):
     pid = module_lab.signal("safety", signal.SIGSTOP)
     try:

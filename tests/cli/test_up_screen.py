@@ -33,6 +33,7 @@ def row(node: str, state: str, restarts: int) -> Callable[[str], object]:
     return re.compile(rf"^{node} +{state} +\d+ +{restarts}\b", re.MULTILINE).search
 
 
+@pytest.mark.thorough
 def test_the_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, terminal: Open):
     up = terminal()
     up.until(lambda seen: "4 of 4 ready" in seen)

@@ -87,6 +87,7 @@ def test_a_garbled_file_ends_the_node_and_a_repaired_one_revives_it(
     assert "restarted: the baseline is 0 again" in log(lab)
 
 
+@pytest.mark.thorough
 def test_a_bad_or_missing_file_stops_publishing_until_a_restart(
     real_sensor: tuple[Lab, Device],
 ):
@@ -117,6 +118,7 @@ def test_a_bad_or_missing_file_stops_publishing_until_a_restart(
         assert values <= {900, 950, 800}
 
 
+@pytest.mark.thorough
 def test_a_launch_without_the_sensor_fails_with_the_reason(lab: Lab):
     device = Device(lab)
     done = lab.quadctl("up", "-d", *device.settings)
@@ -127,6 +129,7 @@ def test_a_launch_without_the_sensor_fails_with_the_reason(lab: Lab):
     assert "in_pressure_raw" in lab.taken_logs()["pressure.log"]
 
 
+@pytest.mark.thorough
 def test_a_real_sensor_needs_no_simulation(lab: Lab):
     device = Device(lab)
     device.write("101.325000000\n")
@@ -171,6 +174,7 @@ def inject(bare: Bare, **fault: object) -> None:
     assert bare.call("pressure/set_params", values=values).value["success"]
 
 
+@pytest.mark.thorough
 def test_readings_of_a_bmp280_have_its_steps_noise_and_bias(readings: Watch):
     pascals = 100 * np.array([r["pressure"] for r in readings.next(60)])
     assert pascals / STEP == pytest.approx(np.round(pascals / STEP), abs=1e-3)
@@ -207,6 +211,7 @@ def test_a_stuck_barometer_repeats_one_value_until_it_is_repaired(session: Bare,
     readings.until(lambda r: r["pressure"] not in stuck)
 
 
+@pytest.mark.thorough
 def test_a_barometer_that_is_off_is_silent_and_not_calibrated(
     bmp280: Lab, session: Bare, readings: Watch
 ):
@@ -231,6 +236,7 @@ def test_glitches_are_spikes_of_the_requested_size(session: Bare, readings: Watc
         assert spike["baseline"] == 0
 
 
+@pytest.mark.thorough
 def test_a_delayed_barometer_publishes_older_readings(bmp280: Lab, session: Bare, readings: Watch):
     # The noise of profile `lab` never repeats a value, so each reading can be identified.
     ideal = {"pressure.profile": "lab"}
@@ -251,6 +257,7 @@ def test_a_delayed_barometer_publishes_older_readings(bmp280: Lab, session: Bare
     eventually(lambda: all(line in bmp280.quadctl("node", "logs", "pressure").out for line in told))
 
 
+@pytest.mark.thorough
 def test_doctor_reports_a_barometer_stuck_or_off_in_flight(
     bmp280: Lab, session: Bare, readings: Watch
 ):

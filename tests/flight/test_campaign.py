@@ -53,6 +53,7 @@ def test_a_campaign_is_independent_of_the_number_of_processes(
     assert other.json == report
 
 
+@pytest.mark.thorough
 def test_a_flight_can_be_replayed_with_its_log(module_lab: Lab, report: dict[str, Any]):
     seed = report["worst"]["seed"]
     assert 3_000_000 <= seed < 3_000_006
@@ -71,6 +72,7 @@ def test_a_flight_can_be_replayed_with_its_log(module_lab: Lab, report: dict[str
     assert told.out.splitlines()[-1] == f"SHA-256      {again.json['hash']}"
 
 
+@pytest.mark.thorough
 def test_a_killed_campaign_continues_from_its_database(lab: Lab):
     words = ("campaign", "--flights", 1200, "--seconds", 20, "--json")
     compiled_kernel()
@@ -91,6 +93,7 @@ def test_a_killed_campaign_continues_from_its_database(lab: Lab):
     assert again.json == lab.quadctl(*words, timeout=100.0).json
 
 
+@pytest.mark.thorough
 def test_a_campaign_flies_the_given_parameters(lab: Lab):
     lab.file("[safety.virtual_cage]\nx = 0.5\ny = 1.0\n[pressure]\nnoise = 1.0\n", "own.toml")
     words = ("campaign", "--seconds", 2, "--config", "own.toml", "--set", "safety.takeoff=2")
@@ -120,6 +123,7 @@ def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):
     eventually(lambda: not lab.processes(), 3.0)
 
 
+@pytest.mark.thorough
 def test_a_search_writes_the_worst_flight_as_a_mission(lab: Lab):
     compiled_kernel()
     words = ("campaign", "--search", 60, "--flights", 300, "--seed", 1, "--seconds", 6, "--json")
@@ -140,6 +144,7 @@ def test_a_search_writes_the_worst_flight_as_a_mission(lab: Lab):
     assert any(row["accepted"] for row in flown.json["rows"])
 
 
+@pytest.mark.thorough
 def test_a_search_that_breaks_a_promise_exits_8(lab: Lab):
     compiled_kernel()
     strict = (
@@ -159,6 +164,7 @@ def test_a_search_that_breaks_a_promise_exits_8(lab: Lab):
     assert done.out.endswith("again: quadctl fly worst_0.toml\n")
 
 
+@pytest.mark.thorough
 def test_ctrl_c_in_a_search_reports_the_worst_flight_so_far(lab: Lab):
     compiled_kernel()
     searching = lab.spawn(*lab.command("campaign", "--search", 600, "--seed", 4))
@@ -169,6 +175,7 @@ def test_ctrl_c_in_a_search_reports_the_worst_flight_so_far(lab: Lab):
     eventually(lambda: not lab.processes(), 3.0)
 
 
+@pytest.mark.thorough
 def test_an_impossible_campaign_is_a_usage_error(lab: Lab):
     for words in (
         "--seconds 0", "--flights 0", "--flights 2000000", "--seed -1", "--replay x", "--search 4",

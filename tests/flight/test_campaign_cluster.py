@@ -91,6 +91,7 @@ def scheduler(lab: Lab) -> tuple[Foreground, str]:
     return process, json.loads(str(address))["address"]
 
 
+@pytest.mark.thorough
 def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: Any):
     central, address = scheduler(lab)
     nobody = lab.quadctl(*FLIGHTS, "--dask", address)
@@ -170,6 +171,7 @@ def flies(campaign: Foreground) -> bool:
     return "left out: msgspec" in campaign.log
 
 
+@pytest.mark.thorough
 def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
     compiled_kernel()
     done = module_lab.quadctl(*FLIGHTS, "--dask", "local", "--processes", 2, timeout=60.0)
@@ -177,6 +179,7 @@ def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
     assert done.err in QUIET
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
 def test_a_command_that_ends_leaves_no_worker(lab: Lab, end: int):
     flying = lab.spawn(*lab.command(*ENDLESS, "local", "--processes", 1, "--json"))
@@ -188,6 +191,7 @@ def test_a_command_that_ends_leaves_no_worker(lab: Lab, end: int):
     assert flying.log in QUIET
 
 
+@pytest.mark.thorough
 def test_an_impossible_cluster_is_refused_with_the_reason(lab: Lab):
     reasons = {
         "tcp://10.0.0.1:8786": (2, "neither encrypted nor local"),

@@ -53,6 +53,7 @@ def test_calibrating_zeroes_the_topic_and_unset_restores_it(shared_lab: Lab, hov
     assert (after["samples"], after["spread"]) == (0, 0)
 
 
+@pytest.mark.thorough
 def test_calibrating_in_a_climb_warns_and_settling_waits_for_rest(lab: Lab):
     # At a fifth of real time the climb outlasts the command on any machine.
     lab.start("--set", "dynamics.speed=0.2", "--set", "safety.takeoff=4")

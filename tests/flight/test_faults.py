@@ -37,6 +37,7 @@ def healthy(faulty: Lab) -> Iterator[Bare]:
     assert faulty.quadctl("fault", "clear").code == 0
 
 
+@pytest.mark.thorough
 def test_list_status_and_doctor_show_an_injected_fault(faulty: Lab, healthy: Bare):
     assert faulty.quadctl("status", "--json").json["faults"] == []
     put = faulty.quadctl("fault", "inject", "barometer-off", "--json")
@@ -66,7 +67,10 @@ def test_inject_names_the_fault_that_it_replaces(faulty: Lab, healthy: Bare):
     }
 
 
-@pytest.mark.parametrize("fault", ["pose-frozen", "pose-delayed", "pose-jump"])
+@pytest.mark.parametrize(
+    "fault",
+    ["pose-frozen", pytest.param("pose-delayed", marks=pytest.mark.thorough), "pose-jump"],
+)
 def test_a_bad_pose_stops_a_flight_with_its_reason(faulty: Lab, healthy: Bare, fault: str):
     states, poses = healthy.watch("uav/safety/state"), healthy.watch("uav/pose")
     setpoints = healthy.watch("uav/input/position")
@@ -88,12 +92,14 @@ def test_a_bad_pose_stops_a_flight_with_its_reason(faulty: Lab, healthy: Bare, f
     assert (flown.code, flown.json["arrived"]) == (0, True), flown
 
 
+@pytest.mark.thorough
 def test_a_vehicle_arrives_with_weak_motors_and_gusts(faulty: Lab, healthy: Bare):
     for fault in ("motor-weak", "gust"):
         assert faulty.quadctl("fault", "inject", fault).code == 0
     assert faulty.quadctl("goto", 2, 1, 1, "--json").json["arrived"]
 
 
+@pytest.mark.thorough
 def test_a_killed_process_and_a_cut_bus_recover(faulty: Lab, healthy: Bare):
     old = faulty.nodes()["pressure"]["pid"]
     assert faulty.quadctl("fault", "inject", "pressure-killed").code == 0
@@ -130,6 +136,7 @@ def test_a_fault_that_would_stop_the_clock_is_refused_in_lock_step(lab: Lab):
     assert "the clock would wait for the pose for ever" in refused.err
 
 
+@pytest.mark.thorough
 def test_a_cut_bus_is_shown_as_bus_cut(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60")
     assert lab.quadctl("fault", "inject", "bus-cut").code == 0
@@ -139,6 +146,7 @@ def test_a_cut_bus_is_shown_as_bus_cut(lab: Lab):
     assert lab.quadctl("goto", 1, 0, 1).code == 0
 
 
+@pytest.mark.thorough
 def test_a_frozen_process_goes_on_when_the_fault_is_cleared(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60", *PATIENT)
     old = lab.nodes()
@@ -152,6 +160,7 @@ def test_a_frozen_process_goes_on_when_the_fault_is_cleared(lab: Lab):
     assert lab.nodes() == old
 
 
+@pytest.mark.thorough
 def test_a_repeated_pose_is_not_answered_every_time(lab: Lab):
     lab.start("--without", "dynamics", "--without", "pressure")
     with lab.bare() as bare:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import re
 import signal
 import time
@@ -54,6 +55,7 @@ def flights(others: dict[str, dict[str, Any]], fast: Lab) -> dict[str, dict[str,
     return {**others, "fast": fly(fast)}
 
 
+@pytest.mark.thorough
 def test_a_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):
     fast = flights["fast"]
     # One vehicle in real time flies as plain Python.
@@ -93,6 +95,28 @@ def test_earlier_commands_do_not_change_a_mission(fast: Lab):
     assert same(fly(fast)) == same(first)
 
 
+def test_goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside(fast: Lab):
+    draw, cage = random.Random(1), {"x": (-5, 5), "y": (-5, 5), "z": (0, 5)}
+    goals = [{axis: float(draw.choice(sides)) for axis, sides in cage.items()} for _ in range(60)]
+    rows = ",".join(
+        "{{ at = {}, do = 'goto', replace = true, x = {x}, y = {y}, z = {z} }}".format(
+            2.0 + n / 2, **goal
+        )
+        for n, goal in enumerate(goals)
+    )
+    fast.file(f"rows = [{rows}]\nend = 34.0", "walls.toml")
+    with fast.bare() as bare:
+        seen = [bare.watch("uav/pose"), bare.watch("uav/input/position")]
+        flown = fast.quadctl("fly", "walls.toml", "--json")
+        places = [each["position"] for watch in seen for each in watch.messages]
+    assert flown.code == 0, flown.err
+    assert all(row["accepted"] for row in flown.json["rows"])
+    assert len(places) > 1000
+    margin = 0.01
+    assert [p for p in places for axis, (low, high) in cage.items()
+            if not low - margin <= p[axis] <= high + margin] == []  # fmt: skip
+
+
 def test_fly_prints_rows_and_digests_as_text(fast: Lab):
     told = fast.quadctl("fly", "mission.toml")
     assert (told.code, told.err) == (0, "")
@@ -117,6 +141,7 @@ def test_an_invalid_mission_is_reported_by_row_before_the_flight(lab: Lab):
     assert lab.quadctl("fly", "mission.toml").code == 3
 
 
+@pytest.mark.thorough
 def test_a_missing_service_is_reported_before_the_flight(lab: Lab):
     example = Path(__file__).parents[2] / "examples" / "my_safety.py"
     command = f'[processes]\nsafety = ["python", "{example}"]\n'
@@ -166,6 +191,7 @@ rows = [
 """Changes of parameters: at once, from a standstill, refused, and of the barometer's readings."""
 
 
+@pytest.mark.thorough
 def test_rows_set_parameters_for_one_flight(fast: Lab):
     fast.file(PARAMS, "params.toml")
     before = fast.quadctl("param", "dump").out
@@ -188,6 +214,7 @@ def test_rows_set_parameters_for_one_flight(fast: Lab):
     )
 
 
+@pytest.mark.thorough
 def test_settings_fly_in_a_run_of_their_own(lab: Lab, fast: Lab):
     own = lab.file(f"{MISSION}\n[set]\n", "mission.toml")
     assert same(fly(lab)) == same(fly(fast))
@@ -224,6 +251,7 @@ def test_a_run_of_its_own_ends_with_its_mission(lab: Lab, victim: str, code: int
     eventually(lab.is_gone)
 
 
+@pytest.mark.thorough
 def test_a_run_of_its_own_waits_for_a_frozen_process(lab: Lab, fast: Lab):
     lab.file(f"{MISSION}\n[set]\ndynamics.speed = 2\n", "mission.toml")
     flying = in_flight(lab, "mission.toml", "--json")
@@ -254,6 +282,7 @@ def in_flight(lab: Lab, *words: str) -> Foreground:
 LONG = 'end = 3600.0\nrows = [{ at = 3000.0, do = "goto", x = 1.0, y = 2.0, z = 1.0 }]'
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("node", ["dynamics", "pressure", "safety"])
 def test_a_node_death_voids_the_flight_and_the_next_is_complete(fast: Lab, node: str):
     fast.file(LONG, "long.toml")

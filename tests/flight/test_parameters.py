@@ -117,6 +117,7 @@ def test_a_table_may_be_written_as_toml_json_or_ros_yaml(tuned: Lab, session: Ba
     assert (done.code, "q" in done.err) == (6, True)
 
 
+@pytest.mark.thorough
 def test_parameter_names_may_be_written_as_in_ros(tuned: Lab):
     names = tuned.quadctl("param", "list").out.splitlines()
     of_safety = [name for name in names if name.startswith("safety.")]
@@ -200,6 +201,7 @@ def test_limits_beyond_the_body_are_accepted_and_told(tuned: Lab, session: Bare)
     assert tuned.quadctl("param", "set", name, "5").err == ""
 
 
+@pytest.mark.thorough
 def test_a_wind_beyond_the_envelope_lands_the_vehicle(tuned: Lab, session: Bare):
     assert tuned.quadctl("goto", 0, 0, 1, "--replace").code == 0
     done = tuned.quadctl("param", "set", "dynamics.wind.mean.x", "10")
@@ -216,6 +218,7 @@ def test_a_wind_beyond_the_envelope_lands_the_vehicle(tuned: Lab, session: Bare)
     assert tuned.quadctl("goto", landed["x"], landed["y"], 1).code == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("timeout", "pauses"), [(0.3, True), (5.0, False)])
 def test_a_patience_for_setpoints_set_live_is_safetys_too(
     tuned: Lab, session: Bare, timeout: float, *, pauses: bool

@@ -94,6 +94,7 @@ def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]
     return max(map(excursion, flown)), reply["reason"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_no_value_set_in_flight_takes_the_vehicle_out_of_the_cage(fast: Bare, name: str):
     default = catalogue.leaves()[name].default

@@ -39,6 +39,7 @@ def home(three: Lab) -> Lab:
     return three
 
 
+@pytest.mark.thorough
 def test_a_goal_past_another_vehicle_is_refused_with_its_name(home: Lab):
     done = home.quadctl("goto", 3, 0, 1, "--vehicle", "uav0", "--json")
     assert done.code == 5
@@ -50,6 +51,7 @@ def test_a_goal_past_another_vehicle_is_refused_with_its_name(home: Lab):
     assert home.quadctl("cage", "on", "--vehicle", "uav0").code == 0
 
 
+@pytest.mark.thorough
 def test_a_goal_waits_until_the_other_has_passed(home: Lab):
     crossing = home.quadctl("goto", 1, 3, 1, "--vehicle", "uav1", "--no-wait")
     assert crossing.code == 0
@@ -71,6 +73,7 @@ def crawling(lab: Lab, vehicle: str) -> Iterator[None]:
         assert lab.quadctl("param", "set", name, 5.0).code == 0
 
 
+@pytest.mark.thorough
 def test_hold_drops_a_goal_that_waits(home: Lab):
     with crawling(home, "uav1"), home.bare() as bare:
         assert home.quadctl("goto", -1, 2, 1, "--vehicle", "uav1", "--no-wait").code == 0
@@ -102,6 +105,7 @@ def test_three_change_places_by_one_command(home: Lab):
     assert least(done.out) >= 1
 
 
+@pytest.mark.thorough
 def test_a_plan_with_points_between_has_to_be_followed(home: Lab):
     words = ("fleet", "goto", "uav0=1,0,1", "uav1=-1,0,1", "--no-wait")
     done = home.quadctl(*words)
@@ -118,6 +122,7 @@ def test_goals_too_near_each_other_move_nobody(home: Lab):
     assert [row["goal"]["x"] for row in shown] == [-1.0, 1.0, 3.0]
 
 
+@pytest.mark.thorough
 def test_the_distance_is_a_parameter(home: Lab):
     for name in ("uav0", "uav1", "uav2"):
         assert home.quadctl("param", "set", f"{name}.safety.separation.radius", 0).code == 0
@@ -159,6 +164,7 @@ def test_fifty_change_places_by_one_command(lab: Lab, proofs: Proofs):
     assert share >= 1
 
 
+@pytest.mark.thorough
 def test_vehicles_in_flight_change_course_past_each_other(home: Lab):
     # The ways of vehicles in motion bend: these come to rest first.
     goals = ("uav0=-1,-2,1", "uav1=1,2,1")

@@ -25,7 +25,9 @@ from tests.support.sleeper import Sleeper
 FAR, BACK = {"x": 4.5, "y": 0.0, "z": 1.0}, {"x": 0.0, "y": 0.0, "z": 1.0}
 
 
-@pytest.mark.parametrize("node", ["dynamics", "safety", "hub"])
+@pytest.mark.parametrize(
+    "node", ["dynamics", "safety", pytest.param("hub", marks=pytest.mark.thorough)]
+)
 def test_a_stall_within_the_grace_pauses_the_flight(lab: Lab, node: str):
     lab.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=5",
               "--set", "supervise.answer_timeout=60")  # fmt: skip
@@ -46,6 +48,7 @@ def test_a_stall_within_the_grace_pauses_the_flight(lab: Lab, node: str):
     assert "arrived" in going.log
 
 
+@pytest.mark.thorough
 def test_a_stall_of_safety_itself_stops_the_flight_with_a_reason(lab: Lab):
     lab.start("--set", "dynamics.start.z=1", "--set", "supervise.answer_timeout=60")
     with lab.bare() as bare:
@@ -64,6 +67,7 @@ def test_a_stall_of_safety_itself_stops_the_flight_with_a_reason(lab: Lab):
     assert lab.quadctl("goto", 4.5, 0, 1).code == 0
 
 
+@pytest.mark.thorough
 def test_setpoints_to_an_abandoned_goal_are_ignored(lab: Lab):
     lab.start("--without", "safety", "--set", "dynamics.start.z=1")
     with lab.bare() as bare:
@@ -93,6 +97,7 @@ def publish_setpoints(
     return poses_seen
 
 
+@pytest.mark.thorough
 def test_any_silence_ends_a_flight_without_grace(lab: Lab):
     lab.start("--set", "dynamics.start.z=1", "--set", "dynamics.grace=0")
     assert lab.quadctl("goto", 1, 0, 1).code == 0
@@ -207,6 +212,7 @@ def side_by_side(labs: int, each: int) -> tuple[list[str], float, str]:
     return problems, max(out for _, out, _ in found), f"{stalls} stalls of ours; {sleeper.stop()}"
 
 
+@pytest.mark.thorough
 def test_sixty_flights_arrive_despite_short_stalls():
     problems, out, assumed = side_by_side(3, 20)
     assert problems == [], assumed
@@ -266,6 +272,7 @@ def start_patient(lab: Lab) -> None:
     lab.start("--set", "dynamics.start.z=1", "--set", "supervise.answer_timeout=30")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "nodes", [["dynamics"], ["safety"], ["hub"], ["hub", "dynamics", "safety"]]
 )

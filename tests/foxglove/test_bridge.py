@@ -79,6 +79,7 @@ def at(pose: Any) -> tuple[float, float, float]:
     return place["x"], place["y"], place["z"]
 
 
+@pytest.mark.thorough
 def test_the_labs_four_checkpoints_are_flown_through_it(client: FoxgloveClient, run: quadctl.Run):
     baseline = client.call("uav/calibrate_pressure", zero=True)["baseline"]
     assert 1013 < baseline < 1014
@@ -296,6 +297,7 @@ def test_garbage_by_the_thousand_changes_nothing(port: int, run: quadctl.Run):
         assert client.call("uav/hold") == {"success": True}
 
 
+@pytest.mark.thorough
 def test_a_slow_client_loses_its_own_messages_only(port: int, run: quadctl.Run):
     count, pad = 3000, b"x" * 10_000
     with (
@@ -324,6 +326,7 @@ def test_a_slow_client_loses_its_own_messages_only(port: int, run: quadctl.Run):
     assert poses == list(range(poses[0], poses[0] + len(poses)))
 
 
+@pytest.mark.thorough
 def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(port: int, run: quadctl.Run):
     before = run.vehicle.state()
     with FoxgloveClient(port) as client:
@@ -338,6 +341,7 @@ def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(port: int, run: q
     assert run.vehicle.goto(0, 0, 1, replace=True).distance < 0.5
 
 
+@pytest.mark.thorough
 def test_the_flight_is_the_same_whatever_happens_to_the_bridge():
     port = free_port()
     with private_lab() as lab, ThreadPoolExecutor(1) as pool:
@@ -362,6 +366,7 @@ def test_the_flight_is_the_same_whatever_happens_to_the_bridge():
         assert missions.same(flight) == alone, name
 
 
+@pytest.mark.thorough
 def test_the_hub_may_go_and_come_back(lab: Lab):
     lab.start()
     port = free_port()
@@ -372,6 +377,7 @@ def test_the_hub_may_go_and_come_back(lab: Lab):
         assert client.call("uav/hold") == {"success": True}
 
 
+@pytest.mark.thorough
 def test_a_bridge_has_the_rights_of_its_certificate(lab: Lab):
     for words in ("init", "issue hub", "issue student anna --vehicle uav"):
         assert lab.quadctl("keys", *words.split()).code == 0
@@ -391,6 +397,7 @@ def test_a_bridge_has_the_rights_of_its_certificate(lab: Lab):
     }
 
 
+@pytest.mark.thorough
 def test_a_certificate_encrypts_it(lab: Lab):
     for words in ("init", "issue hub"):
         assert lab.quadctl("keys", *words.split()).code == 0
@@ -424,6 +431,7 @@ async def called_encrypted(port: int, service: str, trusting: ssl.SSLContext) ->
     raise AssertionError("the bridge closed the connection")
 
 
+@pytest.mark.thorough
 def test_several_vehicles_share_a_server_and_a_scene():
     port = free_port()
     with quadctl.launch(vehicles=2) as run, bridge(run.realm, port, "--control"):

@@ -10,10 +10,8 @@ from tests.support.lab import private_lab
 RECORDED = data.read("hashes")
 
 
-@pytest.mark.skipif(
-    hashes.probe() != RECORDED["probe"],
-    reason="sin, cos or exp round differently on this machine than on the recording machine",
-)
+@pytest.mark.thorough
+@pytest.mark.needs("rounding")
 @pytest.mark.timeout(300)  # with a minute or more to compile, on a busy machine
 def test_flights_and_campaigns_have_the_recorded_hashes():
     compiled_kernel()

@@ -8,6 +8,7 @@ from tests.support.compiled import compiled_kernel
 from tests.support.lab import private_lab
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(90)
 def test_json_output_has_the_recorded_shapes():
     compiled_kernel()

@@ -37,6 +37,7 @@ def flying(ready: Rig) -> Rig:
     return ready
 
 
+@pytest.mark.thorough
 def test_the_labs_four_checkpoints_are_flown_through_it(flying: Rig):
     calibrated = flying.quadctl("calibrate")
     assert calibrated.stdout.startswith("baseline: 1013."), calibrated
@@ -73,6 +74,7 @@ def test_the_pilot_takes_over_and_gives_back(flying: Rig):
     assert flying.is_near((0, 0, 1))
 
 
+@pytest.mark.thorough
 def test_a_hold_stops_it(flying: Rig):
     flying.ours.vehicle.goto(-4, 0, 1, replace=True, settle=True)
     flying.ours.vehicle.goto(4, 0, 1, wait=False)
@@ -87,6 +89,7 @@ def test_a_reset_is_refused(flying: Rig):
         flying.ours.vehicle.reset()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("node", ["safety", "dynamics"])
 @pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL], ids=["frozen", "killed"])
 def test_a_node_that_is_lost_in_flight_stops_it(flying: Rig, node: str, how: signal.Signals):
@@ -107,6 +110,7 @@ def test_a_node_that_is_lost_in_flight_stops_it(flying: Rig, node: str, how: sig
     assert flying.place[0] < 0
 
 
+@pytest.mark.thorough
 def test_a_link_that_is_lost_stops_it(ready: Rig):
     if not ready.is_ours():
         ready.give()
@@ -122,6 +126,7 @@ def test_a_link_that_is_lost_stops_it(ready: Rig):
     assert ready.place[0] < 0
 
 
+@pytest.mark.thorough
 def test_an_autopilot_made_of_mavsdk_is_flown():
     port = free_udp_port()
     command = command_of(port, "--no-fence")
@@ -244,6 +249,7 @@ DECLARED = {
 """What a calibration has found, rounded."""
 
 
+@pytest.mark.thorough
 def test_through_a_bad_radio_it_stays_within_what_is_declared():
     with rig(**BAD_RADIO) as made:
         made.give()
@@ -252,6 +258,7 @@ def test_through_a_bad_radio_it_stays_within_what_is_declared():
     assert outside <= DECLARED["safety.margin"], flown
 
 
+@pytest.mark.thorough
 def test_a_calibration_measures_how_it_flies(flying: Rig):
     flying.ours.vehicle.goto(0, 0, 1, replace=True, settle=True)
     done = flying.quadctl("autopilot", "calibrate", "--distance", "0.5", "--json")

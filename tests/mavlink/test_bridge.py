@@ -44,6 +44,7 @@ def test_the_labs_four_checkpoints_are_flown_through_it(flying: GroundStation, r
     assert run.vehicle.state().reason.startswith("outside the cage: x = ")
 
 
+@pytest.mark.thorough
 def test_it_lands_disarms_and_takes_off_again(flying: GroundStation, run: quadctl.Run):
     assert flying.command(ARM, 0) == DENIED
     since = len(flying.messages)
@@ -61,6 +62,7 @@ def test_it_lands_disarms_and_takes_off_again(flying: GroundStation, run: quadct
     eventually(lambda: near(run, (0, 0, 1.5)))
 
 
+@pytest.mark.thorough
 def test_it_returns_to_its_start_at_its_height_and_lands(flying: GroundStation, run: quadctl.Run):
     assert flying.goto(2, 2, 2) == ACCEPTED
     eventually(lambda: near(run, (2, 2, 2)))
@@ -93,6 +95,7 @@ def square(station: GroundStation) -> list[Any]:
     ]
 
 
+@pytest.mark.thorough
 def test_a_mission_is_uploaded_flown_paused_resumed_and_downloaded(
     flying: GroundStation, run: quadctl.Run
 ):
@@ -118,6 +121,7 @@ def test_a_mission_is_uploaded_flown_paused_resumed_and_downloaded(
     assert flying.wait("MISSION_CURRENT", lambda m: m.mission_state == 5).seq == 0
 
 
+@pytest.mark.thorough
 def test_a_mission_goes_on_from_the_item_that_is_set(flying: GroundStation, run: quadctl.Run):
     assert flying.upload(MISSION, square(flying)) == mavlink.MAV_MISSION_ACCEPTED
     flying.send(mavlink.MAVLink_mission_set_current_message(*flying.vehicle, 4))
@@ -150,6 +154,7 @@ def test_a_mission_that_cannot_be_flown_is_refused_and_the_old_one_stays(
     assert len(station.download(MISSION)) == 1
 
 
+@pytest.mark.thorough
 def test_a_mission_out_of_the_cage_ends_at_the_point_before(
     flying: GroundStation, run: quadctl.Run
 ):
@@ -162,6 +167,7 @@ def test_a_mission_out_of_the_cage_ends_at_the_point_before(
     eventually(lambda: near(run, (1, 0, 1.5)))
 
 
+@pytest.mark.thorough
 def test_a_fence_is_our_zones(flying: GroundStation, run: quadctl.Run):
     corner, circle = (
         mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
@@ -247,6 +253,7 @@ def test_bad_packets_by_the_thousand_change_nothing(station: GroundStation, run:
     assert run.vehicle.state().request == before
 
 
+@pytest.mark.thorough
 def test_only_signed_packets_are_taken_with_a_key(tmp_path: Path):
     file = key_file(tmp_path, "a passphrase of the class")
     with (
@@ -287,6 +294,7 @@ def test_a_station_may_come_and_go():
             assert second.command(mavlink.MAV_CMD_NAV_LOITER_UNLIM) == ACCEPTED
 
 
+@pytest.mark.thorough
 def test_several_vehicles_are_systems_of_their_own():
     with (
         quadctl.launch(vehicles=2) as run,
@@ -306,6 +314,7 @@ def spot(vehicle: quadctl.Vehicle) -> tuple[float, float, float]:
     return p.x, p.y, p.z
 
 
+@pytest.mark.thorough
 def test_the_flight_is_the_same_whatever_happens_to_the_bridge():
     with private_lab() as lab, ThreadPoolExecutor(1) as pool, GroundStation() as station:
         missions.start(lab, "dynamics.speed=10")

@@ -4,6 +4,8 @@ import json
 import signal
 import sys
 
+import pytest
+
 from tests.support import bridges
 from tests.support.lab import Lab
 from tests.support.running import eventually
@@ -67,6 +69,7 @@ def test_wrong_options_of_an_autopilot_are_refused(lab: Lab):
         assert done.err.startswith(f"error: {what}"), done.err
 
 
+@pytest.mark.thorough
 def test_an_autopilot_flies_in_real_time_alone(lab: Lab):
     command = f"{sys.executable} -m quadctl autopilot --origin 47 8 400"
     file = lab.file(f"[processes]\ndynamics = {json.dumps(command)}\n[dynamics]\nspeed = 0\n")

@@ -48,6 +48,7 @@ def fly(python: str, program: str) -> dict[str, Any]:
         return results
 
 
+@pytest.mark.thorough
 def test_mavsdk_4_flies_the_checkpoints_a_fence_and_a_mission():
     found = fly(sys.executable, "mavsdk4.py")
     assert found == {**EXPECTED, "fence back": [4, 0.5]}

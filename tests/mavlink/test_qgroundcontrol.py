@@ -18,6 +18,7 @@ LAND = mavlink.MAV_CMD_NAV_LAND
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 
 
+@pytest.mark.thorough
 def test_a_takeoff_before_arming_begins_when_it_is_armed(flying: GroundStation, run: quadctl.Run):
     since = len(flying.messages)
     assert flying.command(LAND) == ACCEPTED
@@ -28,6 +29,7 @@ def test_a_takeoff_before_arming_begins_when_it_is_armed(flying: GroundStation, 
     eventually(lambda: near(run, (0, 0, run.vehicle.params["safety.takeoff"])))
 
 
+@pytest.mark.thorough
 def test_a_pause_stops_and_a_change_of_height_keeps_the_place(
     flying: GroundStation, run: quadctl.Run
 ):
@@ -73,6 +75,7 @@ def test_parameters_are_listed_read_and_set(station: GroundStation, run: quadctl
     run.vehicle.params["safety.acceptance_range"] = 0.5
 
 
+@pytest.mark.thorough
 def test_messages_come_at_the_rates_that_are_set(station: GroundStation):
     number = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     set_, get = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL
@@ -139,6 +142,7 @@ def test_qgroundcontrol_gets_plans_of_all_kinds(station: GroundStation):
         assert station.download(kind) == []
 
 
+@pytest.mark.thorough
 def test_qgroundcontrol_sees_what_it_does_not_ask_for(station: GroundStation):
     for name in (
         "HEARTBEAT", "HOME_POSITION", "EXTENDED_SYS_STATE", "SYS_STATUS", "GPS_RAW_INT",
@@ -147,6 +151,7 @@ def test_qgroundcontrol_sees_what_it_does_not_ask_for(station: GroundStation):
         assert station.wait(name).get_srcComponent() == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sub", [4, 3])
 def test_qgroundcontrol_sees_a_change_of_mode_at_once(flying: GroundStation, sub: int):
     # It gives up after 1.3 s, in which a heartbeat of 1 Hz may come too late.

@@ -73,11 +73,13 @@ a cage that comes on or shrinks around a healthy vehicle
   the guard of the path does not stop the vehicle, in flight or hovering: it already does all that
   is possible
   - unit/campaign/batch: enabling_or_shrinking_the_cage_raises_no_alarm
+  - flight/checkpoint_4: turning_the_cage_on_keeps_a_flight_to_a_goal_inside
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = false alarms of the guard of the way in 10 000 flights
 goals inside, replaced in flight
   at most 10 mm out of the cage in still air, for any goals at any time; the acceleration vector
   keeps its limit, so the vehicle may pass a goal moved nearer, but no older one
+  - flight/fly: goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside
   - unit/dynamics/vehicle_goals: 2000_flights_of_replaced_goals_stay_inside
   - unit/dynamics/trajectory: moved_goals_are_not_overshot_beyond_the_farthest
   - unit/dynamics/vehicle_goals: 50_000_flights_of_replaced_goals
@@ -104,12 +106,14 @@ limits, a body or a wind beyond the envelope
     limits_beyond_the_body_are_accepted_and_told
 the path to a goal leaves the cage
   the whole path is inside, also that of the setpoint; from outside it only leads towards the cage
+  - flight/fly: goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside
   - unit/safety/automaton: never_moving_with_the_cage_on_and_the_path_outside
   - unit/dynamics/trajectory: the_setpoint_stays_inside_for_any_sequence_of_goals
   - unit/safety/monitor_guards: a_return_from_outside_may_not_move_outwards
 the vehicle overshoots a wall
   never more than 1 cm beyond the cage in still air, in wind within the declared margin; a vehicle
   put outside by command never passes its stopping point of that instant
+  - flight/fly: goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside
   - unit/campaign/batch: flights_have_no_violation a_broken_rule_is_detected
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = still air <- 10 000 flights of 60 s in still air
@@ -126,12 +130,14 @@ a campaign that others cannot repeat
   = memory <- memory of a campaign of 100 000 flights
 a fault in safety itself
   the campaign, which judges each decision a second time, detects 17 of 17 broken versions
+  - flight/campaign: a_violation_exits_8_and_prints_the_command_to_replay_it
   - unit/campaign/broken_safety: the_campaign_detects_a_broken_safety
     the_campaign_finds_no_fault_in_the_sound_safety
 a sequence of events that no test tries
   an induction over the rule table, checked by an SMT solver: after any events, nothing is MOVING to
   a goal outside with the cage on, no setpoint is outside except to brake, every stop ends, and only a
   goal accepted with a pose, or a flight resumed with one, sends the vehicle off
+  - flight/storms: a_storm_of_stops_never_moves_the_vehicle_out
   - unit/safety/proof: every_event_keeps_the_invariants
     every_call_of_the_monitor_keeps_the_invariants the_proof_fails_on_a_broken_automaton
     the_proof_fails_on_a_broken_monitor
@@ -236,7 +242,7 @@ a certificate expires in flight
 dynamics dies
   HOVERING within 300 ms, with a reason; no goal is accepted until poses come again, and the new
   boot drops the old goal
-  - flight/kills: killed_nodes_restart_and_the_vehicle_stays_in_the_cage
+  - flight/kills: a_killed_node_restarts_and_the_vehicle_stays_in_the_cage
   - unit/safety/monitor: lost_poses_pause_the_flight_and_goals_are_refused
     a_new_boot_drops_the_goal_and_takes_off_again
   - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_kills
@@ -249,7 +255,7 @@ dynamics freezes
 setpoints stop: safety or the hub dies
   the vehicle brakes to a hover within 300 ms after a setpoint is 150 ms old. A new safety process
   hovers there with the cage on, and flies only after a new request
-  - flight/kills: killed_nodes_restart_and_the_vehicle_stays_in_the_cage
+  - flight/kills: a_killed_node_restarts_and_the_vehicle_stays_in_the_cage
   - unit/safety/monitor: after_a_restart_the_vehicle_hovers_with_the_cage_on
   - flight/kills: the_vehicle_brakes_in_time_after_a_hundred_kills
   = safety <- `kill -9` of safety in flight
@@ -317,6 +323,7 @@ a command is stopped with Ctrl-Z and continued
   - cli/topic: echo_that_was_stopped_says_so_and_goes_on
 a text from the bus with control characters, or with ones that turn it round
   they are printed escaped
+  - bus/bad_messages: control_characters_of_a_message_are_printed_escaped
   - unit/cli/output: terminal_control_characters_are_escaped
     invisible_characters_are_escaped_and_letters_stay
   - unit/cli/console/panels: markup_and_controls_in_a_reason_are_escaped

@@ -34,8 +34,11 @@ def owners(proof: Proof) -> list[Promise]:
     return [each for each in PROMISES if any(words in proof["promise"] for words in each.last)]
 
 
-def is_long(test: str) -> bool:
-    """Return whether `make prove` alone runs a test (a node id); raise LookupError if there is none."""
+def tier(test: str) -> str:
+    """Return `thorough` or `prove` for a test (a node id), and an empty text if `make test` runs it.
+
+    Raises LookupError if there is no such test.
+    """
     path, _, name = test.partition("::")
     found = _tests(path)
     if name not in found:
@@ -44,8 +47,8 @@ def is_long(test: str) -> bool:
 
 
 @cache
-def _tests(path: str) -> dict[str, bool]:
-    """Return the tests of a file, each with whether it is a long count; empty if there is no file."""
+def _tests(path: str) -> dict[str, str]:
+    """Return the tests of a file, each with its tier; empty if there is no file."""
     file = ROOT / path
     if not file.is_file():
         return {}
@@ -55,19 +58,19 @@ def _tests(path: str) -> dict[str, bool]:
         for node in tree.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark"
     ]
-    return {
-        node.name: any(
-            "mark.prove" in each for each in [*marks, *map(ast.unparse, node.decorator_list)]
-        )
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
-    }
+    found = {}
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+            own = " ".join([*marks, *map(ast.unparse, node.decorator_list)])
+            tiers = (tier for tier in ("prove", "thorough") if f"pytest.mark.{tier}" in own)
+            found[node.name] = next(tiers, "")
+    return found
 
 
 def _link(test: str) -> str:
     path, _, name = test.partition("::")
     words = f"[{name.removeprefix('test_').replace('_', ' ')}](../{path})"
-    return f"**{words}**" if is_long(test) else words
+    return f"**{words}**" if tier(test) == "prove" else words
 
 
 def _figures(promise: Promise, proofs: list[Proof]) -> str:

@@ -34,6 +34,7 @@ def test_a_picture_is_that_of_the_declarations(picture: Path):
     assert PICTURES[picture]() == picture.read_text("utf-8"), "`python -m docs.draw` draws it again"
 
 
+@pytest.mark.thorough
 def test_the_book_is_built_without_a_warning_and_names_no_other_site(tmp_path: Path):
     target = tmp_path / "book"
     assert build(target, tmp_path / "work") == 0
@@ -51,6 +52,7 @@ def test_the_book_is_built_without_a_warning_and_names_no_other_site(tmp_path: P
     assert loaded == [], "a page loads from another site"
 
 
+@pytest.mark.thorough
 def test_a_link_that_leads_nowhere_ends_the_build(tmp_path: Path):
     work = tmp_path / "work"
     assert build(tmp_path / "book", work) == 0

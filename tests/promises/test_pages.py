@@ -22,6 +22,13 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ELSEWHERE = {
     "many-machines.md": "needs three machines: tests/security/test_many_machines.py runs it",
 }
+EVERYDAY = {
+    "README.md",
+    "docs/how-to/running.md",
+    "docs/reference/ros.md",
+    "docs/troubleshooting.md",
+}
+"""Pages whose blocks `make test` runs; the others are for `make test-all`."""
 LEFT_OUT = {
     "make demo": "installs from the network",
     "make test": "is this run of the tests",
@@ -97,8 +104,12 @@ def take(lab: Lab, block: Block) -> None:
 
 @pytest.mark.parametrize(
     "page",
-    [page for page in PAGES if page.name not in ELSEWHERE and "```" in page.read_text("utf-8")],
-    ids=lambda page: page.relative_to(ROOT).as_posix(),
+    [
+        pytest.param(page, id=name, marks=[] if name in EVERYDAY else pytest.mark.thorough)
+        for page in PAGES
+        if page.name not in ELSEWHERE and "```" in page.read_text("utf-8")
+        for name in [page.relative_to(ROOT).as_posix()]
+    ],
 )
 @pytest.mark.timeout(600)  # for a whole page: each command has its own limit, WITHIN
 def test_the_blocks_of_a_page_run_in_order(page: Path):

@@ -91,6 +91,7 @@ def test_an_unwritable_path_is_reported_and_nothing_is_left(module_lab: Lab):
     assert not list(module_lab.home.glob("*recorder*"))
 
 
+@pytest.mark.thorough
 def test_a_recording_goes_on_after_the_run_is_restarted(lab: Lab):
     lab.start()
     run = recording(lab, "-o", "twice.mcap")
@@ -130,6 +131,7 @@ def test_a_recording_keeps_to_the_given_keys_and_duration(module_lab: Lab):
     assert len(seqs) == len(set(seqs)), "a message that matches two patterns is recorded once"
 
 
+@pytest.mark.thorough
 def test_ten_thousand_messages_a_second_are_all_recorded(module_lab: Lab):
     run = recording(module_lab, "flood/*", "-o", "flood.mcap", "--json")
     payload = {"n": 0, "text": "small"}
@@ -223,6 +225,7 @@ def test_a_frozen_hub_ends_record_by_its_timeout(module_lab: Lab):
     eventually(lambda: module_lab.quadctl("state").code == 0)
 
 
+@pytest.mark.thorough
 def test_a_restarted_recorder_of_a_run_uses_a_new_file(lab: Lab):
     lab.start("--record", "run.mcap", "--set", "dynamics.start.z=1")
     assert list(lab.nodes()) == ["hub", "dynamics", "pressure", "safety", "recorder"]

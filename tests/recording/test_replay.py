@@ -57,6 +57,7 @@ def test_a_replay_starts_at_from_and_keeps_the_speed(hub_only: Lab):
     assert done.json["messages"] == 120
 
 
+@pytest.mark.thorough
 def test_commands_see_the_recorded_system_during_a_replay(hub_only: Lab):
     run = hub_only.spawn(*hub_only.command("replay", "flight.mcap", "--speed", 0.02))
     eventually(lambda: "uav/pose" in hub_only.quadctl("topic", "list").out)
@@ -114,6 +115,7 @@ def test_a_replay_beside_a_live_vehicle_is_refused(shared_lab: Lab):
         assert received.messages == []
 
 
+@pytest.mark.thorough
 def test_recorded_poses_can_be_replayed_to_a_live_node(hub_only: Lab):
     """Replay recorded poses to a live safety, which publishes its own output."""
     with private_lab() as lab:

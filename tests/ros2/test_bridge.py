@@ -77,6 +77,7 @@ def test_the_labs_four_checkpoints_are_flown_through_it(ros: RosClient, run: qua
     assert run.vehicle.state().reason in refused.data
 
 
+@pytest.mark.thorough
 def test_a_goal_on_the_ground_keeps_the_height_as_rviz_points_there(
     ros: RosClient, run: quadctl.Run
 ):
@@ -154,6 +155,7 @@ def test_garbage_by_the_thousand_changes_nothing(ros: RosClient, run: quadctl.Ru
     assert ros.call("hold", TRIGGER.name).success
 
 
+@pytest.mark.thorough
 def test_the_flight_is_the_same_whatever_happens_to_the_bridge(network: str):
     pose = type_of(PoseStamped)
     goals = graph.endpoint_key(7, "/uav/goal_pose", pose.name, pose.hash)
@@ -205,6 +207,7 @@ def test_a_wrong_domain_or_router_is_refused_before_the_bridge_starts(lab: Lab):
         assert done.err.startswith(f"error: {what}"), done.err
 
 
+@pytest.mark.thorough
 def test_a_bridge_has_the_rights_of_its_certificate(lab: Lab, network: str):
     for words in ("init", "issue hub", "issue student anna --vehicle uav"):
         assert lab.quadctl("keys", *words.split()).code == 0
@@ -224,6 +227,7 @@ def test_a_bridge_has_the_rights_of_its_certificate(lab: Lab, network: str):
     assert refused.message.startswith("not allowed: a student of uav may not call")
 
 
+@pytest.mark.thorough
 def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(
     ros: RosClient, run: quadctl.Run, network: str
 ):

@@ -12,6 +12,12 @@ from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if {"net", "room"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.needs("ip", "namespaces"))
+
+
 @pytest.fixture(scope="module")
 def net() -> Iterator[Field]:
     with field() as made:

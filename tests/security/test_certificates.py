@@ -87,6 +87,7 @@ def test_clients_without_our_certificate_are_refused(net: Field):
     assert touched(net.vehicle) == before
 
 
+@pytest.mark.thorough
 def test_a_server_without_a_hub_certificate_is_refused(net: Field):
     posing = TLS.replace("7447", "7449")
     with net.impersonated_hub(posing, "bob"):
@@ -95,6 +96,7 @@ def test_a_server_without_a_hub_certificate_is_refused(net: Field):
     assert "not a hub of our fleet" in done.err
 
 
+@pytest.mark.thorough
 def test_a_new_certificate_works_at_once(net: Field):
     """Connect while the gate may still have the old list: the client retries until it has the new one."""
     for number in range(3):
@@ -103,6 +105,7 @@ def test_a_new_certificate_works_at_once(net: Field):
         assert done.code == 0, done.err
 
 
+@pytest.mark.thorough
 def test_an_expired_certificate_is_refused(net: Field):
     brief = net.issue("operator brief --days 0.00001")
     eventually(lambda: "expired on" in net.ask("hold", "brief").err)

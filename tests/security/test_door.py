@@ -181,6 +181,7 @@ def test_who_leaves_delays_no_pose_by_50_ms(field: Lab, proofs: Proofs):
     assert max(worst.values()) < 0.06
 
 
+@pytest.mark.thorough
 def test_a_revoked_name_is_sent_away_and_nobody_else(field: Lab):
     assert field.quadctl("keys", "issue", "operator", "tim").code == 0
     with session(TLS, field.folder / "keys" / "eve") as other:

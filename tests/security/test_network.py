@@ -14,6 +14,7 @@ OURS = (b"position", b"uav/pose", b"quadctl.Pose", b"calibrate_pressure", b"base
 """Words that would be visible in our packets without encryption."""
 
 
+@pytest.mark.thorough
 def test_checkpoints_pass_across_machines_with_encrypted_traffic(net: Field, tmp_path: Path):
     with net.sniffed(tmp_path / "tls"):
         ranges = net.ask("param get safety.virtual_cage", json=True).json
@@ -92,6 +93,7 @@ def test_a_denied_command_fails_at_once_with_the_reason(net: Field):
     assert touched(net.vehicle) == before
 
 
+@pytest.mark.thorough
 def test_a_refusal_by_the_hub_is_not_reported_as_a_hub_down(net: Field):
     """Call with a certificate that permits uav, while the router's list does not."""
     listed = net.keys / "router" / "names.json"
@@ -127,6 +129,7 @@ def test_permitted_commands_work(net: Field):
     assert net.ask("calibrate", "una").code == 0
 
 
+@pytest.mark.thorough
 def test_the_nodes_of_one_vehicle_run_on_two_machines(net: Field):
     net.issue("hub drone --vehicle drone")
     net.issue("safety guard --vehicle drone")
@@ -160,6 +163,7 @@ def test_the_nodes_of_one_vehicle_run_on_two_machines(net: Field):
     shutil.rmtree(net.operator.home)
 
 
+@pytest.mark.thorough
 def test_a_vehicle_that_does_not_run_is_not_reported_as_denied(net: Field):
     """Call a vehicle that bob may fly but that does not run."""
     done = net.ask("goto 0 0 1 --timeout 1", "bob")

@@ -56,6 +56,7 @@ def test_a_signal_ends_a_foreground_run_and_all_its_processes(lab: Lab, number: 
     assert "Traceback" not in run.log
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("detached", [False, True], ids=["foreground", "detached"])
 def test_up_killed_with_sigkill_leaves_no_process_behind(lab: Lab, detached: bool):
     file = lab.file(HELPERS)
@@ -144,6 +145,7 @@ def run_and_end(lab: Lab, times: int) -> None:
         eventually(lambda: not lab.processes(), 1)
 
 
+@pytest.mark.thorough
 def test_starts_and_stops_leave_nothing_behind(lab: Lab):
     run_and_end(lab, 10)
 

@@ -3,6 +3,8 @@
 import socket
 from contextlib import ExitStack
 
+import pytest
+
 from tests.support.bags import raw_message, write
 from tests.support.lab import PATIENT, Lab
 from tests.support.running import Done
@@ -16,6 +18,7 @@ def with_few_files(lab: Lab, *words: object) -> Done:
     return lab.run([*few, *lab.command(*words)], 60)
 
 
+@pytest.mark.thorough
 def test_a_flight_arrives_while_strangers_take_all_files_of_the_hub(lab: Lab):
     assert with_few_files(lab, "up", "-d", *PATIENT) == (0, f"realm {lab.realm} is up\n", "")
     before = lab.nodes()

@@ -39,6 +39,7 @@ def limit_file_size(pid: int, size: int) -> None:
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_with_a_full_disk_and_reports_it_once(piped_run: PipedRun):
     lab = piped_run.lab
     supervisor = lab.status()["pid"]
@@ -60,6 +61,7 @@ def test_a_run_goes_on_with_a_full_disk_and_reports_it_once(piped_run: PipedRun)
     assert "Traceback" not in piped_run.run.log
 
 
+@pytest.mark.thorough
 def test_a_deleted_run_folder_is_created_again_and_no_node_is_lost(piped_run: PipedRun):
     lab = piped_run.lab
     before, earlier_warnings = lab.nodes(), piped_run.lines_with("cannot be written")
@@ -107,6 +109,7 @@ def test_nothing_starts_on_a_full_disk(lab: Lab, words: str):
     assert lab.is_gone()
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_when_its_recording_has_no_space(lab: Lab):
     limit = "ulimit -f 200; exec " + " ".join(lab.command("up", "-d", "--record", "r.mcap"))
     done = subprocess.run(

@@ -5,6 +5,8 @@ import signal
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.support.lab import NODES, Lab
 from tests.support.running import alive, eventually
 
@@ -62,6 +64,7 @@ def test_an_own_safety_node_runs_beside_a_helper_that_keeps_dying(
     assert lab.quadctl("down").code == 0
 
 
+@pytest.mark.thorough
 def test_up_names_the_processes_that_the_file_gives(lab: Lab):
     file = lab.file("[processes]\nidle = \"sleep 9\"\nmore = ['sh', '-c', 'exec sleep 9']\n")
     started = lab.start(file, "--without", "pressure")
@@ -72,6 +75,7 @@ def test_up_names_the_processes_that_the_file_gives(lab: Lab):
     assert run.log.startswith("idle: sleep 9\nmore: sh -c 'exec sleep 9'\n")
 
 
+@pytest.mark.thorough
 def test_an_import_of_an_older_release_fails_with_the_new_name(lab: Lab):
     (lab.folder / "old.py").write_text("from schemas.messages import Pose\n", encoding="utf-8")
     toml = lab.file(f'[processes]\nold = "{sys.executable} -P old.py"\n')
@@ -81,6 +85,7 @@ def test_an_import_of_an_older_release_fails_with_the_new_name(lab: Lab):
     eventually(lambda: new in lab.log("old") + lab.taken_logs().get("old.log", ""))
 
 
+@pytest.mark.thorough
 def test_a_command_that_ends_at_once_fails_the_launch(lab: Lab):
     failed = lab.quadctl("up", "-d", lab.file('[processes]\nx = "true"\n'), "--json")
     assert (failed.code, failed.out) == (1, "")
@@ -89,6 +94,7 @@ def test_a_command_that_ends_at_once_fails_the_launch(lab: Lab):
     assert lab.is_gone()
 
 
+@pytest.mark.thorough
 def test_endless_output_takes_no_memory_and_delays_no_other_node(lab: Lab):
     lab.start(lab.file('[processes]\nyes = "yes"\nblob = "cat /dev/zero"\n'))
     supervisor = lab.status()["pid"]
@@ -113,6 +119,7 @@ def test_endless_output_takes_no_memory_and_delays_no_other_node(lab: Lab):
     assert lab.nodes()["yes"]["restarts"] == lab.nodes()["blob"]["restarts"] == 0
 
 
+@pytest.mark.thorough
 def test_the_children_of_a_killed_command_end_with_it(lab: Lab):
     lab.start(
         lab.file("""[processes]

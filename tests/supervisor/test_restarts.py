@@ -42,6 +42,7 @@ def flight(wide_cage: Lab) -> Iterator[Bare]:
         yield bare
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("node", NODES)
 def test_a_node_killed_in_flight_restarts_and_the_goal_is_flown(
     wide_cage: Lab, flight: Bare, node: str
@@ -97,6 +98,7 @@ def test_frozen_nodes_are_killed_and_restarted(wide_cage: Lab, flight: Bare):
     assert flight.call("goto", **GOAL).value["accepted"]
 
 
+@pytest.mark.thorough
 def test_a_node_that_freezes_when_ready_is_killed_and_restarted(wide_cage: Lab):
     wide_cage.revived("pressure", wide_cage.signal("pressure", signal.SIGKILL))
     wide_cage.revived("pressure", wide_cage.signal("pressure", signal.SIGSTOP))
@@ -115,6 +117,7 @@ def test_a_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     assert lab.taken_logs()["safety.log"].count("no wings") > 1
 
 
+@pytest.mark.thorough
 def test_a_stopped_supervisor_counts_no_node_as_frozen(wide_cage: Lab):
     before = wide_cage.nodes()
     supervisor = wide_cage.status()["pid"]
@@ -130,6 +133,7 @@ def test_a_stopped_supervisor_counts_no_node_as_frozen(wide_cage: Lab):
     assert restarts == {name: int(name == "pressure") for name in NODES}
 
 
+@pytest.mark.thorough
 def test_echo_names_the_dead_node_when_its_topic_falls_silent(wide_cage: Lab):
     eventually(wide_cage.is_ready)
     supervisor, old = wide_cage.status()["pid"], wide_cage.nodes()["dynamics"]["pid"]
@@ -152,6 +156,7 @@ def test_a_command_during_a_hub_restart_waits_for_the_hub(wide_cage: Lab):
     assert wide_cage.quadctl("topic", "echo", "pose", "-n", 1, "--timeout", 20).code == 0
 
 
+@pytest.mark.thorough
 def test_a_requested_restart_works_in_any_state_of_the_process(wide_cage: Lab):
     realm = realm_of(wide_cage)
     for node, prepare in (("pressure", None), ("hub", signal.SIGSTOP), ("safety", signal.SIGSTOP)):
@@ -174,6 +179,7 @@ def realm_of(lab: Lab) -> Realm:
         return Realm(lab.realm)
 
 
+@pytest.mark.thorough
 def test_a_node_left_down_starts_again_on_request(lab: Lab):
     command = "shy = ['sh', '-c', '[ -e here ] || exit 3; exec sleep 99']"
     lab.spawn(*lab.command("up", lab.file(f"[processes]\n{command}\n")))
@@ -188,6 +194,7 @@ def test_a_node_left_down_starts_again_on_request(lab: Lab):
     assert after.restarts == before.restarts + 1
 
 
+@pytest.mark.thorough
 def test_a_node_whose_name_is_taken_returns_when_the_name_is_free(wide_cage: Lab):
     eventually(wide_cage.is_ready)
     with wide_cage.bare() as stranger:
@@ -205,6 +212,7 @@ def test_a_node_whose_name_is_taken_returns_when_the_name_is_free(wide_cage: Lab
     assert told.count("another process is already the node pressure") == 1
 
 
+@pytest.mark.thorough
 def test_a_killed_hub_without_other_nodes_is_restarted(lab: Lab):
     lab.start("--without", "dynamics", "--without", "pressure", "--without", "safety")
     lab.revived("hub", lab.signal("hub", signal.SIGKILL))

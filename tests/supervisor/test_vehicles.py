@@ -40,6 +40,7 @@ def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab
     assert lab.quadctl("status").code == 3
 
 
+@pytest.mark.thorough
 def test_two_vehicles_fly_without_numba(without_numba: Lab):
     lab = without_numba
     lab.start("--vehicles", 2, "--set", "dynamics.rate=20")
@@ -135,6 +136,7 @@ def test_vehicles_start_on_a_grid_each_with_its_own_settings(three_vehicles: Lab
     assert height(three_vehicles, "uav0") < 1.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "line",
     ["goto 0 0 1", "hold", "reset", "state", "calibrate", "cage show", "cage off",
@@ -149,6 +151,7 @@ def test_a_command_without_a_vehicle_lists_the_vehicles(three_vehicles: Lab, lin
     assert "--vehicle uav0" in done.err
 
 
+@pytest.mark.thorough
 def test_listings_show_all_vehicles_and_name_the_vehicle_of_each_line(three_vehicles: Lab):
     lines = ["topic list", "service list", "node list", "graph"]
     done = three_vehicles.each([*lines, "param list safety", "status"])
@@ -163,6 +166,7 @@ def test_listings_show_all_vehicles_and_name_the_vehicle_of_each_line(three_vehi
     assert done["status"].out.splitlines()[1].startswith("VEHICLES ")
 
 
+@pytest.mark.thorough
 def test_a_full_key_selects_its_vehicle(three_vehicles: Lab):
     echoed = three_vehicles.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
     assert round(echoed["position"]["y"]) == 1
@@ -184,6 +188,7 @@ def test_a_parameters_name_may_begin_with_its_vehicle(three_vehicles: Lab):
     assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
 
 
+@pytest.mark.thorough
 def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three_vehicles: Lab):
     done = three_vehicles.quadctl("goto", 0, 0, 1, "--vehicle", "drone", "--timeout", 2)
     assert done.code == 3
@@ -191,6 +196,7 @@ def test_an_unknown_vehicle_is_reported_with_the_existing_ones(three_vehicles: L
     assert "it has uav0, uav1, uav2" in done.err
 
 
+@pytest.mark.thorough
 def test_a_listing_of_an_unknown_vehicle_is_no_empty_table(three_vehicles: Lab):
     lines = ["topic list", "service list", "node list", "graph", "graph --json", "graph --dot",
              "param list", "param dump", "param diff", "node info safety", "node ping safety"]  # fmt: skip
@@ -238,6 +244,7 @@ def test_a_file_is_compared_and_saved_by_vehicle(three_vehicles: Lab):
     assert three_vehicles.quadctl("param", "load", "saved.toml", "--vehicle", "uav0").out == ""
 
 
+@pytest.mark.thorough
 def test_doctor_passes_for_each_vehicle(three_vehicles: Lab):
     for vehicle in VEHICLES[:2]:
         found = three_vehicles.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
@@ -246,6 +253,7 @@ def test_doctor_passes_for_each_vehicle(three_vehicles: Lab):
     assert none.code == 8
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("node", ["safety", "pressure", "dynamics", "hub"])
 def test_a_killed_process_returns_for_all_vehicles(three_vehicles: Lab, node: str):
     old = three_vehicles.signal(node, signal.SIGKILL)
@@ -276,6 +284,7 @@ def test_impossible_vehicle_settings_are_refused_before_the_start(
     assert lab.quadctl("status").code == 3
 
 
+@pytest.mark.thorough
 def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(lab: Lab):
     def digest(vehicle: str) -> dict[str, str]:
         done = lab.quadctl("fly", "mission.toml", "--vehicle", vehicle, "--json")
@@ -296,6 +305,7 @@ def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(lab: Lab):
     assert digest("uav1") == first
 
 
+@pytest.mark.thorough
 def test_vehicles_fly_while_compiling_and_down_ends_the_compiler(lab: Lab):
     lab.environment["XDG_CACHE_HOME"] = str(lab.folder / "cache")
     lab.start("--vehicles", 2, *PATIENT)

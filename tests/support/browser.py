@@ -15,7 +15,7 @@ from typing import Any
 
 from websockets.sync.client import connect
 
-from tests.support import chromium
+from tests.support import abilities
 from tests.support.running import eventually
 
 _FLAGS = (
@@ -33,8 +33,8 @@ class Browser:
     """Chromium process; each `Tab` is a window with its own size."""
 
     def __init__(self, folder: Path) -> None:
-        name = chromium.found()
-        assert name is not None, chromium.MISSING
+        name = abilities.browser()
+        assert name is not None, abilities.ABILITIES["browser"].remedy
         self._folder = folder
         # Chromium's helper processes would survive a plain kill: the whole group is killed.
         self._popen = subprocess.Popen(

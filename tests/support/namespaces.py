@@ -9,18 +9,15 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
+from tests.support import abilities
 
-_PATH = os.pathsep.join((os.environ.get("PATH", ""), "/usr/sbin", "/sbin", "/usr/bin", "/bin"))
-"""Search path with the folders of `ip`, which only root's path has."""
 _LOOPBACK = (("link", "set", "lo", "up"),)
 
 
 def tool(name: str) -> str:
-    """Return the path of a network tool, or fail the test if it is missing."""
-    found = shutil.which(name, path=_PATH)
-    if found is None:
-        pytest.fail(f"{name} is missing: apt install iproute2 util-linux")
+    """Return the path of a network tool; the test needs "ip"."""
+    found = shutil.which(name, path=abilities.SEARCH)
+    assert found is not None
     return found
 
 
@@ -29,7 +26,7 @@ class Machine:
 
     def __init__(self, inside: "Machine | None" = None) -> None:
         """Create the namespace, with the network privileges of the machine `inside` if given."""
-        own = [] if os.geteuid() == 0 or inside else ["--user", "--map-root-user"]
+        own = [] if inside else abilities.as_root()
         before: list[str] = inside.enter if inside else []
         self._holder = subprocess.Popen(
             [*before, tool("unshare"), *own, "--net", sys.executable, "-c", _HOLD],
@@ -38,13 +35,7 @@ class Machine:
             text=True,
         )
         assert self._holder.stdout is not None
-        pid = self._holder.stdout.readline()
-        if not pid:
-            pytest.fail(
-                "no network namespace can be created: this needs root, or user namespaces"
-                " (sysctl kernel.unprivileged_userns_clone=1)"
-            )
-        self.pid = int(pid)
+        self.pid = int(self._holder.stdout.readline())
         as_user = [] if os.geteuid() == 0 else ["--user", "--preserve-credentials"]
         self.enter: list[str] = [tool("nsenter"), f"--target={self.pid}", *as_user, "--net"]
         for command in _LOOPBACK:

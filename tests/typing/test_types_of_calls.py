@@ -80,6 +80,7 @@ reveal_type(quadctl.read("flight.mcap")["uav/pose"]["position"].shape)  # tuple[
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", [PROGRAM, API], ids=["bus", "api"])
 def test_mypy_infers_the_types_of_calls_and_finds_their_mistakes(tmp_path: Path, text: str):
     program = tmp_path / "program.py"
@@ -110,6 +111,7 @@ def expected(text: str) -> dict[int, str]:
     return {number: line.partition("  # ")[2] for number, line in lines if "  # " in line}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", [PROGRAM, API], ids=["bus", "api"])
 def test_pyright_infers_the_same_types_and_finds_the_same_mistakes(tmp_path: Path, text: str):
     program = tmp_path / "program.py"

@@ -98,6 +98,7 @@ def test_a_flight_does_not_depend_on_the_rest_of_its_batch(flown: list[Flown]):
     assert batch([SEEDS[3]], 20.0).fly() == [flown[3]]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("faults", [False, True])
 def test_sleeping_monitors_miss_nothing(faults: bool):
     some = missions(range(20, 24), 15.0, faults=faults)
@@ -137,6 +138,7 @@ def test_safety_without_poses_continues_only_within_the_grace(seconds, stops, ar
     assert len(flight.arrivals) == arrivals
 
 
+@pytest.mark.thorough
 def test_vehicles_of_a_flight_share_the_cage_and_are_summed_up():
     # Nothing keeps them apart: each flies as if it were alone.
     conditions = Conditions(8.0, wind=1.0, vehicles=3, given={"safety.separation.radius": 0.0})
@@ -164,6 +166,7 @@ def test_vehicles_of_a_flight_share_the_cage_and_are_summed_up():
     assert alone[0].separation is None
 
 
+@pytest.mark.thorough
 def test_vehicles_of_a_flight_keep_apart():
     given = {"safety.virtual_cage.x": 2.0, "safety.virtual_cage.y": 2.0}
     flown = workers.batch(Job(0, 3, Conditions(15.0, vehicles=3, given=given)), Plain).fly()
@@ -181,6 +184,7 @@ def not_verified_again(rule: Rule) -> Rule | None:
     return None if rule.on in {Toggle, Resized} and rule.when.__name__ == "barred" else rule
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("change", [unverified, not_verified_again])
 def test_a_broken_rule_is_detected(monkeypatch: pytest.MonkeyPatch, change):
     inject(monkeypatch, change)

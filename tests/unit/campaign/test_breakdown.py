@@ -78,6 +78,7 @@ def test_a_campaign_without_flights_is_refused():
         Breakdown([])
 
 
+@pytest.mark.thorough
 def test_flights_fire_all_rules_but_those_out_of_reach():
     module = compiled_kernel()
     some = missions(range(400), 60.0, faults=True)

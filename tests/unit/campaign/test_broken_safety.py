@@ -154,12 +154,14 @@ def flights_until_detected() -> int | None:
     return None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", BROKEN)
 def test_the_campaign_detects_a_broken_safety(monkeypatch: pytest.MonkeyPatch, name: str):
     BROKEN[name](monkeypatch)
     assert flights_until_detected() is not None
 
 
+@pytest.mark.thorough
 def test_the_campaign_finds_no_fault_in_the_sound_safety():
     module = compiled_kernel()
     some = [*missions(range(150), 60.0), *missions(range(150, 500), 60.0, faults=True)]

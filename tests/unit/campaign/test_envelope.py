@@ -47,6 +47,7 @@ def excursion(given: dict[str, Any], flights: int) -> float | None:
     return max(flight.worst_excursion for flight in flown)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -72,6 +73,7 @@ NAMES = (
 )  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "part"), list(product(NAMES, (0.0, 0.25, 0.5, 0.75, 1.0))))
 def test_a_body_flies_inside_or_is_refused(name: str, part: float):
     full = f"dynamics.vehicle.{name}"
@@ -111,6 +113,7 @@ def five_values(name: str) -> list[float]:
     return [low, *(least * (high / least) ** (part / 4) for part in range(1, 4)), high]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LIVE)
 def test_a_parameter_set_in_flight_keeps_it_inside_or_is_refused(name: str):
     module = compiled_kernel()
@@ -264,6 +267,7 @@ FOUND = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FOUND)
 def test_a_flight_that_a_search_found_stays_inside(name: str):
     found = FOUND[name]
@@ -338,6 +342,7 @@ def fuzzed(seed: int, bodies: int) -> tuple[float, dict[str, float], int]:
     return worst, farthest, accepted
 
 
+@pytest.mark.thorough
 def test_random_bodies_and_gains_fly_inside_or_are_refused():
     worst, body, accepted = fuzzed(1, 60)
     assert accepted > 10

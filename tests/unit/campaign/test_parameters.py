@@ -36,6 +36,7 @@ def changing(seed: int) -> Mission:
     return replace(random, rows=tuple(sorted([*random.rows, *changes], key=lambda row: row.at)))
 
 
+@pytest.mark.thorough
 def test_flights_with_changes_are_the_same_compiled_and_in_python():
     module = compiled_kernel()
     some = [changing(seed) if seed % 3 else missions([seed], 12.0)[0] for seed in range(18)]

@@ -98,6 +98,7 @@ class Reader(HTMLParser):
             self.texts.append(data.strip().replace("\u202f", " "))
 
 
+@pytest.mark.thorough
 def test_the_page_is_well_formed_and_loads_nothing(page: str):
     reader = Reader(page)
     assert reader.open == []

@@ -93,6 +93,7 @@ def searched(rounds: int, *, shuffled: bool = False) -> Search:
     return search
 
 
+@pytest.mark.thorough
 def test_a_search_finds_worse_flights_than_random_ones():
     first = searched(1)._worst
     evolved = searched(12)

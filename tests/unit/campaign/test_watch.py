@@ -98,6 +98,7 @@ def test_a_monitor_is_called_when_a_condition_may_hold(
     assert look(loops_of(kind), notes(**rows), now, last) is expected
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["plain", "compiled"])
 def test_a_vehicle_that_returns_is_followed_without_its_monitor(kind: str):
     rows = notes(BEYOND=1.0, MARGIN=0.01, RETURNING=2.0)

@@ -24,6 +24,7 @@ def little_memory() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("little_memory")
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_recording_made_to_do_harm_is_refused_or_read(

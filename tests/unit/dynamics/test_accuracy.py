@@ -58,6 +58,7 @@ def test_open_loop_with_all_drag_and_wind_matches_dop853():
     assert dist(end[:13], exact[:13]) < 2e-8
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (3.0, -2.0, 0.5)], ids=["calm", "windy"])
 def test_five_seconds_to_a_waypoint_match_dop853(wind):
     params = DynamicsParams(

@@ -10,6 +10,7 @@ from quadctl.services.dynamics import trajectory
 from tests.support.symbolic import Number, opaque, paths, term, violation
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("heading", [1.0, -1.0])
 def test_an_axis_speeds_up_only_if_it_can_still_stop_at_its_goal(
     monkeypatch: pytest.MonkeyPatch, heading: float

@@ -181,6 +181,7 @@ def farthest() -> Callable[[Cage, int, int], float]:
     return lambda cage, count, seed: flights(kernel, cage, count, seed)
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("cage", CAGES)
 def test_2000_flights_of_replaced_goals_stay_inside(farthest, cage: str):

@@ -170,6 +170,7 @@ def test_a_wind_without_gusts_is_known_at_once():
     assert dist(vehicle.position, (0.0, 0.0, 2.0)) < 0.05
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("wind", "gust"), [(0.5, 0.125), (2.25, 0.5625)])
 def test_gusts_move_a_fast_vehicle_little(wind, gust):
     """Check the sideways way off a straight line at 5 m/s: gusts push with the whole speed through the air."""

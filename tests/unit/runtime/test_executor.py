@@ -91,6 +91,7 @@ def test_a_flood_of_one_executor_delays_no_other():
     assert len(ticks) == 30
 
 
+@pytest.mark.thorough
 def test_an_executor_that_waits_in_a_callback_lets_others_run():
     order: list[str] = []
 
@@ -137,6 +138,7 @@ def test_a_stop_from_another_thread_ends_all_executors(later):
     assert all(loop.stopping for loop in nodes.executors)
 
 
+@pytest.mark.thorough
 def test_deferred_work_runs_once_all_due_nodes_have_run():
     done: list[str] = []
 

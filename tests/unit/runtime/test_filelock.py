@@ -134,6 +134,7 @@ def test_a_holder_that_has_not_written_its_pid_is_unknown(path: Path):
             FileLock(path, "it").acquire()
 
 
+@pytest.mark.thorough
 def test_a_removed_file_is_not_the_lock(path: Path, monkeypatch: pytest.MonkeyPatch):
     """A holder that ends may remove the file after we open it and before we lock it."""
     opened = os.open

@@ -144,6 +144,7 @@ def explorer() -> Explorer:
     return Explorer()
 
 
+@pytest.mark.thorough
 def test_never_moving_with_the_cage_on_and_the_goal_outside(explorer: Explorer):
     moving = [node for node in explorer.nodes if node.situation.state is State.MOVING]
     astray = [n for n in moving if n.situation.cage_on and why_outside(n.situation.goal, n.cage)]
@@ -311,6 +312,7 @@ def mutants() -> Iterator[tuple[str, Table]]:
             yield f"{name(rule)} swapped with {name(after)}", swapped
 
 
+@pytest.mark.thorough
 def test_no_mutant_of_the_rule_table_passes_all_cases():
     found = list(mutants())
     kinds = len(State) - 1 + len(EVENTS) - 1 + len(CONDITIONS) - 1 + len(State) - 1

@@ -87,6 +87,7 @@ SHARES = 7
 """Tests that share the events: no multiple of the situations' number, or one has all the long ones."""
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("share", range(SHARES))
 def test_every_event_keeps_the_invariants(share: int):

@@ -39,6 +39,7 @@ def polygons(draw: st.DrawFn) -> list[tuple[float, float]]:
     return corners
 
 
+@pytest.mark.thorough
 @settings(max_examples=400)
 @given(polygons(), CORNER, CORNER)
 def test_ways_places_and_boxes_agree_with_shapely(

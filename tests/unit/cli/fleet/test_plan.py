@@ -116,6 +116,7 @@ def test_random_swaps_in_a_grid_arrive(seed: int):
     assert all(p != q for p, q in combinations(ends, 2))
 
 
+@pytest.mark.thorough
 def test_fifty_swap_places():
     spots = [(0.8 * (n % 10) - 3.6, 0.8 * (n // 10) - 1.6, 1.0) for n in range(50)]
     places = {f"uav{n}": spot for n, spot in enumerate(spots)}
@@ -124,6 +125,7 @@ def test_fifty_swap_places():
     check(places, legs, goals)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
 def test_the_real_vehicles_fly_a_plan(seed: int):
     draws = random.Random(seed)

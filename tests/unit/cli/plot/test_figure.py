@@ -68,6 +68,7 @@ def test_two_vehicles_are_drawn_with_and_without_pressure_and_cage(tmp_path: Pat
         assert (tmp_path / f"two.{ending}").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("poses", [1, 5])
 def test_a_vehicle_at_rest_is_marked_at_its_place(tmp_path: Path, poses: int):
     from matplotlib import colors, image

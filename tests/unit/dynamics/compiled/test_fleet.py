@@ -68,6 +68,7 @@ def fly_alike(make: Make, count: int, steps: int, seed: int) -> None:
         assert fleet.states().tolist() == [list(vehicle.state) for vehicle in plain]
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("seed", range(3))
 def test_compiled_code_flies_as_plain_python_to_the_bit(compiled: Make, seed: int):

@@ -29,6 +29,7 @@ def cut(whole: Path, length: int, name: str = "cut.mcap") -> Path:
     return path
 
 
+@pytest.mark.thorough
 @settings(max_examples=150)
 @given(st.floats(0, 1))
 @example(0.0)

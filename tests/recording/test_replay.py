@@ -10,7 +10,7 @@ import pytest
 
 from quadctl.services.runtime.recording.reader import Bag, Recorded
 from tests.support.bags import flight, raw_message, write
-from tests.support.bombs import bombs
+from tests.support.bombs import BOMBS
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
@@ -158,7 +158,7 @@ def test_a_recording_made_to_do_harm_is_not_replayed(hub_only: Lab):
         "a key that is an expression",
     ):
         file = hub_only.folder / f"{name.replace(' ', '-')}.mcap"
-        file.write_bytes(bombs()[name].data)
+        file.write_bytes(BOMBS[name]().data)
         lines[f"replay {file.name} --speed 0"] = 6
     done = hub_only.each(lines, "--json")
     assert {line: one.code for line, one in done.items()} == lines

@@ -1,6 +1,7 @@
 """Recordings and TOML files made to be huge, endless or malformed, as an opponent would make them."""
 
 import struct
+from collections.abc import Callable
 from typing import NamedTuple
 
 import lz4.frame
@@ -100,37 +101,36 @@ class Bomb(NamedTuple):
     said: str = ""
 
 
-def bombs() -> dict[str, Bomb]:
-    """Return recordings of less than 1 MB each that would fill the memory, never end or mislead."""
-    table = b'{"a":1}'
-    return {
-        "8 GiB by zstd": Bomb(recording(chunk(zeros(8 * GIB), 8 * GIB)), "8590 MB"),
-        "8 GiB named as 100 bytes": Bomb(recording(chunk(zeros(8 * GIB), 100)), "cut"),
-        "64 MiB by lz4 as 100 bytes": Bomb(recording(chunk(lz4.frame.compress(bytes(GIB // 16)), 100, "lz4")), "cut"),
-        "an endless claim": Bomb(recording(chunk(zstandard.compress(b"x"), 1 << 62)), "would unpack"),
-        "schemas of 1 GiB": Bomb(
-            recording(*(block(packed(Schema(n, bytes(GIB // 8), "x", "y"))) for n in range(1, 9))),
-            "all schemas and channels",
-        ),
-        "an unknown compression": Bomb(recording(chunk(b"x", 1, "xz")), "'xz' is unknown"),
-        "a note named 10 000 times": Bomb(
-            recording(_NOTE, index=_indexed(*[MetadataIndex(_NOTE_AT, len(packed(_NOTE)), "n")] * 10_000))
-        ),
-        "a note beyond the end": Bomb(recording(index=_indexed(MetadataIndex(1 << 62, 9, "n")))),
-        "a note that is none": Bomb(recording(index=_indexed(MetadataIndex(8, 10, "n")))),
-        "an index at the beginning": Bomb(recording(channel(), start=8)),
-        "an index beyond the end": Bomb(recording(channel(), start=1 << 63)),
-        "a short message": Bomb(recording(channel(), _SHORT), "cut"),
-        "an overlong channel": Bomb(recording(_OVERLONG, bytes(1000)), "cut"),
-        "a message of no channel": Bomb(recording(message(table)), "cut"),
-        "deep JSON": Bomb(recording(channel(), message(_DEEP)), "recursion"),
-        "torn JSON": Bomb(recording(channel(), message(b"{")), "truncated"),
-        "a text as a number": Bomb(recording(_pose_of(boot="b", seq="z")), "Expected `int`"),
-        "keys that are paths": Bomb(recording(channel(key="/../../x"), message(table))),
-        "a key with a NUL": Bomb(recording(channel(key="uav/\0pose"), message(table))),
-        "a key that is an expression": Bomb(recording(channel(key="a/**"), message(table))),
-        "a call to nowhere": Bomb(recording(channel(key="uav/@call/goto"), message(msgspec.json.encode(_CALL)))),
-        "a field for each message": Bomb(
-            recording(channel(), *(message(b'{"%d":1}' % n) for n in range(3000)))
-        ),
-    }  # fmt: skip
+_TABLE = b'{"a":1}'
+BOMBS: dict[str, Callable[[], Bomb]] = {
+    "8 GiB by zstd": lambda: Bomb(recording(chunk(zeros(8 * GIB), 8 * GIB)), "8590 MB"),
+    "8 GiB named as 100 bytes": lambda: Bomb(recording(chunk(zeros(8 * GIB), 100)), "cut"),
+    "64 MiB by lz4 as 100 bytes": lambda: Bomb(recording(chunk(lz4.frame.compress(bytes(GIB // 16)), 100, "lz4")), "cut"),
+    "an endless claim": lambda: Bomb(recording(chunk(zstandard.compress(b"x"), 1 << 62)), "would unpack"),
+    "schemas of 1 GiB": lambda: Bomb(
+        recording(*(block(packed(Schema(n, bytes(GIB // 8), "x", "y"))) for n in range(1, 9))),
+        "all schemas and channels",
+    ),
+    "an unknown compression": lambda: Bomb(recording(chunk(b"x", 1, "xz")), "'xz' is unknown"),
+    "a note named 10 000 times": lambda: Bomb(
+        recording(_NOTE, index=_indexed(*[MetadataIndex(_NOTE_AT, len(packed(_NOTE)), "n")] * 10_000))
+    ),
+    "a note beyond the end": lambda: Bomb(recording(index=_indexed(MetadataIndex(1 << 62, 9, "n")))),
+    "a note that is none": lambda: Bomb(recording(index=_indexed(MetadataIndex(8, 10, "n")))),
+    "an index at the beginning": lambda: Bomb(recording(channel(), start=8)),
+    "an index beyond the end": lambda: Bomb(recording(channel(), start=1 << 63)),
+    "a short message": lambda: Bomb(recording(channel(), _SHORT), "cut"),
+    "an overlong channel": lambda: Bomb(recording(_OVERLONG, bytes(1000)), "cut"),
+    "a message of no channel": lambda: Bomb(recording(message(_TABLE)), "cut"),
+    "deep JSON": lambda: Bomb(recording(channel(), message(_DEEP)), "recursion"),
+    "torn JSON": lambda: Bomb(recording(channel(), message(b"{")), "truncated"),
+    "a text as a number": lambda: Bomb(recording(_pose_of(boot="b", seq="z")), "Expected `int`"),
+    "keys that are paths": lambda: Bomb(recording(channel(key="/../../x"), message(_TABLE))),
+    "a key with a NUL": lambda: Bomb(recording(channel(key="uav/\0pose"), message(_TABLE))),
+    "a key that is an expression": lambda: Bomb(recording(channel(key="a/**"), message(_TABLE))),
+    "a call to nowhere": lambda: Bomb(recording(channel(key="uav/@call/goto"), message(msgspec.json.encode(_CALL)))),
+    "a field for each message": lambda: Bomb(
+        recording(channel(), *(message(b'{"%d":1}' % n) for n in range(3000)))
+    ),
+}  # fmt: skip
+"""Recordings of less than 1 MB each that would fill the memory, never end or mislead."""

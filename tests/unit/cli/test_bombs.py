@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.bombs import bombs
+from tests.support.bombs import BOMBS
 from tests.support.command_line import Quadctl
 
 ROOM = 1 << 30
 """Bytes that a command may take more than now; the bombs hold up to 8 times as many."""
-BOMBS = bombs()
 
 
 @pytest.fixture
@@ -31,7 +30,8 @@ def test_a_recording_made_to_do_harm_is_refused_or_read(
     quadctl: Quadctl, tmp_path: Path, name: str
 ):
     bomb = tmp_path / "bomb.mcap"
-    bomb.write_bytes(BOMBS[name].data)
+    made = BOMBS[name]()
+    bomb.write_bytes(made.data)
     lines = {
         "bag info": {0, 6},
         "bag check": {0, 6, 8},
@@ -44,14 +44,15 @@ def test_a_recording_made_to_do_harm_is_refused_or_read(
         assert done.code in codes, (line, done)
         assert "Traceback" not in done.err, (line, done)
         if line == "bag check":
-            assert BOMBS[name].said in done.out + done.err
-    assert bomb.read_bytes() == BOMBS[name].data
+            assert made.said in done.out + done.err
+    assert bomb.read_bytes() == made.data
     assert {path.name for path in tmp_path.iterdir()} <= {"bomb.mcap", "mended.mcap", "tables"}
 
 
 def test_a_refused_recording_is_not_repaired_in_place(quadctl: Quadctl, tmp_path: Path):
     bomb = tmp_path / "bomb.mcap"
-    bomb.write_bytes(BOMBS["8 GiB by zstd"].data)
+    made = BOMBS["8 GiB by zstd"]()
+    bomb.write_bytes(made.data)
     assert quadctl("bag", "repair", "bomb.mcap").code == 6
-    assert bomb.read_bytes() == BOMBS["8 GiB by zstd"].data
+    assert bomb.read_bytes() == made.data
     assert [path.name for path in tmp_path.iterdir()] == ["bomb.mcap"]

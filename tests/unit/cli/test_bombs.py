@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.bombs import BOMBS
+from tests.support.bombs import BOMBS, Bomb
 from tests.support.command_line import Quadctl
 
 ROOM = 1 << 30
@@ -14,8 +14,13 @@ ROOM = 1 << 30
 
 
 @pytest.fixture
-def little_memory() -> Iterator[None]:
-    """Limit the memory of this process, so that no fault in the product can take the machine's."""
+def made(request: pytest.FixtureRequest) -> Bomb:
+    return BOMBS[request.param]()
+
+
+@pytest.fixture
+def little_memory(made: Bomb) -> Iterator[None]:
+    """Limit the memory of this process once the bomb is made, so that no fault in the product can take the machine's."""
     pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0])
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + ROOM, hard))
@@ -25,12 +30,11 @@ def little_memory() -> Iterator[None]:
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("little_memory")
-@pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.parametrize("made", BOMBS, indirect=True)
 def test_a_recording_made_to_do_harm_is_refused_or_read(
-    quadctl: Quadctl, tmp_path: Path, name: str
+    quadctl: Quadctl, tmp_path: Path, made: Bomb
 ):
     bomb = tmp_path / "bomb.mcap"
-    made = BOMBS[name]()
     bomb.write_bytes(made.data)
     lines = {
         "bag info": {0, 6},

@@ -112,33 +112,3 @@ def test_a_refused_goto_still_prints_its_document(shared_lab: Lab, hover: Bare):
     assert (done.json["accepted"], done.json["arrived"]) == (False, False)
     assert done.json["reason"] == done.error["message"]
     assert done.error["code"] == "refused"
-
-
-def test_options_may_come_anywhere_in_the_line(shared_lab: Lab):
-    realm = f"--realm {shared_lab.realm}"
-    done = shared_lab.each(
-        [
-            f"--json cage show {realm}",
-            f"cage --json show {realm}",
-            f"{realm} cage show --json",
-            f"--timeout 5 cage {realm} show --json",
-            f"--realm nowhere cage show --json {realm}",
-        ]
-    )
-    assert [ended.json["on"] for ended in done.values()] == [True] * 5
-    assert shared_lab.quadctl("cage", "show", QUADCTL_REALM="nowhere").code == 3
-
-
-def test_types_are_shown_in_the_labs_form_without_a_run(lab: Lab):
-    shown = lab.quadctl("type", "show", "calibrate_pressure")
-    assert (shown.code, shown.out) == (0, "bool zero\n---\nfloat64 baseline\n")
-    assert lab.quadctl("type", "show", "calibrate").out == shown.out
-
-
-def test_piped_text_is_plain_and_not_truncated(shared_lab: Lab):
-    done = shared_lab.each(["topic list", "node list", "service list", "status"])
-    for ended in done.values():
-        assert ended.code == 0
-        assert ended.out.isascii()
-        assert "\033" not in ended.out
-    assert "calibrate_pressure" in done["service list"].out

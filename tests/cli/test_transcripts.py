@@ -37,11 +37,6 @@ TRANSCRIPTS = {
         "safety.virtual_cage.x: 5.0\nsafety.virtual_cage.y: 5.0\nsafety.virtual_cage.z: 5.0\n",
         "",
     ),
-    "cage show": (
-        0,
-        "cage is on\ncage x - [-5.0, 5.0]\ncage y - [-5.0, 5.0]\ncage z - [0.0, 5.0]\n",
-        "",
-    ),
     "calibrate --unset": (0, "baseline: 0.0000 hPa\n", ""),
     "service call /calibrate_pressure False": (0, "baseline: 0.0\n", ""),
     "service call toggle_cage cage_on=true": (0, "success: True\n", ""),
@@ -131,6 +126,8 @@ def test_a_second_up_names_the_holder_of_the_realm(shared_lab: Lab):
 
 
 def test_status_shows_uptime_and_memory(shared_lab: Lab):
+    document = shared_lab.quadctl("ps", "--json").json
+    assert document == shared_lab.status() | {"faults": []}
     head, titles, *rows = shared_lab.quadctl("status").out.splitlines()
     assert (
         head

@@ -41,6 +41,17 @@ TRANSCRIPTS = {
     "service call /calibrate_pressure False": (0, "baseline: 0.0\n", ""),
     "service call toggle_cage cage_on=true": (0, "success: True\n", ""),
     "goto 9 0 1": (5, "rejected\n", OUTSIDE + SAY_MORE),
+    "goto 9 0 1 --json": (
+        5,
+        (
+            '{"accepted":false,"reason":"outside the cage: x = 9 is beyond [-5, 5]","arrived":false,'
+            '"distance":null,"seconds":null}\n'
+        ),
+        (
+            '{"error":{"code":"refused","message":"outside the cage: x = 9 is beyond [-5, 5]",'
+            '"hint":"`quadctl cage show` and `quadctl state` show more"}}\n'
+        ),
+    ),
     "service call goto 9 0 1": (
         5,
         "accepted: False\nreason: 'outside the cage: x = 9 is beyond [-5, 5]'\n",
@@ -113,16 +124,13 @@ def test_a_reply_of_another_version_is_refused(shared_lab: Lab, bare: Bare):
 
 
 def test_a_second_up_names_the_holder_of_the_realm(shared_lab: Lab):
-    pid = shared_lab.status()["pid"]
-    done = shared_lab.quadctl("up", "-d")
-    assert done == (
-        7,
-        "",
-        (
-            f"error: the realm {shared_lab.realm} is already held by process {pid}\n"
-            f"  try: `quadctl down --realm {shared_lab.realm}` ends it; another --realm runs beside it\n"
-        ),
+    before = shared_lab.status()
+    said = (
+        f"error: the realm {shared_lab.realm} is already held by process {before['pid']}\n"
+        f"  try: `quadctl down --realm {shared_lab.realm}` ends it; another --realm runs beside it\n"
     )
+    assert {*shared_lab.each(["up", "up -d"]).values()} == {(7, "", said)}
+    assert shared_lab.status() == before
 
 
 def test_status_shows_uptime_and_memory(shared_lab: Lab):

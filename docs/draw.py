@@ -1,4 +1,4 @@
-"""Command that writes the tables of docs/ made from declarations, and a picture: `python -m docs.draw`."""
+"""Command that writes the generated tables of docs/, and a picture: `python -m docs.draw`."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,14 +6,17 @@ from pathlib import Path
 from benchmarks.tables import between
 from docs import declared
 from docs.diagram import diagram, table, words
+from tests.promises.table import table as promises
 
 _DOCS = Path(__file__).parent
+PROMISES = _DOCS / "promises.md"
 PAGES: dict[Path, Callable[[], str]] = {
     _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n",
     _DOCS / "reference" / "commands.md": declared.commands,
     _DOCS / "reference" / "exit-codes.md": declared.exit_codes,
     _DOCS / "reference" / "parameters.md": declared.parameters,
     _DOCS / "reference" / "types.md": declared.types,
+    PROMISES: promises,
 }
 """Text between the marks of each page."""
 PICTURES: dict[Path, Callable[[], str]] = {_DOCS / "explanation" / "automaton.svg": diagram}
@@ -25,8 +28,13 @@ def drawn(page: Path) -> str:
     return between(page.read_text(encoding="utf-8"), "table", PAGES[page]())
 
 
+def write(page: Path) -> None:
+    """Write the page with everything between its marks generated again."""
+    page.write_text(drawn(page), encoding="utf-8")
+
+
 if __name__ == "__main__":
     for each in PAGES:
-        each.write_text(drawn(each), encoding="utf-8")
+        write(each)
     for picture, text in PICTURES.items():
         picture.write_text(text(), encoding="utf-8")

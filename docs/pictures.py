@@ -1,9 +1,11 @@
-"""Command that draws the pictures of README and the book: `python -m docs.pictures`.
+"""Command that draws the pictures of README and the book: `python -m docs.pictures [NAME...]`.
 
-`flight.gif` is a flight that it flies and records; `explanation/architecture.svg` shows the processes.
+Without a name it draws all. Each but the architecture shows a flight that it flies.
 """
 
+import argparse
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation, PillowWriter
 
 import quadctl
+from docs import screens, swap
 
 _DOCS = Path(__file__).parent
 _GOALS = ((3.0, 2.0, 1.5), (7.0, 0.0, 1.0), (-3.0, -3.0, 3.0), (0.0, 0.0, 1.0))
@@ -141,13 +144,29 @@ def draw_architecture(file: Path) -> None:
     plt.close(figure)
 
 
-def main() -> None:
-    """Draw all pictures."""
-    draw_architecture(_DOCS / "explanation" / "architecture.svg")
+def draw_flight(file: Path) -> None:
+    """Fly to the goals, and draw the flight."""
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder, "flight.mcap")
-        verdicts = flown(recording)
-        draw(_DOCS / "flight.gif", recording, verdicts)
+        draw(file, recording, flown(recording))
+
+
+PICTURES: dict[str, Callable[[], object]] = {
+    "architecture": lambda: draw_architecture(_DOCS / "explanation" / "architecture.svg"),
+    "console": lambda: screens.draw_console(_DOCS / "console.png", _DOCS / "console-phone.png"),
+    "flight": lambda: draw_flight(_DOCS / "flight.gif"),
+    "report": lambda: screens.draw_report(_DOCS / "campaign-report.png"),
+    "swap": lambda: (_DOCS / "swap.svg").write_text(swap.picture(*swap.flown()), "utf-8"),
+}
+"""Function that draws the files of each name."""
+
+
+def main() -> None:
+    """Draw the named pictures, or all."""
+    parser = argparse.ArgumentParser(description="Draw the pictures of README and the book.")
+    parser.add_argument("names", nargs="*", choices=PICTURES)
+    for name in parser.parse_args().names or PICTURES:
+        PICTURES[name]()
 
 
 if __name__ == "__main__":

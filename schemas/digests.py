@@ -1,6 +1,6 @@
 """Digests of the types on the wire: to compute them takes a command 10 ms.
 
-Written by `python -m tests.support.digests`; a test compares them with the types.
+Written by `python -m tests.golden.write digests`; a test compares them with the types.
 """
 
 DIGESTS = {

@@ -87,33 +87,16 @@ def test_an_unknown_name_is_answered_with_the_nearest_live_one(
         [
             "service info mine/blnk",
             "service call mine/blnk times=3",
-            "service call calibrate_presure zero=true",
-            "service info zzzzzz",
             "service call uav/@srv/mine/blnk --timeout 0.2",
             "service call uav/@srv/*/blink",
         ]
     )
     codes = [ended.code for ended in done.values()]
     hints = [ended.err.splitlines()[-1].strip() for ended in done.values()]
-    assert codes == [6, 6, 6, 6, 3, 6]
+    assert codes == [6, 6, 3, 6]
     assert hints == [
         "try: did you mean mine/blink?",
         "try: did you mean mine/blink?",
-        "try: did you mean calibrate_pressure?",
-        "try: `quadctl service list` shows them all",
         "try: did you mean mine/blink?",
         "try: `quadctl service list` shows the keys",
     ]
-
-
-def test_a_service_that_drops_a_call_is_not_reported_as_gone(shared_lab: Lab, bare: Bare):
-    def drop(query: zenoh.Query) -> None:
-        with query:
-            pass
-
-    bare._declared.append(bare.session.declare_queryable("uav/@srv/drops", drop, complete=True))
-    said = shared_lab.quadctl("service", "call", "uav/@srv/drops", "--json")
-    assert said.code == 3
-    assert said.error["message"] == (
-        "the server of uav/@srv/drops ended the call without an answer: the outcome is unknown"
-    )

@@ -206,6 +206,9 @@ def run_and_check(lab: Lab, line: Line, who: str) -> float:
         assert "`quadctl up" not in done.err, (who, line.words, done)
     if code == 4:
         assert says_frozen(done.err), (who, line.words, done)
+    if code == 4 and who == "hub":
+        told = f"the realm {lab.realm} is up, but its hub did not answer within {TIMEOUT:g} s"
+        assert done.error["message"] == told
     return waited
 
 

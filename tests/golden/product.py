@@ -14,6 +14,7 @@ from quadctl import cli, schemas, services
 from quadctl.cli.context import COMMON
 from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
 from quadctl.cli.typer_app import build
+from quadctl.schemas import digests
 from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key
 from quadctl.schemas.services import Call, Error
 from quadctl.schemas.topics import (
@@ -53,6 +54,7 @@ __all__ = [
     "decode_call",
     "decode_error",
     "default_file",
+    "digests",
     "encode",
     "encode_error",
     "encoding",
@@ -62,6 +64,7 @@ __all__ = [
     "parameters",
     "request_type",
     "schema_hash",
+    "sent_types",
     "source_files",
     "tables",
     "type_name",
@@ -87,13 +90,17 @@ def all_services() -> list[Service[Any, Any]]:
     return [*SERVICES, *(make(node) for node in NODES for make in (get_params, set_params))]
 
 
-def wire_types() -> dict[str, type[Struct]]:
-    """Return by name each message, request, response and envelope, and each type inside one."""
-    outer: list[type[Struct]] = [topic.type for topic in all_topics()]
+def sent_types() -> list[type[Struct]]:
+    """Return each message, request, response and envelope."""
+    found: list[type[Struct]] = [topic.type for topic in all_topics()]
     for service in all_services():
-        outer += [service.request, service.response]
-    outer += [Call, Error]
-    return {type_.__name__: type_ for found in outer for type_ in (found, *parts(found))}
+        found += [service.request, service.response]
+    return [*found, Call, Error]
+
+
+def wire_types() -> dict[str, type[Struct]]:
+    """Return by name each type that is sent, and each type inside one."""
+    return {type_.__name__: type_ for sent in sent_types() for type_ in (sent, *parts(sent))}
 
 
 def request_type(name: str) -> type[Struct]:

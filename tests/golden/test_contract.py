@@ -9,14 +9,14 @@ from tests.golden import data, product
 from tests.golden.contract import DOCUMENTS
 from tests.golden.differences import differences
 
-ENCODED = data.read("encoded")
-AGAIN = "if this is intended: `python -m tests.golden.write`, and a line in CHANGELOG.md"
+ENCODED, MESSAGES = data.read("encoded"), data.read("messages")
+AGAIN = "if this is intended: `python -m tests.golden.write {}`, and a line in CHANGELOG.md"
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_the_contract_is_as_recorded(name: str):
     found = differences(data.read(name), data.plain(DOCUMENTS[name]()))
-    assert not found, "\n".join([f"data/{name}.json:", *found, AGAIN])
+    assert not found, "\n".join([f"data/{name}.json:", *found, AGAIN.format(name)])
 
 
 @pytest.mark.parametrize("name", ENCODED["types"])
@@ -26,6 +26,8 @@ def test_recorded_bytes_are_decoded_and_encoded_again(name: str):
     read = msgspec.msgpack.decode(payload, type=type_)
     assert read == msgspec.convert(recorded["value"], type_)
     assert product.encode(read) == payload
+    for encoding in (MESSAGES[name]["encoding"], "application/msgpack"):
+        assert product.decode(type_, payload, encoding) == read
     assert msgspec.msgpack.decode(payload) == recorded["value"], (
         "the payload is a map with the names of the fields"
     )
@@ -48,7 +50,7 @@ def test_a_recorded_error_reply_is_read(code: str):
 def test_a_reader_names_both_hashes_of_an_unknown_schema():
     pose = product.wire_types()["Pose"]
     payload = bytes.fromhex(ENCODED["types"]["Pose"]["hex"])
-    known = data.read("messages")["Pose"]["encoding"]
+    known = MESSAGES["Pose"]["encoding"]
     assert product.decode(pose, payload, known) == product.decode(pose, payload, "")
     other = known.partition("#")[0] + "#00000000"
     with pytest.raises(product.QuadctlError) as refused:

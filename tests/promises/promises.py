@@ -273,7 +273,8 @@ setpoints stop: safety or the hub freezes, or the link between them is cut
   = cut <- 200 ms each way and cuts of 5 s between safety and hub
 a process is missing, dead or frozen
   every command ends within its timeout plus 0.2 s, exit 3 or 4, and names the process
-  - cli/exit_codes: every_command_exits_3_when_nothing_runs
+  - unit/cli/offline: without_a_run_the_exit_code_is_3_and_no_file_is_written
+  - cli/transcripts: commands_without_a_run_name_the_next_step
   - cli/frozen: every_command_is_in_a_table commands_end_in_time_right_after_a_freeze
     commands_end_in_time_after_the_hub_dropped_a_process
     a_stream_ends_in_time_when_a_process_freezes commands_that_end_processes_work_with_one_frozen

@@ -5,23 +5,33 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from tests.promises.promises import PROMISES, Promise
 
 ROOT = Path(__file__).parents[2]
+FILE = ROOT / "benchmarks" / "proofs.json"
 
 Proof = dict[str, Any]
 """A result of a long count: `promise`, `found`, `promised`; `commit`, `date`, `processor` of the run."""
 
 
-def table(proofs: list[Proof]) -> str:
+def proofs() -> list[Proof]:
+    """Return the results so far."""
+    found: list[Proof] = msgspec.json.decode(FILE.read_bytes()) if FILE.exists() else []
+    return found
+
+
+def table() -> str:
     """Return the table, and below it the processors of the runs."""
+    found = proofs()
     rows = ["| against | promise | held by | last found |", "|---|---|---|---|"]
     rows += [
         f"| {each.hazard} | {each.promise} | {'<br>'.join(map(_link, each.tests))}"
-        f" | {_figures(each, proofs)} |"
+        f" | {_figures(each, found)} |"
         for each in PROMISES
     ]
-    processors = sorted({proof["processor"] for proof in proofs})
+    processors = sorted({proof["processor"] for proof in found})
     words = (
         "The name of a test is `test_` and its words joined by `_`. The long counts ran on"
         f" {', '.join(processors)}."
@@ -73,11 +83,11 @@ def _link(test: str) -> str:
     return f"**{words}**" if tier(test) == "prove" else words
 
 
-def _figures(promise: Promise, proofs: list[Proof]) -> str:
+def _figures(promise: Promise, found: list[Proof]) -> str:
     shown = [
         f"{of and f'{of}: '}{proof['found']}; promised: {proof['promised']} ({proof['commit']})"
         for words, of in promise.last.items()
-        for proof in proofs
+        for proof in found
         if words in proof["promise"]
     ]
     return "<br>".join(shown) or ("not run yet" if promise.last else "")

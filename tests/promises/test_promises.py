@@ -1,11 +1,9 @@
-"""Every promise has existing tests, and docs/promises.md shows their last results."""
+"""Every promise has existing tests, and every figure a promise."""
 
 import pytest
 
-from benchmarks.tables import between
 from tests.promises.promises import PROMISES, Promise
-from tests.promises.table import ROOT, owners, table, tier
-from tests.support.proofs import read
+from tests.promises.table import owners, proofs, tier
 
 
 def test_every_hazard_has_one_entry():
@@ -31,11 +29,5 @@ def test_a_missing_test_is_reported():
 
 
 def test_every_figure_belongs_to_one_promise():
-    found = {proof["promise"]: len(owners(proof)) for proof in read()}
+    found = {proof["promise"]: len(owners(proof)) for proof in proofs()}
     assert found == dict.fromkeys(found, 1)
-
-
-def test_the_page_has_the_generated_table():
-    text = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
-    made = between(text, "proofs", table(read()))
-    assert text == made, "`python -m tests.support.proofs` writes it again"

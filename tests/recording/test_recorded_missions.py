@@ -1,7 +1,7 @@
 """Recordings played to the current services: their output must equal the recorded output.
 
 A change of behaviour fails here. If it is intended, make the recordings again
-(`python -m tests.support.record_mission NAME.toml`).
+(`python -m tests.golden.write NAME`).
 """
 
 from functools import partial

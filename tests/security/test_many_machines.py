@@ -1,7 +1,6 @@
 """docs/how-to/many-machines.md, executed: each block of commands on the machine that it names."""
 
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,9 +12,9 @@ import pytest
 
 from tests.support.lab import Lab, private_lab
 from tests.support.namespaces import Machine, three_machines
+from tests.support.page_blocks import Command, blocks, commands, fits
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "many-machines.md"
-BLOCK = re.compile(r"^```console (\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SCP = """#!/bin/sh
 while case "$1" in -*) true;; *) false;; esac; do shift; done
 exec cp -r "$1" "{places}/${{2%%:*}}/${{2#*:}}"
@@ -25,24 +24,13 @@ exec cp -r "$1" "{places}/${{2%%:*}}/${{2#*:}}"
 
 class Step(NamedTuple):
     machine: str
-    command: str
-    output: str
+    command: Command
 
 
 def steps() -> list[Step]:
-    """Return the commands of the page in order, each with the output below it."""
-    found = []
-    for machine, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
-        for part in text.split("\n$ ") if text.startswith("$ ") else []:
-            command, _, output = part.removeprefix("$ ").partition("\n")
-            found.append(Step(machine, command, output.rstrip("\n")))
-    return found
-
-
-def fits(shown: str, said: str) -> bool:
-    """Return whether an output matches the shown one; `...` matches anything."""
-    parts = (re.escape(part) for part in re.split(r"\.\.\.(?!\.)", shown))
-    return re.fullmatch(".*".join(parts), said.rstrip("\n"), re.DOTALL) is not None
+    """Return the commands of the page in order, each with its machine."""
+    console = [block for block in blocks(PAGE) if block.language == "console"]
+    return [Step(block.info, command) for block in console for command in commands(block)]
 
 
 @pytest.fixture
@@ -74,24 +62,24 @@ def test_the_commands_of_the_page_print_the_shown_output(
     said: dict[str, dict[str, str]] = {name: {} for name in places}
     to_run = steps()
     assert len(to_run) > 25
-    for step in to_run:
-        machine, lab = places[step.machine]
-        if step.command.startswith("export "):
-            name, _, value = step.command.removeprefix("export ").partition("=")
-            said[step.machine][name] = value
+    for where, (line, shown) in to_run:
+        machine, lab = places[where]
+        if line.startswith("export "):
+            name, _, value = line.removeprefix("export ").partition("=")
+            said[where][name] = value
             continue
         path = os.pathsep.join(
             (str(tmp_path), str(Path(sys.executable).parent), os.environ["PATH"])
         )
         done = subprocess.run(
-            [*machine.enter, "/bin/sh", "-c", step.command],
+            [*machine.enter, "/bin/sh", "-c", line],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             timeout=30,
-            env=lab.environment | said[step.machine] | {"PATH": path},
+            env=lab.environment | said[where] | {"PATH": path},
             cwd=lab.folder,
             check=False,
         )
-        assert fits(step.output, done.stdout), f"{step.command}\n{done.stdout}"
-        assert (done.returncode == 0) is not step.output.startswith("error: "), step.command
+        assert fits(shown, done.stdout), f"{line}\n{done.stdout}"
+        assert (done.returncode == 0) is not shown.startswith("error: "), line

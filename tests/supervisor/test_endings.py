@@ -81,14 +81,6 @@ def test_up_killed_with_sigkill_leaves_no_process_behind(lab: Lab, detached: boo
         shutil.rmtree(lab.home)
 
 
-def test_a_second_up_is_refused_with_the_pid_of_the_first(shared_lab: Lab):
-    before = shared_lab.status()
-    for second in shared_lab.each(["up", "up -d"], "--json").values():
-        assert (second.code, second.out) == (7, "")
-        assert str(before["pid"]) in second.error["message"]
-    assert shared_lab.status() == before
-
-
 def test_two_realms_run_side_by_side_and_do_not_see_each_other(shared_lab: Lab):
     other = ("--realm", "other")
     assert shared_lab.quadctl("up", "-d", *other, "--set", "safety.virtual_cage.x=2").code == 0

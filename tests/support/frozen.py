@@ -94,7 +94,7 @@ FRESH = {
     "hub": ("goto 0 0 1", "state", "param describe safety", "node info pressure"),
     "dynamics": ("state", "topic echo pose -n 1"),
     "pressure": ("calibrate",),
-    "safety": ("hold", "param list"),
+    "safety": ("hold", "state", "param list"),
     "up": ("goto 0 0 1", "status"),
 }
 """The most telling lines, run at once: they end alike before the hub detects the loss."""
@@ -145,7 +145,7 @@ ELSEWHERE = {
     "campaign": "it needs no run, and calls no node",
     "fault inject": "it sets a parameter like `param set`, or sends a signal like `node kill`",
     "fault clear": "the same",
-    "fuzz": "it sends a given number of payloads; test_fuzz_command.py freezes a node before it",
+    "fuzz": "it sends a given number of payloads; test_fuzz.py freezes a node before it",
     "console": "it runs until Ctrl-C: tests/cli/test_console_page.py",
 }
 """Commands without a line, with the reason."""

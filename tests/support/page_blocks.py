@@ -65,5 +65,7 @@ def fits(shown: str, printed: str) -> bool:
 def _pattern(line: str) -> str:
     if line == "...":
         return "(?:.*\n)*"
-    fixed = (re.escape(part).replace(r"\.\.\.", ".*") for part in NUMBER.split(line.rstrip()))
+    # The last three of four points: one before them ends the word.
+    dots = re.compile(r"(?:\\\.){3}(?!\\\.)")
+    fixed = (dots.sub(".*", re.escape(part)) for part in NUMBER.split(line.rstrip()))
     return re.sub(r"(?:\\ )+", " +", ANY_NUMBER.join(fixed)) + "\n"

@@ -118,7 +118,8 @@ WRONG = [
     "goto 1 2", "goto 1 2 abc", "goto 1 2 3 4", "goto 1 2 3 --arrive soon", "type show",
     "status --timeout soon", "status --timeout 0", "status --timeout -1", "status --timeout nan",
     "status --timeout inf", "status --realm", "status --realm ../x", "topic echo pose -n 0",
-    "param set a", "param set a 1 2", "param set a.x=1 b.x=2", "cage sideways",
+    "param set a", "param set a 1 2", "param set a.x=1 b.x=2", "cage sideways", "goto 1_0 2 1",
+    "fleet list --connect garbage", "fleet hold --vehicle uav",
 ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from quadctl.services.runtime.params.catalogue import render
 from tests.support.command_line import Quadctl
 
 CALIBRATE = "bool zero\n---\nfloat64 baseline\n"
+FIELDS = "  try: `quadctl type show calibrate_pressure` prints the fields\n"
 
 
 @pytest.mark.parametrize(
@@ -167,28 +168,66 @@ def test_init_reports_an_unwritable_path(quadctl: Quadctl):
     assert "nowhere/quad.toml cannot be written: No such file or directory\n" in result.err
 
 
-@pytest.mark.parametrize(
-    "command", ["status", "ps", "down", "node list", "state", "hold", "calibrate"]
-)
-def test_without_a_run_the_exit_code_is_3(quadctl: Quadctl, command: str):
-    result = quadctl(*command.split())
+NEEDS_A_RUN = [
+    "status", "ps", "down", "state", "hold", "reset", "calibrate", "cage on", "cage off",
+    "cage show", "goto 1 2 1", "topic list", "topic echo pose", "service list",
+    "service info goto", "service call calibrate_pressure zero=true", "param list",
+    "param get safety.cage_on", "param set safety.takeoff 1", "param dump", "param dump -o x.toml",
+    "param diff", "param load quad.toml", "param save quad.toml",
+    "param set supervise.answer_timeout 3", "node list", "node info safety", "node ping safety",
+    "node ping --all", "node logs", "node logs safety -f", "node kill safety", "record",
+    "plot --live", "fleet list", "fleet hold", "fleet land-all", "fleet goto 0 0 1",
+    "bridge foxglove", "bridge mavlink", "bridge ros2",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", NEEDS_A_RUN)
+def test_without_a_run_the_exit_code_is_3_and_no_file_is_written(
+    quadctl: Quadctl, tmp_path: Path, line: str
+):
+    file = tmp_path / "quad.toml"
+    file.write_text("[safety]\ntakeoff = 2.0\n", encoding="utf-8")
+    result = quadctl(*line.split(), "--json")
     assert (result.code, result.out) == (3, "")
-    assert "quadctl up" in result.err
+    assert result.error["code"] == "unreachable"
+    assert "quadctl up" in result.error["hint"]
+    assert list(tmp_path.iterdir()) == [file]
+    assert file.read_text(encoding="utf-8") == "[safety]\ntakeoff = 2.0\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("service call calibrat True",
+         "error: there is no service calibrat\n  try: did you mean calibrate_pressure?\n"),
+        ("service call calibrate_pressure",
+         f"error: not a valid CalibrateRequest: Object missing required field `zero`\n{FIELDS}"),
+        ("service call calibrate_pressure zero=3",
+         "error: not a valid CalibrateRequest: Expected `bool`, got `int` - at `$.zero`\n" + FIELDS),
+        ("type show Waypont",
+         "error: there is no type Waypont\n  try: did you mean waypoint?\n"),
+        ("goto 1 2 nan",
+         "error: z = nan is not a valid coordinate\n  try: coordinates are metres, finite, and at most 10 km from the origin\n"),
+    ],
+)  # fmt: skip
+def test_an_invalid_word_is_named_with_the_next_step(quadctl: Quadctl, line: str, said: str):
+    assert quadctl(*line.split()) == (6, "", said)
 
 
 @pytest.mark.parametrize(
     ("line", "message"),
     [
+        ("fleet list --fleet /dev/full", "fleet"),
+        ("fleet hold --fleet none.toml", "none.toml"),
+        ("service call calibrate_pressure zero=true more=1", "unknown field `more`"),
         ("up none.toml", "none.toml cannot be read"),
         ("up --set safety.takeof=3", "did you mean safety.takeoff?"),
         ("up --set safety.takeoff=nan", "safety.takeoff"),
         ("up --without safty", "safty"),
-        ("service call nonsense", "there is no service nonsense"),
         ("service call goto x=1", "missing required field `y`"),
         ("service call goto x=1 y=2 z=nan", "$.z"),
         ("service call goto 1 2 3 true false false 5", "goto takes 6 values"),
         ('service call goto {"x":', "not JSON"),
-        ("service call calibrate_pressure zero=3", "expected `bool`"),
         ("goto 1 2 3 --arrive 0", "--arrive 0"),
     ],
 )

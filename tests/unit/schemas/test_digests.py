@@ -1,8 +1,8 @@
 """Table of the types' digests."""
 
 from quadctl.schemas.digests import DIGESTS
-from tests.support.digests import computed
+from tests.golden.digests import computed
 
 
 def test_the_table_has_the_digest_of_each_type_on_the_wire():
-    assert computed() == DIGESTS, "after an intended change: `python -m tests.support.digests`"
+    assert computed() == DIGESTS, "after an intended change: `python -m tests.golden.write digests`"

@@ -1,6 +1,5 @@
-"""Keys of all topics and services, as in the contract."""
+"""Rules that hold for all topics and services; tests/golden has the facts of each."""
 
-import msgspec
 import pytest
 
 from quadctl.schemas.messages import Pose
@@ -10,71 +9,8 @@ from quadctl.schemas.topics import (
     SETPOINT,
     TOPICS,
     Topic,
-    get_params,
-    set_params,
 )
 from quadctl.services.runtime.process_table import NODES
-
-TOPIC_TABLE = {
-    "uav/pose": ("Pose", "dynamics", 100, False),
-    "uav/pose/slow": ("Pose", "dynamics", 20, False),
-    "uav/sensors/pressure": ("Pressure", "pressure", 10, False),
-    "uav/safety/state": ("SafetyState", "safety", 1, True),
-    "uav/safety/zones": ("Zones", "safety", 0, True),
-    "uav/input/position_request": ("Waypoint", "", 0, False),
-    "uav/input/position": ("Setpoint", "safety", 20, False),
-    "uav/info": ("Info", "safety", 0, True),
-}
-SERVICE_TABLE = {
-    "uav/@srv/calibrate_pressure": ("Calibrate", "pressure", ["zero"], ["baseline"]),
-    "uav/@srv/toggle_cage": ("ToggleCage", "safety", ["cage_on"], ["success"]),
-    "uav/@srv/goto": (
-        "Goto",
-        "safety",
-        ["x", "y", "z", "replace", "direct", "wait"],
-        ["accepted", "reason"],
-    ),
-    "uav/@srv/hold": ("Hold", "safety", [], ["success"]),
-    "uav/@srv/reset": ("Reset", "dynamics", [], ["success"]),
-}
-
-
-def test_every_topic_of_the_contract_is_declared():
-    declared = {
-        topic.key("uav"): (topic.type.__name__, topic.node, topic.hz, topic.latched)
-        for topic in TOPICS
-    }
-    assert TOPIC_TABLE.items() <= declared.items()
-
-
-def test_every_service_of_the_contract_is_declared():
-    declared = {
-        service.key("uav"): (
-            service.type_name,
-            service.node,
-            list(service.request.__struct_fields__),
-            list(service.response.__struct_fields__),
-        )
-        for service in SERVICES
-    }
-    assert SERVICE_TABLE.items() <= declared.items()
-
-
-@pytest.mark.parametrize("node", NODES)
-def test_every_node_has_the_two_services_of_its_parameters(node: str):
-    get, put = get_params(node), set_params(node)
-    assert (get.key("uav"), get.type_name) == (f"uav/@srv/{node}/get_params", "GetParams")
-    assert (put.key("uav"), put.type_name) == (f"uav/@srv/{node}/set_params", "SetParams")
-    assert get.node == put.node == node
-    assert get.request.__struct_fields__ == ("names",)
-    assert get.response.__struct_fields__ == ("values", "in_force")
-    assert put.request.__struct_fields__ == ("values",)
-    assert put.response.__struct_fields__ == ("success", "reason", "waits")
-
-
-def test_goto_does_not_replace_unless_asked():
-    (replace,) = [f for f in msgspec.structs.fields(SERVICES[2].request) if f.name == "replace"]
-    assert replace.default is False
 
 
 def test_names_are_unique_and_the_vehicle_is_the_first_chunk():

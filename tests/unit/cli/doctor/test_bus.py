@@ -95,9 +95,16 @@ def test_at_another_speed_rates_use_simulated_time():
     answers = {"uav/@srv/dynamics/get_params": [Answer("d", "", 0.001, {"dynamics.speed": 5.0})]}
     simulated = list(bus.topics(survey(topics=fast, answers=answers), "uav"))
     assert {check.verdict for check in simulated} == {"PASS"}
-    assert sum("(simulated time)" in check.evidence for check in simulated) == 4
+    rated = [offer for offer in TOPIC if offer.hz > 1]
+    assert sum("(simulated time)" in check.evidence for check in simulated) == len(rated)
     real = list(bus.topics(survey(topics=fast), "uav"))
-    assert [check.verdict for check in real].count("WARN") == 4
+    assert [check.verdict for check in real].count("WARN") == len(rated)
+
+
+def test_a_subscription_is_taken_for_no_topic():
+    """Safety subscribes to poses that nobody publishes here."""
+    wanted = replace(POSE, kind="@sub", node="safety")
+    assert list(bus.topics(survey(offers=[wanted]), "uav")) == []
 
 
 def test_a_second_publisher_fails():

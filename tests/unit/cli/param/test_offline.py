@@ -8,12 +8,6 @@ from quadctl.schemas.params import FIXED_AT_LAUNCH
 from quadctl.services.runtime.params import catalogue
 from tests.support.command_line import Quadctl
 
-NEEDS_A_RUN = [
-    "param dump", "param dump -o x.toml", "param diff", "param load quad.toml",
-    "param save quad.toml", "param set supervise.answer_timeout 3", "node info safety",
-    "node ping safety", "node ping --all", "node logs", "node logs safety -f", "node kill safety",
-]  # fmt: skip
-
 INVALID = {
     "param describe safety.takeof": (6, "did you mean safety.takeoff?"),
     "param describe nonsense": (6, "quadctl init"),
@@ -35,24 +29,9 @@ INVALID = {
 }
 
 FILES = {
-    "quad.toml.good": "[safety]\ntakeoff = 2.0\n",
     "broken.toml": "[safety\ntakeoff = 2.0\n",
     "unknown.toml": "[safety]\ntakeof = 2.0\n",
 }
-
-
-@pytest.mark.parametrize("line", NEEDS_A_RUN)
-def test_without_a_run_the_exit_code_is_3_and_no_file_is_written(
-    quadctl: Quadctl, tmp_path: Path, line: str
-):
-    file = tmp_path / "quad.toml"
-    file.write_text(FILES["quad.toml.good"], encoding="utf-8")
-    result = quadctl(*line.split(), "--json")
-    assert (result.code, result.out) == (3, "")
-    assert result.error["code"] == "unreachable"
-    assert "quadctl up" in result.error["hint"]
-    assert list(tmp_path.iterdir()) == [file]
-    assert file.read_text(encoding="utf-8") == FILES["quad.toml.good"]
 
 
 @pytest.mark.parametrize("line", INVALID)

@@ -1,4 +1,4 @@
-"""Script for the pictures of pages in docs/: `python -m tests.support.console_pictures`."""
+"""Pictures of the console and of a campaign's report, as Chromium shows them."""
 
 from pathlib import Path
 
@@ -6,9 +6,8 @@ from tests.support.browser import PHONE, Tab, browser
 from tests.support.lab import private_lab
 from tests.support.served_console import served
 
-DOCS = Path(__file__).parents[2] / "docs"
-SIZE = (1440, 1060)
-ZONES = """
+_SIZE = (1440, 1060)
+_ZONES = """
 [[safety.zones]]
 name = "tower"
 polygon = [[-3.9, -0.6], [-2.7, -0.6], [-2.7, 0.6], [-3.9, 0.6]]
@@ -17,10 +16,10 @@ name = "pond"
 circle = { x = 0.5, y = 1.2, radius = 0.8 }
 ceiling = 1.5
 """
-REPORT = ("campaign", "--flights", 10_000, "--seed", 1, "--faults", "--report", "report.html")
+_REPORT = ("campaign", "--flights", 10_000, "--seed", 1, "--faults", "--report", "report.html")
 
 
-def fly(page: Tab) -> None:
+def _fly(page: Tab) -> None:
     """Fly a round with a refusal and a calibration for the pictures."""
     page.until(
         "document.body?.dataset.link === 'live' && document.body.dataset.state === 'HOVERING'", 40
@@ -39,31 +38,26 @@ def fly(page: Tab) -> None:
     page.until("!document.querySelector('.q-notification')", 30)
 
 
-def console_pages() -> None:
-    """Fly among zones, and write the console's pictures."""
+def draw_console(desk: Path, phone: Path) -> None:
+    """Fly among zones, and draw the console on a desk and on a phone."""
     with private_lab() as lab:
-        lab.start(lab.file(ZONES), "--set", "safety.virtual_cage.z=3")
+        lab.start(lab.file(_ZONES), "--set", "safety.virtual_cage.z=3")
         with served(lab) as console, browser() as chromium:
-            page = chromium.tab(console.control, SIZE)
-            fly(page)
-            phone = chromium.tab(console.control, PHONE)
-            phone.until("document.body?.dataset.link === 'live'", 40)
+            page = chromium.tab(console.control, _SIZE)
+            _fly(page)
+            small = chromium.tab(console.control, PHONE)
+            small.until("document.body?.dataset.link === 'live'", 40)
             page.floor(-3, -2)
             page.reads(".safety .leg", "leg 2 of 3")
-            page.picture(DOCS / "console.png")
-            phone.reads(".journal", "at (-3, -2, 1)", within=30)
-            phone.picture(DOCS / "console-phone.png")
+            page.picture(desk)
+            small.reads(".journal", "at (-3, -2, 1)", within=30)
+            small.picture(phone)
 
 
-def report_page() -> None:
-    """Run a campaign, and write the picture of its report."""
+def draw_report(file: Path) -> None:
+    """Run a campaign, and draw its report."""
     with private_lab() as lab, browser() as chromium:
-        lab.quadctl(*REPORT, timeout=600.0)
+        lab.quadctl(*_REPORT, timeout=600.0)
         report = chromium.tab(f"file://{lab.folder / 'report.html'}", (1200, 1000))
         report.until("!!document.querySelector('.tile')")
-        report.picture(DOCS / "campaign-report.png")
-
-
-if __name__ == "__main__":
-    console_pages()
-    report_page()
+        report.picture(file)

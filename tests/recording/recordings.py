@@ -1,9 +1,5 @@
-"""Records a mission for the tests: python -m tests.support.record_mission NAME.toml [NAME=VALUE ...]
+"""Recordings of the missions in data/, flown again."""
 
-Run it after an intended change of behaviour, and check the changes with `quadctl plot`.
-"""
-
-import sys
 import tempfile
 from pathlib import Path
 
@@ -14,18 +10,19 @@ from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 from tests.support.lab import Lab, private_lab
 from tests.support.running import eventually
 
-_HERE = Path(__file__).parents[1] / "recording" / "data"
+_DATA = Path(__file__).parent / "data"
+SETTINGS = {"barometer": ("--set", "pressure.profile=bmp280"), "cage": ()}
+"""Settings of each mission beside those of all, by its name."""
 _BEFORE = 5
 """Number of poses kept from the boot before the flight's."""
 
 
-def main(mission: str, settings: list[str]) -> None:
-    """Fly the mission in lock-step, and keep its recording."""
+def write(name: str) -> None:
+    """Fly the mission of that name in lock-step, and keep its recording."""
+    mission = _DATA / f"{name}.toml"
     with private_lab() as lab:
-        words = [word for value in settings for word in ("--set", value)]
-        lab.start("--set", "dynamics.speed=0", "--set", "dynamics.rate=20", *words)
-        raw = record(lab, _HERE / mission)
-        trim(raw, (_HERE / mission).with_suffix(".mcap"))
+        lab.start("--set", "dynamics.speed=0", "--set", "dynamics.rate=20", *SETTINGS[name])
+        trim(record(lab, mission), mission.with_suffix(".mcap"))
 
 
 def record(lab: Lab, mission: Path) -> Path:
@@ -61,7 +58,3 @@ def trim(raw: Path, target: Path) -> None:
         writer.finish()
         writer.close()
         fresh.replace(target)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])

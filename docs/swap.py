@@ -1,33 +1,31 @@
-"""Fifty vehicles that change places: python -m tests.support.swap draws docs/swap.svg."""
-
-from pathlib import Path
+"""Picture of fifty vehicles that change places, flown by the plan of `fleet goto`."""
 
 from quadctl.cli.fleet.plan import Point, plan
 from quadctl.cli.fleet.plan import Space as Airspace
 from quadctl.schemas.messages import Position
 from tests.support.fleet_flights import ACROSS, TALL, FleetFlight, fly_plan
 
-COUNT, COLUMNS, GAP, CAGE = 50, 10, 0.8, 5.0
+_COUNT, _COLUMNS, _GAP, _CAGE = 50, 10, 0.8, 5.0
+"""Vehicles, vehicles in a row, metres between them, and the cage's bound, m."""
 _SCALE, _EDGE, _TITLE = 46, 12, 20
 """Pixels for a metre, around a view, and for its title."""
 _BENDS = 0.02
 """Metres off a straight line at which a path gets a point."""
-_FILE = Path(__file__).parents[2] / "docs" / "swap.svg"
 
 
 def places() -> list[Point]:
     """Return the places of a grid at a height of 1 m; each vehicle goes to the one opposite."""
-    rows = COUNT // COLUMNS
+    rows = _COUNT // _COLUMNS
     return [
-        (GAP * (n % COLUMNS - (COLUMNS - 1) / 2), GAP * (n // COLUMNS - (rows - 1) / 2), 1.0)
-        for n in range(COUNT)
+        (_GAP * (n % _COLUMNS - (_COLUMNS - 1) / 2), _GAP * (n // _COLUMNS - (rows - 1) / 2), 1.0)
+        for n in range(_COUNT)
     ]
 
 
 def flown() -> tuple[FleetFlight, list[list[Point]]]:
     """Fly the real vehicles by a plan, and return their paths."""
     starts = places()
-    flight = FleetFlight(*(Position(*place) for place in starts), size=CAGE, height=CAGE)
+    flight = FleetFlight(*(Position(*place) for place in starts), size=_CAGE, height=_CAGE)
     paths: list[list[Point]] = [[] for _ in starts]
 
     def look() -> None:
@@ -37,7 +35,7 @@ def flown() -> tuple[FleetFlight, list[list[Point]]]:
             path.append(member.vehicle.position)
 
     ends = {f"uav{n}": place for n, place in enumerate(reversed(starts))}
-    space = Airspace(ACROSS, TALL, (-CAGE, -CAGE, 0.0), (CAGE, CAGE, CAGE), lambda *_: True)
+    space = Airspace(ACROSS, TALL, (-_CAGE, -_CAGE, 0.0), (_CAGE, _CAGE, _CAGE), lambda *_: True)
     legs = plan({f"uav{n}": place for n, place in enumerate(starts)}, ends, space)
     fly_plan(flight, legs, look)
     return flight, paths
@@ -46,17 +44,17 @@ def flown() -> tuple[FleetFlight, list[list[Point]]]:
 def picture(flight: FleetFlight, paths: list[list[Point]]) -> str:
     """Return the paths from above and from the side as SVG."""
     seconds = flight.members[0].vehicle.time
-    title = f"{COUNT} vehicles change places in {seconds:.0f} s, seen from above"
+    title = f"{_COUNT} vehicles change places in {seconds:.0f} s, seen from above"
     least = f"from the side; least distance {flight.nearest:.2f} of what they keep"
-    size = 2 * CAGE * _SCALE
-    width, height = size + 2 * _EDGE, size + CAGE * _SCALE + 2 * _TITLE + 3 * _EDGE
+    size = 2 * _CAGE * _SCALE
+    width, height = size + 2 * _EDGE, size + _CAGE * _SCALE + 2 * _TITLE + 3 * _EDGE
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" font-family="sans-serif" font-size="13">',
         f"<title>{title}</title>", f'<rect width="{width:.0f}" height="{height:.0f}" fill="#fff"/>',
     ]  # fmt: skip
     for name, up, top, low, high in (
-        (title, 1, _TITLE, -CAGE, CAGE),
-        (least, 2, size + 2 * _TITLE + _EDGE, 0.0, CAGE),
+        (title, 1, _TITLE, -_CAGE, _CAGE),
+        (least, 2, size + 2 * _TITLE + _EDGE, 0.0, _CAGE),
     ):
         tall = (high - low) * _SCALE
         parts.append(f'<text x="{_EDGE}" y="{top - 5:.0f}">{name}</text>')
@@ -65,11 +63,11 @@ def picture(flight: FleetFlight, paths: list[list[Point]]) -> str:
         )
         for number, path in enumerate(paths):
             points = [
-                (_EDGE + (p[0] + CAGE) * _SCALE, top + (high - p[up]) * _SCALE)
+                (_EDGE + (p[0] + _CAGE) * _SCALE, top + (high - p[up]) * _SCALE)
                 for p in _bends(path)
             ]
             text = " ".join(f"{x:.0f},{y:.0f}" for x, y in points)
-            colour = f"hsl({number * 360 // COUNT} 70% 42%)"
+            colour = f"hsl({number * 360 // _COUNT} 70% 42%)"
             parts.append(
                 f'<polyline points="{text}" fill="none" stroke="{colour}" stroke-opacity="0.7"/>'
             )
@@ -101,7 +99,3 @@ def _off(p: Point, a: Point, b: Point) -> float:
         else 0.0
     )
     return sum((e - t * d) ** 2 for d, e in zip(way, to, strict=True)) ** 0.5
-
-
-if __name__ == "__main__":
-    _FILE.write_text(picture(*flown()), encoding="utf-8")

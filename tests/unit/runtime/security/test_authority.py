@@ -69,7 +69,10 @@ def test_an_independent_verifier_accepts_a_hub(fleet: Path):
     """Check it by the rules for servers on the web, which browsers enforce."""
     rules = verification.PolicyBuilder().store(verification.Store([loaded(fleet / "ca.pem")]))
     *addresses, name = HOSTS
-    known = [x509.DNSName(name), *(x509.IPAddress(ipaddress.ip_address(at)) for at in addresses)]
+    known: list[x509.DNSName | x509.IPAddress] = [
+        x509.DNSName(name),
+        *(x509.IPAddress(ipaddress.ip_address(at)) for at in addresses),
+    ]
     for host in known:
         rules.build_server_verifier(host).verify(loaded(fleet / "hub" / "cert.pem"), [])
 

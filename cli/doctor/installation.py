@@ -1,7 +1,7 @@
 """Checks of the installation: Python, packages, and the origin of the modules imported."""
 
+import csv
 import hashlib
-import os
 import sys
 import sysconfig
 from base64 import urlsafe_b64encode
@@ -98,21 +98,26 @@ def _origin(path: list[str]) -> str:
 
 def _altered(ours: metadata.Distribution) -> list[str]:
     """Return the installed files of ours that are missing or changed."""
+    # `ours.files` lacks the missing ones since Python 3.12.
+    record = csv.reader((ours.read_text("RECORD") or "").splitlines())
     return [
-        str(file)
-        for file in ours.files or ()
-        if file.hash is not None and file.parts[0] == _PACKAGE and not _is_intact(file)
+        file
+        for file, digest, _ in record
+        if digest
+        and file.startswith(f"{_PACKAGE}/")
+        and not _is_intact(Path(str(ours.locate_file(file))), digest)
     ]
 
 
-def _is_intact(file: metadata.PackagePath) -> bool:
+def _is_intact(file: Path, digest: str) -> bool:
+    """Return whether a file has the digest of a RECORD, e.g. `sha256=47DEQpj8HBSa`."""
     try:
-        data = Path(os.fspath(file.locate())).read_bytes()
+        data = file.read_bytes()
     except OSError:
         return False
-    assert file.hash is not None  # noqa: S101 - checked by the caller
-    digest = hashlib.new(file.hash.mode, data).digest()
-    return urlsafe_b64encode(digest).decode().rstrip("=") == file.hash.value
+    kind, _, wanted = digest.partition("=")
+    found = hashlib.new(kind, data).digest()
+    return urlsafe_b64encode(found).decode().rstrip("=") == wanted
 
 
 _REINSTALL = "`python -m pip install --force-reinstall quadctl`, in an environment of its own"

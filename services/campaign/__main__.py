@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing, nullcontext
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
@@ -89,41 +90,42 @@ def _fly(order: Order, client: "Client | None") -> None:
     workers, probe = _started(count)
     # Without a name the database is a temporary file.
     kept = order.db or order.report
-    database = Database(order.db, order.conditions, probe.hash) if kept else None
-    missing = (
-        database.missing(every, size)
-        if database
-        else (every[first : first + size] for first in range(0, len(every), size))
-    )
-    jobs = [Job(part.start, len(part), order.conditions) for part in missing]
-    tally, worst = Tally(every), 0.0
-    flown = order.flights - sum(job.count for job in jobs)
-    emit({"ready": flown})
+    opened = closing(Database(order.db, order.conditions, probe.hash)) if kept else nullcontext()
+    with opened as database:
+        missing = (
+            database.missing(every, size)
+            if database
+            else (every[first : first + size] for first in range(0, len(every), size))
+        )
+        jobs = [Job(part.start, len(part), order.conditions) for part in missing]
+        tally, worst = Tally(every), 0.0
+        flown = order.flights - sum(job.count for job in jobs)
+        emit({"ready": flown})
 
-    def on_flown(more: list[Flown]) -> None:
-        nonlocal flown, worst
-        flown += len(more)
-        worst = max(worst, *(flight.worst_excursion for flight in more))
-        if database:
-            database.add(more)
+        def on_flown(more: list[Flown]) -> None:
+            nonlocal flown, worst
+            flown += len(more)
+            worst = max(worst, *(flight.worst_excursion for flight in more))
+            if database:
+                database.add(more)
+            else:
+                for flight in more:
+                    tally.add(flight)
+            emit({"flown": flown, "worst": worst})
+
+        if client and jobs:
+            from quadctl.services.campaign.cluster import ClusterPool
+
+            pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
+            pool.fly(PROBE, [probe])
         else:
-            for flight in more:
-                tally.add(flight)
-        emit({"flown": flown, "worst": worst})
-
-    if client and jobs:
-        from quadctl.services.campaign.cluster import ClusterPool
-
-        pool = ClusterPool(client, jobs, on_flown, lambda note: emit({"note": note}))
-        pool.fly(PROBE, [probe])
-    else:
-        WorkerPool(jobs, on_flown).fly(workers)
-    for flight in database.flights(every) if database else ():
-        tally.add(flight)
-    figures = tally.document(order.seed)
-    if database and order.report:
-        _write_report(order, database, figures)
-    emit({"report": figures})
+            WorkerPool(jobs, on_flown).fly(workers)
+        for flight in database.flights(every) if database else ():
+            tally.add(flight)
+        figures = tally.document(order.seed)
+        if database and order.report:
+            _write_report(order, database, figures)
+        emit({"report": figures})
 
 
 def _write_report(order: Order, database: Database, figures: dict[str, Any]) -> None:

@@ -36,24 +36,36 @@ class Database:
         Raises Invalid if the file holds anything else.
         """
         self._file = file
-        own = (msgspec.json.encode(conditions, order="deterministic").decode(), probe)
         with _explained(file, Invalid):
             # The caller serializes its threads.
             self.connection = sqlite3.connect(file, check_same_thread=False)
-            with self.connection as opened:
-                for table in _TABLES:
-                    opened.execute(table)
-                found = opened.execute("SELECT conditions, probe FROM campaign").fetchone()
-                if found is None:
-                    opened.execute("INSERT INTO campaign VALUES (?, ?)", own)
+        try:
+            self._claim(conditions, probe)
+        except Invalid:
+            self.close()
+            raise
+
+    def _claim(self, conditions: Conditions, probe: str) -> None:
+        """Make the tables if there are none; raise Invalid if the file holds anything else."""
+        own = (msgspec.json.encode(conditions, order="deterministic").decode(), probe)
+        with _explained(self._file, Invalid), self.connection as opened:
+            for table in _TABLES:
+                opened.execute(table)
+            found = opened.execute("SELECT conditions, probe FROM campaign").fetchone()
+            if found is None:
+                opened.execute("INSERT INTO campaign VALUES (?, ?)", own)
         for held, wanted, what in zip(
             found or own, own, ("under other conditions", "by another version"), strict=True
         ):
             if held != wanted:
                 raise Invalid(
-                    f"{file} has flights {what}: {held}, and not {wanted}",
+                    f"{self._file} has flights {what}: {held}, and not {wanted}",
                     "choose another --db FILE",
                 )
+
+    def close(self) -> None:
+        """Close the file; no other method works after it."""
+        self.connection.close()
 
     def add(self, flights: Iterable[Flown]) -> None:
         """Store flights; those that are there already stay. Raises QuadctlError if it fails."""

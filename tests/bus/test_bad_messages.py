@@ -250,3 +250,18 @@ def test_parameters_out_of_bounds_change_nothing(hover: Bare):
         assert reply.value["success"] is False
         assert name.partition(".")[0] in reply.value["reason"]
     assert snapshot(hover) == before
+
+
+@pytest.mark.parametrize("opening", [b"\x91", b"\x81\xa1a"], ids=["lists", "tables"])
+@pytest.mark.parametrize("levels", [300, 900, 9900, 100_000])
+def test_nested_values_end_no_process_and_change_nothing(
+    shared_lab: Lab, hover: Bare, opening: bytes, levels: int
+):
+    """Send values of a depth that some Pythons read and others do not."""
+    before, running = snapshot(hover), pids(shared_lab)
+    values = b"\x81\xa6values\x81\xa6safety\x81\xa7takeoff" + opening * levels + b"\x01"
+    answer = hover.query("uav/@srv/safety/set_params", values)
+    refused = answer.ok and answer.value["success"] is False
+    assert refused or answer.code == "invalid"
+    assert pids(shared_lab) == running
+    assert snapshot(hover) == before

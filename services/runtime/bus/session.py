@@ -30,6 +30,10 @@ CLIENT_THREADS = (
     " app: (worker_threads: 1))"
 )
 """One thread for all: a client does not forward what it reads."""
+_STACK = 16 * 2**20
+"""Bytes for the stack of a thread of Zenoh; only the used ones take memory. A reader of nested data
+calls itself for each level, and Python 3.12 and 3.13 end that at 10 000 calls: more than fit in the
+usual 2 MB, so that one message would end the process."""
 _DECLARATIONS = 16
 """Batches of 64 KB of declarations that may wait to be written; made when needed. The thread that
 declares holds Zenoh's tables until there is room, and a single thread, which waits for the tables to
@@ -146,16 +150,16 @@ def common_config(address: Address) -> dict[str, Any]:
 
 def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
     """Open a session with these Zenoh threads; raise zenoh.ZError."""
-    # Zenoh reads the variable when the process opens its first session. It must not stay in the
+    # Zenoh reads both when the process opens its first session. They must not stay in the
     # environment: child processes have their own.
-    ours = "ZENOH_RUNTIME" not in os.environ
-    if ours:
-        os.environ["ZENOH_RUNTIME"] = threads
+    wanted = {"ZENOH_RUNTIME": threads, "RUST_MIN_STACK": str(_STACK)}
+    ours = {name: value for name, value in wanted.items() if name not in os.environ}
+    os.environ.update(ours)
     try:
         return zenoh.open(zenoh.Config.from_json5(msgspec.json.encode(config).decode()))
     finally:
-        if ours:
-            del os.environ["ZENOH_RUNTIME"]
+        for name in ours:
+            del os.environ[name]
 
 
 _REOPENING = 2.0

@@ -112,7 +112,11 @@ class LiveParams:
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}
         in_wind = False
-        for name, value in flatten(values):
+        try:
+            leaves = list(flatten(values))
+        except RecursionError as error:
+            raise Invalid("the values are nested too deep") from error
+        for name, value in leaves:
             if normal_name(name).partition(".")[0] != self._name:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             put(tables, name, value, "param set")

@@ -21,7 +21,13 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from quadctl.services.runtime.errors import QuadctlError, UsageError
-from quadctl.services.runtime.security.identity import CERTIFICATE, FLEET, KEY, Name
+from quadctl.services.runtime.security.identity import (
+    CERTIFICATE,
+    FLEET,
+    KEY,
+    Name,
+    check_key_identifier,
+)
 
 FLEET_KEY = "ca-key.pem"
 _YEARS = 10
@@ -35,7 +41,7 @@ class Authority:
     """Folder with a fleet's public certificate, `ca.pem`, and its secret key, `ca-key.pem`."""
 
     def __init__(self, folder: Path) -> None:
-        """Load the fleet's keys; raises UsageError if the folder has none."""
+        """Load the fleet's keys; raises UsageError if the folder has none, or old ones."""
         try:
             self._certificate = x509.load_pem_x509_certificate((folder / FLEET).read_bytes())
             key = load_pem_private_key((folder / FLEET_KEY).read_bytes(), None)
@@ -46,6 +52,7 @@ class Authority:
             ) from error
         if not isinstance(key, ec.EllipticCurvePrivateKey):
             raise UsageError(f"{folder / FLEET_KEY} is not a fleet's key")
+        check_key_identifier(str(folder / FLEET))
         self._key = key
 
     @staticmethod
@@ -62,8 +69,9 @@ class Authority:
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_usage(signs=True), critical=True)
         )
+        certificate = _signed(builder, key, key)
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _write(folder / FLEET, builder.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
+        _write(folder / FLEET, certificate)
         _write_key(folder / FLEET_KEY, key)
 
     def issue(self, name: Name, hosts: list[str], folder: Path) -> None:
@@ -85,13 +93,14 @@ class Authority:
         )
         if name.role == "hub":
             usages.append(ExtendedKeyUsageOID.SERVER_AUTH)
-            at = x509.SubjectAlternativeName([_host(host) for host in hosts])
-            builder = builder.add_extension(at, critical=False)
-        builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=True)
-        certificate = builder.sign(self._key, hashes.SHA256())
+            if hosts:  # an empty list of addresses is no valid one
+                at = x509.SubjectAlternativeName([_host(host) for host in hosts])
+                builder = builder.add_extension(at, critical=False)
+        builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+        certificate = _signed(builder, key, self._key)
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         _write_key(folder / KEY, key)
-        _write(folder / CERTIFICATE, certificate.public_bytes(Encoding.PEM))
+        _write(folder / CERTIFICATE, certificate)
         _write(folder / FLEET, self._certificate.public_bytes(Encoding.PEM))
 
 
@@ -116,6 +125,18 @@ def _host(host: str) -> x509.GeneralName:
 
 def _named(text: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+
+def _signed(
+    builder: x509.CertificateBuilder,
+    key: ec.EllipticCurvePrivateKey,
+    authority: ec.EllipticCurvePrivateKey,
+) -> bytes:
+    """Return the certificate of a key in PEM, with the identifiers of both keys (RFC 5280)."""
+    subject = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
+    issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority.public_key())
+    builder = builder.add_extension(subject, critical=False).add_extension(issuer, critical=False)
+    return builder.sign(authority, hashes.SHA256()).public_bytes(Encoding.PEM)
 
 
 def _usage(*, signs: bool) -> x509.KeyUsage:

@@ -1,5 +1,6 @@
 """Identity of a process: a folder with certificate and key."""
 
+import binascii
 import os
 import sys
 import time
@@ -36,13 +37,17 @@ VARIABLE = "QUADCTL_IDENTITY"
 """Environment variable with the folder, inherited by child processes; `--identity` sets it."""
 FLEET, CERTIFICATE, KEY, ABOUT = "ca.pem", "cert.pem", "key.pem", "identity.json"
 _HINT = "issue one with `quadctl keys issue operator anna`, and copy its folder"
+_KEY_IDENTIFIERS = {FLEET: b"\x06\x03\x55\x1d\x0e", CERTIFICATE: b"\x06\x03\x55\x1d\x23"}
+"""Extension that strict verifiers ask for, as in DER: the Subject's in a fleet's certificate, the
+Authority's in a member's (RFC 5280, 4.2.1). To import a parser takes longer than a call on the bus.
+"""
 
 
 class Identity:
     """Folder made by `quadctl keys issue`."""
 
     def __init__(self, folder: str) -> None:
-        """Raise UsageError if a file is missing or the key not private, NotAllowed if expired."""
+        """Raise NotAllowed if the certificate has expired, UsageError for a file of no use."""
         self.folder = folder
         for file in (FLEET, CERTIFICATE, KEY, ABOUT):
             if not os.access(self.path(file), os.R_OK):
@@ -62,6 +67,9 @@ class Identity:
                 f"issue it again with `quadctl keys issue {self.name.role} {self.name.name}`",
             )
 
+        for file in _KEY_IDENTIFIERS:
+            check_key_identifier(self.path(file))
+
     def path(self, file: str) -> str:
         """Return the full path of one of its files."""
         return os.path.join(os.path.abspath(self.folder), file)
@@ -79,6 +87,26 @@ class Identity:
             "verify_name_on_connect": True,
             "close_link_on_expiration": True,
         }
+
+
+def check_key_identifier(path: str) -> None:
+    """Raise UsageError if the certificate, `ca.pem` or `cert.pem`, has no key identifier.
+
+    Python 3.13 and later, among others, refuse it then. All do here: machines of a fleet differ.
+    """
+    with open(path, "rb") as file:
+        pem = file.read()
+    try:
+        der = binascii.a2b_base64(pem.split(b"-----")[2])
+    except (IndexError, binascii.Error) as error:
+        raise UsageError(f"{path} is no certificate", _HINT) from error
+    if _KEY_IDENTIFIERS[os.path.basename(path)] not in der:
+        raise UsageError(
+            f"{path} was made by an older quadctl: it has no key identifier, and Python 3.13 and"
+            " later refuse it",
+            "move the folder of the fleet's keys away, make new ones with `quadctl keys init`, and"
+            " issue all certificates again with `quadctl keys issue`",
+        )
 
 
 def choose(folder: str) -> None:

@@ -1,5 +1,6 @@
 """Database of a campaign: flights in and out, gaps, and files of something else."""
 
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -17,22 +18,23 @@ CONDITIONS = Conditions(2.0, faults=True, given={"safety.takeoff": 2.0})
 def test_flights_come_back_as_they_were_and_in_order(tmp_path: Path):
     file = str(tmp_path / "flights.sqlite")
     flown = batch(range(4), 2.0, faults=True).fly()
-    Database(file, CONDITIONS, "probe").add(reversed(flown))
-    again = Database(file, CONDITIONS, "probe")
-    again.add(flown)
-    assert list(again.flights(range(10))) == flown
-    assert list(again.flights(range(1, 3))) == flown[1:3]
+    with closing(Database(file, CONDITIONS, "probe")) as database:
+        database.add(reversed(flown))
+    with closing(Database(file, CONDITIONS, "probe")) as again:
+        again.add(flown)
+        assert list(again.flights(range(10))) == flown
+        assert list(again.flights(range(1, 3))) == flown[1:3]
 
 
 @settings(max_examples=50)
 @given(st.sets(st.integers(0, 12)), st.integers(1, 5))
 def test_the_missing_seeds_are_those_without_a_flight(stored: set[int], longest: int):
-    database = Database(":memory:", CONDITIONS, "probe")
     rows = [(seed, *["{}"] * 13) for seed in stored]
-    database.connection.executemany(
-        "INSERT INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows
-    )
-    found = list(database.missing(range(2, 11), longest))
+    with closing(Database(":memory:", CONDITIONS, "probe")) as database:
+        database.connection.executemany(
+            "INSERT INTO flights VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows
+        )
+        found = list(database.missing(range(2, 11), longest))
     assert all(1 <= len(part) <= longest for part in found)
     assert [seed for part in found for seed in part] == sorted(set(range(2, 11)) - stored)
 
@@ -45,7 +47,7 @@ def test_flights_of_another_campaign_are_refused(
     tmp_path: Path, conditions: Conditions, probe: str, what: str
 ):
     file = str(tmp_path / "flights.sqlite")
-    Database(file, CONDITIONS, "probe")
+    Database(file, CONDITIONS, "probe").close()
     with pytest.raises(Invalid, match=what):
         Database(file, conditions, probe)
 
@@ -53,15 +55,15 @@ def test_flights_of_another_campaign_are_refused(
 def test_a_file_that_is_no_database_is_refused_unchanged(tmp_path: Path):
     file = tmp_path / "notes.txt"
     file.write_text("notes" * 100)
-    with pytest.raises(Invalid, match="not a database"):
-        Database(str(file), CONDITIONS, "probe")
+    for other in (file, tmp_path / "none" / "x"):
+        with pytest.raises(Invalid, match=f"{other.name} cannot be used: ") as caught:
+            Database(str(other), CONDITIONS, "probe")
+        assert "--db" in caught.value.hint
     assert file.read_text() == "notes" * 100
-    with pytest.raises(Invalid, match="unable to open"):
-        Database(str(tmp_path / "none" / "x"), CONDITIONS, "probe")
 
 
 def test_a_file_that_cannot_be_written_is_an_error():
-    database = Database(":memory:", CONDITIONS, "probe")
-    database.connection.execute("PRAGMA query_only = on")
-    with pytest.raises(QuadctlError, match="readonly"):
-        database.add(batch([0], 1.0).fly())
+    with closing(Database(":memory:", CONDITIONS, "probe")) as database:
+        database.connection.execute("PRAGMA query_only = on")
+        with pytest.raises(QuadctlError, match="cannot be used: "):
+            database.add(batch([0], 1.0).fly())

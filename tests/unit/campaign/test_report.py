@@ -4,6 +4,7 @@ import json
 import re
 import sqlite3
 from collections import Counter
+from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -52,14 +53,9 @@ def track(seed: int) -> FlightTrack:
 
 def written(file: Path, flights: int = 12, violations: dict[int, list[str]] | None = None) -> str:
     connection, figures = campaign(flights, violations or {})
-    write(
-        file,
-        connection,
-        figures,
-        "quadctl campaign <all>",
-        "quadctl campaign --replay {}".format,
-        track,
-    )
+    commands = "quadctl campaign <all>", "quadctl campaign --replay {}".format
+    with closing(connection):
+        write(file, connection, figures, *commands, track)
     return file.read_text(encoding="utf-8")
 
 

@@ -167,7 +167,7 @@ def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Positio
         return goals
     # Goals, not positions: arriving within the range, a vehicle would fall behind each time.
     states = hubs.ask(
-        fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True, all_or_none=True
+        fleet.members, lambda _, client: client.latest(STATE).goal, all_or_none=True
     )
     if states.problems:
         # The centre depends on every vehicle.
@@ -262,7 +262,7 @@ class _Flights:
                 self.accepted.append(member.name)
             return flight
 
-        results = self._hubs.ask(members, ask, bounded=True)
+        results = self._hubs.ask(members, ask)
         self.problems |= results.problems
         for name, flight in results.answers.items():
             self.answers[name] = flight
@@ -275,7 +275,7 @@ class _Flights:
         flying = [m for m in members if (one := self.answers.get(m.name)) and one.accepted]
         if flying and self._follow:
             watched = self._hubs.ask(
-                flying, lambda member, _: self._watch(member.name), bounded=False
+                flying, lambda member, _: self._watch(member.name)
             )
             self.problems |= watched.problems
 
@@ -295,7 +295,7 @@ class _Flights:
                 distances.watch(member.name, client)
                 course.fly(member.name, client, partial(self._begin, member.name))
 
-            self.problems |= self._hubs.ask(members, fly, bounded=False).problems
+            self.problems |= self._hubs.ask(members, fly).problems
         # Faster than real time, poses are too old on arrival.
         if course.in_real_time and self._follow:
             self._closest = distances.closest

@@ -166,9 +166,7 @@ def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Positio
     if goals is not None:
         return goals
     # Goals, not positions: arriving within the range, a vehicle would fall behind each time.
-    states = hubs.ask(
-        fleet.members, lambda _, client: client.latest(STATE).goal, all_or_none=True
-    )
+    states = hubs.ask(fleet.members, lambda _, client: client.latest(STATE).goal, all_or_none=True)
     if states.problems:
         # The centre depends on every vehicle.
         raise no_vehicle_sent(states.problems, [member.name for member in fleet.members])
@@ -274,9 +272,7 @@ class _Flights:
                 self.problems[name] = Refused(flight.reason, hint)
         flying = [m for m in members if (one := self.answers.get(m.name)) and one.accepted]
         if flying and self._follow:
-            watched = self._hubs.ask(
-                flying, lambda member, _: self._watch(member.name)
-            )
+            watched = self._hubs.ask(flying, lambda member, _: self._watch(member.name))
             self.problems |= watched.problems
 
     def _fly_in_order(self, members: list[Member], course: Course) -> None:

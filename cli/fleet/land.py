@@ -122,9 +122,7 @@ def _stop(client: Client, left: float, told: Barrier) -> None:
             told.wait(left)
 
 
-def _land(
-    client: Client, board: FleetProgress, name: str, arrive: float | None
-) -> Position:
+def _land(client: Client, board: FleetProgress, name: str, arrive: float | None) -> Position:
     """Land a vehicle that stops; return the position on the ground, or raise the obstacle."""
     at = (slowed(client, _SLOW, _STOPPING) or client.first(POSE)).position
     goal = ground_below(at, client.latest(STATE))

@@ -157,9 +157,7 @@ def main() -> int:
     try:
         run(launch, emit, on_settled, on_look)
     except QuadctlError as error:
-        _settle(
-            StartupReport(settled=True, failed=error.message, code=error.code, hint=error.hint)
-        )
+        _settle(StartupReport(settled=True, failed=error.message, code=error.code, hint=error.hint))
         return error.exit_code
     return 0
 

@@ -43,7 +43,7 @@ def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab
 def test_two_vehicles_fly_without_numba(without_numba: Lab):
     lab = without_numba
     lab.start("--vehicles", 2, "--set", "dynamics.rate=20")
-    done = lab.quadctl("fleet", "goto", "0", "0", "1.5", timeout=60)
+    done = lab.quadctl("fleet", "goto", "0", "0", "1.5")
     assert done.code == 0, done.err
     assert "compil" not in lab.log("dynamics")
 
@@ -240,7 +240,7 @@ def test_a_file_is_compared_and_saved_by_vehicle(three_vehicles: Lab):
 
 def test_doctor_passes_for_each_vehicle(three_vehicles: Lab):
     for vehicle in VEHICLES[:2]:
-        found = three_vehicles.quadctl("doctor", "--vehicle", vehicle, "--json", timeout=60)
+        found = three_vehicles.quadctl("doctor", "--vehicle", vehicle, "--json")
         assert found.json["ok"], found.out
     none = three_vehicles.quadctl("doctor", "--vehicle", "uav9", "--json")
     assert none.code == 8

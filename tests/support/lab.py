@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from tests.support.bare import Bare
-from tests.support.running import Done, Foreground, alive, eventually
+from tests.support.running import DEADLINE, Done, Foreground, alive, eventually
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
@@ -55,11 +55,11 @@ class Lab:
         """Return the realm's folder."""
         return self.runtime / "quadctl" / self.realm
 
-    def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
+    def quadctl(self, *words: object, timeout: float = DEADLINE, **environment: str) -> Done:
         """Run one command of quadctl to its end."""
         return self.run(self.command(*words), timeout, **environment)
 
-    def run(self, command: Sequence[str], timeout: float = 30.0, **environment: str) -> Done:
+    def run(self, command: Sequence[str], timeout: float = DEADLINE, **environment: str) -> Done:
         """Run any program to its end, in the realm's folder and environment."""
         done = subprocess.run(
             command,
@@ -147,7 +147,7 @@ class Lab:
         os.kill(pid, number)
         return pid
 
-    def revived(self, node: str, old: int, within: float = 10.0) -> None:
+    def revived(self, node: str, old: int, within: float = DEADLINE) -> None:
         """Wait until the node is ready as another process."""
 
         def is_back() -> bool:
@@ -191,7 +191,7 @@ class Lab:
 
     def taken_logs(self) -> dict[str, str]:
         """Remove the logs that a failed start has left, and nothing else; return them by file."""
-        eventually(lambda: not self.processes(), 10.0)
+        eventually(lambda: not self.processes())
         assert [path.name for path in self.home.iterdir()] == ["logs"]
         logs = {path.name: path.read_text(encoding="utf-8") for path in self.home.glob("logs/*")}
         shutil.rmtree(self.home)
@@ -206,7 +206,7 @@ class Lab:
         try:
             if self.processes():
                 self.quadctl("down")
-            eventually(lambda: not self.processes(), 10.0)
+            eventually(lambda: not self.processes())
             assert not self.home.exists(), sorted(self.home.iterdir())
         finally:
             for pid in self.processes():

@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.support.running import DEADLINE
+
 _PATH = os.pathsep.join((os.environ.get("PATH", ""), "/usr/sbin", "/sbin", "/usr/bin", "/bin"))
 """Search path with the folders of `ip`, which only root's path has."""
 _LOOPBACK = (("link", "set", "lo", "up"),)
@@ -72,7 +74,7 @@ class Machine:
 
     def end(self) -> None:
         """Remove the namespace with all its links."""
-        self._holder.communicate(timeout=5)
+        self._holder.communicate(timeout=DEADLINE)
 
 
 _HOLD = "import os, sys; print(os.getpid(), flush=True); sys.stdin.read()"

@@ -4,7 +4,7 @@ import json
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
@@ -147,6 +147,20 @@ class Bare:
         """Return the current state of safety."""
         state: dict[str, Any] = self.latest("uav/safety/state")
         return state
+
+    def restart(self, vehicles: Iterable[str]) -> None:
+        """Turn the cage on and the baseline off, and put each vehicle on its start; wait until all hover."""
+        boots, watches = set[str](), list[Watch]()
+        for vehicle in vehicles:
+            assert self.query(f"{vehicle}/@srv/toggle_cage", pack({"cage_on": True})).ok
+            assert self.query(f"{vehicle}/@srv/calibrate_pressure", pack({"zero": False})).ok
+            boots.add(self.latest(f"{vehicle}/safety/state")["boot"])
+            watches.append(self.watch(f"{vehicle}/safety/state"))
+            assert self.query(f"{vehicle}/@srv/reset", pack({})).ok
+        for states in watches:
+            states.until(
+                lambda s: s["boot"] not in boots and s["state"] == "HOVERING" and s["goal"]["z"] > 0
+            )
 
     def fly(self, x: float, y: float, z: float) -> dict[str, Any]:
         """Fly to a point, replacing any goal, and return the state on arrival."""

@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from tests.support.bare import Bare
+from tests.support.bare import Bare, pack
 from tests.support.running import DEADLINE, Done, Foreground, alive, eventually
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
@@ -49,6 +49,7 @@ class Lab:
             "XDG_CACHE_HOME": str(CACHE),
         }
         self._foreground: list[Foreground] = []
+        self._launched: dict[tuple[str, str], dict[str, Any]] = {}
 
     @property
     def home(self) -> Path:
@@ -93,6 +94,39 @@ class Lab:
         notes = [line.partition(": ") for line in done.err.splitlines()]
         assert all(name in {"starting", *self.nodes()} and what for name, _, what in notes), done
         return done
+
+    def share(self, *words: object) -> None:
+        """Start a run for several tests, each of which begins with `put_back`."""
+        self.start(*words)
+        with self.bare() as bare:
+            self._launched = self._parameters(bare)
+
+    def put_back(self) -> None:
+        """Undo what an earlier test may have left: parameters, cage, baseline, and goals with their flights.
+
+        Each vehicle hovers at its start, in a new boot.
+        """
+        with self.bare() as bare:
+            for (vehicle, node), now in self._parameters(bare).items():
+                launched = self._launched[vehicle, node]
+                changed = {name: launched[name] for name in now if now[name] != launched[name]}
+                if changed:
+                    set_ = bare.query(
+                        f"{vehicle}/@srv/{node}/set_params", pack({"values": changed})
+                    )
+                    assert set_.value["success"], set_
+            bare.restart(self.status()["vehicles"])
+
+    def _parameters(self, bare: Bare) -> dict[tuple[str, str], dict[str, Any]]:
+        """Return the parameters of each vehicle's node."""
+        return {
+            (vehicle, node): bare.query(
+                f"{vehicle}/@srv/{node}/get_params", pack({"names": []})
+            ).value["values"]
+            for vehicle in self.status()["vehicles"]
+            for node in NODES
+            if node != "hub"
+        }
 
     def foreground(self, *words: object) -> Foreground:
         """Run `quadctl up` in the foreground, and wait until all nodes are ready."""

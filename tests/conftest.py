@@ -157,7 +157,7 @@ def lab() -> Iterator[Lab]:
 def shared_lab() -> Iterator[Lab]:
     """Running system that many tests share; the vehicle hovers at (0, 0, 1)."""
     with private_lab() as made:
-        made.start("--set", "dynamics.start.z=1", *PATIENT)
+        made.share("--set", "dynamics.start.z=1", *PATIENT)
         yield made
 
 
@@ -169,12 +169,7 @@ def bare(shared_lab: Lab) -> Iterator[Bare]:
 
 
 @pytest.fixture
-def hover(bare: Bare) -> Bare:
-    """`bare` with the vehicle at rest at (0, 0, 1), the cage on and the baseline 0."""
-    states = bare.watch("uav/safety/state")
-    for service, field in (("toggle_cage", "cage_on"), ("calibrate_pressure", "zero")):
-        assert bare.call(service, **{field: field == "cage_on"}).ok
-    boot = bare.state()["boot"]
-    assert bare.call("reset").value == {"success": True}
-    states.until(lambda s: s["boot"] != boot and s["state"] == "HOVERING" and s["goal"]["z"] == 1)
+def hover(shared_lab: Lab, bare: Bare) -> Bare:
+    """`bare` with the vehicle at rest at (0, 0, 1), the cage on, the baseline 0, and parameters as launched."""
+    shared_lab.put_back()
     return bare

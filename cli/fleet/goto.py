@@ -166,9 +166,7 @@ def _goals(target: FleetGoal, fleet: FleetFile, hubs: Hubs) -> dict[str, Positio
     if goals is not None:
         return goals
     # Goals, not positions: arriving within the range, a vehicle would fall behind each time.
-    states = hubs.ask(
-        fleet.members, lambda _, client: client.latest(STATE).goal, bounded=True, all_or_none=True
-    )
+    states = hubs.ask(fleet.members, lambda _, client: client.latest(STATE).goal, all_or_none=True)
     if states.problems:
         # The centre depends on every vehicle.
         raise no_vehicle_sent(states.problems, [member.name for member in fleet.members])
@@ -262,7 +260,7 @@ class _Flights:
                 self.accepted.append(member.name)
             return flight
 
-        results = self._hubs.ask(members, ask, bounded=True)
+        results = self._hubs.ask(members, ask)
         self.problems |= results.problems
         for name, flight in results.answers.items():
             self.answers[name] = flight
@@ -274,9 +272,7 @@ class _Flights:
                 self.problems[name] = Refused(flight.reason, hint)
         flying = [m for m in members if (one := self.answers.get(m.name)) and one.accepted]
         if flying and self._follow:
-            watched = self._hubs.ask(
-                flying, lambda member, _: self._watch(member.name), bounded=False
-            )
+            watched = self._hubs.ask(flying, lambda member, _: self._watch(member.name))
             self.problems |= watched.problems
 
     def _fly_in_order(self, members: list[Member], course: Course) -> None:
@@ -295,7 +291,7 @@ class _Flights:
                 distances.watch(member.name, client)
                 course.fly(member.name, client, partial(self._begin, member.name))
 
-            self.problems |= self._hubs.ask(members, fly, bounded=False).problems
+            self.problems |= self._hubs.ask(members, fly).problems
         # Faster than real time, poses are too old on arrival.
         if course.in_real_time and self._follow:
             self._closest = distances.closest

@@ -25,7 +25,7 @@ from quadctl.services.runtime.vehicles import in_run, vehicles_of
 
 T = TypeVar("T")
 
-_SLACK = 0.15  # s beyond the timeout for a late vehicle to report its own error
+_SLACK = 0.15  # s beyond the timeout for a late hub's own error
 _CLOSING = 0.1  # s to close the connections; a hub that is away is not waited for
 
 
@@ -50,20 +50,12 @@ class Hubs:
     def client(self, connect: str, vehicle: str, timeout: float) -> Client:
         """Return a vehicle's client with the rest of the timeout (s); raise as context.connect."""
         ends = time.monotonic() + timeout
+        options = structs.replace(self._options, connect=connect, named=vehicle, timeout=timeout)
         with self._lock:
-            is_first = connect not in self._found
-            found = self._found.setdefault(connect, Future())
-        if is_first:
-            options = structs.replace(
-                self._options, connect=connect, named=vehicle, timeout=timeout
-            )
-            try:
-                found.set_result(context.connect(options))
-            except BaseException as problem:
-                found.set_exception(problem)
-                raise
+            if connect not in self._found:
+                self._found[connect] = _in_background(lambda: context.connect(options))
         try:
-            shared = found.result(max(ends - time.monotonic(), 0))
+            shared = self._found[connect].result(max(ends + _SLACK - time.monotonic(), 0))
         except TimeoutError as error:
             raise TimedOut(
                 f"{connect or 'the hub'} did not answer within {timeout:g} s",
@@ -76,13 +68,12 @@ class Hubs:
         members: Collection[Member],
         do: Callable[[Member, Client], T],
         *,
-        bounded: bool,
         all_or_none: bool = False,
     ) -> Answers[T]:
         """Call `do` for all members at once, each on its own thread; return the results by name.
 
-        A client's timeout is the rest of --timeout. If `bounded`, nothing is awaited for longer;
-        with `all_or_none`, nothing is awaited after the first failure.
+        A client's timeout is the rest of --timeout. With `all_or_none`, nothing is awaited after the
+        first failure.
         """
         by_name = {member.name: member for member in members}
         timeout = self._options.timeout
@@ -91,8 +82,21 @@ class Hubs:
             member = by_name[name]
             return do(member, self.client(member.connect, member.vehicle, timeout))
 
-        within = timeout + _SLACK if bounded else None
-        return ask_each(by_name, one, within, all_or_none=all_or_none)
+        return ask_each(by_name, one, all_or_none=all_or_none)
+
+
+def _in_background(make: Callable[[], T]) -> Future[T]:
+    """Return the result to come of a call on a thread: nobody has to wait for it."""
+    result: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            result.set_result(make())
+        except BaseException as problem:  # noqa: BLE001 - raised again for each that asks
+            result.set_exception(problem)
+
+    threading.Thread(target=run, daemon=True).start()
+    return result
 
 
 File = Annotated[

@@ -1,5 +1,8 @@
 """`fleet hold` and `fleet land-all`."""
 
+from collections import Counter
+from contextlib import suppress
+from threading import Barrier, BrokenBarrierError
 from typing import Annotated
 
 from quadctl.cli import output
@@ -27,7 +30,7 @@ def hold(options: Options, file: File = None) -> None:
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        found = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()), bounded=True)
+        found = hubs.ask(members, lambda _, client: client.call(HOLD, HoldRequest()))
     rows = [
         row(m, options, found.problems.get(m.name), stopped=m.name in found.answers)
         for m in members
@@ -64,16 +67,19 @@ def land_all(
     check_arrive(arrive)
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
+        hub_sizes = Counter(member.connect for member in members)
+        told = {connect: Barrier(size) for connect, size in hub_sizes.items()}
         with FleetProgress(
             "landing", [member.name for member in members], quiet=options.json
         ) as board:
 
             def land(member: Member, client: Client) -> Position:
                 left, client.timeout = client.timeout, options.timeout
-                return _land(client, board, member.name, left, arrive)
+                _stop(client, left, told[member.connect])
+                return _land(client, board, member.name, arrive)
 
             try:
-                found = hubs.ask(members, land, bounded=False)
+                found = hubs.ask(members, land)
             except KeyboardInterrupt:
                 output.note("stopped waiting: the landings go on; `quadctl fleet hold` stops them")
                 raise
@@ -103,11 +109,21 @@ class _Descent(Flight):
         self._arrived = self.pose is not None and self.pose.stamp - self._still_since > long
 
 
-def _land(
-    client: Client, board: FleetProgress, name: str, left: float, arrive: float | None
-) -> Position:
-    """Stop within `left` s, and land; return the position on the ground, or raise the obstacle."""
-    client.call(HOLD, HoldRequest(), left)
+def _stop(client: Client, left: float, told: Barrier) -> None:
+    """Stop a vehicle within `left` s, and wait until the others of its hub were told to stop, too.
+
+    Until then another one may fly to a goal just where this one is to land.
+    """
+    try:
+        client.call(HOLD, HoldRequest(), left)
+    finally:
+        # A vehicle that is not connected in time never comes here.
+        with suppress(BrokenBarrierError):
+            told.wait(left)
+
+
+def _land(client: Client, board: FleetProgress, name: str, arrive: float | None) -> Position:
+    """Land a vehicle that stops; return the position on the ground, or raise the obstacle."""
     at = (slowed(client, _SLOW, _STOPPING) or client.first(POSE)).position
     goal = ground_below(at, client.latest(STATE))
     flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True, wait=True))

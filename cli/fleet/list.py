@@ -43,7 +43,7 @@ def list_(options: Options, file: File = None) -> None:
     """
     with Hubs(options) as hubs:
         members = fleet_of(options, file, hubs).members
-        results = hubs.ask(members, _subscribe, bounded=True)
+        results = hubs.ask(members, _subscribe)
         # Read the poses now, after the wait for the slowest vehicle.
         seen = {name: _view(answer) for name, answer in results.answers.items()}
     partly = {name: one.problem for name, one in seen.items() if one.problem}

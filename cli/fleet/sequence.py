@@ -76,7 +76,7 @@ def course_of(
     ends = {name: astuple(goals[name]) for name in names.values()}
     if len(everyone) == 1:
         return Course(_planned({}, ends), {}, {}, replace=replace)
-    found = hubs.ask(everyone, lambda _, client: _known(client), bounded=False)
+    found = hubs.ask(everyone, lambda _, client: _known(client))
     known = dict(found.answers)
     # A second wait for their flights would double the timeout.
     silent = {
@@ -87,7 +87,7 @@ def course_of(
     ends = {name: end for name, end in ends.items() if name not in silent}
     if replace and (bent := _bent(known, ends)):
         stop = [member for member in everyone if member.name in bent]
-        known |= hubs.ask(stop, lambda _, client: _stopped(client), bounded=False).answers
+        known |= hubs.ask(stop, lambda _, client: _stopped(client)).answers
     return Course(_planned(known, ends), known, silent, replace=replace)
 
 

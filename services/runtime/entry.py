@@ -38,6 +38,9 @@ class ReopenSession(Exception):
 
 _CTRL_C = 130
 _HUB_WAIT = 5.0
+"""Seconds to wait for a hub."""
+_SUPERVISED_WAIT = 3600.0
+"""The same under a supervisor, which ends a start that takes too long, and knows how busy the machine is."""
 _FORGOTTEN = 5.0
 """Seconds after the end of our session in which hubs may still list its name as taken."""
 _REST = 0.3
@@ -181,7 +184,8 @@ def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
 
 
 def _open_client(address: session.Address, _params: Params, _realm: Realm) -> zenoh.Session:
-    return session.open_client(address, wait=_HUB_WAIT)
+    supervised = os.environ.get("QUADCTL_SUPERVISED")
+    return session.open_client(address, wait=_SUPERVISED_WAIT if supervised else _HUB_WAIT)
 
 
 def _serve_params(node: Node, params: Params, realm: Realm) -> None:

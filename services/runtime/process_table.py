@@ -127,7 +127,8 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
 class RestartPolicy:
     """State of one process and the policy of its restarts; time (s) is passed in.
 
-    Silence counts from readiness if it `must_answer`, else from its first answer, if any comes.
+    Silence counts from readiness if it `must_answer`, else from its first answer, if any comes. Time in
+    which it waits for a processor counts nowhere: that is no fault of a process. See `excuse`.
     """
 
     def __init__(self, *, must_announce: bool = True, must_answer: bool = False) -> None:
@@ -170,6 +171,14 @@ class RestartPolicy:
             self._answered = now
         if self.state != "ready" and self._must_announce:
             self._started = now
+
+    def excuse(self, seconds: float) -> None:
+        """Leave out so many seconds of its past: it could not run, or its messages could not arrive."""
+        self._started += seconds
+        if self._ready_since is not None:
+            self._ready_since += seconds
+        if self._answered is not None:
+            self._answered += seconds
 
     def timed_out(self, now: float, answer_timeout: float) -> str:
         """Return why a running process must be ended; empty if it need not."""

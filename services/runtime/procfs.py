@@ -10,6 +10,8 @@ _PPID, _UTIME, _STIME, _STARTED = 1, 11, 12, 19
 """Fields of /proc/PID/stat, counted after the command's name."""
 _RESIDENT = 1
 """Field of /proc/PID/statm: pages in memory."""
+_WAITED = 1
+"""Field of /proc/PID/schedstat: nanoseconds in which it could run, but had no processor."""
 
 
 class ProcessStats(Struct, frozen=True):
@@ -50,6 +52,26 @@ def pss_of(pid: int) -> int | None:
         if line.startswith("Pss:"):
             return int(line.split()[1]) * 1024
     return None
+
+
+class WaitMeter:
+    """Meter of the time for which the main thread of a process, or of a descendant, waits for a processor."""
+
+    def __init__(self) -> None:
+        self._waits: dict[int, float] = {}
+
+    def read(self, pid: int) -> float:
+        """Return the seconds since the last call, of the process that waited longest; 0 where unknown."""
+        before, self._waits = self._waits, _waits_of(pid)
+        return max([0.0, *(wait - before.get(one, 0.0) for one, wait in self._waits.items())])
+
+
+def _waits_of(pid: int) -> dict[int, float]:
+    fields = _read(pid, "schedstat").split()
+    waits = {pid: int(fields[_WAITED]) / 1e9} if fields else {}
+    for child in _read(pid, f"task/{pid}/children").split():
+        waits |= _waits_of(int(child))
+    return waits
 
 
 def parent_of(pid: int) -> int | None:

@@ -11,7 +11,7 @@ import pytest
 import quadctl
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import read
-from tests.support.running import alive, eventually
+from tests.support.running import DEADLINE, alive, eventually
 
 FAST = {"dynamics.speed": 0}
 
@@ -66,8 +66,8 @@ def test_a_run_ends_with_its_program_however_that_ends(tmp_path: Path, ending: s
         processes = pids(running.stdout.readline().strip())
         running.stdin.write("\n")
         running.stdin.flush()
-        running.wait(20)
-    assert eventually(lambda: gone(processes), 10)
+        running.wait(DEADLINE)
+    assert eventually(lambda: gone(processes))
 
 
 @pytest.mark.thorough

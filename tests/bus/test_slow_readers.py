@@ -14,7 +14,7 @@ import zenoh
 from tests.support.bare import Bare, unpack
 from tests.support.lab import PATIENT, Lab, private_lab
 from tests.support.proofs import Proofs
-from tests.support.running import eventually
+from tests.support.running import DEADLINE, eventually
 
 SIZE = 8_000_000
 
@@ -39,7 +39,7 @@ def test_a_query_of_megabytes_arrives_complete_and_is_answered():
 
 
 def echoed(caller: Bare, sent: bytes) -> list[bytes]:
-    replies = caller.session.get("stranger/echo", payload=sent, timeout=20.0)
+    replies = caller.session.get("stranger/echo", payload=sent, timeout=DEADLINE)
     return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
 
 
@@ -151,7 +151,7 @@ def test_in_lockstep_no_message_of_a_node_of_ones_own_is_lost_to_a_slow_reader(l
     with lab.bare() as bare:
         callback = zenoh.handlers.Callback(slowly, indirect=False)
         subscriber = bare.session.declare_subscriber("uav/own/number", callback)
-        eventually(lambda: numbers and numbers[-1] == 19_999, 20.0)
+        eventually(lambda: numbers and numbers[-1] == 19_999)
         subscriber.undeclare()
     assert numbers == list(range(20_000))
 

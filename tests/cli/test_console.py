@@ -22,7 +22,7 @@ from websockets.typing import Origin
 from quadctl.services.runtime import procfs
 from tests.support.command_line import Quadctl, runner
 from tests.support.lab import Lab, private_lab
-from tests.support.running import eventually
+from tests.support.running import DEADLINE, eventually
 from tests.support.served_console import Console, served
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
@@ -120,7 +120,7 @@ def test_a_page_of_another_site_is_refused(console_of_two: Console):
     assert refused.value.response.status_code == 403
     own = f"http://{urlsplit(console_of_two.watch).netloc}"
     with connect(address, origin=Origin(own)) as taken:
-        assert taken.recv(timeout=10)
+        assert taken.recv(timeout=DEADLINE)
 
 
 MOST = 50
@@ -141,7 +141,7 @@ def test_pages_that_do_not_read_are_limited_and_end_with_it(two_vehicles: Lab):
         get(console.watch)
         for _ in range(MOST):
             held.enter_context(asked(console))
-        eventually(lambda: get(console.watch)[0] == 503, 120.0)
+        eventually(lambda: get(console.watch)[0] == 503)
         assert get(console.watch)[:2] == (
             503,
             "50 pages are open already: close some, wait a minute\n",
@@ -229,5 +229,5 @@ async def send_events(watch: str, client: str, events: list[tuple[str, object]])
     answered = asyncio.Event()
     # The server handles a client's events in order: it answers this one last.
     await socket.emit("event", {"client_id": "?"}, callback=lambda *_: answered.set())
-    await asyncio.wait_for(answered.wait(), 10)
+    await asyncio.wait_for(answered.wait(), DEADLINE)
     await socket.disconnect()

@@ -51,7 +51,7 @@ LIVE = "document.body?.dataset.link === 'live'"
 def page(console: Console, chromium: Browser) -> Iterator[Tab]:
     """Controlling page in one tab that the tests share."""
     tab = chromium.tab(console.control)
-    tab.until(LIVE, 40)
+    tab.until(LIVE)
     tab.until("document.body.dataset.state === 'HOVERING'")
     yield tab
     assert tab.errors == []
@@ -62,7 +62,7 @@ def page(console: Console, chromium: Browser) -> Iterator[Tab]:
 def phone(console: Console, chromium: Browser) -> Iterator[Tab]:
     """Controlling page with the screen of a phone."""
     tab = chromium.tab(console.control, PHONE)
-    tab.until(LIVE, 40)
+    tab.until(LIVE)
     yield tab
     assert tab.errors == []
     tab.close()
@@ -166,7 +166,7 @@ def test_a_parameter_is_changed_and_checked(page: Tab, running_lab: Lab):
     page.reads(".safety", "x [-4, 4]")
     assert running_lab.quadctl("param", "get", name, "--json").json == {name: 4.0}
     enter_parameter(page, name, "0.1")
-    page.reads(".q-notification.bg-negative", "0.2", within=20)
+    page.reads(".q-notification.bg-negative", "0.2")
     page.until(f"{parameter_value(page, name)} === '4.0'")
     assert running_lab.quadctl("param", "set", name, 5).code == 0
     page.until(f"{parameter_value(page, name)} === '5.0'")
@@ -247,7 +247,7 @@ def test_a_page_without_the_token_cannot_change_anything(
     console: Console, chromium: Browser, running_lab: Lab
 ):
     watching = chromium.tab(console.watch)
-    watching.until(LIVE, 40)
+    watching.until(LIVE)
     watching.reads(".top", "watching only")
     before = running_lab.quadctl("state", "--json").json
     pids = [node["pid"] for node in running_lab.nodes().values()]

@@ -13,14 +13,14 @@ import zenoh
 from tests.support.bare import Bare, pack
 from tests.support.doctored import Found, ask, frozen, glance
 from tests.support.lab import NODES, Lab, private_lab
-from tests.support.running import Done, eventually
+from tests.support.running import DEADLINE, Done, eventually
 
 
 @pytest.mark.thorough
 def test_doctor_reports_a_restarted_node_and_a_dead_one(lab: Lab):
     file = lab.file("[processes]\nextra = ['sh', '-c', 'echo no wings; exit 1']\n")
     run = lab.spawn(*lab.command("up", file))
-    eventually(lambda: lab.nodes().get("extra", {}).get("state") == "down", 30.0)
+    eventually(lambda: lab.nodes().get("extra", {}).get("state") == "down")
     eventually(lambda: lab.nodes()["safety"]["state"] == "ready")
     lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
     found = ask(lab)
@@ -168,7 +168,7 @@ def test_doctor_finds_second_servers_publishers_and_other_schemas(patient: Lab):
             bare.session.put("uav/sensors/pressure", pack({"stamp": 1.0}), timestamp=stamp)
             return doctor.ended
 
-        eventually(published, 30.0)
+        eventually(published)
         for token in tokens:
             token.undeclare()
         goto.undeclare()
@@ -195,7 +195,7 @@ def test_doctor_finds_a_second_publisher_of_setpoints(patient: Lab):
             bare.put("uav/input/position", {"boot": pose["boot"], "for_seq": pose["seq"], **where})
             return doctor.ended
 
-        eventually(written, 30.0)
+        eventually(written)
         assert states.messages, "safety keeps publishing"
     found = Found(Done(doctor.wait(), doctor.log, ""))
     said = found.said("publishers", "FAIL")
@@ -220,7 +220,7 @@ def test_doctor_finds_an_unwritable_realm(patient: Lab):
     done = subprocess.run(
         ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh",
          *patient.command("doctor", "--json", "--timeout", "0.3")],
-        env=patient.environment, capture_output=True, text=True, timeout=30, check=False,
+        env=patient.environment, capture_output=True, text=True, timeout=DEADLINE, check=False,
     )  # fmt: skip
     found = Found(Done(done.returncode, done.stdout, done.stderr))
     assert f"{patient.home} cannot be written to" in found.said("disk", "FAIL")

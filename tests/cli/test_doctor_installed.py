@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 
 from tests.support.lab import Lab
+from tests.support.running import DEADLINE
 
 ROOT = Path(__file__).parents[2]
 
 
 def ask(lab: Lab, **environment: str) -> dict[str, Any]:
     """Return the checks of a faulty installation, by name."""
-    done = lab.quadctl("doctor", "--json", timeout=30.0, **environment)
+    done = lab.quadctl("doctor", "--json", **environment)
     assert (done.code, done.err) == (8, "")
     return {check["name"]: check for check in done.json["checks"]}
 
@@ -58,7 +59,7 @@ def test_doctor_finds_a_different_checkout_than_the_imported_one(lab: Lab):
     shutil.copytree(ROOT / "src" / "quadctl", copy / "quadctl")
     done = subprocess.run(
         [sys.executable, "-m", "quadctl.cli.main", "doctor", "--json"],
-        cwd=copy, env=lab.environment, capture_output=True, timeout=30, check=False,
+        cwd=copy, env=lab.environment, capture_output=True, timeout=DEADLINE, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (8, b"")
     (imports,) = [c for c in json.loads(done.stdout)["checks"] if c["name"] == "imports"]

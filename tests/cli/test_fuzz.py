@@ -11,7 +11,7 @@ from tests.support.running import eventually
 
 
 def test_no_service_accepts_five_hundred_fuzzed_payloads(shared_lab: Lab):
-    done = shared_lab.quadctl("fuzz", "--payloads", 500, "--seed", 7, "--json", timeout=60)
+    done = shared_lab.quadctl("fuzz", "--payloads", 500, "--seed", 7, "--json")
     assert done.code == 0, done.out
     found = done.json
     assert (found["ok"], found["payloads"], found["seed"], found["faults"]) == (True, 500, 7, [])

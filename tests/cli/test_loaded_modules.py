@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from tests.support.lab import Lab
+from tests.support.running import DEADLINE
 
 SLOW = {
     "asyncio", "quadctl.cli.typer_app", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
@@ -29,7 +30,7 @@ def test_an_everyday_command_loads_nothing_slow(shared_lab: Lab, line: str):
         text=True,
         env=shared_lab.environment,
         check=True,
-        timeout=30,
+        timeout=DEADLINE,
     )
     told = [said for said in done.stderr.splitlines() if said.startswith("import time:")]
     loaded = {said.rpartition("|")[2].strip() for said in told}

@@ -33,7 +33,7 @@ def test_ctrl_c_draws_the_poses_received_so_far(shared_lab: Lab, hover: Bare):
     with shared_lab.bare() as bare:
         bare.watch("uav/pose").next(20)
     run.send(signal.SIGINT)
-    assert run.wait(30.0) == 0, run.log
+    assert run.wait() == 0, run.log
     assert "drew " in run.log
     assert "<svg" in (shared_lab.folder / "then.svg").read_text()
 

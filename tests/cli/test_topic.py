@@ -357,5 +357,5 @@ def test_a_closed_pipe_ends_a_command_quietly(shared_lab: Lab, words: str):
         process.stdout.close()
         if words.startswith("state"):
             shared_lab.quadctl("goto", 9, 9, 9, "--no-wait")
-        assert process.wait(10) == 0
+        assert process.wait() == 0
         assert process.stderr.read() == b""

@@ -79,18 +79,18 @@ def test_a_killed_campaign_continues_from_its_database(lab: Lab):
     database = lab.folder / "flights.sqlite"
 
     flying = lab.spawn(*lab.command(*words, "--db", database.name, "--processes", 1))
-    eventually(lambda: kept(database) > 0, 60.0)
+    eventually(lambda: kept(database) > 0)
     flying.send(signal.SIGKILL)
     flying.wait()
-    eventually(lambda: not lab.processes(), 3.0)
+    eventually(lambda: not lab.processes())
     assert 0 < kept(database) < 1200
-    again = lab.quadctl(*words, "--db", database.name, "--report", "page.html", timeout=100.0)
+    again = lab.quadctl(*words, "--db", database.name, "--report", "page.html")
     page = (lab.folder / "page.html").read_text()
     assert again.json["hash"] in page
     assert f"--replay {again.json['worst']['seed']}<" in page
     assert f" of 1200 flights are in {database.name}" in again.err
     assert kept(database) == 1200
-    assert again.json == lab.quadctl(*words, timeout=100.0).json
+    assert again.json == lab.quadctl(*words).json
 
 
 @pytest.mark.thorough
@@ -117,10 +117,10 @@ def test_a_campaign_flies_the_given_parameters(lab: Lab):
 def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):
     flying = lab.spawn(*lab.command("campaign", "--flights", 1000, "--processes", 2))
     # The command, the campaign's own process, and at least one worker.
-    eventually(lambda: len(lab.processes()) >= 3, 30.0)
+    eventually(lambda: len(lab.processes()) >= 3)
     flying.send(signal.SIGINT)
     assert flying.wait() == 130
-    eventually(lambda: not lab.processes(), 3.0)
+    eventually(lambda: not lab.processes())
 
 
 @pytest.mark.thorough
@@ -129,7 +129,7 @@ def test_a_search_writes_the_worst_flight_as_a_mission(lab: Lab):
     words = ("campaign", "--search", 60, "--flights", 300, "--seed", 1, "--seconds", 6, "--json")
     found = []
     for processes in (1, 2):
-        done = lab.quadctl(*words, "--processes", processes, timeout=60.0)
+        done = lab.quadctl(*words, "--processes", processes)
         assert done.code == 0
         found.append(done.json["search"])
     files = [lab.folder / search.pop("mission") for search in found]
@@ -138,7 +138,7 @@ def test_a_search_writes_the_worst_flight_as_a_mission(lab: Lab):
     assert files[0].read_bytes() == files[1].read_bytes()
     assert (found[0]["evaluations"], found[0]["violations"]) == (300, [])
     assert 0.0 < found[0]["worst_excursion"] < found[0]["allowed"] == 0.01
-    flown = lab.quadctl("fly", files[0].name, "--json", timeout=60.0)
+    flown = lab.quadctl("fly", files[0].name, "--json")
     assert flown.code == 0
     assert flown.json["simulated_seconds"] == 6
     assert any(row["accepted"] for row in flown.json["rows"])
@@ -158,7 +158,7 @@ def test_a_search_that_breaks_a_promise_exits_8(lab: Lab):
         "--set",
         "safety.margin=0.01",
     )
-    done = lab.quadctl(*strict, timeout=60.0)
+    done = lab.quadctl(*strict)
     assert done.code == 8
     assert "VIOLATION    more than 0.01 m beyond the cage" in done.out
     assert done.out.endswith("again: quadctl fly worst_0.toml\n")
@@ -168,11 +168,11 @@ def test_a_search_that_breaks_a_promise_exits_8(lab: Lab):
 def test_ctrl_c_in_a_search_reports_the_worst_flight_so_far(lab: Lab):
     compiled_kernel()
     searching = lab.spawn(*lab.command("campaign", "--search", 600, "--seed", 4))
-    eventually((lab.folder / "worst_4.toml").exists, 60.0)
+    eventually((lab.folder / "worst_4.toml").exists)
     searching.send(signal.SIGINT)
     assert searching.wait() == 130
     assert "again: quadctl fly worst_4.toml" in searching.log
-    eventually(lambda: not lab.processes(), 3.0)
+    eventually(lambda: not lab.processes())
 
 
 @pytest.mark.thorough

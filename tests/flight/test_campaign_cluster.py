@@ -103,8 +103,8 @@ def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: 
     steady, dying = worker(lab, "steady"), worker(lab, "dying", "--preload", "dying.py")
     others = worker(lab, "wrong", "--preload", "wrong.py"), worker_with_old_msgspec(lab, "old")
     workers = (steady, dying, *others)
-    eventually(lambda: all("Registered to:" in each.log for each in workers), 60.0)
-    done = lab.quadctl(*FLIGHTS, *JOBS, "--dask", address, timeout=60.0)
+    eventually(lambda: all("Registered to:" in each.log for each in workers))
+    done = lab.quadctl(*FLIGHTS, *JOBS, "--dask", address)
     assert (done.code, done.json) == (0, report)
     assert dying.ended
     assert "worker wrong is left out: its probe flight differs from the one flown here" in done.err
@@ -113,14 +113,14 @@ def test_workers_that_die_or_differ_leave_the_report_the_same(lab: Lab, report: 
 
     # Ctrl-C ends our flights, not somebody's cluster; and without a scheduler nothing waits.
     flying = lab.spawn(*lab.command(*ENDLESS, address))
-    eventually(lambda: flies(flying), 30.0)
+    eventually(lambda: flies(flying))
     flying.send(signal.SIGINT)
     assert flying.wait() == 130
     flying = lab.spawn(*lab.command(*ENDLESS, address))
-    eventually(lambda: flies(flying), 30.0)
+    eventually(lambda: flies(flying))
     assert alive(steady.pid)
     central.end()
-    assert flying.wait(30.0) == 3, flying.log
+    assert flying.wait() == 3, flying.log
     assert "has gone" in flying.log
     for each in workers:
         each.end()
@@ -143,7 +143,7 @@ def test_20_000_flights_have_one_hash_however_they_are_flown(lab: Lab, proofs: P
 
     central, address = scheduler(lab)
     workers = worker(lab, "steady"), worker(lab, "dying")
-    eventually(lambda: all("Registered to:" in each.log for each in workers), 60.0)
+    eventually(lambda: all("Registered to:" in each.log for each in workers))
     flying = lab.spawn(*lab.command(*words, "--db", "dask.sqlite", "--dask", address))
     eventually(lambda: kept(lab.folder / "dask.sqlite") > 4000, 300.0)
     workers[1].send(signal.SIGKILL)
@@ -174,7 +174,7 @@ def flies(campaign: Foreground) -> bool:
 @pytest.mark.thorough
 def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
     compiled_kernel()
-    done = module_lab.quadctl(*FLIGHTS, "--dask", "local", "--processes", 2, timeout=60.0)
+    done = module_lab.quadctl(*FLIGHTS, "--dask", "local", "--processes", 2)
     assert (done.code, done.json) == (0, report)
     assert done.err in QUIET
 
@@ -184,10 +184,10 @@ def test_processes_of_this_machine_fly_the_same(module_lab: Lab, report: Any):
 def test_a_command_that_ends_leaves_no_worker(lab: Lab, end: int):
     flying = lab.spawn(*lab.command(*ENDLESS, "local", "--processes", 1, "--json"))
     # The command, the campaign, its own worker, and Dask's: a worker and the tracker of resources.
-    eventually(lambda: len(lab.processes()) >= 5, 30.0)
+    eventually(lambda: len(lab.processes()) >= 5)
     flying.send(end)
     assert flying.wait() == (130 if end == signal.SIGINT else -end)
-    eventually(lambda: not lab.processes(), 5.0)
+    eventually(lambda: not lab.processes())
     assert flying.log in QUIET
 
 

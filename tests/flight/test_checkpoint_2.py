@@ -117,8 +117,6 @@ def test_hold_ends_a_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, h
     end = states.until(lambda s: gap(s["goal"], rest) < 0.1)
     assert end["state"] == "HOVERING"
     assert "hold" in end["reason"]
-    back = {"dynamics.control.max_speed": 5.0}
-    assert hover.call("dynamics/set_params", values=back).value["success"]
 
 
 def test_a_goal_is_accepted_as_soon_as_safety_is_ready(lab: Lab):

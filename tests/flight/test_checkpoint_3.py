@@ -61,7 +61,7 @@ def test_calibrating_in_a_climb_warns_and_settling_waits_for_rest(lab: Lab):
     climbing = lab.quadctl("calibrate")
     assert climbing.code == 0
     assert "warning: the samples spread too far for a zero" in climbing.err
-    settled = lab.quadctl("goto", 0, 0, 3, "--replace", "--settle", "--arrive", 60, timeout=90)
+    settled = lab.quadctl("goto", 0, 0, 3, "--replace", "--settle", "--arrive", 60)
     assert settled.code == 0, settled.err
     assert re.search(r"^rests within 0\.0\d m after", settled.out, re.MULTILINE)
 

@@ -261,7 +261,7 @@ def test_a_run_of_its_own_waits_for_a_frozen_process(lab: Lab, fast: Lab):
         os.kill(pid, signal.SIGSTOP)
         time.sleep(2.5)
         os.kill(pid, signal.SIGCONT)
-    assert flying.wait(30) == 0, flying.log
+    assert flying.wait() == 0, flying.log
     flown = json.loads(flying.log.splitlines()[-1])
     assert flown["wall_seconds"] > 2.5
     assert same(flown) == same(fly(fast))

@@ -13,7 +13,7 @@ from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.services.runtime.params import catalogue
 from tests.support.bare import Bare, pack, ticket, unpack
 from tests.support.lab import private_lab
-from tests.support.running import eventually
+from tests.support.running import DEADLINE, eventually
 
 CAGE = {"x": 5.0, "y": 5.0, "z": 2.0}
 GOAL = {"x": 5.0, "y": 3.0, "z": 2.0}
@@ -80,7 +80,7 @@ def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]
             f"uav/@srv/{service}",
             payload=pack(fields),
             attachment=ticket(30, at=at, boot=boot),
-            timeout=30.0,
+            timeout=DEADLINE,
         )
         for service, fields, at in calls
     ]

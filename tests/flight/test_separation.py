@@ -26,14 +26,14 @@ def three() -> Iterator[Lab]:
     """Three vehicles in real time, as they stand in START."""
     with private_lab() as made:
         (made.folder / "quad.toml").write_text(START)
-        made.start("--vehicles", 3, *PATIENT)
+        made.share("--vehicles", 3, *PATIENT)
         yield made
 
 
 @pytest.fixture
 def home(three: Lab) -> Lab:
     """The three vehicles at rest above their starts."""
-    assert three.quadctl("fleet", "hold").code == 0
+    three.put_back()
     done = three.quadctl("fleet", "goto", "uav0=-1,0,1", "uav1=1,0,1", "uav2=3,2,1")
     assert done.code == 0, done.err
     return three

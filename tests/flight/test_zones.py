@@ -22,15 +22,16 @@ ceiling = 1.5
 
 @pytest.fixture(scope="module")
 def zoned() -> Iterator[Lab]:
-    """Private lab with one zone, because zones stay changed."""
+    """System with one zone."""
     with private_lab() as made:
         (made.folder / "quad.toml").write_text(TOWER)
-        made.start("--set", "dynamics.start.z=1", "--set", "dynamics.speed=4", *PATIENT)
+        made.share("--set", "dynamics.start.z=1", "--set", "dynamics.speed=4", *PATIENT)
         yield made
 
 
 @pytest.fixture
 def session(zoned: Lab) -> Iterator[Bare]:
+    zoned.put_back()
     with zoned.bare() as bare:
         yield bare
 

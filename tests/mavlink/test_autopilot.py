@@ -20,7 +20,7 @@ import quadctl
 from quadctl.services.runtime.errors import QuadctlError
 from tests.support.autopilot import HOLD, Rig, command_of, free_udp_port, rig
 from tests.support.proofs import Proofs
-from tests.support.running import eventually
+from tests.support.running import DEADLINE, eventually
 
 
 @pytest.fixture(scope="module")
@@ -204,7 +204,7 @@ def one_flight(made: Rig, draws: random.Random) -> str:
             watch_for(made, draws.uniform(0.2, 1.5))
             return "replaced"
     try:
-        flight.wait(30.0)
+        flight.wait(DEADLINE)
     except QuadctlError:
         vehicle.settle()
         return "stopped by a guard"

@@ -118,7 +118,7 @@ def test_the_blocks_of_a_page_run_in_order(page: Path):
     with reader() as lab:
         for block in blocks(page):
             take(lab, block)
-        eventually(lambda: not lab.processes(), 5.0, lambda: f"{page.name} left a run up")
+        eventually(lambda: not lab.processes(), describe=lambda: f"{page.name} left a run up")
 
 
 def test_every_block_has_a_known_language():

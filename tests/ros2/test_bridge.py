@@ -34,6 +34,7 @@ from quadctl.services.runtime.bus.session import free_port
 from tests.support import bridges, missions
 from tests.support.lab import Lab, private_lab
 from tests.support.ros import RosClient, bridge, bridged, call, raw_client, readers, router
+from tests.support.running import DEADLINE
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +130,9 @@ def test_a_late_joiner_gets_the_latched_state(ros: RosClient, network: str):
     key = graph.endpoint_key(0, "/uav/safety_state", type_.name, type_.hash)
     ros.wait("safety_state")  # the next one comes a second later
     with raw_client(network) as session:
-        found = session.get(f"{key}/@adv/**", accept_replies=zenoh.ReplyKeyExpr.ANY, timeout=2)
+        found = session.get(
+            f"{key}/@adv/**", accept_replies=zenoh.ReplyKeyExpr.ANY, timeout=DEADLINE
+        )
         states = [cdr.decode(String, each.ok.payload.to_bytes()).data for each in found if each.ok]
     assert states
     assert states[0].startswith(("HOVERING", "MOVING", "VERIFYING"))
@@ -146,7 +149,7 @@ def test_garbage_by_the_thousand_changes_nothing(ros: RosClient, run: quadctl.Ru
         for _ in range(50):
             junk = noise.randbytes(noise.randrange(40))
             for attachment in (None, junk, graph.attachment(1, 1, bytes(16))):
-                replies = session.get(key, payload=junk, attachment=attachment, timeout=5)
+                replies = session.get(key, payload=junk, attachment=attachment, timeout=DEADLINE)
                 assert all(reply.ok is None for reply in replies)
     after = run.vehicle.state()
     assert (after.goal, after.request, after.cage_on) == (

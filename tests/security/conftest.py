@@ -33,7 +33,7 @@ def room(proofs: Proofs) -> Iterator[Room]:
         made.start()
         came = time.monotonic()
         names = [student.name for student in made.students]
-        eventually(lambda: list(made.listed()) == names, 60.0)
+        eventually(lambda: list(made.listed()) == names)
         seen = time.monotonic()
         made.listen(held)
         made.rests()

@@ -50,7 +50,7 @@ def test_a_signal_ends_a_foreground_run_and_all_its_processes(lab: Lab, number: 
     assert all(map(alive, pids))
     eventually(lambda: sleep_durations(lab) == {"96", "97", "98", "99"})
     run.send(number)
-    assert run.wait(5) == code
+    assert run.wait() == code
     assert not any(map(alive, pids))
     assert lab.is_gone()
     assert "Traceback" not in run.log
@@ -67,7 +67,7 @@ def test_up_killed_with_sigkill_leaves_no_process_behind(lab: Lab, detached: boo
     pids = lab.pids()
     eventually(lambda: sleep_durations(lab) == {"96", "97", "98", "99"})
     os.kill(pids[0], signal.SIGKILL)
-    eventually(lambda: not any(map(alive, pids)) and not lab.processes(), 2)
+    eventually(lambda: not any(map(alive, pids)) and not lab.processes())
     if detached:  # the next run clears the leftover folder and is not disturbed by it
         (lab.home / "params" / "safety.json").write_text('{"takeoff": -1}')
         (lab.home / "asked").mkdir()
@@ -134,7 +134,7 @@ def run_and_end(lab: Lab, times: int) -> None:
         assert down.json["pid"] == pids[0]
         assert not any(map(alive, pids[1:]))
         assert not lab.home.exists()
-        eventually(lambda: not lab.processes(), 1)
+        eventually(lambda: not lab.processes())
 
 
 @pytest.mark.thorough
@@ -158,7 +158,7 @@ def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
     pids = lab.pids()
     lab.signal("safety", signal.SIGSTOP)
     os.kill(lab.status()["pid"], signal.SIGKILL)
-    eventually(lambda: not any(map(alive, pids)), within=2)
+    eventually(lambda: not any(map(alive, pids)))
     shutil.rmtree(lab.home)
 
 

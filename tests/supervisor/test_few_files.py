@@ -30,7 +30,7 @@ def test_a_flight_arrives_while_strangers_take_all_files_of_the_hub(lab: Lab):
             stranger = held.enter_context(socket.socket(socket.AF_UNIX))
             stranger.settimeout(5)
             stranger.connect(str(lab.home / "hub.sock"))
-        assert flight.wait(20) == 0, flight.log
+        assert flight.wait() == 0, flight.log
     assert lab.quadctl("goto", 0, 0, 1, "--timeout", 10).code == 0
     assert lab.nodes() == before
 

@@ -116,6 +116,6 @@ def test_a_run_goes_on_when_its_recording_has_no_space(lab: Lab):
         ["sh", "-c", limit], env=lab.environment, cwd=lab.folder, check=False, capture_output=True
     )
     assert done.returncode == 0, done
-    eventually(lambda: "the recording has stopped: " in lab.log("recorder"), 30.0)
+    eventually(lambda: "the recording has stopped: " in lab.log("recorder"))
     assert {n["restarts"] for name, n in lab.nodes().items() if name != "recorder"} == {0}
     assert lab.quadctl("goto", 1, 0, 1).code == 0

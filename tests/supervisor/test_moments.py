@@ -43,7 +43,7 @@ def interrupt_launches(lab: Lab, count: int, seed: int) -> float:
         # Until quadctl's own code runs, Python decides how the process ends.
         assert code == 130 if begun else code != 0, (number, moment, code, run.log)
         assert "Traceback" not in run.log or not begun, (number, moment, run.log)
-        eventually(lambda: not lab.processes(), 2.0)
+        eventually(lambda: not lab.processes())
         assert not lab.home.exists(), (number, moment, run.log)
     return slowest
 
@@ -110,7 +110,7 @@ def start_many_safeties(lab: Lab, count: int) -> None:
     """Start `count` safety nodes together: one stays and flies until it is ended; the others exit 7."""
     command = (sys.executable, "-P", "-m", "quadctl.services.safety")
     started = [lab.spawn(*command) for _ in range(count)]
-    eventually(lambda: sum(not each.ended for each in started) <= 1, 60.0)
+    eventually(lambda: sum(not each.ended for each in started) <= 1)
     (survivor,) = [each for each in started if not each.ended]
     others = [each for each in started if each is not survivor]
     assert [each.wait() for each in others] == [7] * (count - 1)

@@ -79,7 +79,7 @@ def test_a_waiting_goto_names_the_restart_of_safety_as_the_reason(wide_cage: Lab
     waiting = wide_cage.spawn(*wide_cage.command("goto", -7, 0, 1, "--replace"))
     eventually(lambda: "accepted" in waiting.log)
     wide_cage.signal("safety", signal.SIGKILL)
-    assert waiting.wait(30.0) == 5, waiting.log
+    assert waiting.wait() == 5, waiting.log
     assert "the flight was stopped: safety restarted: hovering here, cage on" in waiting.log
     wide_cage.revived("safety", old)
 
@@ -202,7 +202,7 @@ def test_a_node_whose_name_is_taken_returns_when_the_name_is_free(wide_cage: Lab
         before = wide_cage.nodes()["pressure"]["restarts"]
         wide_cage.signal("pressure", signal.SIGKILL)
         # More restarts than quick deaths are allowed.
-        eventually(lambda: wide_cage.nodes()["pressure"]["restarts"] >= before + 6, 30.0)
+        eventually(lambda: wide_cage.nodes()["pressure"]["restarts"] >= before + 6)
         assert wide_cage.nodes()["pressure"]["state"] != "down"
         token.undeclare()
     wide_cage.revived("pressure", 0)

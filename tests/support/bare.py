@@ -4,12 +4,14 @@ import json
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import msgspec
 import zenoh
+
+from tests.support.running import DEADLINE
 
 pack = msgspec.msgpack.encode
 unpack = msgspec.msgpack.decode
@@ -47,7 +49,7 @@ class Watch:
             self.messages.append(value)
             self._changed.notify_all()
 
-    def until(self, condition: Callable[[Any], bool], within: float = 10.0) -> Any:
+    def until(self, condition: Callable[[Any], bool], within: float = DEADLINE) -> Any:
         """Return the first message, after the last one returned, that meets the condition.
 
         It may have arrived before this call: an action's effect can arrive before its reply.
@@ -64,7 +66,7 @@ class Watch:
                 assert left > 0, f"not in {within:g} s; the last was {last}"
                 self._changed.wait(left)
 
-    def next(self, count: int = 1, within: float = 10.0) -> list[Any]:
+    def next(self, count: int = 1, within: float = DEADLINE) -> list[Any]:
         """Wait for `count` messages from now on, and return them."""
         with self._changed:
             first = len(self.messages)
@@ -100,17 +102,19 @@ class Bare:
     ) -> None:
         self.session.close()
 
-    def call(self, service: str, timeout: float = 5.0, **fields: Any) -> Answer:
+    def call(self, service: str, timeout: float = DEADLINE, **fields: Any) -> Answer:
         """Call a service with a map of fields, and return its only reply."""
         return self.query(f"uav/@srv/{service}", pack(fields), timeout=timeout)
 
-    def query(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> Answer:
+    def query(self, key: str, payload: bytes, timeout: float = DEADLINE, **more: Any) -> Answer:
         """Query a key with any bytes, and return the only reply."""
         answers = self.answers(key, payload, timeout=timeout, **more)
         assert len(answers) == 1, f"{key}: {len(answers)} replies"
         return answers[0]
 
-    def answers(self, key: str, payload: bytes, timeout: float = 5.0, **more: Any) -> list[Answer]:
+    def answers(
+        self, key: str, payload: bytes, timeout: float = DEADLINE, **more: Any
+    ) -> list[Answer]:
         """Return all replies to a query."""
         return list(self.send(key, payload, timeout=timeout, **more))
 
@@ -135,7 +139,7 @@ class Bare:
 
     def nodes(self) -> list[str]:
         """Return the names of the announced nodes."""
-        replies = self.session.liveliness().get("uav/@node/*", timeout=3.0)
+        replies = self.session.liveliness().get("uav/@node/*", timeout=DEADLINE)
         keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
         return sorted(key.rpartition("/")[2] for key in keys)
 
@@ -143,6 +147,20 @@ class Bare:
         """Return the current state of safety."""
         state: dict[str, Any] = self.latest("uav/safety/state")
         return state
+
+    def restart(self, vehicles: Iterable[str]) -> None:
+        """Turn the cage on and the baseline off, and put each vehicle on its start; wait until all hover."""
+        boots, watches = set[str](), list[Watch]()
+        for vehicle in vehicles:
+            assert self.query(f"{vehicle}/@srv/toggle_cage", pack({"cage_on": True})).ok
+            assert self.query(f"{vehicle}/@srv/calibrate_pressure", pack({"zero": False})).ok
+            boots.add(self.latest(f"{vehicle}/safety/state")["boot"])
+            watches.append(self.watch(f"{vehicle}/safety/state"))
+            assert self.query(f"{vehicle}/@srv/reset", pack({})).ok
+        for states in watches:
+            states.until(
+                lambda s: s["boot"] not in boots and s["state"] == "HOVERING" and s["goal"]["z"] > 0
+            )
 
     def fly(self, x: float, y: float, z: float) -> dict[str, Any]:
         """Fly to a point, replacing any goal, and return the state on arrival."""

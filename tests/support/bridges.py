@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from tests.support.lab import Lab
-from tests.support.running import Foreground, eventually
+from tests.support.running import DEADLINE, Foreground, eventually
 
 
 @contextmanager
@@ -21,7 +21,7 @@ def bridge(
         yield process
     finally:
         process.terminate()
-        process.wait(10)
+        process.wait(DEADLINE)
 
 
 def without(package: str, bridge: str) -> subprocess.CompletedProcess[str]:
@@ -31,7 +31,11 @@ def without(package: str, bridge: str) -> subprocess.CompletedProcess[str]:
     line = f"import sys; sys.modules['{package}'] = None; sys.argv[1:] = ['bridge', '{bridge}'];"
     line += "from quadctl.cli.main import main; sys.exit(main())"
     return subprocess.run(
-        [sys.executable, "-c", hide + line], check=False, capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", hide + line],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE,
     )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from websockets.sync.client import connect
 
 from tests.support import abilities
-from tests.support.running import eventually
+from tests.support.running import DEADLINE, eventually
 
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader",
@@ -44,7 +44,7 @@ class Browser:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        self.address = eventually(self._address, 30.0)
+        self.address = eventually(self._address)
 
     def _address(self) -> str:
         assert self._popen.poll() is None, "Chromium ended at once"
@@ -102,11 +102,11 @@ class Tab:
     def text(self, selector: str) -> str:
         return str(self.js(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''"))
 
-    def until(self, code: str, within: float = 15.0) -> Any:
+    def until(self, code: str, within: float = DEADLINE) -> Any:
         """Wait until an expression is true on the page, and return its value."""
         return eventually(lambda: self.js(code), within)
 
-    def reads(self, selector: str, *parts: str, within: float = 15.0) -> str:
+    def reads(self, selector: str, *parts: str, within: float = DEADLINE) -> str:
         """Wait until an element's text contains all the parts."""
 
         def read() -> str:

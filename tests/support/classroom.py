@@ -108,7 +108,7 @@ class Student:
     def say(self, *words: object) -> Done:
         """Run any other command, with the same names replaced."""
         named = {"uav7": self.name, "uav8": self.neighbour}
-        return self.lab.quadctl(*(named.get(str(word), word) for word in words), timeout=60.0)
+        return self.lab.quadctl(*(named.get(str(word), word) for word in words))
 
     def copy_keys(self, keys: Path) -> None:
         """Copy the student's folder from the teacher's, as with a memory stick."""
@@ -164,7 +164,7 @@ class Room:
 
     def do(self, line: str, *more: object) -> Done:
         """Run a command of the page's teacher."""
-        return self.teacher.quadctl(*as_written(line), *more, timeout=60.0)
+        return self.teacher.quadctl(*as_written(line), *more)
 
     def open(self) -> None:
         """Create the keys, and start the common hub."""
@@ -189,7 +189,7 @@ class Room:
 
     def listed(self) -> dict[str, dict[str, Any]]:
         """Return the rows of the teacher's `fleet list` by vehicle, empty if it fails."""
-        done = self.teacher.quadctl("fleet", "list", "--json", timeout=60.0)
+        done = self.teacher.quadctl("fleet", "list", "--json")
         return {row["vehicle"]: row for row in done.json} if done.code == 0 else {}
 
     def listen(self, held: ExitStack) -> None:

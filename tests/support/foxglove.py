@@ -16,7 +16,7 @@ from websockets.typing import Subprotocol
 
 from tests.support import bridges
 from tests.support.lab import Lab
-from tests.support.running import Foreground, eventually
+from tests.support.running import DEADLINE, Foreground, eventually
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 OLD_SUBPROTOCOL = Subprotocol("foxglove.websocket.v1")
@@ -88,7 +88,7 @@ class FoxgloveClient:
     def __exit__(self, *_: object) -> None:
         self._open.close()
 
-    def wait(self, condition: Callable[[], Any], timeout: float = 20.0) -> Any:
+    def wait(self, condition: Callable[[], Any], timeout: float = DEADLINE) -> Any:
         """Return the first true result of a condition, checked after each message."""
         with self._came:
             found = self._came.wait_for(condition, timeout)
@@ -96,7 +96,10 @@ class FoxgloveClient:
             return found
 
     def message(
-        self, topic: str, condition: Callable[[Any], bool] = lambda _: True, timeout: float = 20.0
+        self,
+        topic: str,
+        condition: Callable[[Any], bool] = lambda _: True,
+        timeout: float = DEADLINE,
     ) -> Any:
         """Return the next message of a topic, as plain data, that fulfils a condition."""
         seen = len(self.messages)

@@ -17,8 +17,8 @@ from typing import Any
 
 import zenoh
 
-from tests.support.bare import Bare
-from tests.support.running import Done, Foreground, alive, eventually
+from tests.support.bare import Bare, pack
+from tests.support.running import DEADLINE, Done, Foreground, alive, eventually
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
@@ -49,17 +49,18 @@ class Lab:
             "XDG_CACHE_HOME": str(CACHE),
         }
         self._foreground: list[Foreground] = []
+        self._launched: dict[tuple[str, str], dict[str, Any]] = {}
 
     @property
     def home(self) -> Path:
         """Return the realm's folder."""
         return self.runtime / "quadctl" / self.realm
 
-    def quadctl(self, *words: object, timeout: float = 30.0, **environment: str) -> Done:
+    def quadctl(self, *words: object, timeout: float = DEADLINE, **environment: str) -> Done:
         """Run one command of quadctl to its end."""
         return self.run(self.command(*words), timeout, **environment)
 
-    def run(self, command: Sequence[str], timeout: float = 30.0, **environment: str) -> Done:
+    def run(self, command: Sequence[str], timeout: float = DEADLINE, **environment: str) -> Done:
         """Run any program to its end, in the realm's folder and environment."""
         done = subprocess.run(
             command,
@@ -93,6 +94,39 @@ class Lab:
         notes = [line.partition(": ") for line in done.err.splitlines()]
         assert all(name in {"starting", *self.nodes()} and what for name, _, what in notes), done
         return done
+
+    def share(self, *words: object) -> None:
+        """Start a run for several tests, each of which begins with `put_back`."""
+        self.start(*words)
+        with self.bare() as bare:
+            self._launched = self._parameters(bare)
+
+    def put_back(self) -> None:
+        """Undo what an earlier test may have left: parameters, cage, baseline, and goals with their flights.
+
+        Each vehicle hovers at its start, in a new boot.
+        """
+        with self.bare() as bare:
+            for (vehicle, node), now in self._parameters(bare).items():
+                launched = self._launched[vehicle, node]
+                changed = {name: launched[name] for name in now if now[name] != launched[name]}
+                if changed:
+                    set_ = bare.query(
+                        f"{vehicle}/@srv/{node}/set_params", pack({"values": changed})
+                    )
+                    assert set_.value["success"], set_
+            bare.restart(self.status()["vehicles"])
+
+    def _parameters(self, bare: Bare) -> dict[tuple[str, str], dict[str, Any]]:
+        """Return the parameters of each vehicle's node."""
+        return {
+            (vehicle, node): bare.query(
+                f"{vehicle}/@srv/{node}/get_params", pack({"names": []})
+            ).value["values"]
+            for vehicle in self.status()["vehicles"]
+            for node in NODES
+            if node != "hub"
+        }
 
     def foreground(self, *words: object) -> Foreground:
         """Run `quadctl up` in the foreground, and wait until all nodes are ready."""
@@ -147,7 +181,7 @@ class Lab:
         os.kill(pid, number)
         return pid
 
-    def revived(self, node: str, old: int, within: float = 10.0) -> None:
+    def revived(self, node: str, old: int, within: float = DEADLINE) -> None:
         """Wait until the node is ready as another process."""
 
         def is_back() -> bool:
@@ -191,7 +225,7 @@ class Lab:
 
     def taken_logs(self) -> dict[str, str]:
         """Remove the logs that a failed start has left, and nothing else; return them by file."""
-        eventually(lambda: not self.processes(), 10.0)
+        eventually(lambda: not self.processes())
         assert [path.name for path in self.home.iterdir()] == ["logs"]
         logs = {path.name: path.read_text(encoding="utf-8") for path in self.home.glob("logs/*")}
         shutil.rmtree(self.home)
@@ -206,7 +240,7 @@ class Lab:
         try:
             if self.processes():
                 self.quadctl("down")
-            eventually(lambda: not self.processes(), 10.0)
+            eventually(lambda: not self.processes())
             assert not self.home.exists(), sorted(self.home.iterdir())
         finally:
             for pid in self.processes():

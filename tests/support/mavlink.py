@@ -17,11 +17,11 @@ import quadctl
 from quadctl.schemas.earth import Origin
 from tests.support import bridges
 from tests.support.lab import Lab
-from tests.support.running import Foreground
+from tests.support.running import DEADLINE, Foreground
 
 ORIGIN = Origin(47.397742, 8.545594, 488.0)
-_WITHIN, _AGAIN = 15.0, 2.0
-"""Seconds within which an answer comes, and after which a request is sent again."""
+_AGAIN = 2.0
+"""Seconds after which a request without an answer is sent again."""
 
 
 class GroundStation:
@@ -71,7 +71,7 @@ class GroundStation:
         """Return the packet of a message."""
         return bytes(message.pack(self._codec))
 
-    def wait_for(self, condition: Callable[[], Any], timeout: float = _WITHIN) -> Any:
+    def wait_for(self, condition: Callable[[], Any], timeout: float = DEADLINE) -> Any:
         """Return the condition's first true value."""
         ends = time.monotonic() + timeout
         with self._came:
@@ -87,7 +87,7 @@ class GroundStation:
         condition: Callable[[Any], Any] = bool,
         *,
         since: int | None = None,
-        timeout: float = _WITHIN,
+        timeout: float = DEADLINE,
     ) -> Any:
         """Return the first message of a type that fulfils a condition, of those from now on."""
         first = len(self.messages) if since is None else since
@@ -109,7 +109,7 @@ class GroundStation:
 
         Datagrams may be lost, so it is sent again, as ground stations do.
         """
-        since, ends = len(self.messages), time.monotonic() + _WITHIN
+        since, ends = len(self.messages), time.monotonic() + DEADLINE
         while True:
             self.send(message)
             with suppress(TimeoutError):

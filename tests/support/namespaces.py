@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tests.support import abilities
+from tests.support.running import DEADLINE
 
 _LOOPBACK = (("link", "set", "lo", "up"),)
 
@@ -63,7 +64,7 @@ class Machine:
 
     def end(self) -> None:
         """Remove the namespace with all its links."""
-        self._holder.communicate(timeout=5)
+        self._holder.communicate(timeout=DEADLINE)
 
 
 _HOLD = "import os, sys; print(os.getpid(), flush=True); sys.stdin.read()"

@@ -27,7 +27,7 @@ from quadctl.services.ros2.messages import RosService
 from quadctl.services.runtime.bus.session import free_port
 from tests.support import bridges
 from tests.support.lab import Lab
-from tests.support.running import Foreground
+from tests.support.running import DEADLINE, Foreground
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -65,7 +65,7 @@ def router(port: int = 0) -> Iterator[str]:
             yield endpoint
         finally:
             process.stdin.close()
-            process.wait(10)
+            process.wait(DEADLINE)
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def readers(session: zenoh.Session, domain: str) -> Iterator[None]:
         session.declare_subscriber(key, lambda _sample: came.set())
         for key in (f"{domain}/uav/**", f"{domain}/tf/**")
     ]
-    assert came.wait(20)
+    assert came.wait(DEADLINE)
     yield
     for subscriber in subscribers:
         subscriber.undeclare()
@@ -95,7 +95,7 @@ def call(session: zenoh.Session, name: str, service: RosService[Any, Any], reque
     domain, _, rest = name.partition("/")
     key = graph.endpoint_key(int(domain), f"/{rest}", service.name, service.hash)
     sender = graph.attachment(1, time.time_ns(), bytes(16))
-    (reply,) = session.get(key, payload=cdr.encode(request), attachment=sender, timeout=5)
+    (reply,) = session.get(key, payload=cdr.encode(request), attachment=sender, timeout=DEADLINE)
     assert reply.ok is not None, reply.err
     return cdr.decode(service.response, reply.ok.payload.to_bytes())
 

@@ -9,6 +9,9 @@ from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar("T")
 
+DEADLINE = 120.0
+"""Seconds after which a test gives up waiting. No test that passes waits for so long, on a machine of any load."""
+
 
 class Done(NamedTuple):
     """Exit code and output of a command."""
@@ -35,7 +38,7 @@ class Done(NamedTuple):
 
 
 def eventually(
-    condition: Callable[[], T], within: float = 10.0, describe: Callable[[], str] = str
+    condition: Callable[[], T], within: float = DEADLINE, describe: Callable[[], str] = str
 ) -> T:
     """Poll until the condition is true and return its value, or fail with it and `describe()`."""
     deadline = time.monotonic() + within
@@ -84,7 +87,7 @@ class Foreground:
     def send(self, number: int) -> None:
         self._popen.send_signal(number)
 
-    def wait(self, within: float = 10.0) -> int:
+    def wait(self, within: float = DEADLINE) -> int:
         """Wait for the end of the process, and return its exit code."""
         return self._popen.wait(within)
 

@@ -13,6 +13,8 @@ from collections.abc import Callable
 from fcntl import ioctl
 from pathlib import Path
 
+from tests.support.running import DEADLINE
+
 _CONTROL = re.compile(r"\033\[(\?)?([0-9;]*)([A-Za-z])")
 
 
@@ -93,7 +95,7 @@ class Terminal:
         """Return whether pressed keys are echoed."""
         return bool(termios.tcgetattr(self._fd)[3] & termios.ECHO)
 
-    def until(self, condition: Callable[[str], object], within: float = 10.0) -> str:
+    def until(self, condition: Callable[[str], object], within: float = DEADLINE) -> str:
         """Wait until the screen meets a condition, and return its text."""
         deadline = time.monotonic() + within
         while not condition(self.screen):
@@ -102,7 +104,7 @@ class Terminal:
             self._read(left)
         return self.screen
 
-    def wait(self, within: float = 10.0) -> int:
+    def wait(self, within: float = DEADLINE) -> int:
         """Wait for the end of the command and its output, and return the exit code."""
         deadline = time.monotonic() + within
         while self._read(deadline - time.monotonic()):

@@ -22,11 +22,11 @@ class Console(NamedTuple):
 def served(lab: Lab, *words: str) -> Iterator[Console]:
     """Run `quadctl console` on a free port; unless the block has ended it, Ctrl-C must."""
     process = lab.spawn(*lab.command("console", "--port", "0", "--json", *words))
-    printed = eventually(lambda: _printed(process), 30.0)
+    printed = eventually(lambda: _printed(process))
     yield Console(process, printed["url"], printed["watch"])
     if not process.ended:
         process.send(signal.SIGINT)
-        assert process.wait(30.0) == 130, process.log
+        assert process.wait() == 130, process.log
     assert "Traceback" not in process.log, process.log
 
 

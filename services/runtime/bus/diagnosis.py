@@ -14,8 +14,9 @@ from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.realm import Realm, listed
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 
-_LOOK = 0.1
-"""Seconds for the search for a reason, after the timeout; a hub answers in 0.5 ms."""
+_LOOK, _SHORT_LOOK = 1.0, 0.1
+"""Seconds for the search for a reason, after the timeout; a hub answers in 0.5 ms, a busy machine's in
+100, and one whose process is stopped never does."""
 NOT_OFFERED_FIX = "add it to your own node, or use ours: see [processes] in quad.toml"
 """Remedy for a node that is there without one of its topics or services."""
 _FROZEN = "it is frozen or busy: `quadctl status`"
@@ -41,6 +42,13 @@ class DiagnosisClient(Protocol):
         self, problem: Unreachable, node: str = "", key: str = "", live: list[str] | None = None
     ) -> QuadctlError:
         """Return the problem with its reason."""
+
+
+def _patience(realm: Realm) -> float:
+    """Return for how long (s) to ask a realm's hub for a reason."""
+    run = _run(realm)
+    stopped = run and any(node.name == "hub" and procfs.is_frozen(node.pid) for node in run.nodes)
+    return _SHORT_LOOK if stopped else _LOOK
 
 
 def silent_processes(realm: Realm, vehicle: str, live: list[str]) -> list[ProcessRecord]:
@@ -74,8 +82,9 @@ def explain_unreachable(
 ) -> QuadctlError:
     """Return the problem with all that is known of it, as `Client.explained` describes."""
     try:
-        silent = client.silent_processes(_LOOK, live)
-        endpoints = client.endpoints(timeout=_LOOK) if key else []
+        look = _patience(client.realm)
+        silent = client.silent_processes(look, live)
+        endpoints = client.endpoints(timeout=look) if key else []
         if key and connect:
             from quadctl.services.runtime.security import permissions
 
@@ -109,7 +118,7 @@ def explain_silence(client: DiagnosisClient, key: str, *, more: bool) -> Quadctl
     """Return why nothing, or no `more`, came on a key: its publisher is quiet, or there is none."""
     came = f"nothing {'more ' if more else ''}came on {key} within {client.timeout:g} s"
     try:
-        endpoints = client.endpoints(timeout=_LOOK)
+        endpoints = client.endpoints(timeout=_patience(client.realm))
     except QuadctlError as other:
         return type(other)(f"{came}: {other.message}", other.hint)
     offers = [offer for offer in endpoints if offer.kind == "@pub"]

@@ -62,13 +62,18 @@ class Present(NamedTuple):
 
 
 def present(session: zenoh.Session, vehicles: Iterable[str]) -> Present:
-    """Return the nodes and servers of vehicles, `*` for all of a hub; raise as `nodes`."""
+    """Return the nodes and servers of vehicles, `*` for all of a hub; raise as `nodes`.
+
+    A node that starts asks it. It waits for a hub that is busy, as long as it may take to start.
+    """
+    from quadctl.services.runtime.process_table import START_TIMEOUT
+
     nodes: set[tuple[str, str]] = set()
     servers: dict[str, str] = {}
     for vehicle in vehicles:
-        for key in _keys(session, f"{vehicle}/@node/*", _TIMEOUT):
+        for key in _keys(session, f"{vehicle}/@node/*", START_TIMEOUT):
             nodes.add((keyexpr.vehicle_of(key), keyexpr.node_of(key) or ""))
-        for offer in offers(session, vehicle, "@srv"):
+        for offer in offers(session, vehicle, "@srv", timeout=START_TIMEOUT):
             servers[offer.key] = offer.node
     return Present(frozenset(nodes), servers)
 

@@ -92,6 +92,8 @@ def _refuse_live(session: zenoh.Session, vehicle: str, keys: dict[str, str]) -> 
 
 _MOST_BYTES = 256 << 20
 """Bytes of payloads that may wait; beyond, messages are lost, and counted."""
+_LATCHED = 60.0
+"""Seconds that the answer with a latched message may take: nothing waits for it."""
 _SETTLE = 0.5
 """Seconds in which the hub must send the rest at the end."""
 
@@ -124,7 +126,7 @@ class RawListener:
     def request_latched(self, key: str) -> None:
         """Request the last message of a latched topic as well."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
-        self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
+        self._session.get(key, callback, timeout=_LATCHED, **zenoh_events.ALL_SERVERS)
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         if (sample := reply.ok) is not None:
@@ -165,7 +167,7 @@ class RecorderSubscriber:
     def request_latched(self, key: str) -> None:
         """Request the last messages of latched topics, if subscribed, as well."""
         callback = zenoh.handlers.Callback(self._on_reply, indirect=False)
-        self._session.get(key, callback, timeout=1.0, **zenoh_events.ALL_SERVERS)
+        self._session.get(key, callback, timeout=_LATCHED, **zenoh_events.ALL_SERVERS)
 
     def has_held(self) -> bool:
         """Return whether the hub is connected and has been since the previous call."""

@@ -1,8 +1,8 @@
 """Background supervisor of `up -d`: its start, and its main().
 
-It reads a Launch, one line, from stdin, and writes a StartupResult, a line, to stdout when all are
-ready or one has failed; before that, some with the progress of several vehicles. An owned run ends
-with its owner, on every platform: a kill -9 closes its stdin.
+It reads a Launch, one line, from stdin, and writes a StartupReport, a line, to stdout every second,
+until all are ready or one has failed. An owned run ends with its owner, on every platform: a kill -9
+closes its stdin.
 """
 
 import contextlib
@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -27,13 +28,19 @@ from quadctl.services.runtime.supervisor.launch import Launch
 if TYPE_CHECKING:
     from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
+_REPORT_EVERY = 1.0
+"""Seconds between reports that the supervisor works, however slow the start is."""
 _MODULE = "quadctl.services.runtime.supervisor.daemon"
 _KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
-class StartupResult(Struct, frozen=True):
-    """Report of a background supervisor: `progress`, or the result; empty `failed` means ready."""
+class StartupReport(Struct, frozen=True):
+    """Report of a background supervisor, once `settled` the last one; empty `failed` means ready.
 
+    Before that, `progress` may say how far the start of several vehicles is.
+    """
+
+    settled: bool = False
     progress: str = ""
     failed: str = ""
     code: str = ""
@@ -55,7 +62,7 @@ def start_in_background(
     supervisor = _start(fork=fork)
     assert supervisor.stdin is not None  # noqa: S101 - Popen was given pipes
     assert supervisor.stdout is not None  # noqa: S101
-    result: StartupResult | None = None
+    report = StartupReport()
     watchdog = _watchdog(supervisor)
     try:
         supervisor.stdin.write(msgspec.json.encode(launch) + b"\n")
@@ -63,12 +70,13 @@ def start_in_background(
         if not launch.owned:
             supervisor.stdin.close()
         for line in supervisor.stdout:
-            result = msgspec.json.decode(line, type=StartupResult)
-            if not result.progress:
+            report = msgspec.json.decode(line, type=StartupReport)
+            if report.settled:
                 break
             watchdog.cancel()
             watchdog = _watchdog(supervisor)
-            on_progress(result.progress)
+            if report.progress:
+                on_progress(report.progress)
     except BaseException:
         # After Ctrl-C nothing is left running.
         supervisor.send_signal(signal.SIGTERM)
@@ -76,15 +84,13 @@ def start_in_background(
     finally:
         watchdog.cancel()
         supervisor.stdout.close()
-    result = result or StartupResult(failed="the supervisor ended at once")
-    if result.progress or result.failed:
-        end(supervisor)
+    if report.settled and not report.failed:
+        return supervisor
+    end(supervisor)
     for kind in (AlreadyServed, Invalid, UsageError):
-        if result.code == kind.code:
-            raise kind(result.failed, result.hint)
-    if result.progress or result.failed:
-        raise QuadctlError(result.failed or "the supervisor ended before all was up", result.hint)
-    return supervisor
+        if report.code == kind.code:
+            raise kind(report.failed, report.hint)
+    raise QuadctlError(report.failed or "the supervisor ended before all was up", report.hint)
 
 
 def end(supervisor: subprocess.Popen[bytes] | ForkedProcess) -> None:
@@ -97,7 +103,7 @@ def end(supervisor: subprocess.Popen[bytes] | ForkedProcess) -> None:
 
 
 def _watchdog(supervisor: subprocess.Popen[bytes] | ForkedProcess) -> threading.Timer:
-    """Start the timer that kills a supervisor that reports nothing."""
+    """Start the timer that kills a supervisor that reports nothing: it hangs."""
     timer = threading.Timer(2 * START_TIMEOUT, lambda: supervisor.send_signal(_KILL))
     timer.start()
     return timer
@@ -125,27 +131,33 @@ def main() -> int:
         return 0  # the command was killed while it wrote
     launch = msgspec.json.decode(line, type=Launch)
 
-    settled = False
+    settled, reported = False, time.monotonic()
 
     def emit(name: str, line: str, _at: float) -> None:
         if name == "up" and line.startswith(STARTING) and not settled:
-            _report(StartupResult(progress=line))
+            _report(StartupReport(progress=line))
+
+    def on_look(_supervisor: "Supervisor") -> None:
+        nonlocal reported
+        if not settled and time.monotonic() > reported + _REPORT_EVERY:
+            reported = time.monotonic()
+            _report(StartupReport())
 
     def on_settled(supervisor: "Supervisor", failed: str) -> None:
         nonlocal settled
         settled = True
         keep_logs = bool(failed) and not launch.owned
         hint = f"all lines are in {Realm(launch.realm).logs}" if keep_logs else ""
-        if not _settle(StartupResult(failed=failed, hint=hint)) or failed:
+        if not _settle(StartupReport(settled=True, failed=failed, hint=hint)) or failed:
             supervisor.stop(keep_logs=keep_logs)
         elif launch.owned:
             # Only now, because a process with threads cannot fork its nodes.
             threading.Thread(target=_end_with_owner, args=(supervisor,), daemon=True).start()
 
     try:
-        run(launch, emit, on_settled)
+        run(launch, emit, on_settled, on_look)
     except QuadctlError as error:
-        _settle(StartupResult(failed=error.message, code=error.code, hint=error.hint))
+        _settle(StartupReport(settled=True, failed=error.message, code=error.code, hint=error.hint))
         return error.exit_code
     return 0
 
@@ -155,18 +167,18 @@ def _end_with_owner(supervisor: "Supervisor") -> None:
     supervisor.stop()
 
 
-def _report(result: StartupResult) -> bool:
+def _report(report: StartupReport) -> bool:
     """Write to the command that waits; return False if the command has died."""
     try:
-        os.write(1, msgspec.json.encode(result) + b"\n")
+        os.write(1, msgspec.json.encode(report) + b"\n")
     except BrokenPipeError:
         return False
     return True
 
 
-def _settle(result: StartupResult) -> bool:
-    """Write the result as `_report`, and the last word: the command waits no longer."""
-    if not _report(result):
+def _settle(report: StartupReport) -> bool:
+    """Write the report as `_report`, and the last word: the command waits no longer."""
+    if not _report(report):
         return False
     # Closing stdout ends the command's read. Stderr is inherited from the command: a caller that
     # captures it would wait as long as we run.

@@ -21,6 +21,7 @@ from quadctl.services.runtime.process_table import (
     RestartPolicy,
     cut_off,
 )
+from quadctl.services.runtime.procfs import WaitMeter
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.shutdown import uninterrupted
 from quadctl.services.runtime.supervisor import control, descendants, fork
@@ -42,6 +43,7 @@ class ManagedProcess:
         self._due: float | None = 0.0
         self._started = 0.0
         self._kill_at: float | None = None
+        self._waits = WaitMeter()
         self._lines: list[LogLine] = []
         self._held: deque[LogLine] = deque(maxlen=MOST)
 
@@ -76,6 +78,10 @@ class ManagedProcess:
             self.child.kill()
             self.child.wait(GRACE)
             self._reap(now)
+
+    def waited(self) -> float:
+        """Return for how many seconds since the last call it has waited for a processor."""
+        return self._waits.read(self.child.pid) if self.child else 0.0
 
     def restart(self, now: float, why: str) -> None:
         """End it if it runs, and start it again at once."""
@@ -271,6 +277,7 @@ class Supervisor:
         asleep = now - self._looked > PING_EVERY
         self._looked = now
         hub = self._rows.get("hub")
+        self._excuse_waits()
         for row in self._rows.values():
             mute = row is not hub and cut_off(hub.life if hub else None, now, timeout)
             row.update(now, offline=asleep or mute, timeout=timeout)
@@ -281,6 +288,18 @@ class Supervisor:
             self._next_ping = now + PING_EVERY
             self._ping()
             self._repair_folder(now)
+
+    def _excuse_waits(self) -> None:
+        """Leave out of all limits the time in which a busy machine had no processor for a process.
+
+        An answer comes through the hub; a process that starts may need any of the others.
+        """
+        waited = {name: row.waited() for name, row in self._rows.items()}
+        longest, hub = max(waited.values(), default=0.0), waited.get("hub", 0.0)
+        for name, row in self._rows.items():
+            row.life.excuse(max(waited[name], hub) if row.life.state == "ready" else longest)
+        self._launched += longest
+        self._progressed += longest
 
     def _repair_folder(self, now: float) -> None:
         hub = self._rows.get("hub")

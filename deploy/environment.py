@@ -84,7 +84,11 @@ def _set_up(environment: Path, stage: str) -> None:
                 _extend(environment, lock)
     except OSError as problem:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT)
-        remedy = f"make room for {SPACE[stage]} MB there" if full else "use a checkout that you may write to"
+        remedy = (
+            f"make room for {SPACE[stage]} MB there"
+            if full
+            else "use a checkout that you may write to"
+        )
         raise Impossible(
             f"{environment} cannot be set up in {here} ({problem.strerror}): {remedy}, {AGAIN}."
         ) from problem
@@ -129,7 +133,9 @@ def _renew(environment: Path, lock) -> None:
 
 def _extend(environment: Path, lock) -> None:
     """Add what developers need to an environment for users."""
-    if (environment / STAMPS[DEVELOPER]).exists():  # packages that are not needed any more would stay
+    if (
+        environment / STAMPS[DEVELOPER]
+    ).exists():  # packages that are not needed any more would stay
         _renew(environment, lock)
     [packages] = environment.glob("lib/python*/site-packages")
     before = packages.stat().st_mtime_ns

@@ -26,7 +26,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # A shell with ROS sourced would add its packages and pytest plugins.
 unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test prove check docs lock clean
+.PHONY: demo test prove check docs machines lock clean
 
 demo: $(DEMO_READY)
 	$(VENV)/bin/quadctl demo
@@ -45,6 +45,9 @@ docs: $(READY)  ## The book, in build/book.
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.
 	$(RUN) tests/checks/house.py
+
+machines:  ## `make demo` and `make test` on three bare machines, or on those of SUITES; as root.
+	$(PYTHON) tests/machines.py $(SUITES)
 
 $(DEMO_READY): requirements.lock requirements-build.lock pyproject.toml $(RUN)
 	@command -v $(PYTHON) >/dev/null || { echo "There is no $(PYTHON): install Python 3.11 or newer" \

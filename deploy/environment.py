@@ -73,9 +73,7 @@ def _set_up(environment: Path, stage: str) -> None:
     """Set up an environment; raise Impossible, with the environment as it was, if that fails."""
     here = Path.cwd()
     try:
-        free = shutil.disk_usage(str(here)).free // 1_000_000
-        if free < SPACE[stage]:
-            raise OSError(errno.ENOSPC, f"{free} MB are free")
+        _check_space(stage)
         with _alone() as lock:
             print(f"Setting up {environment}, once: a minute or so.", flush=True)
             if stage == USER:
@@ -92,6 +90,13 @@ def _set_up(environment: Path, stage: str) -> None:
         raise Impossible(
             f"{environment} cannot be set up in {here} ({problem.strerror}): {remedy}, {AGAIN}."
         ) from problem
+
+
+def _check_space(stage: str) -> None:
+    """Raise OSError if the disk has too little space for a stage."""
+    free = shutil.disk_usage(".").free // 1_000_000
+    if free < SPACE[stage]:
+        raise OSError(errno.ENOSPC, f"{free} MB are free")
 
 
 @contextmanager

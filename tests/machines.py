@@ -26,7 +26,7 @@ MIRROR = ("Created-By: Packages", "Origin: Debian", "Label: Debian", "Component:
 """Properties of the source of apt that is a mirror of Debian, without security and backports."""
 CHECKOUT = "root/quadctl"
 """Place of the clone on a machine."""
-PASSED_ON = re.compile(r"PIP_|SSL_|REQUESTS_|(https?|no)_proxy$", re.IGNORECASE)
+PASSED_ON = re.compile(r"PIP_(?!CACHE_DIR)|SSL_|REQUESTS_|(https?|no)_proxy$", re.IGNORECASE)
 """Environment variables by which pip reaches its index."""
 ENTER = """
 set -e

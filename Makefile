@@ -1,21 +1,22 @@
 # Everything from a bare checkout, with only make and Python >= 3.11; nothing outside it changes.
 # `make test PYTHON=python3.12` uses another Python, in the environment .venv-3.12.
 
-FITS = -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))'
-PYTHONS := python3 python3.13 python3.12 python3.11
+PYTHONS := python3 python3.14 python3.13 python3.12 python3.11
+ENVIRONMENT := deploy/environment.py
 
 ifdef PYTHON
 VENV := .venv-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
 else
-PYTHON := $(shell for p in $(PYTHONS); do $$p $(FITS) 2>/dev/null && echo $$p && break; done)
+PYTHON := $(or $(shell for p in $(PYTHONS); do $$p $(ENVIRONMENT) 2>/dev/null && echo $$p && break; done),python3)
 VENV := .venv
 endif
 
+DEMO_READY := $(VENV)/.demo-ready
 READY := $(VENV)/.ready
 RUN := $(VENV)/bin/python
 # Most tests wait for processes; with more than two workers for a processor these starve on a slow machine.
 WORKERS = $(shell $(RUN) -c 'import os; print(min(2 * os.cpu_count(), 6))')
-LOCK := .cache/lock/bin/uv pip compile pyproject.toml --quiet --universal --generate-hashes \
+LOCK := .cache/lock/bin/uv pip compile --quiet --universal --generate-hashes \
 	--no-config --no-header --no-annotate
 
 export PIP_CACHE_DIR := $(CURDIR)/.cache/pip
@@ -27,9 +28,9 @@ unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 # Without bytecode each process of the tests would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all prove check docs lock clean
+.PHONY: demo test test-rest test-all prove check docs machines lock clean
 
-demo: $(READY)
+demo: $(DEMO_READY)
 	$(VENV)/bin/quadctl demo
 
 # TESTS has more options of pytest, e.g. `make test TESTS=--complete`.
@@ -56,16 +57,16 @@ docs: $(READY)  ## The book, in build/book.
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.
 	$(RUN) tests/checks/house.py
 
-$(READY): requirements-dev.lock pyproject.toml $(RUN)
-	@$(or $(PYTHON),false) $(FITS) 2>/dev/null || { \
-	echo "quadctl needs Python 3.11 or newer with venv and ensurepip; tried $(or $(PYTHON),$(PYTHONS))."; \
-	echo "Install one (Debian, Ubuntu: apt install python3 python3-venv; macOS: brew install python)"; \
-	echo "or name one: make $(MAKECMDGOALS) PYTHON=/path/to/python3.12"; exit 1; } >&2
-	@echo "Setting up $(VENV), once: a minute or so."
-	$(PYTHON) -m venv --clear $(VENV)
-	$(RUN) -m pip install --quiet --require-hashes -r requirements-dev.lock
-	$(RUN) -m pip install --quiet --no-deps --no-build-isolation -e .
-	@touch $@
+machines:  ## `make demo` and `make test` on three bare machines, or on those of SUITES; as root.
+	$(PYTHON) tests/machines.py $(SUITES)
+
+$(DEMO_READY): requirements.lock requirements-build.lock pyproject.toml $(RUN)
+	@command -v $(PYTHON) >/dev/null || { echo "There is no $(PYTHON): install Python 3.11 or newer" \
+	"(Debian, Ubuntu: apt install python3 python3-venv), or name one: make PYTHON=/path/to/python3.11." >&2; exit 1; }
+	@$(PYTHON) $(ENVIRONMENT) $(VENV) user
+
+$(READY): $(DEMO_READY) requirements-dev.lock
+	@$(PYTHON) $(ENVIRONMENT) $(VENV) developer
 
 # If this is missing, or links to a Python that is gone, set up again.
 $(RUN): ;
@@ -73,8 +74,9 @@ $(RUN): ;
 lock:  ## Pins the requirements of pyproject.toml; UPGRADE=--upgrade takes the newest versions.
 	$(PYTHON) -m venv --clear .cache/lock
 	.cache/lock/bin/python -m pip install --quiet uv==0.13.8
-	$(LOCK) --group dev $(UPGRADE) -o requirements-dev.lock
-	$(LOCK) --constraints requirements-dev.lock -o requirements.lock
+	$(LOCK) pyproject.toml --group dev $(UPGRADE) -o requirements-dev.lock
+	$(LOCK) pyproject.toml --constraints requirements-dev.lock -o requirements.lock
+	$(LOCK) --group build --constraints requirements-dev.lock -o requirements-build.lock
 
 clean:
 	rm -rf .venv .venv-* .cache .*_cache .hypothesis build dist *.egg-info demo.png

@@ -1,5 +1,7 @@
 """Picture of fifty vehicles that change places, flown by the plan of `fleet goto`."""
 
+import math
+
 from quadctl.cli.fleet.plan import Point, plan
 from quadctl.cli.fleet.plan import Space as Airspace
 from quadctl.schemas.messages import Position
@@ -98,4 +100,4 @@ def _off(p: Point, a: Point, b: Point) -> float:
         if length
         else 0.0
     )
-    return sum((e - t * d) ** 2 for d, e in zip(way, to, strict=True)) ** 0.5
+    return math.hypot(*(e - t * d for d, e in zip(way, to, strict=True)))

@@ -2,7 +2,6 @@
 
 import random
 import signal
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from math import dist, nan
 from pathlib import Path
@@ -316,25 +315,18 @@ def spot(vehicle: quadctl.Vehicle) -> tuple[float, float, float]:
 
 @pytest.mark.thorough
 def test_the_flight_is_the_same_whatever_happens_to_the_bridge():
-    with private_lab() as lab, ThreadPoolExecutor(1) as pool, GroundStation() as station:
+    with private_lab() as lab, GroundStation() as station:
         missions.start(lab, "dynamics.speed=10")
         alone = missions.same(missions.fly(lab))
-        flown = {}
+
+        def flood() -> None:
+            station.send_raw(b"\xfd" * 200)
+            station.send(mavlink.MAVLink_param_request_list_message(1, 1))
+
         with bridged(lab, station.port) as process:
             station.wait("HEARTBEAT")
-            flown["read"] = missions.fly(lab)
-            flooded = pool.submit(missions.fly, lab)
-            while not flooded.done():
-                station.send_raw(b"\xfd" * 200)
-                station.send(mavlink.MAVLink_param_request_list_message(1, 1))
-            flown["flooded"] = flooded.result()
-            process.send(signal.SIGSTOP)
-            flown["frozen"] = missions.fly(lab)
-            process.send(signal.SIGKILL)
-            process.wait()
-            flown["killed"] = missions.fly(lab)
-    for name, flight in flown.items():
-        assert missions.same(flight) == alone, name
+            flown = missions.fly_beside(lab, process, flood)
+    assert flown == dict.fromkeys(flown, alone)
 
 
 def test_the_hub_may_go_and_come_back(lab: Lab):

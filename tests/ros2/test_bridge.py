@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from math import dist
 from typing import Any
@@ -162,24 +161,14 @@ def test_garbage_by_the_thousand_changes_nothing(ros: RosClient, run: quadctl.Ru
 def test_the_flight_is_the_same_whatever_happens_to_the_bridge(network: str):
     pose = type_of(PoseStamped)
     goals = graph.endpoint_key(7, "/uav/goal_pose", pose.name, pose.hash)
-    with private_lab() as lab, raw_client(network) as session, ThreadPoolExecutor(1) as pool:
+    with private_lab() as lab, raw_client(network) as session:
         missions.start(lab, "dynamics.speed=10")
         alone = missions.same(missions.fly(lab))
-        flown = {}
-        with bridged(lab, network, "7") as process:
-            with readers(session, "7"):
-                flown["read"] = missions.fly(lab)
-                flooded = pool.submit(missions.fly, lab)
-                while not flooded.done():
-                    session.put(goals, b"\0\1\0\0" + bytes(100))
-                flown["flooded"] = flooded.result()
-            process.send(signal.SIGSTOP)
-            flown["frozen"] = missions.fly(lab)
-            process.send(signal.SIGKILL)
-            process.wait()
-            flown["killed"] = missions.fly(lab)
-    for name, flight in flown.items():
-        assert missions.same(flight) == alone, name
+        with bridged(lab, network, "7") as process, readers(session, "7"):
+            flown = missions.fly_beside(
+                lab, process, lambda: session.put(goals, b"\0\1\0\0" + bytes(100))
+            )
+    assert flown == dict.fromkeys(flown, alone)
 
 
 def test_the_router_and_the_hub_may_go_and_come_back(lab: Lab):

@@ -1,12 +1,15 @@
 """Missions for the tests, and the labs to fly them in."""
 
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
 from tests.support.lab import Lab
+from tests.support.running import Foreground
 
 MISSION = """
 end = 8.0
@@ -47,6 +50,22 @@ def fly(lab: Lab, timeout: float = 50.0) -> dict[str, Any]:
 def same(flight: dict[str, Any]) -> dict[str, Any]:
     """Return the part of the document that does not depend on the machine."""
     return {name: flight[name] for name in SAME}
+
+
+def fly_beside(lab: Lab, bridge: Foreground, flood: Callable[[], object]) -> dict[str, Any]:
+    """Fly with a bridge that is read, flooded, frozen and killed; return the same of each flight."""
+    flown = {"read": fly(lab)}
+    with ThreadPoolExecutor(1) as pool:
+        flooded = pool.submit(fly, lab)
+        while not flooded.done():
+            flood()
+        flown["flooded"] = flooded.result()
+    bridge.send(signal.SIGSTOP)
+    flown["frozen"] = fly(lab)
+    bridge.send(signal.SIGKILL)
+    bridge.wait()
+    flown["killed"] = fly(lab)
+    return {name: same(flight) for name, flight in flown.items()}
 
 
 @contextmanager

@@ -24,6 +24,8 @@ USER, DEVELOPER = "user", "developer"
 STAMPS = {USER: ".demo-ready", DEVELOPER: ".ready"}
 SPACE = {USER: 500, DEVELOPER: 2500}
 """Free space (MB) that a set-up takes at its peak, with pip's copies."""
+FULL = 20_000_000
+"""Free space (bytes) below which a step has failed for want of space."""
 CACHE = Path(".cache")
 SCRATCH = CACHE / "set-up"
 """Temporary files of pip, which a killed pip leaves behind."""
@@ -185,8 +187,10 @@ def _run(lock, *command) -> None:
 
 def _reason(said: str) -> str:
     """Return the fault and the remedy that the output of a failed step tells."""
-    if os.strerror(errno.ENOSPC) in said:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    full = os.strerror(errno.ENOSPC)
+    # pip clears up before it ends, and venv keeps the words of its steps to itself.
+    if full in said or shutil.disk_usage(".").free < FULL:
+        raise OSError(errno.ENOSPC, full)
     if "(from versions: none)" in said:
         return "No package index answers: connect this machine to one, or name one in pip's configuration"
     lines = said.strip().splitlines() or ["the step was killed"]

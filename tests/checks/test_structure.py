@@ -56,7 +56,7 @@ def test_no_cycle_between_the_folders_of_the_runtime(imports: dict[str, list[str
         # A folder is one part; each module at the root is one part too.
         return module.removeprefix(f"{RUNTIME}.").partition(".")[0]
 
-    graph = defaultdict(set)
+    graph: defaultdict[str, set[str]] = defaultdict(set)
     for module, names in imports.items():
         if module.startswith(f"{RUNTIME}."):
             graph[part(module)] |= {part(n) for n in names if n.startswith(f"{RUNTIME}.")}

@@ -2,7 +2,7 @@
 # `make test PYTHON=python3.12` uses another Python, in the environment .venv-3.12.
 
 FITS = -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))'
-PYTHONS := python3 python3.13 python3.12 python3.11
+PYTHONS := python3 python3.14 python3.13 python3.12 python3.11
 
 ifdef PYTHON
 VENV := .venv-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)

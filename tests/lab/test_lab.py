@@ -264,7 +264,9 @@ def test_a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only(lab: Lab)
         number for number in ROWS if number.startswith("3.")
     }
     first, _, evidence, *more = text.splitlines()
-    crash = r" {8}safety (crashed|does not stay up): NameError: .*'math'.* \(my_safety\.py, line \d+\)"
+    crash = (
+        r" {8}safety (crashed|does not stay up): NameError: .*'math'.* \(my_safety\.py, line \d+\)"
+    )
     assert re.fullmatch(crash, evidence), first
     assert not [line for line in more if "hint:" in line or "nobody" in line]
     assert [line for line in more if "in rows that only `lab grade` flies" in line] == more[-2:-1]

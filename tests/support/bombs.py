@@ -123,7 +123,7 @@ def bombs() -> dict[str, Bomb]:
         "a short message": Bomb(recording(channel(), _SHORT), "cut"),
         "an overlong channel": Bomb(recording(_OVERLONG, bytes(1000)), "cut"),
         "a message of no channel": Bomb(recording(message(table)), "cut"),
-        "deep JSON": Bomb(recording(channel(), message(_DEEP)), "recursion"),
+        "deep JSON": Bomb(recording(channel(), message(_DEEP)), "nested deeper"),
         "torn JSON": Bomb(recording(channel(), message(b"{")), "truncated"),
         "a text as a number": Bomb(recording(_pose_of(boot="b", seq="z")), "Expected `int`"),
         "keys that are paths": Bomb(recording(channel(key="/../../x"), message(table))),

@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
 from quadctl.services.runtime.params.names import put, value_of
 
 M = TypeVar("M", bound=Struct)
@@ -136,7 +137,7 @@ def _data(text: str) -> Any:
 
 def _flow(text: str) -> Any:
     try:
-        return msgspec.json.decode(text)
+        value = msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         try:
             return _yaml(text)
@@ -145,6 +146,9 @@ def _flow(text: str) -> Any:
                 f"the argument is not JSON: {error}; nor YAML: {problem.message}",
                 "write name=value words, or one '{\"name\": value}'",
             ) from error
+    if is_too_deep(value):
+        raise Invalid(f"the argument is {TOO_DEEP}")
+    return value
 
 
 def _yaml(text: str) -> Any:

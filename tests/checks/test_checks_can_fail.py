@@ -96,6 +96,7 @@ def test_a_forbidden_import_is_reported(seen, importer, module):
     assert f"{importer}.{fault_name(module)} -> {module} (l.1)" in seen["imports"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("check", "named"),
     [
@@ -115,6 +116,7 @@ def test_a_fault_is_reported(seen, check, named):
     assert named in seen[check]
 
 
+@pytest.mark.thorough
 def test_the_type_check_reports_only_the_faults(seen):
     found = [line for line in seen["types"].splitlines() if "/fault_" not in line.partition(":")[0]]
     assert found == []
@@ -128,6 +130,7 @@ def test_500_lines_are_allowed(seen):
     assert "no_fault_500" not in seen["length"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("lines", "status", "said"), [(500, 0, "length: ok"), (501, 1, "length: FAIL")]
 )

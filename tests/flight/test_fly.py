@@ -67,6 +67,7 @@ def test_a_flight_is_the_same_at_any_speed(flights: dict[str, dict[str, Any]]):
     assert flights["real"]["wall_seconds"] > 7.9
 
 
+@pytest.mark.thorough
 def test_each_row_of_a_mission_has_its_verdict(flights: dict[str, dict[str, Any]]):
     rows = flights["fast"]["rows"]
     assert [row["accepted"] for row in rows] == [
@@ -78,6 +79,7 @@ def test_each_row_of_a_mission_has_its_verdict(flights: dict[str, dict[str, Any]
     assert (rows[4]["do"], rows[4]["at"], rows[4]["replace"]) == ("goto", 2.6, True)
 
 
+@pytest.mark.thorough
 def test_another_seed_gives_another_flight(flights: dict[str, dict[str, Any]]):
     fast, other = flights["fast"], flights["seed"]
     assert other["seed"] == 7

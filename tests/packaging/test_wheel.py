@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 SCRIPTS = "Scripts" if os.name == "nt" else "bin"
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(240)]
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -61,7 +61,6 @@ def scripts(wheel, elsewhere, tmp_path_factory) -> Path:
     return venv / SCRIPTS
 
 
-@pytest.mark.thorough
 def test_the_wheel_has_one_package(wheel):
     run(sys.executable, "-m", "check_wheel_contents", wheel, cwd=ROOT)
     names = zipfile.ZipFile(wheel).namelist()
@@ -84,7 +83,6 @@ def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):
     assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
-@pytest.mark.thorough
 def test_the_package_comes_from_the_wheel(scripts, elsewhere):
     code = (
         "import quadctl.schemas.topics, quadctl; print(quadctl.__file__, quadctl.Node.__module__)"
@@ -95,7 +93,6 @@ def test_the_package_comes_from_the_wheel(scripts, elsewhere):
     assert VERSION in run(scripts / "python", "-m", "quadctl", "--version", cwd=elsewhere)
 
 
-@pytest.mark.thorough
 def test_modules_named_like_our_folders_do_no_harm(scripts, tmp_path):
     for name in ("schemas", "services", "cli"):
         (tmp_path / f"{name}.py").write_text("raise ImportError('the student's own')\n")
@@ -123,7 +120,6 @@ def test_quadctl_runs_in_any_folder(scripts, elsewhere):
     assert list(elsewhere.iterdir()) == []
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("bridge", ["foxglove", "mavlink", "ros2"])
 def test_a_bridge_needs_its_extra_and_nothing_else(bridge, wheel, scripts, elsewhere):
     def ended() -> tuple[int, str]:

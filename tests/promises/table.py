@@ -64,14 +64,16 @@ def _tests(path: str) -> dict[str, str]:
         return {}
     tree = ast.parse(file.read_text(encoding="utf-8"))
     marks = [
-        ast.unparse(node.value)
+        mark
         for node in tree.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark"
+        for mark in (node.value.elts if isinstance(node.value, ast.List) else [node.value])
     ]
     found = {}
     for node in tree.body:
         if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
-            own = " ".join([*marks, *map(ast.unparse, node.decorator_list)])
+            # The mark of a single parameter leaves the test in `make test`.
+            own = {ast.unparse(mark) for mark in [*marks, *node.decorator_list]}
             tiers = (tier for tier in ("prove", "thorough") if f"pytest.mark.{tier}" in own)
             found[node.name] = next(tiers, "")
     return found

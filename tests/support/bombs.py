@@ -122,7 +122,7 @@ BOMBS: dict[str, Callable[[], Bomb]] = {
     "a short message": lambda: Bomb(recording(channel(), _SHORT), "cut"),
     "an overlong channel": lambda: Bomb(recording(_OVERLONG, bytes(1000)), "cut"),
     "a message of no channel": lambda: Bomb(recording(message(_TABLE)), "cut"),
-    "deep JSON": lambda: Bomb(recording(channel(), message(_DEEP)), "recursion"),
+    "deep JSON": lambda: Bomb(recording(channel(), message(_DEEP)), "nested deeper"),
     "torn JSON": lambda: Bomb(recording(channel(), message(b"{")), "truncated"),
     "a text as a number": lambda: Bomb(recording(_pose_of(boot="b", seq="z")), "Expected `int`"),
     "keys that are paths": lambda: Bomb(recording(channel(key="/../../x"), message(_TABLE))),

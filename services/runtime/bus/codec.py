@@ -12,9 +12,7 @@ from msgspec import Struct
 from quadctl.schemas.digests import DIGESTS, place
 from quadctl.schemas.services import Call, Error
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
-
-_DEEPEST = 100
-"""Most levels of nesting shown: JSON readers accept that many, and people read fewer."""
+from quadctl.services.runtime.nesting import is_too_deep
 
 
 def to_jsonable(payload: bytes, encoding: str) -> Any:
@@ -26,21 +24,21 @@ def to_jsonable(payload: bytes, encoding: str) -> Any:
     """
     for attempt in _READERS.get(encoding.partition(";")[0], _ANY):
         try:
-            return _carried(attempt(payload))
+            value = attempt(payload)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
+        if not is_too_deep(value):
+            return _carried(value)
     return payload.hex()
 
 
-def _carried(value: Any, depth: int = 0) -> Any:
+def _carried(value: Any) -> Any:
     """Convert a value to JSON types."""
-    if depth > _DEEPEST:
-        raise RecursionError
     match value:
         case dict():
-            return _table(value, depth)
+            return _table(value)
         case list() | tuple():
-            return [_carried(item, depth + 1) for item in value]
+            return [_carried(item) for item in value]
         case bytes():
             return value.hex()
         case float() if not math.isfinite(value):
@@ -50,12 +48,12 @@ def _carried(value: Any, depth: int = 0) -> Any:
     return msgspec.to_builtins(value)  # a time becomes text
 
 
-def _table(value: dict[Any, Any], depth: int) -> Any:
-    carried = {_key(name): _carried(item, depth + 1) for name, item in value.items()}
+def _table(value: dict[Any, Any]) -> Any:
+    carried = {_key(name): _carried(item) for name, item in value.items()}
     if len(carried) == len(value):
         return carried
     # 1 and "1" are the same name in JSON; pairs keep both.
-    return [[_carried(name, depth + 1), _carried(item, depth + 1)] for name, item in value.items()]
+    return [[_carried(name), _carried(item)] for name, item in value.items()]
 
 
 def _key(name: Any) -> str:

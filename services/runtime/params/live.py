@@ -16,6 +16,7 @@ from quadctl.schemas.services import (
 )
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
 from quadctl.services.runtime.params.load import check
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put
 from quadctl.services.runtime.realm import Realm, write_atomically
@@ -112,11 +113,9 @@ class LiveParams:
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}
         in_wind = False
-        try:
-            leaves = list(flatten(values))
-        except RecursionError as error:
-            raise Invalid("the values are nested too deep") from error
-        for name, value in leaves:
+        if is_too_deep(values):
+            raise Invalid(f"the values are {TOO_DEEP}")
+        for name, value in flatten(values):
             if normal_name(name).partition(".")[0] != self._name:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             put(tables, name, value, "param set")

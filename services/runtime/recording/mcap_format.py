@@ -13,6 +13,7 @@ from quadctl.schemas.topics import MESSAGES, topic_of
 from quadctl.schemas.typeinfo import fields
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.nesting import is_too_deep
 
 JSON, MSGPACK = "json", "msgpack"
 _JSON_ENCODINGS = ("application/json", "text/json")
@@ -82,9 +83,10 @@ class Form:
         if not (self._encoding.startswith(_JSON_ENCODINGS) or payload[:1] == b"{"):
             return False
         try:
-            return isinstance(msgspec.json.decode(payload), dict)
+            value = msgspec.json.decode(payload)
         except _BAD:
             return False
+        return isinstance(value, dict) and not is_too_deep(value)
 
 
 def restored(data: bytes, *, packed: bool) -> bytes:
@@ -96,7 +98,7 @@ def _as_json(payload: bytes) -> bytes | None:
     """Return a MessagePack map as JSON; None if JSON would lose something."""
     try:
         value = msgspec.msgpack.decode(payload)
-        if not isinstance(value, dict):
+        if not isinstance(value, dict) or is_too_deep(value):
             return None
         data = msgspec.json.encode(value)
         return data if restored(data, packed=True) == payload else None

@@ -33,6 +33,7 @@ from msgspec import Struct
 
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.nesting import is_too_deep
 from quadctl.services.runtime.recording import mcap_format, writer
 
 _LARGEST = 1 << 28
@@ -121,12 +122,14 @@ class Recorded(NamedTuple):
         """Return its fields as plain data, None if they cannot be read."""
         try:
             if self.channel.message_encoding == mcap_format.JSON:
-                return msgspec.json.decode(self.data)
-            if self.channel.message_encoding == mcap_format.MSGPACK:
-                return msgspec.msgpack.decode(self.data)
+                value = msgspec.json.decode(self.data)
+            elif self.channel.message_encoding == mcap_format.MSGPACK:
+                value = msgspec.msgpack.decode(self.data)
+            else:
+                return None
         except (msgspec.MsgspecError, ValueError, RecursionError):
-            pass
-        return None
+            return None
+        return None if is_too_deep(value) else value
 
 
 Wanted = Callable[[Channel], bool]

@@ -11,6 +11,7 @@ from mcap.writer import Writer
 
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.topics import MESSAGES, POSE_SLOW
+from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
 from quadctl.services.runtime.recording import mcap_format
 from quadctl.services.runtime.recording.reader import Bag, Recorded
 from quadctl.services.runtime.recording.writer import Outfile
@@ -67,11 +68,18 @@ class _Seen:
         if schema is None and channel.schema_id:
             self.faults.append(f"{channel.topic}: its schema is missing")
         name = schema.name if schema else ""
+        found, problem = None, ""
         try:
             found = _DECODERS.get(name, _TABLE).decode(data)
-        except (msgspec.MsgspecError, RecursionError) as error:
-            problem = f"a message is not a valid {name or 'table'}: {error}"
-            self.faults.append(f"{channel.topic}: {problem}")
+            if type(found) is dict and is_too_deep(found):
+                problem = TOO_DEEP
+        except RecursionError:
+            problem = TOO_DEEP
+        except msgspec.MsgspecError as error:
+            problem = str(error)
+        if problem:
+            told = f"{channel.topic}: a message is not a valid {name or 'table'}: {problem}"
+            self.faults.append(told)
             return
         if type(found) is Pose:
             key = channel.topic

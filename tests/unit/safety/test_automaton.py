@@ -153,11 +153,13 @@ def test_never_moving_with_the_cage_on_and_the_goal_outside(explorer: Explorer):
     assert any(why_outside(node.situation.goal, node.cage) for node in moving)
 
 
+@pytest.mark.thorough
 def test_never_moving_with_the_cage_on_and_the_path_outside(explorer: Explorer):
     assert explorer.uncontrolled == []
     assert explorer.controlled > 100
 
 
+@pytest.mark.thorough
 def test_moving_never_brakes_and_settling_always_does(explorer: Explorer):
     for situation, _ in explorer.nodes:
         if situation.state is State.MOVING:
@@ -167,6 +169,7 @@ def test_moving_never_brakes_and_settling_always_does(explorer: Explorer):
         assert not situation.takeoff or situation.state is not State.HOVERING
 
 
+@pytest.mark.thorough
 def test_all_states_are_explored_and_every_rule_fires(explorer: Explorer):
     silent = set(RULES) - explorer.fired
     assert silent == set(), f"never fired: {[*map(str, silent)]}"

@@ -147,11 +147,7 @@ def _is_fast() -> bool:
 def _started(count: int) -> tuple[list[Worker], Flown]:
     """Start workers; return them, and the probe's flight, when the first is ready."""
     if not _is_fast():
-        emit(
-            {
-                "note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"
-            }
-        )
+        emit({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"})
     workers = [Worker() for _ in range(count)]
     # A worker that compiles and one that waits for a busy machine look alike from here.
     preparing = {"note": "still starting: the first campaign of a machine compiles the vehicle"}

@@ -24,7 +24,7 @@ from typing import IO
 NEEDED = (3, 11)
 USER, DEVELOPER = "user", "developer"
 STAMPS = {USER: ".demo-ready", DEVELOPER: ".ready"}
-SPACE = {USER: 500, DEVELOPER: 2500}
+SPACE = {USER: 500, DEVELOPER: 2000}
 """Free space (MB) that a set-up takes at its peak, with pip's copies."""
 FULL = 20_000_000
 """Free space (bytes) below which a step has failed for want of space."""

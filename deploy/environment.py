@@ -16,13 +16,15 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 NEEDED = (3, 11)
 USER, DEVELOPER = "user", "developer"
 STAMPS = {USER: ".demo-ready", DEVELOPER: ".ready"}
-SPACE = {USER: 500, DEVELOPER: 2500}
+SPACE = {USER: 500, DEVELOPER: 2000}
 """Free space (MB) that a set-up takes at its peak, with pip's copies."""
 FULL = 20_000_000
 """Free space (bytes) below which a step has failed for want of space."""
@@ -102,7 +104,7 @@ def _check_space(stage: str) -> None:
 
 
 @contextmanager
-def _alone():
+def _alone() -> "Iterator[IO[str]]":
     """Keep other set-ups out of the checkout, also while a pip lives that outlived its make."""
     CACHE.mkdir(exist_ok=True)
     with (CACHE / "set-up.lock").open("w") as lock:
@@ -120,7 +122,7 @@ def _alone():
             _remove(SCRATCH)
 
 
-def _renew(environment: Path, lock) -> None:
+def _renew(environment: Path, lock: IO[str]) -> None:
     """Make an environment for users; put the former one back if that fails."""
     former = environment.with_name(f"{environment.name}-former")
     if environment.exists() and not former.exists():  # otherwise what is there was not finished
@@ -138,7 +140,7 @@ def _renew(environment: Path, lock) -> None:
     (environment / STAMPS[USER]).touch()
 
 
-def _extend(environment: Path, lock) -> None:
+def _extend(environment: Path, lock: IO[str]) -> None:
     """Add what developers need to an environment for users."""
     if (
         environment / STAMPS[DEVELOPER]
@@ -158,7 +160,7 @@ def _extend(environment: Path, lock) -> None:
     (environment / STAMPS[DEVELOPER]).touch()
 
 
-def _install(lock, environment: Path, *files: str) -> None:
+def _install(lock: IO[str], environment: Path, *files: str) -> None:
     """Install the packages of lock files, and the checkout itself."""
     python = environment / "bin/python"
     # Python compiles a module when it is first imported: most never are, and pip uses one processor.
@@ -167,7 +169,7 @@ def _install(lock, environment: Path, *files: str) -> None:
     _run(lock, *pip, "--no-deps", "--no-build-isolation", "--editable", ".")
 
 
-def _run(lock, *command) -> None:
+def _run(lock: IO[str], *command: object) -> None:
     """Run a step of the set-up; raise Impossible with its own reason if it fails."""
     done = subprocess.run(
         [str(word) for word in command],

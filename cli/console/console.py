@@ -84,7 +84,7 @@ def console(
     if importlib.util.find_spec("nicegui") is None:
         raise QuadctlError(
             "the console needs NiceGUI, which is not installed",
-            "`pip install '.[console]'` in quadctl's checkout, into the same environment",
+            "`pip install 'quadctl[console]'`, into the same environment",
         )
     _check(host, insecure=insecure)
     # Fail here, not on a page, if nothing runs or answers.

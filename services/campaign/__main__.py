@@ -149,11 +149,7 @@ def _is_fast() -> bool:
 def _started(count: int) -> tuple[list[Worker], Flown]:
     """Start workers; return them, and the probe's flight, when the first is ready."""
     if not _is_fast():
-        emit(
-            {
-                "note": "without numba (`pip install '.[fleet]'` in the checkout) this takes much longer"
-            }
-        )
+        emit({"note": "without numba (`pip install 'quadctl[fleet]'`) this takes much longer"})
     workers = [Worker() for _ in range(count)]
     # A worker that compiles and one that waits for a busy machine look alike from here.
     preparing = {"note": "still starting: the first campaign of a machine compiles the vehicle"}
@@ -170,7 +166,7 @@ def _search(order: Order) -> None:
     except ImportError as error:
         raise QuadctlError(
             f"the search is not installed: {error}",
-            "`pip install '.[fleet]'` in quadctl's checkout, into the same environment",
+            "`pip install 'quadctl[fleet]'`, into the same environment",
         ) from error
     workers, _ = _started(order.processes)
     # Whole runs, which share constants; two jobs for each worker, so that none waits for long.

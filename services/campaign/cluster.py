@@ -65,7 +65,7 @@ def connect(address: str, processes: int, *, insecure: bool) -> "Iterator[Client
     except ImportError as error:
         raise UsageError(
             f"--dask needs the package {error.name}, which is not installed",
-            "`pip install '.[cluster]'` in quadctl's checkout, into the same environment",
+            "`pip install 'quadctl[cluster]'`, into the same environment",
         ) from error
     # Both would repeat on stderr, in Dask's words, what we check and report ourselves.
     logging.disable()

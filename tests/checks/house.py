@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("schemas", "services", "cli", "tests", "benchmarks")
-DOCUMENTED = ("schemas", "services", "cli", "src/quadctl", "benchmarks", "docs")
+DOCUMENTED = ("schemas", "services", "cli", "src/quadctl", "benchmarks", "deploy", "docs")
 """Folders of modules whose docstrings are checked for headless clauses."""
 HEADLESS = re.compile(
     r"\W*(who|whose|whom|what|whether|that of|those of|one that|one who)\b", re.IGNORECASE

@@ -62,7 +62,7 @@ def test_console_without_its_extra_names_what_to_install(monkeypatch, capsys):
     quadctl: Quadctl = runner(monkeypatch, capsys)
     said = quadctl("console", "--json")
     assert (said.code, said.out) == (1, "")
-    assert "pip install '.[console]'" in said.error["hint"]
+    assert "pip install 'quadctl[console]'" in said.error["hint"]
 
 
 def test_console_refuses_a_public_address_without_insecure(lab: Lab):

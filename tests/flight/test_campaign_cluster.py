@@ -210,4 +210,4 @@ def test_without_the_extra_the_error_names_it(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError) as raised, connect("local", 1, insecure=False):
         pass
-    assert "pip install '.[cluster]'" in raised.value.hint
+    assert "pip install 'quadctl[cluster]'" in raised.value.hint

@@ -15,8 +15,10 @@ PYTHONS = re.findall(r"(?<=Python :: )3\.\d+", " ".join(PROJECT["project"]["clas
 GROUPS = PROJECT["dependency-groups"]
 LOCKS = {
     "requirements.lock": RUNTIME,
-    # The group dev includes the group docs.
+    "requirements-build.lock": GROUPS["build"],
+    # The group dev includes the groups build and docs.
     "requirements-dev.lock": RUNTIME
+    + GROUPS["build"]
     + GROUPS["docs"]
     + [x for x in GROUPS["dev"] if isinstance(x, str)],
 }
@@ -39,10 +41,8 @@ def test_a_lock_has_only_pins_and_hashes(lock):
     ] == []
 
 
-@pytest.mark.parametrize("python", PYTHONS)
-@pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
-@pytest.mark.parametrize("lock", LOCKS)
-def test_every_requirement_is_pinned_once(lock, platform, python):
+def pinned_on(lock: str, python: str, platform: str) -> dict[str, str]:
+    """Return the version of each package on a machine."""
     here = {
         "python_full_version": f"{python}.0", "python_version": python, "sys_platform": platform
     }  # fmt: skip
@@ -51,6 +51,14 @@ def test_every_requirement_is_pinned_once(lock, platform, python):
         if pin.marker is None or pin.marker.evaluate(here):
             assert pin.name not in pinned
             pinned[pin.name] = str(pin.specifier).removeprefix("==")
+    return pinned
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+@pytest.mark.parametrize("platform", ["linux", "darwin", "win32"])
+@pytest.mark.parametrize("lock", LOCKS)
+def test_every_requirement_is_pinned_once(lock, platform, python):
+    pinned = pinned_on(lock, python, platform)
     for asked in map(Requirement, LOCKS[lock]):
         assert asked.specifier.contains(pinned[canonicalize_name(asked.name)]), (
             f"{asked}: `make lock`"
@@ -58,5 +66,17 @@ def test_every_requirement_is_pinned_once(lock, platform, python):
 
 
 def test_users_get_the_tested_versions():
-    pinned, tested = ({(p.name, str(p.specifier)) for p in pins(lock)} for lock in LOCKS)
-    assert pinned <= tested
+    *given, tested = ({(p.name, str(p.specifier)) for p in pins(lock)} for lock in LOCKS)
+    assert set().union(*given) <= tested
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_a_demo_needs_few_packages(python):
+    locks = ("requirements.lock", "requirements-build.lock")
+    packages = {name for lock in locks for name in pinned_on(lock, python, "linux")}
+    # Beside them are pip, setuptools (a part of ensurepip before Python 3.12) and quadctl.
+    assert len(packages) + 3 <= 40
+
+
+def test_the_lock_of_what_builds_us_is_of_what_pyproject_names():
+    assert GROUPS["build"] == PROJECT["build-system"]["requires"]

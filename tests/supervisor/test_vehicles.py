@@ -34,7 +34,7 @@ def test_too_many_vehicles_are_refused_before_anything_starts(without_numba: Lab
     done = lab.quadctl("up", "-d", "--vehicles", 200, "--set", "dynamics.rate=1000")
     assert done.code == 2
     assert "vehicles at 1000 Hz in plain Python, 200 were asked for" in done.err
-    assert "pip install '.[fleet]'" in done.err
+    assert "pip install 'quadctl[fleet]'" in done.err
     assert done.out == ""
     assert not lab.home.exists()
     assert lab.quadctl("status").code == 3

@@ -44,7 +44,7 @@ def check(launch: Launch) -> None:
         raise UsageError(
             f"this machine flies about {found} vehicles at {hz} Hz in plain Python,"
             f" {len(rates)} were asked for",
-            "`pip install '.[fleet]'` in quadctl's checkout, into the same environment, flies them"
+            "`pip install 'quadctl[fleet]'`, into the same environment, flies them"
             " compiled; or give fewer --vehicles",
         )
 

@@ -44,7 +44,7 @@ def test_too_many_vehicles_are_refused_with_the_limit_and_the_extra():
     assert caught.value.message == (
         "this machine flies about 42 vehicles at 20 Hz in plain Python, 100 were asked for"
     )
-    assert "pip install '.[fleet]'" in caught.value.hint
+    assert "pip install 'quadctl[fleet]'" in caught.value.hint
 
 
 @pytest.mark.usefixtures("plain")

@@ -116,7 +116,7 @@ def test_a_table_may_be_written_as_toml_json_or_ros_yaml(tuned: Lab, session: Ba
 
 
 @pytest.mark.thorough
-def test_parameter_names_may_be_written_as_in_ros(tuned: Lab):
+def test_parameter_names_may_be_written_as_in_ros(tuned: Lab, session: Bare):
     names = tuned.quadctl("param", "list").out.splitlines()
     of_safety = [name for name in names if name.startswith("safety.")]
     lines = {f"param list {name}": of_safety for name in ("safety", "/safety", "/uav/safety")}

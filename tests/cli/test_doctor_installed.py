@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 def ask(lab: Lab, **environment: str) -> dict[str, Any]:
     """Return the checks of a faulty installation, by name."""
-    done = lab.quadctl("doctor", "--json", **environment)
+    done = lab.quadctl("doctor", "--json", timeout=DEADLINE, **environment)
     assert (done.code, done.err) == (8, "")
     return {check["name"]: check for check in done.json["checks"]}
 

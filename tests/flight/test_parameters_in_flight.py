@@ -66,9 +66,10 @@ def reply_fields(reply: zenoh.Reply) -> dict[str, Any]:
 def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]:
     """Fly to the wall and set a parameter; return the excursion (m) and the reason of the reply."""
     boot = f"flight{next(_boots)}"
-    poses: list[dict[str, Any]] = []
+    came: list[bytes] = []
+    # Decoded only after the flight: the hub cuts off a reader for which it has to wait.
     listener = bare.session.declare_subscriber(
-        "uav/pose", lambda sample: poses.append(unpack(sample.payload.to_bytes()))
+        "uav/pose", lambda sample: came.append(sample.payload.to_bytes())
     )
     calls = [
         ("goto", GOAL | {"replace": True}, 0.2),
@@ -88,9 +89,9 @@ def fly(bare: Bare, name: str, value: float, moment: float) -> tuple[float, str]
     assert reset.value == {"success": True}
     went, reply, _ = (reply_fields(next(iter(replies))) for replies in waiting)
     assert went["accepted"]
-    eventually(lambda: poses[-1]["boot"] == boot and poses[-1]["stamp"] >= END)
+    eventually(lambda: (last := unpack(came[-1]))["boot"] == boot and last["stamp"] >= END)
     listener.undeclare()
-    flown = [pose for pose in poses if pose["boot"] == boot]
+    flown = [pose for pose in map(unpack, came) if pose["boot"] == boot]
     return max(map(excursion, flown)), reply["reason"]
 
 

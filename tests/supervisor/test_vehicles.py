@@ -1,5 +1,6 @@
 """Several vehicles in one run: own keys, independent flights, four processes for all."""
 
+import re
 import signal
 import sys
 import time
@@ -58,10 +59,12 @@ pressure = ["sh", "-c", "sleep 4; exec python -P -m quadctl.services.pressure"]
 def test_a_start_that_takes_long_says_how_far_it_is(lab: Lab):
     done = lab.quadctl("up", "-d", lab.file(SLOW), "--vehicles", 2)
     assert (done.code, done.out) == (0, f"realm {lab.realm} is up\n")
-    progress, own = done.err.splitlines()
-    assert progress == "starting: 6 of 8 nodes are ready"
+    # Every 3 s; on a busy machine other nodes take long, too.
+    *progress, own = done.err.splitlines()
+    assert progress
+    assert all(re.fullmatch(r"starting: [0-6] of 8 nodes are ready", line) for line in progress)
     assert own.startswith("pressure: sh -c ")
-    assert lab.log("up") == f"{progress}\n"
+    assert lab.log("up").splitlines() == progress
 
 
 BUSY = 10

@@ -8,6 +8,7 @@ import pytest
 from quadctl.services.runtime import procfs
 from quadctl.services.runtime.procfs import (
     ProcessStats,
+    WaitMeter,
     has_ended,
     is_frozen,
     parent_of,
@@ -78,3 +79,23 @@ def test_this_process_is_read(monkeypatch: pytest.MonkeyPatch):
     assert found.uptime
     assert found.uptime > 0
     assert parent_of(os.getpid()) == os.getppid()
+
+
+def test_the_longest_wait_of_a_process_and_its_descendants_counts(proc: Path):
+    def waited(pid: int, seconds: float, children: str = "") -> None:
+        (proc / str(pid) / "task" / str(pid)).mkdir(parents=True, exist_ok=True)
+        (proc / str(pid) / "schedstat").write_text(f"900 {round(seconds * 1e9)} 3\n")
+        (proc / str(pid) / "task" / str(pid) / "children").write_text(children)
+
+    meter = WaitMeter()
+    assert meter.read(7) == 0, "no such process"
+    waited(7, 1.0)
+    assert meter.read(7) == 1.0
+    waited(7, 1.5, "8 9 ")
+    waited(8, 0.25)
+    waited(9, 2.0)
+    assert meter.read(7) == 2.0
+    waited(9, 2.125)
+    assert meter.read(7) == 0.125
+    (proc / "8" / "schedstat").unlink()
+    assert meter.read(7) == 0, "one has ended"

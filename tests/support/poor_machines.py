@@ -1,5 +1,6 @@
 """Machines without something, as mount and network namespaces; they need root or user namespaces."""
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -13,7 +14,8 @@ def poor(script: str) -> list[str]:
 
     Skips the test if the kernel allows no such namespaces.
     """
-    enter = [tool("unshare"), "--map-root-user", "--mount", "--net"]
+    as_user = [] if os.geteuid() == 0 else ["--map-root-user"]
+    enter = [tool("unshare"), *as_user, "--mount", "--net"]
     trial = [*enter, "mount", "-t", "tmpfs", "none", "/mnt"]
     if refused := subprocess.run(trial, capture_output=True, text=True, check=False).stderr:
         pytest.skip(f"the kernel allows no mount namespaces here: {refused.strip()}")
@@ -23,6 +25,26 @@ def poor(script: str) -> list[str]:
 def small_disk(folder: Path, size: str) -> str:
     """Return the script that puts a disk of a size, e.g. 1m, into a folder."""
     return f"mount -t tmpfs -o size={size},mode=700 none {folder}"
+
+
+_CHROOT = """
+mount --make-rshared /
+mkdir {0}
+for each in /*; do
+    if [ -L "$each" ]; then cp -P "$each" {0}
+    elif [ -d "$each" ]; then mkdir "{0}$each"; mount --rbind "$each" "{0}$each"
+    fi
+done
+set -- chroot {0} sh -c 'cd "$0"; exec "$@"' "$PWD" "$@"
+"""
+
+
+def chroot(folder: Path) -> str:
+    """Return the script that enters a root which is no mount point, and whose mounts are shared.
+
+    The folder, a new one, gets all that the machine has.
+    """
+    return _CHROOT.format(folder).strip()
 
 
 WITHOUT_SHARED_MEMORY = "mount -t tmpfs -o ro,size=4k none /dev/shm"

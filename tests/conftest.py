@@ -33,7 +33,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "alone: a count that measures times, or needs the whole machine"
     )
-    config.addinivalue_line("markers", "needs: what a machine must have; otherwise left out")
+    config.addinivalue_line("markers", "needs(*capabilities): left out on a machine without them")
     config.addinivalue_line(
         "markers", "browser: drives a Chromium; without one left out, with a warning"
     )

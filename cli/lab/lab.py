@@ -129,7 +129,7 @@ def grade(
 ) -> None:
     """Grade hand-ins: fly the rubric against the nodes of each, in a sandbox.
 
-    With --trust on a machine that has no complete sandbox: in what it has.
+    A machine without namespaces cannot shut them in completely: there it asks for --trust.
     Exits with 0 when all have been graded, whatever their points.
 
     Example: quadctl lab grade handins/*.zip --format csv -o points.csv

@@ -1,4 +1,4 @@
-"""What this machine has to shut a hand-in in, and the command that does so."""
+"""Means of a machine to shut a hand-in in, and the command that does so."""
 
 import json
 import os

@@ -77,7 +77,7 @@ def main(spec: dict[str, Any], command: list[str]) -> int:
 
 def landlock() -> int:
     """Return the version of the kernel's Landlock, 0 if it has none."""
-    return max(_LIBC.syscall(_LANDLOCK[0], None, 0, 1), 0)
+    return max(int(_LIBC.syscall(_LANDLOCK[0], None, 0, 1)), 0)
 
 
 def adopt_orphans() -> None:

@@ -101,7 +101,16 @@ def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     assert "FOUND []" in outputs["2.1"]
 
 
-@pytest.mark.needs("namespaces")
+POOR = """
+from quadctl.cli.lab import machine, sandbox
+from quadctl.cli.main import main
+found = machine.Machine(landlock=sandbox.landlock(), lacks="no namespaces: Refused")
+machine.probe = lambda: found
+main()
+"""
+"""`quadctl` on a machine without namespaces."""
+
+
 def test_without_namespaces_grading_asks_for_trust(lab: Lab):
     good = write("completed", lab.folder)
     rubric = lab.file(
@@ -109,16 +118,13 @@ def test_without_namespaces_grading_asks_for_trust(lab: Lab):
         'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n',
         "rubric.toml",
     )
-    grade = lab.command("lab", "grade", good, "--rubric", rubric)
-    forbid = 'echo 0 > /proc/sys/user/max_mnt_namespaces; exec "$@"'
-    done = lab.run(["unshare", "-r", "sh", "-c", forbid, "sh", *grade])
-    assert done.code == 1
+    grade = [sys.executable, "-c", POOR, "lab", "grade", str(good), "--rubric", str(rubric)]
+    done = lab.run(grade)
     cannot = (
-        "cannot shut hand-ins in completely (no namespaces: No space left on device): one could"
+        "this machine cannot shut hand-ins in completely (no namespaces: Refused): one could use"
     )
-    assert cannot in done.err
-    assert "--trust" in done.err
-    trusted = lab.run(["unshare", "-r", "sh", "-c", forbid, "sh", *grade, "--trust"], 60.0)
+    assert (done.code, done.out, cannot in done.err, "--trust" in done.err) == (1, "", True, True)
+    trusted = lab.run([*grade, "--trust"], 60.0)
     assert (trusted.code, trusted.out.splitlines()[0]) == (0, f"{good}: 1 of 1 points")
     assert trusted.err.count(cannot) == 1
 
@@ -227,7 +233,9 @@ def test_a_hand_in_with_all_its_processes_leaves_a_neighbour_his(lab: Lab):
 
     first = lab.spawn(*sandboxed(FILLS))
     try:
-        eventually(lambda: first.log == "full\n")
+        # The kernel does not count root's: a machine without other users ends what has too many.
+        eventually(lambda: first.log)
+        assert first.log in {"full\n", "ended: more than 32 processes\n"}
         second = lab.run(sandboxed(STARTS), timeout=20)
         assert (second.out, second.err) == ("started\n", "")
     finally:

@@ -127,11 +127,26 @@ def mounts_of(pid: int) -> str:
     ).stdout
 
 
+PROBES = """
+from quadctl.cli.lab.machine import probe
+print(probe())
+"""
+
+
+@pytest.mark.needs("namespaces")
+def test_a_machine_that_forbids_namespaces_is_found_out(lab: Lab):
+    """As root in a container: in a chroot nobody gets a new user, and without this right no other one."""
+    without_right = [tool("setpriv"), "--bounding-set=-sys_admin"]
+    enter = [*poor(chroot(lab.folder / "new")), *without_right]
+    words = "from quadctl.cli.lab.machine import probe; print((found := probe()).namespaces, found.lacks)"
+    done = lab.run([*enter, sys.executable, "-c", words])
+    assert (done.out.startswith("False no namespaces: "), done.err) == (True, ""), done.out
+
+
 @pytest.mark.needs("sandbox", "namespaces")
-def test_a_chroot_shuts_a_node_in_as_completely(lab: Lab):
-    own = "import sys; from quadctl.cli.lab import machine; print(machine.probe().namespaces)"
-    done = lab.run([*poor(chroot(lab.folder / "new")), sys.executable, "-c", own])
-    assert (done.out, done.err) == ("True\n", "")
+def test_a_chroot_shuts_a_node_in_as_completely(lab: Lab, complete: Machine):
+    done = lab.run([*poor(chroot(lab.folder / "new")), sys.executable, "-c", PROBES])
+    assert (done.out, done.err) == (f"{complete}\n", "")
 
 
 def test_a_node_is_another_user_where_the_machine_has_more(lab: Lab, complete: Machine):

@@ -97,7 +97,7 @@ def test_in_namespaces_a_node_has_its_own_files_and_no_network(lab: Lab, complet
 WAITS = "import sys; print('in', flush=True); sys.stdin.read()"
 
 
-@pytest.mark.needs("sandbox", "namespaces")
+@pytest.mark.needs("sandbox", "namespaces", "mountpoint")
 @pytest.mark.parametrize("where", ["machine", "chroot"])
 def test_no_mount_of_a_sandbox_is_seen_outside(lab: Lab, complete: Machine, where: str):
     script = "mount --make-rshared /" if where == "machine" else chroot(lab.folder / "new")
@@ -133,7 +133,7 @@ print(probe())
 """
 
 
-@pytest.mark.needs("namespaces")
+@pytest.mark.needs("namespaces", "mountpoint")
 def test_a_machine_that_forbids_namespaces_is_found_out(lab: Lab):
     """As root in a container: in a chroot nobody gets a new user, and without this right no other one."""
     without_right = [tool("setpriv"), "--bounding-set=-sys_admin"]
@@ -143,7 +143,7 @@ def test_a_machine_that_forbids_namespaces_is_found_out(lab: Lab):
     assert (done.out.startswith("False no namespaces: "), done.err) == (True, ""), done.out
 
 
-@pytest.mark.needs("sandbox", "namespaces")
+@pytest.mark.needs("sandbox", "namespaces", "mountpoint")
 def test_a_chroot_shuts_a_node_in_as_completely(lab: Lab, complete: Machine):
     done = lab.run([*poor(chroot(lab.folder / "new")), sys.executable, "-c", PROBES])
     assert (done.out, done.err) == (f"{complete}\n", "")

@@ -343,6 +343,10 @@ quadctl.errors.Invalid
         ("", ""),
         ("flying\nValueError: of my own words", ""),
         (SYNTAX, "SyntaxError: invalid syntax (sub/a.py, line 111)"),
+        (
+            SYNTAX.replace("/handin", "/tmp/quadctl-lab-a_1/root/12/handin"),
+            "SyntaxError: invalid syntax (sub/a.py, line 111)",
+        ),
         (IN_OURS, "KeyError: 'x' (my_safety.py, line 9)"),
         (CHAINED, "quadctl.errors.Invalid (b.py, line 2)"),
     ],
